@@ -1,0 +1,3 @@
+"""Tune a simulator's parameters until it matches the video of a real robot."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,18 @@
+"""What can be wrong with the user's input, said in one line."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class InputError(ValueError):
+    """The user's input cannot be used; the CLI prints the message and exits with 2."""
+
+
+class UnknownName(InputError):
+    """A name (task, parameter, geom, column, ...) that does not exist where it was looked up."""
+
+    def __init__(self, kind: str, name: str, where: str, known: Iterable[str]):
+        known = list(known)
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {close[0]!r}?" if close else f"there are: {', '.join(known)}"
+        super().__init__(f"no {kind} {name!r} in {where}; {hint}")

@@ -1,0 +1,33 @@
+"""What a task is: a model, where to look at it, how it starts, what is good, what is tuned."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.parameters import ParameterSpace
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """A simulated task; each of the built-in ones is a file of this folder."""
+
+    name: str
+    description: str
+    load_model: Callable[[], mujoco.MjModel]
+    parameters: ParameterSpace
+    camera: str  # name of the camera that films
+    control_timestep_s: float  # an action is held for action_repeat of these
+    action_repeat: int
+    episode_steps: int = 200  # policy steps
+    # Sets qpos and qvel of every simulation of the batch, whose parameters are written already.
+    initialize: Callable[[Batch, np.random.Generator], None]
+    # (nsim,) reward of the batch's present state, after step(stage=mjSTAGE_VEL).
+    reward: Callable[[Batch], np.ndarray]
+
+    @property
+    def step_s(self) -> float:
+        """Seconds of one policy step."""
+        return self.control_timestep_s * self.action_repeat

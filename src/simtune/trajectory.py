@@ -1,0 +1,34 @@
+"""A trajectory: the frames of an episode and the actions between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """What the real world gives, and all that it gives.
+
+    `frames[t]` was seen, then `actions[t]` was applied for one step of `step_s` seconds,
+    then `frames[t + 1]` was seen.
+    """
+
+    frames: np.ndarray  # (T + 1, H, W, 3) uint8
+    actions: np.ndarray  # (T, A) float32, in the units of the action space
+    step_s: float
+
+    def __post_init__(self) -> None:
+        frames, actions = self.frames, self.actions
+        if frames.dtype != np.uint8 or frames.ndim != 4 or frames.shape[-1] != 3:
+            raise ValueError(
+                f"frames must be uint8 (T + 1, H, W, 3), got {frames.dtype} {frames.shape}"
+            )
+        if actions.ndim != 2 or len(actions) != len(frames) - 1:
+            raise ValueError(
+                f"{len(frames)} frames need actions of shape ({len(frames) - 1}, A), "
+                f"got {actions.shape}"
+            )
+
+    def __len__(self) -> int:
+        """Number of steps T."""
+        return len(self.actions)
