@@ -8,7 +8,15 @@ from simtune.errors import InputError
 
 # Fields that hold colours: always absolute values in [0, 1], also on several objects.
 COLOUR_FIELDS = frozenset(
-    {"geom_rgba", "mat_rgba", "site_rgba", "light_diffuse", "light_ambient", "light_specular"}
+    {
+        "geom_rgba",
+        "mat_rgba",
+        "site_rgba",
+        "tendon_rgba",
+        "light_diffuse",
+        "light_ambient",
+        "light_specular",
+    }
 )
 
 
@@ -70,3 +78,26 @@ def colour(name: str, objects: tuple[str, ...], rgb: tuple[float, float, float])
         )
         for index, channel in enumerate("rgb")
     ]
+
+
+def dynamics(
+    name: str,
+    field: str,
+    objects: tuple[str, ...],
+    *,
+    nominal: float = 1.0,
+    unit: str = "×",
+    component: int | None = None,
+) -> Parameter:
+    """A positive number of the physics: on a log scale, from a tenth to ten times nominal."""
+    return Parameter(
+        name=name,
+        field=field,
+        objects=objects,
+        component=component,
+        nominal=nominal,
+        low=nominal / 10,
+        high=nominal * 10,
+        scale="log",
+        unit=unit,
+    )

@@ -13,10 +13,12 @@ class ParameterSpace:
     """The tunable parameters of one simulator, in a fixed order.
 
     A vector of parameters has shape (..., N). `to_unit` maps it to [0, 1]^N, along each
-    parameter's own scale; the search and the networks live there.
+    parameter's own scale; the search and the networks live there. `where` says in messages whose
+    parameters they are.
     """
 
-    def __init__(self, parameters: Iterable[Parameter]):
+    def __init__(self, parameters: Iterable[Parameter], where: str = "this simulator"):
+        self.where = where
         self.parameters = tuple(parameters)
         self.names = tuple(p.name for p in self.parameters)
         if len(set(self.names)) < len(self.names):
@@ -40,7 +42,7 @@ class ParameterSpace:
     def index(self, name: str) -> int:
         """Position of a parameter. Raises UnknownName."""
         if name not in self.names:
-            raise UnknownName("parameter", name, "this simulator", self.names)
+            raise UnknownName("parameter", name, self.where, self.names)
         return self.names.index(name)
 
     def clip(self, values: np.ndarray) -> np.ndarray:

@@ -16,16 +16,22 @@ class Task:
 
     name: str
     description: str
-    load_model: Callable[[], mujoco.MjModel]
+    load_spec: Callable[[], mujoco.MjSpec]  # the nominal model, editable: what is exported
     parameters: ParameterSpace
     camera: str  # name of the camera that films
     control_timestep_s: float  # an action is held for action_repeat of these
     action_repeat: int
     episode_steps: int = 200  # policy steps
-    # Sets qpos and qvel of every simulation of the batch, whose parameters are written already.
+    # Starts every simulation of the batch anew, whose parameters are written already, and
+    # computes all fields of the initial states (as mj_forward).
     initialize: Callable[[Batch, np.random.Generator], None]
-    # (nsim,) reward of the batch's present state, after step(stage=mjSTAGE_VEL).
+    # (nsim,) reward of the batch's present state, after step(stage=mjSTAGE_VEL), which is one
+    # control timestep; a policy step's reward is the sum over its action_repeat of them.
     reward: Callable[[Batch], np.ndarray]
+
+    def load_model(self) -> mujoco.MjModel:
+        """The nominal model, compiled anew."""
+        return self.load_spec().compile()
 
     @property
     def step_s(self) -> float:

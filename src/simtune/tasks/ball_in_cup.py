@@ -1,0 +1,63 @@
+"""Ball in cup, catch: swing a ball on a string into the cup (dm_control's task)."""
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.parameters import ParameterSpace, colour, dynamics
+from simtune.tasks.batch_state import computed, draw_without_contact, reset_to_default
+from simtune.tasks.suite_model import load_suite_spec
+from simtune.tasks.task import Task
+
+_BALL_X_M = (-0.2, 0.2)  # initial positions, relative to the ball's at rest
+_BALL_Z_M = (0.2, 0.5)
+_CUP_GEOMS = tuple(f"cup_part_{i}" for i in range(5))
+
+
+def catch() -> Task:
+    model = _load_spec().compile()
+    ball_mass_kg = float(model.body("ball").mass[0])
+    parameters = [
+        dynamics("ball_mass", "body_mass", ("ball",), nominal=ball_mass_kg, unit="kg"),
+        *colour("cup", _CUP_GEOMS, (0.7, 0.5, 0.3)),
+        *colour("ball", ("ball",), (0.7, 0.4, 0.2)),
+        *colour("ground", ("ground",), (1, 1, 1)),
+    ]
+    return Task(
+        name="ball_in_cup",
+        description="swing a ball on a string into the cup",
+        load_spec=_load_spec,
+        parameters=ParameterSpace(parameters, where="ball_in_cup"),
+        camera="cam0",
+        control_timestep_s=0.02,
+        action_repeat=4,
+        initialize=_initialize,
+        reward=_reward,
+    )
+
+
+def _load_spec() -> mujoco.MjSpec:
+    return load_suite_spec("ball_in_cup.xml")
+
+
+def _initialize(batch: Batch, rng: np.random.Generator) -> None:
+    """The ball anywhere above the ground that does not touch the cup."""
+    ball_x = batch.model.joint("ball_x").qposadr[0]
+    ball_z = batch.model.joint("ball_z").qposadr[0]
+
+    def draw(ids: np.ndarray) -> None:
+        batch.qpos[ids, ball_x] = rng.uniform(*_BALL_X_M, len(ids))
+        batch.qpos[ids, ball_z] = rng.uniform(*_BALL_Z_M, len(ids))
+
+    reset_to_default(batch)
+    draw_without_contact(batch, draw)
+    batch.forward()
+
+
+def _reward(batch: Batch) -> np.ndarray:
+    """1 while the whole ball is within the cup's target box, seen from the front."""
+    model = batch.model
+    ball, target = model.body("ball").id, model.site("target").id
+    offset = computed(batch, "site_xpos")[:, target] - computed(batch, "xpos")[:, ball]
+    room = model.site_size[target] - model.geom("ball").size[0]
+    return (np.abs(offset) < room)[:, [0, 2]].all(axis=1).astype(float)

@@ -1,0 +1,48 @@
+"""Fields and initial states of all simulations of a batch at once."""
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+_MAX_ATTEMPTS = 1000
+
+
+def computed(batch: Batch, field: str) -> np.ndarray:
+    """(nsim, ...) a position- or velocity-dependent MjData field of the batch's present state."""
+    values = batch.bind(field)
+    if not values.any():  # bound just now: zero until the next call
+        batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+    return values
+
+
+def reset_to_default(batch: Batch) -> None:
+    """The model's default state, time 0 and no controls; nothing is computed yet."""
+    batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+
+
+def randomize_joints(batch: Batch, rng: np.random.Generator, ids: np.ndarray) -> None:
+    """Uniform limited joints within their limits and unlimited hinges in [−π, π].
+
+    Unlimited slides stay. As dm_control.suite.utils.randomizers.
+    """
+    model = batch.model
+    assert model.nq == model.njnt, "only hinges and slides"
+    limited = model.jnt_limited == 1
+    moved = limited | (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE.value)
+    low, high = np.where(limited[:, None], model.jnt_range, [-np.pi, np.pi])[moved].T
+    batch.qpos[np.ix_(ids, moved)] = rng.uniform(low, high, (len(ids), moved.sum()))
+
+
+def draw_without_contact(batch: Batch, draw: Callable[[np.ndarray], None]) -> None:
+    """Call `draw(ids)` for all simulations, then again for those in contact, until none is."""
+    ncon = batch.bind("ncon")
+    ids = np.arange(batch.nsim)
+    for _ in range(_MAX_ATTEMPTS):
+        draw(ids)
+        batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_POS.value)
+        ids = ids[ncon[ids] > 0]
+        if not ids.size:
+            return
+    raise RuntimeError(f"no state without contacts after {_MAX_ATTEMPTS} attempts")

@@ -1,0 +1,61 @@
+"""Finger, spin: a two-link finger flicks a free spinner (dm_control's task)."""
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.parameters import ParameterSpace, colour, dynamics
+from simtune.tasks.batch_state import draw_without_contact, randomize_joints, reset_to_default
+from simtune.tasks.suite_model import load_suite_spec
+from simtune.tasks.task import Task
+
+_SPIN_SPEED_RAD_S = 15.0
+_SPINNER_DAMPING = 0.03  # N·m·s/rad; the file's is that of another task
+
+
+def spin() -> Task:
+    model = _load_spec().compile()
+    spinner_mass_kg = float(model.body("spinner").mass[0])
+    damping = float(model.joint("proximal").damping[0])
+    parameters = [
+        dynamics("spinner_mass", "body_mass", ("spinner",), nominal=spinner_mass_kg, unit="kg"),
+        dynamics(
+            "proximal_damping", "dof_damping", ("proximal",), nominal=damping, unit="N·m·s/rad"
+        ),
+        *colour("finger", ("proximal", "distal"), (0.7, 0.5, 0.3)),
+        *colour("spinner", ("cap1", "cap2"), (0.7, 0.5, 0.3)),
+        *colour("ground", ("ground",), (1, 1, 1)),
+    ]
+    return Task(
+        name="finger",
+        description="flick a free spinner so that it turns faster than 15 rad/s",
+        load_spec=_load_spec,
+        parameters=ParameterSpace(parameters, where="finger"),
+        camera="cam0",
+        control_timestep_s=0.02,
+        action_repeat=2,
+        initialize=_initialize,
+        reward=_reward,
+    )
+
+
+def _load_spec() -> mujoco.MjSpec:
+    """The suite's finger as its spin task has it: an easy hinge, and no target to be seen."""
+    spec = load_suite_spec("finger.xml")
+    spec.joint("hinge").damping[0] = _SPINNER_DAMPING
+    for name in ("target", "tip"):
+        spec.site(name).rgba[3] = 0
+    return spec
+
+
+def _initialize(batch: Batch, rng: np.random.Generator) -> None:
+    """Finger and spinner at any angles at which they do not touch."""
+    reset_to_default(batch)
+    draw_without_contact(batch, lambda ids: randomize_joints(batch, rng, ids))
+    batch.forward()
+
+
+def _reward(batch: Batch) -> np.ndarray:
+    """1 while the spinner turns fast enough, in the one direction."""
+    hinge = batch.model.joint("hinge").dofadr[0]
+    return (batch.qvel[:, hinge] <= -_SPIN_SPEED_RAD_S).astype(float)

@@ -1,0 +1,350 @@
+"""Parameters, their space, and how they are written: one model, a batch, options, colours."""
+
+import copy
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco.batch import MODEL_FIELDS, Batch
+
+from simtune.errors import InputError, UnknownName
+from simtune.parameters import ModelWriter, Parameter, ParameterSpace, colour, dynamics
+
+XML = """
+<mujoco>
+  <asset>
+    <material name="red" rgba="0.9 0.1 0.2 0.8"/>
+    <material name="blue" rgba="0 0 1 1"/>
+  </asset>
+  <worldbody>
+    <light name="lamp" diffuse="0.3 0.3 0.3"/>
+    <geom name="floor" type="plane" size="1 1 1" material="blue"/>
+    <geom size="0.1" pos="5 0 0" material="blue"/>
+    <body name="upper" pos="0 0 1">
+      <joint name="shoulder" axis="0 1 0" damping="0.5"/>
+      <geom name="upper" type="capsule" size="0.05" fromto="0 0 0 0 0 -0.4" material="red"/>
+      <site name="mark" rgba="0.1 0.2 0.3 0.4"/>
+      <body name="lower" pos="0 0 -0.4">
+        <joint name="elbow" axis="0 1 0" damping="0.2"/>
+        <geom name="lower" type="capsule" size="0.04" fromto="0 0 0 0 0 -0.3" rgba="0 1 0 1"/>
+      </body>
+    </body>
+    <body name="free" pos="1 0 1">
+      <freejoint name="free"/>
+      <geom name="free" type="box" size="0.1 0.2 0.3"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="motor" joint="elbow" gear="3"/></actuator>
+</mujoco>
+"""
+
+
+def make_model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(XML)
+
+
+def own(name, field, objects=(), *, low=-100.0, high=100.0, component=None, nominal=1.0):
+    """A parameter without fuss about its bounds."""
+    return Parameter(
+        name=name,
+        field=field,
+        objects=objects,
+        component=component,
+        nominal=nominal,
+        low=low,
+        high=high,
+        scale="linear",
+        unit="1",
+    )
+
+
+def full_space() -> ParameterSpace:
+    return ParameterSpace(
+        [
+            dynamics("lower_mass", "body_mass", ("lower",), nominal=2.0, unit="kg"),
+            dynamics("damping", "dof_damping", ("shoulder", "elbow")),
+            dynamics("friction", "geom_friction", ("floor",), nominal=1, unit="1", component=0),
+            dynamics("gear", "actuator_gear", ("motor",), nominal=3, unit="1", component=0),
+            dynamics("timestep", "opt.timestep", (), nominal=0.002, unit="s"),
+            own("gravity", "opt.gravity", component=2, nominal=-9.81),
+            *colour("upper", ("upper",), (0.9, 0.1, 0.2)),
+            dynamics("light", "light_diffuse", ("lamp",), nominal=0.3, unit="1"),
+        ],
+        where="the test arm",
+    )
+
+
+def some_values(space, n, seed=0):
+    return space.from_unit(np.random.default_rng(seed).uniform(0.1, 0.9, (n, len(space))))
+
+
+def assert_equal_models(a, b):
+    for field in sorted(MODEL_FIELDS):
+        if field.startswith("opt."):
+            x, y = getattr(a.opt, field[4:]), getattr(b.opt, field[4:])
+        else:
+            x, y = getattr(a, field), getattr(b, field)
+        np.testing.assert_array_equal(x, y, err_msg=field)
+
+
+def written(parameters, values):
+    model = make_model()
+    ModelWriter(ParameterSpace(parameters), model).write(model, np.array(values, float))
+    return model
+
+
+class TestSpace:
+    def test_to_unit_and_back(self):
+        space = full_space()
+        unit = np.random.default_rng(0).uniform(size=(5, 3, len(space)))
+        np.testing.assert_allclose(space.to_unit(space.from_unit(unit)), unit, atol=1e-12)
+        np.testing.assert_allclose(space.to_unit(space.low), 0, atol=1e-12)
+        np.testing.assert_allclose(space.to_unit(space.high), 1, atol=1e-12)
+
+    def test_log_scale_is_centred_at_nominal(self):
+        space = ParameterSpace([dynamics("mass", "body_mass", ("lower",), nominal=2, unit="kg")])
+        assert space.to_unit(space.nominal) == pytest.approx(0.5)
+        assert (space.low, space.high) == (pytest.approx(0.2), pytest.approx(20))
+
+    def test_from_unit_stays_within_bounds(self):
+        space = full_space()
+        for unit in (-1.0, 0.0, 1.0, 2.0):
+            values = space.from_unit(np.full(len(space), unit))
+            np.testing.assert_allclose(values, space.high if unit >= 1 else space.low)
+            assert (space.low <= values).all()
+            assert (values <= space.high).all()
+
+    def test_unknown_parameter(self):
+        space = ParameterSpace([dynamics("ball_mass", "body_mass", ("b",))], where="ball_in_cup")
+        message = r"^no parameter 'bal_mass' in ball_in_cup; did you mean 'ball_mass'\?$"
+        with pytest.raises(UnknownName, match=message):
+            space["bal_mass"]
+        with pytest.raises(UnknownName, match=r"; there are: ball_mass$"):
+            space.index("xyz")
+
+    def test_dict(self):
+        space = full_space()
+        values = space.from_dict({"gear": 4, "upper_r": 0})
+        assert values[space.index("gear")] == 4
+        assert values[space.index("lower_mass")] == 2
+        assert space.from_dict(space.to_dict(values)).tolist() == values.tolist()
+
+    @pytest.mark.parametrize(
+        ("value", "message"),
+        [
+            (31, r"parameter 'gear' must lie in \[0.3, 30\] 1, got 31"),
+            (float("nan"), "parameter 'gear' must be a finite number, got nan"),
+            ("4", "parameter 'gear' must be a finite number, got '4'"),
+            (True, "parameter 'gear' must be a finite number, got True"),
+            (None, "parameter 'gear' must be a finite number, got None"),
+        ],
+    )
+    def test_bad_values(self, value, message):
+        with pytest.raises(InputError, match=message):
+            full_space().from_dict({"gear": value})
+
+    def test_declared_twice(self):
+        with pytest.raises(InputError, match="parameter 'a' is declared twice"):
+            ParameterSpace([dynamics("a", "body_mass", ("b",)), dynamics("a", "x", ("b",))])
+
+
+class TestParameter:
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"scale": "cubic"}, "p: scale must be 'log' or 'linear', got 'cubic'"),
+            ({"low": 0.0}, "p: a log scale needs low > 0, got 0.0"),
+            ({"low": 3.0}, "p: low must be below high, got 3.0 and 2.0"),
+            ({"nominal": 5.0}, r"p: nominal 5.0 lies outside \[0.5, 2.0\]"),
+            ({"high": np.inf}, "p: nominal, low and high must be finite numbers"),
+        ],
+    )
+    def test_bad_bounds(self, changes, message):
+        fields = {"nominal": 1.0, "low": 0.5, "high": 2.0, "unit": "1"} | changes
+        with pytest.raises(InputError, match=message):
+            Parameter(name="p", field="body_mass", objects=("b",), **fields)
+
+
+class TestWriting:
+    def test_always_from_nominal(self):
+        model, space = make_model(), full_space()
+        writer = ModelWriter(space, model)
+        first, second = some_values(space, 2)
+        writer.write(model, second)
+        once = copy.copy(model)
+        writer.write(model, second)
+        assert_equal_models(model, once)
+        writer.write(model, first)
+        assert not np.array_equal(model.body_mass, once.body_mass)
+        writer.write(model, second)
+        assert_equal_models(model, once)
+
+    def test_model_and_batch_agree(self):
+        model, space = make_model(), full_space()
+        writer, values = ModelWriter(space, model), some_values(space, 3)
+        batch = Batch(model, 3, 1)
+        for rows in (values[::-1], values):
+            writer.write_batch(batch, rows)
+        for sim in range(3):
+            alone = make_model()
+            writer.write(alone, values[sim])
+            assert_equal_models(batch.get_model(sim), alone)
+        assert_equal_models(model, make_model())  # the model that was read is left alone
+
+    def test_fields(self):
+        model, space = make_model(), full_space()
+        writer, values = ModelWriter(space, model), some_values(space, 3)
+        fields = writer.fields(values)
+        alone = make_model()
+        writer.write(alone, values[1])
+        np.testing.assert_array_equal(fields["geom_rgba"][1], alone.geom_rgba)
+        np.testing.assert_array_equal(fields["light_diffuse"][1], alone.light_diffuse)
+        assert fields["opt.timestep"].shape == (3,)
+
+    def test_mass_carries_inertia_and_constants(self):
+        nominal = make_model()
+        body = nominal.body("free").id
+        mass = 3 * nominal.body_mass[body]
+        model = written([own("m", "body_mass", ("free",))], [mass])
+        np.testing.assert_allclose(model.body_mass[body], mass)
+        np.testing.assert_allclose(model.body_inertia[body], 3 * nominal.body_inertia[body])
+        np.testing.assert_allclose(model.body_invweight0[body], nominal.body_invweight0[body] / 3)
+        others = np.arange(model.nbody) != body
+        np.testing.assert_array_equal(model.body_inertia[others], nominal.body_inertia[others])
+
+    def test_derived_constants_are_those_of_a_model_compiled_so(self):
+        """A heavier arm: as if its geoms' densities were in the file."""
+        spec = mujoco.MjSpec.from_string(XML)
+        for name in ("upper", "lower"):
+            spec.geom(name).density *= 4
+        compiled = spec.compile()
+        model = written([own("m", "body_mass", ("upper", "lower"))], [4])
+        for field in ("body_mass", "body_inertia", "body_subtreemass"):
+            np.testing.assert_allclose(getattr(model, field), getattr(compiled, field))
+        for field in ("dof_invweight0", "body_invweight0", "dof_M0", "actuator_acc0"):
+            np.testing.assert_allclose(getattr(model, field), getattr(compiled, field))
+            assert not np.allclose(getattr(model, field), getattr(make_model(), field)), field
+
+    def test_an_inertia_of_its_own_beats_the_masss(self):
+        parameters = [
+            own("inertia", "body_inertia", ("free",), component=0),
+            own("m", "body_mass", ("free",)),
+        ]
+        mass = make_model().body("free").mass[0]
+        for order in (parameters, parameters[::-1]):
+            values = [7.0 if p.name == "inertia" else 2 * mass for p in order]
+            inertia = written(order, values).body("free").inertia
+            np.testing.assert_allclose(inertia[0], 7)
+            np.testing.assert_allclose(inertia[1:], 2 * make_model().body("free").inertia[1:])
+
+    def test_one_object_is_absolute_and_several_are_a_factor(self):
+        model = written([own("d", "dof_damping", ("elbow",))], [4])
+        assert model.dof_damping[:2].tolist() == [0.5, 4]
+        model = written([own("d", "dof_damping", ("shoulder", "elbow"))], [4])
+        np.testing.assert_allclose(model.dof_damping[:2], [2, 0.8])
+
+    def test_a_joint_may_have_several_dofs(self):
+        model = written([own("d", "dof_damping", ("free",))], [4])
+        assert model.joint("free").damping.tolist() == [4] * 6
+        assert model.dof_damping[:2].tolist() == [0.5, 0.2]
+
+    @pytest.mark.parametrize("how", ["model", "batch"])
+    def test_options(self, how):
+        space = ParameterSpace(
+            [
+                own("timestep", "opt.timestep"),
+                own("gravity", "opt.gravity", component=2, nominal=-9.81),
+                own("wind", "opt.wind"),
+            ]
+        )
+        model = make_model()
+        writer, values = ModelWriter(space, model), np.array([0.004, -1.62, 3])
+        if how == "model":
+            writer.write(model, values)
+        else:
+            batch = Batch(model, 2, 1)
+            writer.write_batch(batch, np.stack([space.nominal, values]))
+            assert batch.get_model(0).opt.gravity[2] == -9.81
+            model = batch.get_model(1)
+        assert model.opt.timestep == 0.004
+        assert model.opt.gravity.tolist() == [0, 0, -1.62]
+        assert model.opt.wind.tolist() == [3, 3, 3]
+
+    def test_timestep_changes_the_motion_of_a_batch(self):
+        space = ParameterSpace([dynamics("timestep", "opt.timestep", (), nominal=0.002, unit="s")])
+        batch = Batch(make_model(), 2, 1)
+        ModelWriter(space, make_model()).write_batch(batch, np.array([[0.002], [0.004]]))
+        batch.step()
+        assert batch.time.tolist() == [0.002, 0.004]
+
+
+class TestColours:
+    def test_absolute_also_on_several_objects(self):
+        model = written(colour("arm", ("upper", "lower"), (0.9, 0.1, 0.2)), [0.2, 0.3, 0.4])
+        for name in ("upper", "lower"):
+            np.testing.assert_array_equal(model.geom(name).rgba[:3], np.float32([0.2, 0.3, 0.4]))
+
+    def test_grey_is_not_given_back_to_the_material(self):
+        """MuJoCo draws a geom of rgba (.5, .5, .5, 1) in its material's colour."""
+        model = written(colour("floor", ("floor",), (0, 0, 1)), [0.5, 0.5, 0.5])
+        rgba = model.geom("floor").rgba
+        assert not (rgba == 0.5).all(where=[True, True, True, False])
+        np.testing.assert_allclose(rgba, [0.5, 0.5, 0.5, 1], atol=1e-6)
+
+    def test_other_geoms_keep_their_materials(self):
+        model = written(colour("lower", ("lower",), (0, 1, 0)), [0.5, 0.5, 0.5])
+        lower = model.geom("lower").id
+        others = np.arange(model.ngeom) != lower
+        np.testing.assert_array_equal(model.geom_rgba[others], make_model().geom_rgba[others])
+
+    def test_one_channel_leaves_the_materials_others(self):
+        """The geom is drawn in its material's colour, which is what it starts from."""
+        model = written([own("r", "geom_rgba", ("upper",), component=0, nominal=0.9)], [0.3])
+        np.testing.assert_array_equal(model.geom("upper").rgba, np.float32([0.3, 0.1, 0.2, 0.8]))
+
+    def test_a_grey_leaves_alpha(self):
+        model = written([own("grey", "site_rgba", ("mark",), nominal=0.1)], [0.7])
+        np.testing.assert_array_equal(model.site("mark").rgba, np.float32([0.7, 0.7, 0.7, 0.4]))
+
+    def test_light(self):
+        model = written([dynamics("l", "light_diffuse", ("lamp",), nominal=0.3)], [0.6])
+        np.testing.assert_array_equal(model.light("lamp").diffuse, np.float32([0.6] * 3))
+
+
+class TestMessages:
+    @pytest.mark.parametrize(
+        ("field", "objects", "component", "message"),
+        [
+            ("body_mas", ("free",), None, "no field 'body_mas' in MjModel; did you mean 'body_m"),
+            ("body_mass", ("fre",), None, "no body 'fre' in the model; did you mean 'free'"),
+            ("geom_rgba", ("uper",), 0, "no geom 'uper' in the model; did you mean 'upper'"),
+            ("dof_damping", ("elbo",), None, "no joint 'elbo' in the model; did you mean 'elbow'"),
+            ("body_mass", (), None, "p: body_mass needs the names of its objects"),
+            ("key_qpos", ("x",), None, "p: key_qpos cannot be written; fields of these can: body"),
+            ("body_mass", ("free",), 1, "p: body_mass has no component 1"),
+            ("geom_rgba", ("free",), 4, "p: geom_rgba has no component 4"),
+            ("opt.gravity", (), 3, "p: opt.gravity has no component 3"),
+            ("opt.timestep", (), 0, "p: opt.timestep has no component 0"),
+            ("opt.gravity", ("free",), 2, "p: opt.gravity has no objects, got free"),
+        ],
+    )
+    def test_what_the_model_lacks(self, field, objects, component, message):
+        with pytest.raises(InputError, match=message):
+            written([own("p", field, objects, component=component)], [1])
+
+    def test_two_parameters_of_one_number(self):
+        parameters = [
+            own("all", "body_mass", ("upper", "lower")),
+            own("one", "body_mass", ("lower",)),
+        ]
+        with pytest.raises(InputError, match="all and one write the same body_mass"):
+            written(parameters, [1, 1])
+
+    def test_shapes(self):
+        model, space = make_model(), full_space()
+        writer, n = ModelWriter(space, model), len(space)
+        with pytest.raises(ValueError, match=rf"parameters must be \({n},\), got \(2,\)"):
+            writer.write(model, np.ones(2))
+        message = rf"parameters must be \(3, {n}\), got \({n},\)"
+        with pytest.raises(ValueError, match=message):
+            writer.write_batch(Batch(model, 3, 1), np.ones(n))

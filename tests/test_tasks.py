@@ -1,0 +1,345 @@
+"""All built-in tasks against dm_control's own: models, rewards, motion and initial states."""
+
+import contextlib
+import functools
+import subprocess
+import sys
+import tempfile
+import warnings
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco.batch import MODEL_FIELDS, Batch
+
+from simtune.errors import UnknownName
+from simtune.parameters import ModelWriter
+from simtune.tasks import TASKS, load_task, task_names
+
+VEL = mujoco.mjtStage.mjSTAGE_VEL.value
+POS = mujoco.mjtStage.mjSTAGE_POS.value
+SUITE_TASKS = {
+    "ball_in_cup": "catch",
+    "walker": "walk",
+    "cheetah": "run",
+    "finger": "spin",
+    "cartpole": "balance",
+}
+BUILT_IN = pytest.mark.parametrize("name", list(SUITE_TASKS))
+
+# The paper's indices into the suite's models, which our names must hit.
+OBJECT_IDS = {
+    ("ball_in_cup", "ball_mass"): [2],
+    ("ball_in_cup", "cup_r"): range(1, 6),
+    ("ball_in_cup", "ball_r"): [6],
+    ("ball_in_cup", "ground_r"): [0],
+    ("walker", "mass"): range(1, 8),
+    ("walker", "body_r"): range(1, 8),
+    ("walker", "ground_r"): [0],
+    ("cheetah", "mass"): range(1, 8),
+    ("cheetah", "body_r"): range(1, 9),
+    ("cheetah", "ground_r"): [0],
+    ("finger", "spinner_mass"): [3],
+    ("finger", "proximal_damping"): [0],
+    ("finger", "finger_r"): range(2, 4),
+    ("finger", "spinner_r"): range(5, 7),
+    ("finger", "ground_r"): [0],
+    ("cartpole", "pole_mass"): [2],
+    ("cartpole", "actuator_gain"): [0],
+    ("cartpole", "body_r"): range(3, 5),
+    ("cartpole", "ground_r"): [0],
+}
+KIND_OF = {"body": "body", "geom": "geom", "dof": "joint", "actuator": "actuator"}
+
+
+@functools.cache
+def task_of(name):
+    return load_task(name)
+
+
+@functools.cache
+def model_of(name):
+    return task_of(name).load_model()
+
+
+@functools.cache
+def suite_env(name):
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
+        warnings.simplefilter("ignore")  # no display: dm_control looks for one when imported
+        with contextlib.chdir(folder):  # MuJoCo logs the cheetah's deprecated attribute here
+            from dm_control import suite
+
+            return suite.load(name, SUITE_TASKS[name], task_kwargs={"random": 0})
+
+
+def state_of(env):
+    """The whole state of a dm_control environment, as a batch's rows have it."""
+    return env.physics.get_state(mujoco.mjtState.mjSTATE_INTEGRATION.value)
+
+
+def substeps(task, model):
+    return round(task.control_timestep_s / model.opt.timestep)
+
+
+def random_actions(env, num_steps, seed=0):
+    spec = env.action_spec()
+    rng = np.random.default_rng(seed)
+    actions = rng.uniform(spec.minimum, spec.maximum, (num_steps, *spec.shape))
+    return np.repeat(actions[::4], 4, axis=0)[:num_steps]  # held, so that something happens
+
+
+def test_the_names():
+    assert set(SUITE_TASKS) <= set(task_names())
+    assert task_names() == list(TASKS)
+    for name in SUITE_TASKS:
+        assert task_of(name).name == name
+
+
+def test_unknown_task():
+    with pytest.raises(UnknownName, match=r"no task 'walkr' in simtune; did you mean 'walker'\?"):
+        load_task("walkr")
+
+
+def test_import_brings_no_dm_control():
+    code = (
+        "import sys; from simtune.tasks import load_task; load_task('walker').load_model();"
+        "assert 'dm_control' not in sys.modules and 'torch' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@BUILT_IN
+def test_model_is_the_suites(name):
+    env = suite_env(name)
+    env.reset()  # finger's changes its model there
+    ours, theirs = model_of(name), env.physics.model.ptr
+    for field in sorted(f for f in MODEL_FIELDS if not f.startswith("opt.")):
+        a, b = getattr(ours, field), getattr(theirs, field)
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12, err_msg=field)
+    for field in ("timestep", "integrator", "iterations", "disableflags", "cone"):
+        assert getattr(ours.opt, field) == getattr(theirs.opt, field), field
+    assert ours.stat.meaninertia == pytest.approx(theirs.stat.meaninertia)
+
+
+@BUILT_IN
+def test_time_and_camera(name):
+    task, env = task_of(name), suite_env(name)
+    assert task.control_timestep_s == pytest.approx(env.control_timestep())
+    assert task.camera == env.physics.model.id2name(0, "camera")
+    assert task.episode_steps == 200
+    assert task.step_s == task.control_timestep_s * task.action_repeat
+
+
+def rewarding_states(name, env, rng):
+    """Put the environment into a state that random actions seldom reach, but rewards look at."""
+    with env.physics.reset_context():
+        qpos, qvel = env.physics.data.qpos, env.physics.data.qvel
+        if name == "ball_in_cup":
+            qpos[:2] = rng.uniform(-0.1, 0.1, 2)
+            at_cup = qpos[:2] + np.array([0, 0.35])
+            qpos[2:] = at_cup + rng.uniform(-0.04, 0.04, 2)
+        elif name == "walker":
+            qpos[:] = rng.uniform(-0.2, 0.2, len(qpos))
+            qvel[1] = rng.uniform(-1, 3)
+        elif name == "cheetah":
+            qvel[0] = rng.uniform(-2, 15)
+        elif name == "finger":
+            qvel[2] = rng.uniform(-30, 5)
+        else:
+            qpos[:] = rng.uniform(-3, 3, 2)
+            qvel[:] = rng.uniform(-10, 10, 2)
+    env.physics.set_control(rng.uniform(-1.5, 1.5, env.physics.model.nu))
+
+
+@BUILT_IN
+def test_reward_is_the_suites_anywhere(name):
+    task, env, rng = task_of(name), suite_env(name), np.random.default_rng(3)
+    states, rewards = [], []
+    for _ in range(200):
+        rewarding_states(name, env, rng)
+        states.append(state_of(env))
+        rewards.append(env.task.get_reward(env.physics))
+    batch = Batch(model_of(name), len(states), 2)
+    batch.state[:] = states
+    batch.forward(stage=VEL)
+    got = task.reward(batch)
+    assert got.shape == (200,)
+    assert np.ptp(rewards) > 0.1, "the states tell nothing"
+    np.testing.assert_allclose(got, rewards, rtol=0, atol=1e-9)
+
+
+@BUILT_IN
+def test_reward_and_motion_are_the_suites(name):
+    """Side by side from the same state, under the same actions, never synchronised."""
+    task, env, model = task_of(name), suite_env(name), model_of(name)
+    batch = Batch(model, 2, 1)
+    env.task.random.seed(1)
+    env.reset()
+    batch.state[:] = state_of(env)
+    for action in random_actions(env, 100):
+        theirs = env.step(action)
+        batch.ctrl[:] = action
+        batch.step(nstep=substeps(task, model), stage=VEL)
+        for world in range(2):
+            np.testing.assert_allclose(batch.qpos[world], env.physics.data.qpos, atol=1e-7)
+            np.testing.assert_allclose(batch.qvel[world], env.physics.data.qvel, atol=1e-6)
+        np.testing.assert_allclose(task.reward(batch), theirs.reward, atol=1e-7)
+
+
+@BUILT_IN
+def test_reward_along_the_suites_trajectories(name):
+    """At each control step's state, taken over from dm_control."""
+    task, env, model = task_of(name), suite_env(name), model_of(name)
+    batch = Batch(model, 100, 1)
+    states, rewards = [], []
+    env.task.random.seed(2)
+    env.reset()
+    for action in random_actions(env, batch.nsim, seed=1):
+        rewards.append(env.step(action).reward)
+        states.append(state_of(env))
+    batch.state[:] = states
+    batch.forward(stage=VEL)
+    np.testing.assert_allclose(task.reward(batch), rewards, rtol=0, atol=1e-9)
+
+
+@BUILT_IN
+def test_reward_needs_no_initialize(name):
+    """A field that is bound late is zero until the next call: the reward must not be."""
+    task, model = task_of(name), model_of(name)
+    first, second = Batch(model, 3, 1), Batch(model, 3, 1)
+    for batch in (first, second):
+        batch.qpos[:] = np.linspace(0, 0.1, 3)[:, None]
+    task.initialize(first, np.random.default_rng(0))  # binds whatever it binds
+    first.state[:] = second.state
+    first.forward(stage=VEL)
+    second.forward(stage=VEL)
+    np.testing.assert_array_equal(task.reward(second), task.reward(first))
+
+
+@BUILT_IN
+def test_initial_states_follow_the_suites_distribution(name):
+    task, env, model = task_of(name), suite_env(name), model_of(name)
+    n = 120 if name == "cheetah" else 300
+    env.task.random.seed(0)
+    theirs = []
+    for _ in range(n):
+        env.reset()
+        theirs.append(np.concatenate([env.physics.data.qpos, env.physics.data.qvel]))
+    theirs = np.array(theirs)
+    batch = Batch(model, 2 * n, 2)
+    task.initialize(batch, np.random.default_rng(0))
+    ours = np.concatenate([batch.qpos, batch.qvel], axis=1)
+    std = theirs.std(0)
+    error = 5 * std * np.sqrt(1 / n + 1 / len(ours)) + 1e-12
+    assert (np.abs(ours.mean(0) - theirs.mean(0)) < error).all()
+    if name == "cheetah":  # heavy tails: a few fall on their head, compare the middle
+        for q in (0.1, 0.25, 0.5, 0.75, 0.9):
+            assert (np.abs(np.quantile(ours, q, 0) - np.quantile(theirs, q, 0)) < 0.5 * std).all()
+    else:
+        np.testing.assert_allclose(ours.std(0), std, rtol=0.15, atol=1e-12)
+        spread = np.ptp(theirs, axis=0)
+        assert (np.abs(ours.min(0) - theirs.min(0)) <= 0.25 * spread).all()
+        assert (np.abs(ours.max(0) - theirs.max(0)) <= 0.25 * spread).all()
+
+
+@BUILT_IN
+def test_initial_states(name):
+    task, model = task_of(name), model_of(name)
+    batch = Batch(model, 40, 2)
+    batch.qvel[:], batch.ctrl[:], batch.time[:] = 1, 1, 7  # of an episode before
+    task.initialize(batch, np.random.default_rng(0))
+    limited = model.jnt_limited == 1
+    low, high = model.jnt_range[limited].T
+    give = 0.2 if name == "cheetah" else 0  # soft limits: it has moved already
+    assert (batch.qpos[:, limited] >= low - give).all()
+    assert (batch.qpos[:, limited] <= high + give).all()
+    assert (batch.time == 0).all()
+    assert (batch.ctrl == 0).all()
+    assert np.isfinite(batch.state).all()
+    assert (batch.qpos.std(0) > 0).any()
+    if name in ("ball_in_cup", "finger"):
+        ncon = batch.bind("ncon")
+        batch.forward(stage=POS)
+        assert (ncon == 0).all()
+
+    first = batch.state.copy()
+    task.initialize(batch, np.random.default_rng(0))
+    np.testing.assert_array_equal(batch.state, first)
+    task.initialize(batch, np.random.default_rng(1))
+    assert not np.array_equal(batch.qpos, first[:, 1 : 1 + model.nq])
+
+
+@BUILT_IN
+def test_objects_are_the_papers(name):
+    task, model = task_of(name), model_of(name)
+    for parameter in task.parameters:
+        first = parameter.name.removesuffix("_g").removesuffix("_b")
+        ids = OBJECT_IDS.get((name, parameter.name)) or OBJECT_IDS[name, first + "_r"]
+        kind = KIND_OF[parameter.field.split("_")[0]]
+        assert sorted(getattr(model, kind)(o).id for o in parameter.objects) == list(ids)
+
+
+@BUILT_IN
+def test_every_parameter_changes_the_model(name):
+    task = task_of(name)
+    nominal = model_with(task, task.parameters.nominal)
+    for i, parameter in enumerate(task.parameters):
+        for end in (parameter.low, parameter.high):
+            if end == parameter.nominal:
+                continue
+            values = task.parameters.nominal.copy()
+            values[i] = end
+            before = getattr(nominal, parameter.field)
+            after = getattr(model_with(task, values), parameter.field)
+            changed = np.argwhere((before != after).reshape(len(before), -1).any(1))
+            assert len(changed) == len(parameter.objects), parameter.name
+
+
+@BUILT_IN
+def test_nominal_is_the_models_own(name):
+    """Bit for bit, but for colours that a material gave: those are the geom's own now."""
+    task, model = task_of(name), model_of(name)
+    written = model_with(task, task.parameters.nominal)
+    for field in sorted(f for f in MODEL_FIELDS if not f.startswith("opt.")):
+        if field != "geom_rgba":
+            a, b = getattr(written, field), getattr(model, field)
+            np.testing.assert_array_equal(a, b, err_msg=field)
+    np.testing.assert_array_equal(drawn_rgba(written), drawn_rgba(model))
+
+
+@BUILT_IN
+def test_bounds(name):
+    for p in task_of(name).parameters:
+        if p.is_colour:
+            assert (p.low, p.high, p.scale) == (0, 1, "linear")
+        else:
+            assert (p.low, p.high, p.scale) == (p.nominal / 10, p.nominal * 10, "log")
+
+
+@BUILT_IN
+def test_the_tuned_model_can_be_exported(name):
+    """The spec takes the written values back, and its XML compiles to them."""
+    task = task_of(name)
+    spec = task.load_spec()
+    model = spec.compile()
+    values = task.parameters.from_unit(np.full(len(task.parameters), 0.7))
+    ModelWriter(task.parameters, model).write(model, values)
+    spec.copy_back(model)
+    again = mujoco.MjModel.from_xml_string(spec.to_xml())
+    for field in ("body_mass", "body_inertia", "dof_damping", "actuator_gainprm", "geom_rgba"):
+        a, b = getattr(again, field), getattr(model, field)
+        np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6, err_msg=field)
+
+
+def model_with(task, values):
+    model = mujoco.MjModel.__copy__(model_of(task.name))
+    ModelWriter(task.parameters, model_of(task.name)).write(model, values)
+    return model
+
+
+def drawn_rgba(model):
+    """What a renderer draws: the material's colour where the geom has MuJoCo's default grey."""
+    rgba = model.geom_rgba.copy()
+    grey = (rgba == np.float32([0.5, 0.5, 0.5, 1])).all(1) & (model.geom_matid >= 0)
+    rgba[grey] = model.mat_rgba[model.geom_matid[grey]]
+    return rgba
