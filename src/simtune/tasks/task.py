@@ -8,6 +8,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.parameters import ParameterSpace
+from simtune.simulation import RendererName, Simulator
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,3 +38,21 @@ class Task:
     def step_s(self) -> float:
         """Seconds of one policy step."""
         return self.control_timestep_s * self.action_repeat
+
+    def simulator(
+        self,
+        *,
+        image_size: int,
+        step_s: float | None = None,
+        renderer: RendererName = "raycaster",
+    ) -> Simulator:
+        """Worlds of this task; an action lasts `step_s` seconds, by default a policy step."""
+        return Simulator(
+            self.load_model(),
+            self.parameters,
+            camera=self.camera,
+            initialize=self.initialize,
+            step_s=step_s or self.step_s,
+            image_size=image_size,
+            renderer=renderer,
+        )

@@ -1,0 +1,15 @@
+"""Simulated worlds: batched physics, and two renderers behind one interface."""
+
+from simtune.simulation.renderer import Renderer, RendererName, make_renderer
+from simtune.simulation.simulator import Rollouts, Simulator, random_actions
+from simtune.simulation.worlds import Worlds
+
+__all__ = [
+    "Renderer",
+    "RendererName",
+    "Rollouts",
+    "Simulator",
+    "Worlds",
+    "make_renderer",
+    "random_actions",
+]

@@ -1,0 +1,105 @@
+"""Simulated worlds one can act in and film: what is asked of a simulator, in two methods."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.parameters import ParameterSpace
+from simtune.simulation.renderer import RendererName, make_renderer
+from simtune.simulation.worlds import Worlds
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """n simulated episodes, of worlds whose physics stayed finite."""
+
+    parameters: np.ndarray  # (n, N) of each episode's world
+    states: np.ndarray  # (n, T + 1, S) rows that a renderer draws
+    actions: np.ndarray  # (n, T, A)
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+
+class Simulator:
+    """Rolls worlds of one model out, and draws their states.
+
+    An action is held for `step_s` seconds; `initialize(batch, rng)` starts the worlds.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        space: ParameterSpace,
+        *,
+        camera: str,
+        initialize: Callable[[Batch, np.random.Generator], None],
+        step_s: float,
+        image_size: int,
+        renderer: RendererName = "raycaster",
+    ):
+        self.model = model
+        self.space = space
+        self.step_s = step_s
+        self.image_size = image_size
+        self.num_substeps = max(1, round(step_s / model.opt.timestep))
+        self.num_diverged = 0
+        self.num_steps = 0  # policy steps simulated so far
+        self.renderer = make_renderer(renderer, model, space, camera, image_size)
+        self._initialize = initialize
+        self._worlds: dict[int, Worlds] = {}
+
+    @property
+    def num_actions(self) -> int:
+        return self.model.nu
+
+    def roll_out(
+        self, parameters: np.ndarray, actions: np.ndarray, rng: np.random.Generator
+    ) -> Rollouts:
+        """Play (n, T, A) actions in n worlds of (n, N) parameters, each from its own start.
+
+        Worlds that diverge are left out of the result and counted in `num_diverged`.
+        """
+        n, num_steps, _ = actions.shape
+        worlds = self._worlds_for(n)
+        worlds.reset(parameters, self._initialize, rng)
+        states = np.empty((n, num_steps + 1, worlds.state.shape[1]))
+        states[:, 0] = worlds.state
+        for t in range(num_steps):
+            worlds.step(actions[:, t], self.num_substeps)
+            states[:, t + 1] = worlds.state
+        alive = worlds.alive
+        self.num_diverged += int((~alive).sum())
+        self.num_steps += n * num_steps
+        return Rollouts(parameters[alive], states[alive], actions[alive])
+
+    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
+        return self.renderer.render(states, parameters)
+
+    def film(self, rollouts: Rollouts) -> np.ndarray:
+        """Draw every state of n episodes: (n, T + 1, H, W, 3) uint8 RGB."""
+        n, num_frames, _ = rollouts.states.shape
+        parameters = np.repeat(rollouts.parameters, num_frames, axis=0)
+        frames = self.render(rollouts.states.reshape(n * num_frames, -1), parameters)
+        return frames.reshape(n, num_frames, *frames.shape[1:])
+
+    def _worlds_for(self, num_worlds: int) -> Worlds:
+        if num_worlds not in self._worlds:
+            self._worlds = {num_worlds: Worlds(self.model, self.space, num_worlds)}  # keep one
+        return self._worlds[num_worlds]
+
+
+def random_actions(
+    num_episodes: int, num_steps: int, model: mujoco.MjModel, rng: np.random.Generator, hold: int = 4
+) -> np.ndarray:
+    """(num_episodes, num_steps, A) uniform in the controls' ranges, each held for `hold` steps.
+
+    Held, they move the robot; drawn anew every step, their effects would average out.
+    """
+    low, high = np.where(model.actuator_ctrllimited[:, None], model.actuator_ctrlrange, [-1, 1]).T
+    drawn = rng.uniform(low, high, (num_episodes, -(-num_steps // hold), model.nu))
+    return np.repeat(drawn, hold, axis=1)[:, :num_steps]

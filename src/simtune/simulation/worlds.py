@@ -1,0 +1,67 @@
+"""Many worlds of one model, each with its own parameters, stepped at once (mujoco.batch)."""
+
+import copy
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.parameters import ModelWriter, ParameterSpace
+
+_DIVERGENCE = [  # counters of MuJoCo's warnings
+    mujoco.mjtWarning.mjWARN_BADQPOS.value,
+    mujoco.mjtWarning.mjWARN_BADQVEL.value,
+    mujoco.mjtWarning.mjWARN_BADQACC.value,
+]
+
+
+class Worlds:
+    """`num_worlds` simulations of `model`, each with a vector of `space`'s parameters.
+
+    A world whose physics diverges (NaN or huge values) is dead until the next `reset`: MuJoCo's
+    silent reset is off, `alive` says which worlds may be used, `num_diverged` counts the others.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, space: ParameterSpace, num_worlds: int, num_threads: int = 0
+    ):
+        model = copy.copy(model)
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self.batch = Batch(model, num_worlds, num_threads)
+        self._writer = ModelWriter(space, model)
+        self.parameters = np.tile(space.nominal, (num_worlds, 1))
+        self.num_diverged = 0
+
+    @property
+    def num_worlds(self) -> int:
+        return self.batch.nsim
+
+    @property
+    def state(self) -> np.ndarray:
+        """(num_worlds, S) the live rows of all that defines the worlds' physics."""
+        return self.batch.state
+
+    @property
+    def alive(self) -> np.ndarray:
+        """(num_worlds,) bool: the physics has stayed finite since the last reset."""
+        finite = np.isfinite(self.batch.state).all(axis=1)
+        return finite & (self.batch.warning[:, _DIVERGENCE, 1] == 0).all(axis=1)
+
+    def reset(self, parameters: np.ndarray, initialize, rng: np.random.Generator) -> None:
+        """Write (num_worlds, N) parameters and start anew by `initialize(batch, rng)`."""
+        self._writer.write_batch(self.batch, parameters)
+        self.parameters = np.array(parameters)
+        self.batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        initialize(self.batch, rng)
+        self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+
+    def step(self, controls: np.ndarray, num_substeps: int) -> None:
+        """Hold (num_worlds, nu) controls for a number of physics steps."""
+        before = self.alive
+        self.batch.ctrl[...] = controls
+        self.batch.step(
+            ids=None if before.all() else before,
+            nstep=num_substeps,
+            stage=mujoco.mjtStage.mjSTAGE_VEL.value,
+        )
+        self.num_diverged += int((before & ~self.alive).sum())
