@@ -1,0 +1,118 @@
+"""What a run folder tells, read for a report; whatever is missing is left out."""
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from simtune.errors import InputError
+from simtune.run import read_json, read_jsonl
+
+VIDEOS = ("real", "before", "after")
+_KEYS = ("mean", "low", "high", "range_low", "range_high")
+
+
+@dataclass(frozen=True, kw_only=True)
+class History:
+    """A parameter's estimate over the iterations; each list has one entry an iteration."""
+
+    iteration: list[float]
+    mean: list[float]
+    low: list[float]  # 90 % interval
+    high: list[float]
+    range_low: list[float]  # the searched range
+    range_high: list[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunData:
+    """The content of a run folder."""
+
+    path: Path
+    config: dict[str, Any]
+    stored: dict[str, Any]  # config.json whole: config, versions, created
+    result: dict[str, Any]  # empty while the run goes on
+    metrics: list[dict[str, Any]]
+    events: list[dict[str, Any]]
+    curves: dict[str, dict[str, list[float]]]
+    videos: dict[str, bytes]  # mp4 files by name
+
+    def get(self, key: str) -> Any:
+        """A fact about the run: of the result, or else the last measurement, or the config."""
+        for source in (self.result, self.metrics[-1] if self.metrics else {}, self.config):
+            if source.get(key) is not None:
+                return source[key]
+        return self.metrics[-1].get("step") if key == "sim_steps" and self.metrics else None
+
+    @property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """What is known of each parameter, by name; of a run that goes on, the last estimate."""
+        if self.result.get("parameters"):
+            return self.result["parameters"]
+        declared = self.config.get("parameters")
+        known = {**declared} if isinstance(declared, dict) else {}
+        last = self.metrics[-1] if self.metrics else {}
+        for name in (key.removeprefix("mean/") for key in last if key.startswith("mean/")):
+            facts = known[name] if isinstance(known.get(name), dict) else {}
+            known[name] = facts | {k: last.get(f"{k}/{name}") for k in ("mean", "low", "high")}
+        return {name: facts for name, facts in known.items() if isinstance(facts, dict)}
+
+    @property
+    def colours(self) -> list[str]:
+        """Names NAME of which NAME_r, NAME_g and NAME_b are all parameters."""
+        names = self.parameters
+        return [
+            n[:-2] for n in names if n.endswith("_r") and {f"{n[:-2]}_g", f"{n[:-2]}_b"} <= {*names}
+        ]
+
+    def is_colour(self, name: str) -> bool:
+        return bool(re.search("_[rgb]$", name)) and name[:-2] in self.colours
+
+    def history(self, name: str) -> History:
+        """The estimates of a parameter; lines that lack any of the figures are left out."""
+        columns: dict[str, list[float]] = {key: [] for key in ("iteration", *_KEYS)}
+        for line in self.metrics:
+            given = [line.get("iteration"), *(line.get(f"{key}/{name}") for key in _KEYS)]
+            values = [value for value in given if is_number(value)]
+            if len(values) == len(given):
+                for column, value in zip(columns.values(), values, strict=True):
+                    column.append(value)
+        return History(**columns)
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    is_real = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_real and math.isfinite(value)
+
+
+def read_run(path: Path) -> RunData:
+    """Read a run folder. Raises InputError where `path` is none or its files are damaged."""
+    if not (path / "config.json").is_file():
+        raise InputError(f"{path} is no run: it has no config.json")
+    stored = _read_object(path / "config.json")
+    config = stored.get("config")
+    videos = {name: path / "videos" / f"{name}.mp4" for name in VIDEOS}
+    return RunData(
+        path=path,
+        config=config if isinstance(config, dict) else {},
+        stored=stored,
+        result=_read_object(path / "result.json"),
+        metrics=read_jsonl(path / "metrics.jsonl"),
+        events=read_jsonl(path / "events.jsonl"),
+        curves=_read_object(path / "curves.json"),
+        videos={name: file.read_bytes() for name, file in videos.items() if file.is_file()},
+    )
+
+
+def _read_object(path: Path) -> dict[str, Any]:
+    """A JSON file's object, empty where there is no file. Raises InputError."""
+    if not path.exists():
+        return {}
+    try:
+        value = read_json(path)
+    except ValueError as error:
+        raise InputError(f"{path} is damaged: {error}") from None
+    if not isinstance(value, dict):
+        raise InputError(f"{path} is damaged: it holds no object")
+    return value

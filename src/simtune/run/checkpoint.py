@@ -1,0 +1,111 @@
+"""Checkpoints: safetensors and JSON in a numbered folder that is there whole or not at all."""
+
+import hashlib
+import json
+import logging
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors.torch import load_file, save_file
+
+from simtune.run.files import read_json, sync, sync_folder, write_atomically, write_json
+
+_KEPT = 2
+_TENSORS, _STATE, _MANIFEST = "tensors.safetensors", "state.json", "manifest.json"
+
+log = logging.getLogger(__name__)
+
+
+def save(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> Path:
+    """Write the next checkpoint into `folder` and keep the latest two; returns its path.
+
+    Tensors may live on any device and share memory; they come back on the CPU. `state` is what
+    JSON can hold. Nothing of it is visible before all of it is on the disk.
+    """
+    folder.mkdir(exist_ok=True)
+    number = max((int(path.name) for path in _numbered(folder)), default=0) + 1
+    temporary = folder / f".{number:06d}.tmp"
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir()
+    save_file(_separate(tensors), temporary / _TENSORS)
+    sync(temporary / _TENSORS)
+    # Not write_json: a state has to come back as it was, infinities included.
+    write_atomically(temporary / _STATE, json.dumps(state))
+    files = (_TENSORS, _STATE)
+    write_json(temporary / _MANIFEST, {"sha256": {f: _sha256(temporary / f) for f in files}})
+    path = folder / f"{number:06d}"
+    os.replace(temporary, path)
+    sync_folder(folder)
+    _prune(folder)
+    return path
+
+
+def newest(folder: Path) -> Path | None:
+    """The newest sound checkpoint; each damaged one above it gets a line of warning."""
+    for path in reversed(_numbered(folder)):
+        damage = _damage(path)
+        if damage is None:
+            return path
+        log.warning("checkpoint %s is damaged (%s): using the one before it", path, damage)
+    return None
+
+
+def load(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    """The tensors, on the CPU, and the state of a checkpoint."""
+    return load_file(path / _TENSORS), read_json(path / _STATE)
+
+
+def load_state(path: Path) -> dict[str, Any]:
+    """The state alone, without the tensors."""
+    return read_json(path / _STATE)
+
+
+def drop_after(folder: Path, last: Path | None) -> None:
+    """Remove what lies above the checkpoint that a run goes on from: damaged, or left by a kill."""
+    for path in _numbered(folder):
+        if last is None or path.name > last.name:
+            shutil.rmtree(path)
+    for path in folder.glob(".*.tmp"):
+        shutil.rmtree(path)
+
+
+def _numbered(folder: Path) -> list[Path]:
+    """The checkpoints of a folder, oldest first."""
+    return sorted(folder.glob("[0-9]" * 6))
+
+
+def _damage(path: Path) -> str | None:
+    """What is wrong with a checkpoint, None where it is sound."""
+    try:
+        for name, expected in read_json(path / _MANIFEST)["sha256"].items():
+            if _sha256(path / name) != expected:
+                return f"{name} has changed since it was written"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        return f"{type(error).__name__}: {error}"
+    return None
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _separate(tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """Contiguous CPU tensors, each with memory of its own: safetensors refuses shared memory."""
+    seen: set[int] = set()
+    separate = {}
+    for name, tensor in tensors.items():
+        tensor = tensor.detach().cpu().contiguous()
+        pointer = tensor.untyped_storage().data_ptr()
+        separate[name] = tensor.clone() if pointer in seen else tensor
+        seen.add(pointer)
+    return separate
+
+
+def _prune(folder: Path) -> None:
+    for path in _numbered(folder)[:-_KEPT]:
+        shutil.rmtree(path)

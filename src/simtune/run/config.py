@@ -1,0 +1,81 @@
+"""config.json: what a run was asked, and whether a command asks for the same again."""
+
+import importlib.metadata
+import platform
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import simtune
+from simtune.errors import InputError
+from simtune.run.files import read_json
+
+
+def stored_config(path: Path) -> dict[str, Any] | None:
+    """config.json of the run at `path`; None where a new run can start. Raises InputError."""
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file: give --out a folder")
+    if not path.exists() or not any(p for p in path.iterdir() if not _is_leftover(p)):
+        return None
+    if not (path / "config.json").is_file():
+        raise InputError(f"{path} is not empty and no run: give --out a new or an empty folder")
+    try:
+        stored = read_json(path / "config.json")
+        if not isinstance(stored["config"], dict):
+            raise TypeError
+    except (ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{path}/config.json is damaged: give --out another folder to start anew"
+        ) from None
+    return stored
+
+
+def _is_leftover(path: Path) -> bool:
+    """A temporary file of a run that was killed before its first config.json."""
+    return path.name.startswith(".") and path.name.endswith(".tmp")
+
+
+def check_same(
+    path: Path, stored: dict[str, Any], config: dict[str, Any], may_differ: Collection[str]
+) -> None:
+    """Raise InputError, naming the keys, where two configurations differ in what matters."""
+    before, now = _flat(stored), _flat(config)
+    missing = object()
+    differing = [
+        key
+        for key in sorted({*before, *now})
+        if before.get(key, missing) != now.get(key, missing)
+        and not any(key == free or key.startswith(f"{free}.") for free in may_differ)
+    ]
+    if differing:
+        words = [f"{k} {_show(before, k)}, now {_show(now, k)}" for k in differing[:3]]
+        more = f" and {len(differing) - 3} more" if len(differing) > 3 else ""
+        raise InputError(
+            f"{path} holds a run with {'; '.join(words)}{more}: "
+            "give the same values to go on with it, or another --out to start anew"
+        )
+
+
+def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested mappings as one, with dotted keys."""
+    flat: dict[str, Any] = {}
+    for key, value in config.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _show(flat: Mapping[str, Any], key: str) -> str:
+    return f"= {flat[key]!r}" if key in flat else "not set"
+
+
+def versions() -> dict[str, str]:
+    packages = ("mujoco", "mujoco_warp", "torch")
+    return {
+        "simtune": simtune.__version__,
+        "python": platform.python_version(),
+        **{name: importlib.metadata.version(name) for name in packages},
+        "platform": platform.platform(),
+    }

@@ -1,0 +1,193 @@
+"""One run's folder: created or resumed, logged into, saved and loaded.
+
+config.json          the resolved configuration, versions, date
+metrics.jsonl        one object a line: step, real_episodes, wall_s, then scalars
+events.jsonl         ranges that widened or narrowed, and why
+tensorboard/         the same scalars
+checkpoints/NNNNNN/  the latest two states to go on from
+result.json  curves.json  videos/  report.html
+"""
+
+import fcntl
+import logging
+import math
+import os
+import weakref
+from collections.abc import Collection, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from simtune.errors import InputError
+from simtune.run import checkpoint
+from simtune.run.config import check_same, stored_config, versions
+from simtune.run.files import append_jsonl, keep_lines, plain, sync, write_json
+
+# What may change between a run and its resumption: where it lies and how long it goes on.
+MAY_DIFFER = ("out", "budget_minutes")
+
+_LOGS = ("metrics.jsonl", "events.jsonl")
+
+log = logging.getLogger(__name__)
+
+
+class RunFolder:
+    """A run's folder, for the one process that writes it; make one with `RunFolder.create`."""
+
+    def __init__(self, path: Path, resumed: bool):
+        self.path = path
+        self.resumed = resumed
+        self._tensorboard: Any = None
+        self._unlock = weakref.finalize(self, os.close, _lock(path))
+        self._newest = checkpoint.newest(self._checkpoints)
+        self._step = checkpoint.load_state(self._newest)["step"] if self._newest else -1
+        checkpoint.drop_after(self._checkpoints, self._newest)
+        for name in _LOGS:
+            keep_lines(path / name, lambda line: line.get("step", math.inf) <= self._step)
+
+    @classmethod
+    def create(
+        cls,
+        path: Path | str,
+        config: Mapping[str, Any],
+        may_differ: Collection[str] = MAY_DIFFER,
+    ) -> "RunFolder":
+        """Start a run at `path`, or go on with the run of the same `config` that lies there.
+
+        A run that goes on loses the log lines past its last checkpoint: they come again.
+        Keys of `may_differ` (dotted where nested) may have changed in between.
+        Raises InputError for a path that cannot be written, that holds something else, or
+        that holds a run with another configuration or one that is still going.
+        """
+        path = Path(path)
+        asked: dict[str, Any] = plain(config)
+        try:
+            stored = stored_config(path)
+            if stored is not None:
+                check_same(path, stored["config"], asked, may_differ)
+            path.mkdir(parents=True, exist_ok=True)
+            run = cls(path, resumed=stored is not None)
+            run._write_config(asked, stored)
+        except OSError as error:
+            raise InputError(f"cannot write the run folder {path}: {error.strerror}") from error
+        return run
+
+    def _write_config(self, config: dict[str, Any], stored: dict[str, Any] | None) -> None:
+        before, now = (stored or {}).get("versions"), versions()
+        if before and before != now:
+            changed = [f"{k} {before.get(k)} → {v}" for k, v in now.items() if before.get(k) != v]
+            log.warning("%s goes on with other versions: %s", self.path, ", ".join(changed))
+        created = (stored or {}).get("created") or datetime.now(UTC).isoformat(timespec="seconds")
+        content = {"config": config, "versions": now, "created": created}
+        write_json(self.path / "config.json", content)
+
+    @property
+    def videos(self) -> Path:
+        """The folder for real.mp4, before.mp4 and after.mp4; made where missing."""
+        path = self.path / "videos"
+        path.mkdir(exist_ok=True)
+        return path
+
+    @property
+    def _checkpoints(self) -> Path:
+        return self.path / "checkpoints"
+
+    def log_metrics(
+        self, step: int, real_episodes: int, wall_s: float, scalars: Mapping[str, float]
+    ) -> None:
+        """Append a line of metrics.jsonl and mirror the finite scalars in tensorboard.
+
+        `step` counts simulated policy steps, `wall_s` seconds over all sittings of the run.
+        """
+        line = {"step": step, "real_episodes": real_episodes, "wall_s": wall_s, **scalars}
+        append_jsonl(self.path / "metrics.jsonl", line)
+        writer = self._writer()
+        for name, value in plain(scalars).items():
+            if isinstance(value, int | float):
+                writer.add_scalar(name, value, step)
+        writer.add_scalar("real_episodes", real_episodes, step)
+        writer.flush()
+
+    def log_event(
+        self,
+        step: int,
+        wall_s: float,
+        event: str,
+        parameter: str,
+        low: float,
+        high: float,
+        reason: str,
+    ) -> None:
+        """Append a line of events.jsonl: `parameter`'s range is now [low, high] because `reason`.
+
+        `event` is "widened" or "narrowed".
+        """
+        line = {"step": step, "wall_s": wall_s, "event": event, "parameter": parameter}
+        append_jsonl(
+            self.path / "events.jsonl", {**line, "low": low, "high": high, "reason": reason}
+        )
+
+    def write_result(self, result: Mapping[str, Any]) -> None:
+        """Replace result.json."""
+        write_json(self.path / "result.json", result)
+
+    def write_curves(self, curves: Mapping[str, Mapping[str, Any]]) -> None:
+        """Replace curves.json: {name: {"candidates": (n,), "prob_higher": (n,)}}."""
+        write_json(self.path / "curves.json", curves)
+
+    def save_checkpoint(
+        self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]
+    ) -> None:
+        """Save all that the run needs to go on; the latest two are kept.
+
+        `state` is JSON and holds "step", by which the logs are cut when the run goes on.
+        """
+        assert "step" in state, "a checkpoint's state needs 'step'"
+        for name in _LOGS:
+            sync(self.path / name)  # a checkpoint never knows more than the logs
+        self._newest = checkpoint.save(self._checkpoints, tensors, state)
+
+    def load_checkpoint(self) -> tuple[dict[str, torch.Tensor], dict[str, Any]] | None:
+        """(tensors on the CPU, state) of the newest sound checkpoint, or None."""
+        return None if self._newest is None else checkpoint.load(self._newest)
+
+    def close(self) -> None:
+        """Close tensorboard and let go of the folder."""
+        if self._tensorboard is not None:
+            self._tensorboard.close()
+            self._tensorboard = None
+        self._unlock()
+
+    def __enter__(self) -> "RunFolder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _writer(self) -> Any:
+        if self._tensorboard is None:
+            from torch.utils.tensorboard import SummaryWriter  # takes seconds to import
+
+            # What an interrupted sitting wrote past the checkpoint is hidden by purge_step.
+            self._tensorboard = SummaryWriter(
+                str(self.path / "tensorboard"), purge_step=self._step + 1 if self.resumed else None
+            )
+        return self._tensorboard
+
+
+def _lock(path: Path) -> int:
+    """Take the folder for this process; it is free again once the returned descriptor is closed.
+
+    Raises InputError where another process, or another RunFolder of this one, holds it.
+    """
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise InputError(f"{path} is being written by a run that is still going") from None
+    except OSError as error:  # a file system without locks
+        log.warning("%s cannot be locked (%s): keep other runs out of it", path, error.strerror)
+    return descriptor

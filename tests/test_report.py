@@ -1,0 +1,254 @@
+"""report.html: whole, offline, escaped, and made of whatever the run folder holds."""
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from simtune.errors import InputError
+from simtune.report import write_report
+from simtune.run import RunFolder
+
+# name: (unit, truth, start, verdict)
+_COLOURS = {"cup": (0.75, 0.6, 0.15), "ball": (0.6, 0.4, 0.3), "ground": (0.05, 0.15, 0.3)}
+PARAMETERS = {"ball_mass": ("kg", 0.065, 0.13, "identified")} | {
+    f"{name}_{channel}": ("1", truth, min(1.0, truth * (2 if i % 2 else 0.5)), verdict)
+    for name, rgb in _COLOURS.items()
+    for i, (channel, truth) in enumerate(zip("rgb", rgb, strict=True))
+    for verdict in ["not identifiable" if (name, channel) == ("ground", "r") else "identified"]
+}
+PARAMETERS["ground_b"] = ("1", 0.3, 0.15, "weak")
+_WIDTHS = {"identified": 0.06, "weak": 0.35, "not identifiable": 2.0}
+
+
+def make_run(path: Path, iterations: int = 4, finished: bool = True) -> Path:
+    """A run folder as a tuning of ball_in_cup leaves it."""
+    rng = np.random.default_rng(0)
+    config = {"task": "ball_in_cup", "real": "pseudo", "search": "posterior", "seed": 3}
+    parameters, curves = {}, {}
+    with RunFolder.create(path, config | {"budget_minutes": 10}) as run:
+        for iteration in range(1, iterations + 1):
+            step, wall_s = 20_480 * iteration, 97.3 * iteration
+            scalars: dict[str, float] = {"iteration": iteration, "loss/spm": 0.69 / iteration}
+            for name, (unit, truth, start, verdict) in PARAMETERS.items():
+                width = max(_WIDTHS[verdict], 0.45 ** (iteration - 1))
+                drift = (start / truth) ** min(1, width)
+                mean = truth * drift * np.exp(0.2 * min(1, width) * rng.normal())
+                low, high = mean * np.exp(-width), mean * np.exp(width)
+                wide = low * np.exp(-0.5 * width), high * np.exp(0.5 * width)
+                if unit == "1":
+                    mean, low, high, *wide = np.clip([mean, low, high, *wide], 0.001, 1)
+                figures = dict(mean=mean, low=low, high=high, range_low=wide[0], range_high=wide[1])
+                scalars |= {f"{key}/{name}": value for key, value in figures.items()}
+                event, reason = "narrowed", "the 90 % interval is well inside"
+                if name == "ball_mass" and iteration == 1:
+                    event, reason = "widened", "the curve is still at 0.9 at the upper edge"
+                if iteration == 1 or name == "ball_mass":
+                    run.log_event(step, wall_s, event, name, wide[0], wide[1], reason)
+                candidates = np.linspace(*wide, 33)
+                centred = np.log(candidates / mean) / width * 2.94
+                prob_higher = 1 / (1 + np.exp(centred))
+                curves[name] = {"candidates": candidates, "prob_higher": prob_higher}
+                parameters[name] = {"unit": unit, "nominal": truth, "initial": start} | {
+                    **{"mean": mean, "low": low, "high": high, "verdict": verdict, "real": truth},
+                    "percent_error": 100 * abs(mean - truth) / truth,
+                }
+            run.log_metrics(step, 2 * iteration, wall_s, scalars)
+        run.write_curves(curves)
+        for name, speed in (("real", 1.0), ("before", 0.6), ("after", 0.97)):
+            _write_video(run.videos / f"{name}.mp4", speed)
+        if finished:
+            run.write_result(
+                {"task": "ball_in_cup", "method": "tune", "search": "posterior", "seed": 3}
+                | {"real_episodes": 8, "sim_steps": 81_920, "wall_s": 402.7}
+                | {"real": "pseudo-real world", "command": "simtune tune ball_in_cup --seed 3"}
+                | {"parameters": parameters, "warnings": ["ground_r cannot be seen."]}
+            )
+    return path
+
+
+def _write_video(path: Path, speed: float) -> None:
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 84, 84, "yuv420p"
+        y, x = np.mgrid[:84, :84]
+        for t in range(75):
+            frame = np.full((84, 84, 3), (28, 58, 92), np.uint8)
+            frame[(y // 12 + x // 12) % 2 == 0] = (18, 40, 70)
+            frame[50:64, 34:50] = (190, 150, 40)
+            ball = (x - 42 - 25 * np.sin(speed * t / 6)) ** 2 + (y - 30 + 12 * np.cos(t / 9)) ** 2
+            frame[ball < 30] = (160, 100, 80)
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+        file.mux(stream.encode())
+
+
+class _Page(HTMLParser):
+    """Checks that tags close in order, and keeps the text and the attributes."""
+
+    _VOID = ("meta", "input", "br", "link", "img")
+
+    def __init__(self, html: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.words: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self._VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if not {"style", "script"} & set(self.open):
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+    def count(self, tag: str) -> int:
+        return sum(t == tag for t, _ in self.tags)
+
+
+@pytest.fixture(scope="module")
+def finished_run(tmp_path_factory) -> Path:
+    return make_run(tmp_path_factory.mktemp("runs") / "demo")
+
+
+@pytest.fixture
+def run_path(finished_run, tmp_path) -> Path:
+    """A finished run that a test may change."""
+    return Path(shutil.copytree(finished_run, tmp_path / "demo"))
+
+
+def _report(path: Path) -> tuple[str, _Page]:
+    html = write_report(path).read_text(encoding="utf-8")
+    return html, _Page(html)
+
+
+def _edit(path: Path, change) -> None:
+    value = json.loads(path.read_text())
+    change(value)
+    path.write_text(json.dumps(value))
+
+
+def test_report_shows_everything(run_path):
+    html, page = _report(run_path)
+    for name, (_, truth, _, verdict) in PARAMETERS.items():
+        assert name in page.text
+        assert verdict in page.text
+        assert f"{truth:.3g}" in page.text
+    assert page.count("svg") == 2 * len(PARAMETERS)
+    assert page.count("video") == 3
+    for words in ("8 of 10", "81,920", "6 min 43 s", "8 real episodes", "ground_r cannot be seen."):
+        assert words in page.text
+    assert "ball_mass widened to" in page.text
+    assert "simtune tune ball_in_cup --seed 3" in page.text
+    assert "mujoco_warp" in page.text
+    assert "has not finished" not in page.text
+    assert "$" not in page.text
+    assert len(html) < 400_000
+
+
+def test_report_needs_no_network(run_path):
+    html, page = _report(run_path)
+    for _, attributes in page.tags:
+        for key in ("src", "href", "poster", "data", "action"):
+            assert (attributes.get(key) or "data:").startswith("data:")
+    assert not re.search(r"https?://|@import|url\(", html)
+
+
+def test_report_escapes_what_it_shows(run_path):
+    evil = "<script>alert('x')</script>\"&"
+
+    def spoil(result):
+        result["task"] = result["real"] = result["command"] = evil
+        result["warnings"] = [evil]
+        facts = result["parameters"].pop("ball_mass")
+        result["parameters"][evil] = facts | {"unit": evil, "verdict": evil}
+
+    _edit(run_path / "result.json", spoil)
+    metrics = (run_path / "metrics.jsonl").read_text()
+    (run_path / "metrics.jsonl").write_text(
+        metrics.replace("/ball_mass", f"/{json.dumps(evil)[1:-1]}")
+    )
+    with (run_path / "events.jsonl").open("a") as file:
+        file.write(json.dumps({"step": 1, "event": evil, "parameter": evil, "reason": evil}) + "\n")
+    html, page = _report(run_path)
+    assert "<script>alert" not in html
+    assert page.count("script") == 1
+    assert page.text.count("alert('x')") >= 5
+
+
+def test_report_without_truth(run_path):
+    def forget(result):
+        for facts in result["parameters"].values():
+            del facts["real"], facts["percent_error"]
+
+    _edit(run_path / "result.json", forget)
+    html, page = _report(run_path)
+    assert "Truth" not in page.text
+    assert "mean error" not in page.text
+    assert "class='truth'" not in html
+
+
+def test_report_without_videos_and_curves(run_path):
+    shutil.rmtree(run_path / "videos")
+    (run_path / "curves.json").unlink()
+    _, page = _report(run_path)
+    assert page.count("video") == 0
+    assert page.count("svg") == len(PARAMETERS)
+    assert "requestAnimationFrame" not in (run_path / "report.html").read_text()
+
+
+def test_report_of_an_unfinished_run(run_path):
+    (run_path / "result.json").unlink()
+    with (run_path / "metrics.jsonl").open("a") as file:
+        file.write('{"step": 99999, "mean/ball_')  # a crash left this
+    _, page = _report(run_path)
+    assert "has not finished" in page.text
+    assert "ball_in_cup" in page.text
+    assert "81,920" in page.text
+    assert page.count("svg") == 2 * len(PARAMETERS)
+
+
+def test_report_of_a_run_that_has_just_begun(tmp_path):
+    RunFolder.create(tmp_path / "run", {"task": "walker"}).close()
+    _, page = _report(tmp_path / "run")
+    assert "No estimate has been made yet." in page.text
+
+
+def test_report_copes_with_unknown_figures(run_path):
+    def forget(result):
+        result["parameters"]["ball_mass"] = {"mean": None, "low": float("nan")}
+        result["wall_s"] = None
+
+    _edit(run_path / "result.json", forget)
+    _, page = _report(run_path)
+    assert "ball_mass" in page.text
+    assert "nan" not in page.text
+
+
+def test_no_run(tmp_path):
+    with pytest.raises(InputError, match=r"is no run: it has no config\.json"):
+        write_report(tmp_path)
+
+
+def test_damaged_result(run_path):
+    (run_path / "result.json").write_text('{"task": "ball')
+    with pytest.raises(InputError, match=r"result\.json is damaged"):
+        write_report(run_path)

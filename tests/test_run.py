@@ -1,0 +1,253 @@
+"""The run folder: refusals, resuming, and what a crash may leave behind."""
+
+import json
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from simtune.errors import InputError
+from simtune.run import RunFolder, read_json, read_jsonl, write_atomically, write_json
+
+CONFIG = {"task": "ball_in_cup", "seed": 1, "out": "a", "spm": {"width": 256, "dropout": 0.5}}
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    return tmp_path / "runs" / "demo"
+
+
+def _create(path: Path, **changes) -> RunFolder:
+    return RunFolder.create(path, CONFIG | changes)
+
+
+def _log(run: RunFolder, *steps: int) -> None:
+    for step in steps:
+        run.log_metrics(step, 2, step / 10, {"loss/spm": 0.5})
+        run.log_event(step, step / 10, "narrowed", "ball_mass", 0.1, 0.2, "clear")
+
+
+def _steps(run: RunFolder, name: str = "metrics.jsonl") -> list[int]:
+    return [line["step"] for line in read_jsonl(run.path / name)]
+
+
+def test_config_is_written_with_versions(path):
+    with _create(path) as run:
+        assert not run.resumed
+        assert run.load_checkpoint() is None
+    stored = read_json(path / "config.json")
+    assert stored["config"] == CONFIG
+    names = {"simtune", "python", "mujoco", "mujoco_warp", "torch", "platform"}
+    assert set(stored["versions"]) == names
+    assert stored["versions"]["torch"] == torch.__version__
+
+
+def test_metrics_and_events(path):
+    with _create(path) as run:
+        run.log_metrics(10, 2, 1.5, {"mean/ball_mass": np.float32(0.5), "loss/spm": math.nan})
+        run.log_event(10, 1.5, "widened", "ball_mass", 0.1, 0.9, "saturated")
+        line = json.loads((path / "metrics.jsonl").read_text())  # there before the run is closed
+    assert line == {
+        **{"step": 10, "real_episodes": 2, "wall_s": 1.5},
+        **{"mean/ball_mass": 0.5, "loss/spm": None},
+    }
+    (event,) = read_jsonl(path / "events.jsonl")
+    assert list(event) == ["step", "wall_s", "event", "parameter", "low", "high", "reason"]
+
+
+def test_tensorboard_mirrors_the_scalars(path):
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    with _create(path) as run:
+        _log(run, 10, 20)
+    events = EventAccumulator(str(path / "tensorboard"))
+    events.Reload()
+    assert [(e.step, e.value) for e in events.Scalars("loss/spm")] == [(10, 0.5), (20, 0.5)]
+
+
+@pytest.mark.parametrize(
+    ("prepare", "message"),
+    [
+        (lambda p: (p.parent.mkdir(), p.write_text("x")), "is a file: give --out a folder"),
+        (lambda p: (p.mkdir(parents=True), (p / "x").touch()), "is not empty and no run"),
+        (lambda p: p.parent.write_text("x"), "cannot write the run folder .*Not a directory"),
+        (
+            lambda p: (p.mkdir(parents=True), (p / "config.json").write_text("{")),
+            r"config\.json is damaged",
+        ),
+    ],
+)
+def test_refused_paths(path, prepare, message):
+    prepare(path)
+    with pytest.raises(InputError, match=message) as caught:
+        _create(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_read_only_folder(path, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "mkdir", refuse)  # root may write anywhere, so chmod shows nothing
+    with pytest.raises(InputError, match=r"cannot write the run folder .*: Permission denied"):
+        _create(path)
+
+
+def test_another_configuration_is_refused(path):
+    _create(path).close()
+    with pytest.raises(InputError, match=r"seed = 1, now = 2: give the same values .* --out"):
+        _create(path, seed=2)
+    with pytest.raises(InputError, match=r"spm\.width = 256, now = 128"):
+        _create(path, spm={"width": 128, "dropout": 0.5})
+    with pytest.raises(InputError, match=r"renderer not set, now = 'opengl'"):
+        _create(path, renderer="opengl")
+    with pytest.raises(InputError, match=r"; .*; .* and 1 more"):
+        _create(path, seed=2, task="walker", spm={"width": 1, "dropout": 0.1})
+    assert read_json(path / "config.json")["config"] == CONFIG
+
+
+def test_the_same_configuration_resumes(path):
+    _create(path).close()
+    created = read_json(path / "config.json")["created"]
+    with _create(path, out="b", budget_minutes=20) as run:
+        assert run.resumed
+    stored = read_json(path / "config.json")
+    assert stored["created"] == created
+    assert stored["config"]["budget_minutes"] == 20
+
+
+def test_other_versions_are_reported(path, caplog):
+    _create(path).close()
+    stored = read_json(path / "config.json")
+    stored["versions"]["torch"] = "1.0"
+    write_json(path / "config.json", stored)
+    _create(path).close()
+    assert f"torch 1.0 → {torch.__version__}" in caplog.text
+
+
+def test_one_process_at_a_time(path):
+    run = _create(path)
+    with pytest.raises(InputError, match="still going"):
+        _create(path)
+    run.close()
+    _create(path).close()
+
+
+def test_checkpoint_comes_back_as_it_was(path):
+    weights = torch.randn(3, 4, dtype=torch.bfloat16)
+    tensors = {
+        "w": weights,
+        "tied": weights,
+        "view": weights.T,
+        "n": torch.tensor(7),
+        "e": torch.empty(0),
+    }
+    rng = np.random.default_rng(1)
+    state = {"step": 5, "rng": rng.bit_generator.state, "best": math.inf}
+    with _create(path) as run:
+        run.save_checkpoint(tensors, state)
+    with _create(path) as run:
+        loaded = run.load_checkpoint()
+    assert loaded is not None
+    assert loaded[1] == state
+    assert set(loaded[0]) == set(tensors)
+    for name, tensor in tensors.items():
+        assert torch.equal(loaded[0][name], tensor)
+
+
+def test_latest_two_checkpoints_are_kept(path):
+    with _create(path) as run:
+        for step in range(4):
+            run.save_checkpoint({}, {"step": step})
+        assert sorted(p.name for p in (path / "checkpoints").iterdir()) == ["000003", "000004"]
+
+
+@pytest.mark.parametrize("damage", ["flip", "truncate", "no manifest", "bad manifest"])
+def test_damaged_checkpoint_falls_back_and_says_so(path, caplog, damage):
+    with _create(path) as run:
+        for step in (1, 2):
+            _log(run, step)
+            run.save_checkpoint({"w": torch.full((100,), float(step))}, {"step": step})
+    newest = path / "checkpoints" / "000002"
+    tensors, manifest = newest / "tensors.safetensors", newest / "manifest.json"
+    if damage == "flip":
+        content = bytearray(tensors.read_bytes())
+        content[-1] ^= 1
+        tensors.write_bytes(content)
+    elif damage == "truncate":
+        tensors.write_bytes(tensors.read_bytes()[:-50])
+    elif damage == "no manifest":
+        manifest.unlink()
+    else:
+        manifest.write_text('{"sha256": []}')
+    with _create(path) as run:
+        loaded = run.load_checkpoint()
+        assert loaded is not None
+        assert loaded[1]["step"] == 1
+        assert torch.equal(loaded[0]["w"], torch.ones(100))
+        assert _steps(run) == [1]
+        run.save_checkpoint({}, {"step": 2})
+        assert (path / "checkpoints" / "000002").is_dir()
+    assert caplog.text.count("000002 is damaged") == 1
+
+
+def test_logs_are_cut_at_the_checkpoint(path):
+    with _create(path) as run:
+        _log(run, 10, 20)
+        run.save_checkpoint({}, {"step": 20})
+        _log(run, 30, 40)
+    for name in ("metrics.jsonl", "events.jsonl"):
+        with (path / name).open("a") as file:
+            file.write('{"step": 15, "real_ep')
+    with _create(path) as run:
+        assert _steps(run) == _steps(run, "events.jsonl") == [10, 20]
+        _log(run, 30)
+        assert _steps(run) == [10, 20, 30]
+
+
+def test_without_a_checkpoint_the_logs_start_anew(path):
+    with _create(path) as run:
+        _log(run, 0, 10)
+    with _create(path) as run:
+        assert run.resumed
+        assert _steps(run) == []
+
+
+def test_kill_between_writing_and_renaming(path, monkeypatch):
+    """Whatever the moment, the old file and the old checkpoint stay whole."""
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    with _create(path) as run:
+        run.write_result({"task": "old"})
+        run.save_checkpoint({"w": torch.ones(2)}, {"step": 1})
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "replace", killed)
+            with pytest.raises(KeyboardInterrupt):
+                run.write_result({"task": "new"})
+            with pytest.raises(KeyboardInterrupt):
+                run.save_checkpoint({"w": torch.zeros(2)}, {"step": 2})
+    assert read_json(path / "result.json") == {"task": "old"}
+    with _create(path) as run:
+        loaded = run.load_checkpoint()
+        assert loaded is not None
+        assert loaded[1] == {"step": 1}
+        run.save_checkpoint({}, {"step": 2})
+        assert sorted(p.name for p in (path / "checkpoints").iterdir()) == ["000001", "000002"]
+
+
+def test_killed_before_its_first_config(path):
+    path.mkdir(parents=True)
+    (path / ".config.json.tmp").write_text("{")
+    with _create(path) as run:
+        assert not run.resumed
+
+
+def test_write_atomically_replaces(tmp_path):
+    for content in ("old", b"new"):
+        write_atomically(tmp_path / "x", content)
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("x", "new")]
