@@ -1,0 +1,57 @@
+"""Ξ: the distribution that simulated worlds draw their parameters from (Sec. III)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simtune.parameters import ParameterSpace
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Independent uniforms in [low, high], with the present estimate `mean` inside.
+
+    Along each parameter's own scale (log or linear), or plainly, as the paper has it.
+    """
+
+    space: ParameterSpace
+    mean: np.ndarray  # (N,) ξ_mean
+    low: np.ndarray  # (N,)
+    high: np.ndarray  # (N,)
+    on_own_scale: bool = True
+
+    @classmethod
+    def proportional(cls, space: ParameterSpace, mean: np.ndarray, range_: float) -> "Distribution":
+        """The paper's: U[mean·(1 − range), mean·(1 + range)], clipped to the bounds."""
+        low, high = space.clip(mean * (1 - range_)), space.clip(mean * (1 + range_))
+        return cls(space, mean, low, high, on_own_scale=False)
+
+    @classmethod
+    def first(cls, space: ParameterSpace, mean: np.ndarray, factor: float = 3.0) -> "Distribution":
+        """The first range of a search: a factor up and down; all of a linear scale's bounds."""
+        low = np.where(space.is_log, mean / factor, space.low)
+        high = np.where(space.is_log, mean * factor, space.high)
+        return cls(space, mean, space.clip(low), space.clip(high))
+
+    def with_interval(self, mean: np.ndarray, low: np.ndarray, high: np.ndarray) -> "Distribution":
+        """The same kind of distribution, elsewhere."""
+        return replace(self, mean=mean, low=self.space.clip(low), high=self.space.clip(high))
+
+    def sample(self, num: int, rng: np.random.Generator) -> np.ndarray:
+        """(num, N) parameters."""
+        uniform = rng.uniform(size=(num, len(self.space)))
+        return self.from_local(uniform)
+
+    def to_local(self, parameters: np.ndarray) -> np.ndarray:
+        """(..., N) parameters to coordinates that are 0 at `low` and 1 at `high`."""
+        low, high, values = self._spread(self.low), self._spread(self.high), self._spread(parameters)
+        return (values - low) / (high - low)
+
+    def from_local(self, local: np.ndarray) -> np.ndarray:
+        """The inverse of `to_local`, also for coordinates outside [0, 1]."""
+        low, high = self._spread(self.low), self._spread(self.high)
+        spread = low + local * (high - low)
+        return self.space.from_unit(spread) if self.on_own_scale else spread
+
+    def _spread(self, parameters: np.ndarray) -> np.ndarray:
+        return self.space.to_unit(parameters) if self.on_own_scale else np.asarray(parameters)
