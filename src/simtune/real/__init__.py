@@ -1,0 +1,24 @@
+"""The real world: it hands out frames and actions, and nothing else."""
+
+from typing import Protocol
+
+from simtune.trajectory import Trajectory
+
+
+class RealWorld(Protocol):
+    """What tuning may ask of the real system: no reward, no state, no parameters."""
+
+    @property
+    def step_s(self) -> float:
+        """Seconds for which an action is applied."""
+        ...
+
+    @property
+    def num_actions(self) -> int: ...
+
+    def collect(self, num_episodes: int) -> list[Trajectory]:
+        """Trajectories of so many episodes."""
+        ...
+
+
+__all__ = ["RealWorld"]

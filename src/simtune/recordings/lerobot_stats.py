@@ -1,0 +1,53 @@
+"""The statistics that a LeRobotDataset carries for each feature, of an episode and of all."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+# What a feature's statistics consist of, in lerobot's order.
+NAMES = ("min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99")
+_QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+
+
+def column_stats(values: np.ndarray) -> dict[str, Any]:
+    """Statistics of a column (rows, A), as lists of A numbers; integers keep min and max whole."""
+    stats = {
+        "min": values.min(0),
+        "max": values.max(0),
+        "mean": values.mean(0, dtype=np.float64),
+        "std": values.std(0, dtype=np.float64),
+        "count": np.array([len(values)]),
+    }
+    for name, share in _QUANTILES.items():
+        stats[name] = np.quantile(values.astype(np.float64), share, axis=0)
+    return {name: value.tolist() for name, value in stats.items()}
+
+
+def count_colours(frames: Iterable[np.ndarray]) -> np.ndarray:
+    """Histogram (3, 256) of the RGB values of frames (H, W, 3) uint8."""
+    # Histograms of 8-bit values lose nothing, and those of episodes add up.
+    counts = np.zeros((3, 256), np.int64)
+    for frame in frames:
+        for channel in range(3):
+            counts[channel] += np.bincount(frame[..., channel].ravel(), minlength=256)
+    return counts
+
+
+def image_stats(counts: np.ndarray, num_frames: int) -> dict[str, Any]:
+    """Statistics of pictures from their histogram (3, 256), as (3, 1, 1) lists in [0, 1]."""
+    values = np.arange(256) / 255
+    total = counts.sum(1)
+    mean = counts @ values / total
+    stats = {
+        "min": values[(counts > 0).argmax(1)],
+        "max": values[255 - (counts[:, ::-1] > 0).argmax(1)],
+        "mean": mean,
+        "std": np.sqrt((counts @ values**2 / total - mean**2).clip(0)),
+    }
+    cumulated = counts.cumsum(1)
+    for name, share in _QUANTILES.items():
+        stats[name] = values[(cumulated >= share * total[:, None]).argmax(1)]
+    lists: dict[str, Any] = {name: value[:, None, None].tolist() for name, value in stats.items()}
+    lists["count"] = [num_frames]
+    return {name: lists[name] for name in NAMES}

@@ -1,0 +1,674 @@
+"""Recordings: what is written comes back, and what is unsound is said in one line."""
+
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import av
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from simtune.errors import InputError, UnknownName
+from simtune.real import RealWorld
+from simtune.real.recorded import RecordedReal
+from simtune.recordings import (
+    dataset_hash,
+    decode,
+    frames_at,
+    probe,
+    read_dataset,
+    read_meta,
+    resize,
+    write_dataset,
+    write_video,
+)
+from simtune.trajectory import Trajectory
+
+SIZE = 32  # pixels
+NUM_STEPS = (11, 7, 9)  # of the episodes; one row more each
+FPS = 10.0
+X264 = "bframes=3:b-adapt=0:scenecut=0"  # always three B-frames
+VIDEO = "videos/observation.images.camera0/chunk-000/file-000.mp4"
+DATA = "data/chunk-000/file-000.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+INFO = "meta/info.json"
+
+
+def picture(number: int, size: int = SIZE) -> np.ndarray:
+    """A smooth picture that carries a number below 256 as eight dark or bright bars."""
+    ramp = np.linspace(60, 190, size)
+    frame = np.stack(
+        [ramp + 0 * ramp[:, None], ramp[:, None] + 0 * ramp, 120 + 0 * ramp * ramp[:, None]], -1
+    )
+    for bit in range(8):
+        width = size // 8
+        frame[: size // 2, bit * width : (bit + 1) * width] = 220 if number >> bit & 1 else 30
+    return frame.astype(np.uint8)
+
+
+def number(frame: np.ndarray) -> int:
+    """The number that `picture` put in."""
+    bars = frame[: len(frame) // 2].mean((0, 2)).reshape(8, -1).mean(1)
+    return sum(1 << bit for bit in range(8) if bars[bit] > 125)
+
+
+def make_trajectories(num_actions: int = 2, first: int = 0) -> list[Trajectory]:
+    rng = np.random.default_rng(first)
+    trajectories = []
+    for num_steps in NUM_STEPS:
+        frames = np.stack([picture(first + index) for index in range(num_steps + 1)])
+        actions = rng.uniform(-1, 1, (num_steps, num_actions)).astype(np.float32)
+        trajectories.append(Trajectory(frames, actions, 1 / FPS))
+        first += num_steps + 1
+    return trajectories
+
+
+def write(folder: Path, trajectories: list[Trajectory]) -> None:
+    names = [f"joint_{index}" for index in range(trajectories[0].actions.shape[1])]
+    write_dataset(folder, trajectories, action_names=names, robot_type="arm", task="swing it")
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("written") / "dataset"
+    write(folder, make_trajectories())
+    return folder
+
+
+@pytest.fixture
+def dataset(written: Path, tmp_path: Path) -> Path:
+    """A copy to spoil."""
+    return Path(shutil.copytree(written, tmp_path / "dataset"))
+
+
+def edit_info(folder: Path, **changes: object) -> None:
+    """Change meta/info.json; None removes a key."""
+    path = folder / INFO
+    info = json.loads(path.read_text()) | changes
+    path.write_text(json.dumps({key: value for key, value in info.items() if value is not None}))
+
+
+def edit_table(path: Path, edit: Callable[[list[dict]], list[dict]]) -> None:
+    pq.write_table(pa.Table.from_pylist(edit(pq.read_table(path).to_pylist())), path)
+
+
+def edit_features(folder: Path, **features: object) -> None:
+    known = json.loads((folder / INFO).read_text())["features"]
+    edit_info(folder, features=known | features)
+
+
+# --- reading what was written -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("num_actions", [1, 2, 6])
+def test_round_trip(tmp_path: Path, num_actions: int):
+    trajectories = make_trajectories(num_actions)
+    write(tmp_path / "dataset", trajectories)
+    recording = read_dataset(tmp_path / "dataset", num_actions=num_actions)
+    assert len(recording.trajectories) == len(trajectories)
+    for got, expected in zip(recording.trajectories, trajectories, strict=True):
+        assert got.step_s == pytest.approx(1 / FPS)
+        np.testing.assert_array_equal(got.actions, expected.actions)
+        assert got.actions.dtype == np.float32
+        assert [number(frame) for frame in got.frames] == [number(f) for f in expected.frames]
+        assert np.abs(got.frames.astype(float) - expected.frames).mean() < 3
+
+
+def test_facts(written: Path):
+    facts = read_dataset(written, max_episodes=2, image_size=16).facts
+    assert json.loads(json.dumps(facts)) == {
+        "folder": str(written),
+        "dataset_hash": dataset_hash(written),
+        "robot_type": "arm",
+        "camera": "observation.images.camera0",
+        "codec": "h264",
+        "source_size": [SIZE, SIZE],
+        "image_size": [16, 16],
+        "fps": FPS,
+        "action_names": ["joint_0", "joint_1"],
+        "episodes": 2,
+        "episodes_in_dataset": 3,
+        "steps": 18,
+    }
+
+
+def test_hash_follows_content(dataset: Path):
+    before = dataset_hash(dataset)
+    assert before == dataset_hash(dataset)
+    (dataset / "README.md").write_text("not part of the dataset")
+    assert before == dataset_hash(dataset)
+    edit_info(dataset, fps=20)
+    assert before != dataset_hash(dataset)
+
+
+def test_several_files_and_chunks(dataset: Path, tmp_path: Path):
+    """A second dataset's files appended to the first, as lerobot does when a file is full."""
+    write(tmp_path / "second", make_trajectories(first=100))
+    for file in (VIDEO, DATA):
+        target = dataset / file.replace("chunk-000/file-000", "chunk-001/file-002")
+        target.parent.mkdir(parents=True)
+        shutil.copy(tmp_path / "second" / file, target)
+    moved = {"episode_index": lambda row: row["episode_index"] + 3}
+    edit_table(
+        dataset / DATA.replace("chunk-000/file-000", "chunk-001/file-002"),
+        lambda rows: [row | {k: f(row) for k, f in moved.items()} for row in rows],
+    )
+    second = pq.read_table(tmp_path / "second" / EPISODES).to_pylist()
+    for row in second:
+        row["episode_index"] += 3
+        for key in ("data", "videos/observation.images.camera0"):
+            row |= {f"{key}/chunk_index": 1, f"{key}/file_index": 2}
+    edit_table(dataset / EPISODES, lambda rows: [*second, *rows])
+    edit_info(dataset, total_episodes=6)
+    recording = read_dataset(dataset)
+    expected = make_trajectories() + make_trajectories(first=100)
+    assert [len(t) for t in recording.trajectories] == [len(t) for t in expected]
+    for got, trajectory in zip(recording.trajectories, expected, strict=True):
+        np.testing.assert_array_equal(got.actions, trajectory.actions)
+        assert [number(frame) for frame in got.frames] == [number(f) for f in trajectory.frames]
+
+
+def test_rows_out_of_order_are_sorted(dataset: Path):
+    edit_table(dataset / DATA, lambda rows: rows[::-1])
+    for got, expected in zip(read_dataset(dataset).trajectories, make_trajectories(), strict=True):
+        np.testing.assert_array_equal(got.actions, expected.actions)
+
+
+def test_second_camera(dataset: Path):
+    first, second = "observation.images.camera0", "observation.images.wrist"
+    shutil.copytree(dataset / "videos" / first, dataset / "videos" / second)
+    features = json.loads((dataset / INFO).read_text())["features"]
+    edit_features(dataset, **{second: features[first]})
+    edit_table(
+        dataset / EPISODES,
+        lambda rows: [row | {k.replace(first, second): row[k] for k in row} for row in rows],
+    )
+    with pytest.raises(InputError, match=f"several cameras, choose one: {first}, {second}"):
+        read_dataset(dataset)
+    for name in ("wrist", second):
+        assert read_dataset(dataset, camera=name, max_episodes=1).meta.camera == second
+
+
+def test_unread_columns_do_not_matter(dataset: Path):
+    edit_table(
+        dataset / DATA,
+        lambda rows: [row | {"next.reward": 1.0, "observation.state": [0.0]} for row in rows],
+    )
+    trajectory = read_dataset(dataset).trajectories[0]
+    assert set(vars(trajectory)) == {"frames", "actions", "step_s"}
+
+
+# --- writing --------------------------------------------------------------------------------
+
+
+def test_layout(written: Path):
+    info = json.loads((written / INFO).read_text())
+    assert info["codebase_version"] == "v3.0"
+    assert info["fps"] == 10
+    assert isinstance(info["fps"], int)
+    assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (3, 30, 1)
+    assert info["splits"] == {"train": "0:3"}
+    assert info["features"]["action"]["names"] == ["joint_0", "joint_1"]
+    files = {path.relative_to(written).as_posix() for path in written.rglob("*.*")}
+    assert files >= {INFO, "meta/stats.json", "meta/tasks.parquet", EPISODES, DATA, VIDEO}
+    rows = pq.read_table(written / DATA)
+    assert rows.schema.field("action").type == pa.list_(pa.field("element", pa.float32()), 2)
+    assert rows["index"].to_pylist() == list(range(30))
+    assert rows["action"][11] == rows["action"][10]  # the last row repeats the action
+    episodes = pq.read_table(written / EPISODES).to_pylist()
+    assert [row["dataset_from_index"] for row in episodes] == [0, 12, 20]
+    key = "videos/observation.images.camera0"
+    assert [row[f"{key}/from_timestamp"] for row in episodes] == [0.0, 1.2, 2.0]
+    assert [row[f"{key}/to_timestamp"] for row in episodes] == [1.2, 2.0, 3.0]
+    tasks = pq.read_table(written / "meta/tasks.parquet")
+    assert tasks.to_pylist() == [{"task_index": 0, "__index_level_0__": "swing it"}]
+
+
+def test_stats(written: Path):
+    stats = json.loads((written / "meta/stats.json").read_text())
+    trajectories = make_trajectories()
+    pixels = np.concatenate([t.frames.reshape(-1, 3) for t in trajectories]) / 255
+    colours = stats["observation.images.camera0"]
+    assert np.shape(colours["mean"]) == (3, 1, 1)
+    for name in ("min", "max", "mean", "std"):
+        np.testing.assert_allclose(np.ravel(colours[name]), getattr(pixels, name)(0), atol=1e-6)
+    np.testing.assert_allclose(
+        np.ravel(colours["q90"]), np.quantile(pixels, 0.9, axis=0), atol=1 / 255
+    )
+    actions = np.concatenate([[*t.actions, t.actions[-1]] for t in trajectories])
+    np.testing.assert_allclose(stats["action"]["mean"], actions.mean(0), atol=1e-6)
+    assert stats["action"]["count"] == [30]
+    assert stats["index"]["max"] == [29]
+    episode = pq.read_table(written / EPISODES).to_pylist()[1]
+    np.testing.assert_allclose(episode["stats/action/max"], trajectories[1].actions.max(0))
+
+
+def test_existing_folder_is_refused(dataset: Path, tmp_path: Path):
+    before = dataset_hash(dataset)
+    with pytest.raises(InputError, match="exists already and is not empty; choose another name"):
+        write(dataset, make_trajectories())
+    assert before == dataset_hash(dataset)
+    (tmp_path / "empty").mkdir()
+    write(tmp_path / "empty", make_trajectories())
+    assert len(read_meta(tmp_path / "empty").episodes) == 3
+
+
+def test_nothing_is_left_of_a_failed_write(tmp_path: Path):
+    def failing() -> Iterator[Trajectory]:
+        yield make_trajectories()[0]
+        raise RuntimeError("the robot fell over")
+
+    with pytest.raises(RuntimeError, match="fell over"):
+        write_dataset(
+            tmp_path / "dataset", failing(), action_names="ab", robot_type="arm", task="swing"
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_misfits_are_refused(tmp_path: Path):
+    good, bad = make_trajectories(2)[0], make_trajectories(3)[0]
+    with pytest.raises(ValueError, match=r"trajectory 1: expected actions \(T, 2\)"):
+        write(tmp_path / "dataset", [good, bad])
+    slow = Trajectory(good.frames, good.actions, 0.5)
+    with pytest.raises(ValueError, match=r"trajectory 1: expected frames .* every 0.1 s"):
+        write(tmp_path / "dataset", [good, slow])
+    nan = Trajectory(good.frames, np.full_like(good.actions, np.nan), good.step_s)
+    with pytest.raises(ValueError, match="trajectory 1: actions are not all finite"):
+        write(tmp_path / "dataset", [good, nan])
+    odd = Trajectory(good.frames[:, 1:], good.actions, good.step_s)
+    with pytest.raises(InputError, match="31×32 pixels do not fit h264 video; choose an even"):
+        write(tmp_path / "dataset", [odd])
+    with pytest.raises(ValueError, match="at least one trajectory"):
+        write_dataset(tmp_path / "dataset", [], action_names="a", robot_type="arm", task="swing")
+
+
+# --- video ----------------------------------------------------------------------------------
+
+
+def pts_and_dts(path: Path) -> tuple[list, list]:
+    with av.open(str(path)) as container:
+        packets = [packet for packet in container.demux(video=0) if packet.pts is not None]
+    return [packet.pts for packet in packets], [packet.dts for packet in packets]
+
+
+def write_reordered(path: Path, num_frames: int, options: dict[str, str]) -> None:
+    """A video that uses B-frames, so that frames are stored in another order than shown."""
+    with av.open(str(path), "w", options=options) as container:
+        stream = container.add_stream("libx264", rate=10, options={"x264-params": X264})
+        stream.width = stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        for index in range(num_frames):
+            frame = av.VideoFrame.from_ndarray(picture(index), format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+@pytest.mark.parametrize("options", [{}, {"use_editlist": "0"}])
+def test_b_frames_are_shown_in_order(tmp_path: Path, options: dict[str, str]):
+    path = tmp_path / "video.mp4"
+    write_reordered(path, 40, options)
+    pts, _ = pts_and_dts(path)
+    assert pts != sorted(pts)  # there are B-frames
+    if options:
+        assert min(pts) > 0  # and the file starts late
+    shown = [(round(time_s, 6), number(frame)) for time_s, frame in decode(path)]
+    assert shown == [(index / 10, index) for index in range(40)]
+    times_s = [0.96, 1.0, 2.04, 3.9, 3.96, 4.0]
+    frames = list(frames_at(path, times_s, tolerance_s=0.05))
+    assert [None if f is None else number(f) for f in frames] == [10, 10, 20, 39, None, None]
+
+
+def test_dataset_with_b_frames(dataset: Path):
+    write_reordered(dataset / VIDEO, 30, {"use_editlist": "0"})
+    numbers = [number(f) for t in read_dataset(dataset).trajectories for f in t.frames]
+    assert numbers == list(range(30))
+
+
+def test_video_faster_than_the_dataset(dataset: Path):
+    """A camera at twice the control rate: every second frame is a row."""
+    write_video(dataset / VIDEO, (picture(index) for index in range(60)), 2 * FPS)
+    numbers = [number(f) for t in read_dataset(dataset).trajectories for f in t.frames]
+    assert numbers == list(range(0, 60, 2))
+
+
+def test_write_video(tmp_path: Path):
+    frames = np.stack([picture(index) for index in range(5)])
+    write_video(tmp_path / "video.mp4", frames, 12.5)
+    facts = probe(tmp_path / "video.mp4")
+    assert (facts.codec, facts.height, facts.width) == ("h264", SIZE, SIZE)
+    with av.open(str(tmp_path / "video.mp4")) as container:
+        stream = container.streams.video[0]
+        assert stream.codec_context.pix_fmt == "yuv420p"
+        assert stream.average_rate == 12.5
+    assert [number(frame) for _, frame in decode(tmp_path / "video.mp4")] == [0, 1, 2, 3, 4]
+    assert [path.name for path in tmp_path.iterdir()] == ["video.mp4"]
+
+
+def test_colours_are_not_darkened(tmp_path: Path):
+    frame = resize(np.random.default_rng(0).integers(0, 256, (8, 8, 3), dtype=np.uint8), (64, 64))
+    write_video(tmp_path / "video.mp4", [frame], 10, crf=0)
+    ((_, decoded),) = decode(tmp_path / "video.mp4")
+    assert np.abs((decoded.astype(float) - frame).mean((0, 1))).max() < 0.5
+
+
+def test_odd_sides_are_padded(tmp_path: Path):
+    write_video(tmp_path / "video.mp4", np.full((3, 15, 21, 3), 90, np.uint8), 10)
+    ((_, frame), *_) = decode(tmp_path / "video.mp4")
+    assert frame.shape == (16, 22, 3)
+    assert np.abs(frame.astype(int) - 90).max() < 4
+
+
+def test_write_video_messages(tmp_path: Path):
+    with pytest.raises(ValueError, match="at least one frame"):
+        write_video(tmp_path / "video.mp4", [], 10)
+    with pytest.raises(ValueError, match=r"must be uint8 \(H, W, 3\), got float64 \(4, 4, 3\)"):
+        write_video(tmp_path / "video.mp4", np.zeros((1, 4, 4, 3)), 10)
+    with pytest.raises(ValueError, match="fps must be a positive number, got 0"):
+        write_video(tmp_path / "video.mp4", [picture(0)], 0)
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- resizing -------------------------------------------------------------------------------
+
+
+def test_resize_is_the_block_mean():
+    frame = np.random.default_rng(0).integers(0, 256, (128, 128, 3), dtype=np.uint8)
+    mean = frame.reshape(64, 2, 64, 2, 3).mean((1, 3))
+    assert np.abs(resize(frame, (64, 64)) - mean).max() <= 0.5
+    mean = frame.reshape(32, 4, 16, 8, 3).mean((1, 3))
+    assert np.abs(resize(frame, (32, 16)) - mean).max() <= 0.5 + 1e-4
+
+
+def test_resize_at_odd_factors():
+    rng = np.random.default_rng(0)
+    frame = rng.integers(0, 256, (30, 45, 3), dtype=np.uint8)
+    # 30×45 to 20×30 is 60×90 to 20×30, that is the 3×3 mean of the doubled picture.
+    mean = frame.repeat(2, 0).repeat(2, 1).reshape(20, 3, 30, 3, 3).mean((1, 3))
+    assert np.abs(resize(frame, (20, 30)) - mean).max() <= 0.5 + 1e-4
+    flat = np.full((37, 53, 3), 200, np.uint8)
+    for size in ((7, 11), (36, 52), (64, 64), (1, 1)):
+        np.testing.assert_array_equal(resize(flat, size), np.full((*size, 3), 200))
+    np.testing.assert_array_equal(resize(frame, (60, 90)), frame.repeat(2, 0).repeat(2, 1))
+
+
+def test_read_resized(written: Path):
+    full, small = read_dataset(written), read_dataset(written, image_size=(16, 8))
+    assert small.image_size == (16, 8)
+    for big, little in zip(full.trajectories, small.trajectories, strict=True):
+        mean = big.frames.reshape(-1, 16, 2, 8, 4, 3).mean((2, 4))
+        assert np.abs(little.frames - mean).max() <= 1
+
+
+# --- what is wrong with a dataset -------------------------------------------------------------
+
+
+def message(folder: Path, **options: object) -> str:
+    """The one line that reading the folder gives, less the folder's name."""
+    with pytest.raises(InputError) as caught:
+        read_dataset(folder, **options)  # type: ignore
+    assert caught.value.__suppress_context__ or caught.value.__context__ is None
+    text = str(caught.value)
+    assert "\n" not in text
+    assert str(folder) in text
+    return text.replace(str(folder), "HERE")
+
+
+def test_no_dataset(tmp_path: Path):
+    assert message(tmp_path / "none") == ("HERE: no such folder; expected a LeRobotDataset v3.0")
+    assert message(tmp_path) == "HERE: is empty; expected a LeRobotDataset v3.0"
+    (tmp_path / "film.mp4").touch()
+    assert message(tmp_path / "film.mp4") == (
+        "HERE: is a file; expected the folder of a LeRobotDataset v3.0"
+    )
+    assert message(tmp_path) == (
+        "HERE: not a LeRobotDataset, meta/info.json is missing; it holds: film.mp4; "
+        "a video alone is not enough, the actions are needed with it"
+    )
+
+
+@pytest.mark.parametrize("version", ["v2.1", "3", 3.0, None])
+def test_version(dataset: Path, version: object):
+    edit_info(dataset, codebase_version=version)
+    assert message(dataset) == (
+        f"HERE/meta/info.json: expected codebase_version v3.0, got {version!r}; "
+        "convert the dataset with lerobot's convert_dataset_v21_to_v30"
+    )
+
+
+@pytest.mark.parametrize("fps", [None, 0, -3, "10", True, float("nan")])
+def test_fps(dataset: Path, fps: object):
+    edit_info(dataset, fps=fps)
+    expected = f"HERE/meta/info.json: fps must be a positive number, got {fps!r}"
+    assert message(dataset) == expected
+
+
+def test_info_unreadable(dataset: Path):
+    (dataset / INFO).write_text("{")
+    assert message(dataset).startswith("HERE/meta/info.json: not readable as JSON (")
+    (dataset / INFO).write_text("[]")
+    assert message(dataset) == "HERE/meta/info.json: expected a JSON object, got list"
+
+
+def test_info_odd(dataset: Path):
+    edit_info(dataset, data_path="data/{episode}.parquet")
+    assert "expected a data_path like 'data/chunk-" in message(dataset)
+    edit_info(dataset, features=None)
+    assert message(dataset) == "HERE/meta/info.json: expected an object 'features', got None"
+
+
+def test_missing_meta(dataset: Path):
+    shutil.rmtree(dataset / "meta/episodes")
+    assert message(dataset) == (
+        "HERE: meta/episodes/ holds no parquet file; expected "
+        "meta/episodes/chunk-000/file-000.parquet, copy the dataset again"
+    )
+
+
+def test_no_action(dataset: Path):
+    features = json.loads((dataset / INFO).read_text())["features"]
+    del features["action"]
+    edit_info(dataset, features=features)
+    assert message(dataset) == (
+        "HERE: no column 'action', and without actions nothing can be replayed; there are: "
+        "observation.images.camera0, timestamp, frame_index, episode_index, index, task_index"
+    )
+
+
+def test_no_action_column(dataset: Path):
+    edit_table(
+        dataset / DATA, lambda rows: [{k: row[k] for k in row if k != "action"} for row in rows]
+    )
+    assert message(dataset) == (
+        f"HERE/{DATA}: no column 'action'; there are: "
+        "timestamp, frame_index, episode_index, index, task_index"
+    )
+
+
+def test_action_size(dataset: Path):
+    assert message(dataset, num_actions=6) == (
+        "HERE: the task takes 6 actions, the recording has 2 (joint_0, joint_1); "
+        "is it of another robot?"
+    )
+    edit_features(dataset, action={"dtype": "float32", "shape": [3]})
+    assert message(dataset) == (
+        "HERE: episode 0, row 0: expected 3 actions as meta/info.json says, got 2"
+    )
+    edit_features(dataset, action={"dtype": "float32", "shape": []})
+    assert message(dataset) == (
+        "HERE/meta/info.json: expected a shape [A] of 'action' with A >= 1, got []"
+    )
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), None])
+def test_action_not_finite(dataset: Path, value: float | None):
+    def spoil(rows: list[dict]) -> list[dict]:
+        rows[12 + 4]["action"] = [0.5, value]
+        return rows
+
+    edit_table(dataset / DATA, spoil)
+    shown = "inf" if value == float("inf") else "nan"
+    assert message(dataset) == (
+        f"HERE: episode 1, row 4: action is not finite: [0.5, {shown}]; drop or repair the episode"
+    )
+
+
+def test_action_not_a_number(dataset: Path):
+    edit_table(dataset / DATA, lambda rows: [row | {"action": ["left", "right"]} for row in rows])
+    assert message(dataset) == ("HERE: episode 0, row 0: action is not a number: ['left', 'right']")
+
+
+def test_rows_missing(dataset: Path):
+    edit_table(dataset / DATA, lambda rows: rows[:-2])
+    assert message(dataset) == (
+        f"HERE/{DATA}: expected 10 rows of episode 2, got 8; copy the dataset again"
+    )
+
+
+def test_rows_doubled(dataset: Path):
+    edit_table(dataset / DATA, lambda rows: [*rows[:3], rows[2], *rows[4:]])
+    assert message(dataset) == (
+        "HERE: episode 0: expected frame_index 3, got 2; rows are missing or doubled"
+    )
+
+
+def test_timestamps_of_another_rate(dataset: Path):
+    edit_info(dataset, fps=20)
+    assert message(dataset) == (
+        "HERE: episode 0, row 1: expected timestamp 0.05 s at 20 frames/s, got 0.1 s; "
+        "is fps in meta/info.json right?"
+    )
+
+
+def test_short_episode(dataset: Path):
+    edit_table(dataset / EPISODES, lambda rows: [rows[0], rows[1] | {"length": 1}, rows[2]])
+    assert message(dataset) == (
+        "HERE: episode 1 has 1 row; expected at least 2, a frame before and a frame after an action"
+    )
+
+
+def test_episodes_odd(dataset: Path):
+    edit_table(dataset / EPISODES, lambda rows: [rows[0], rows[0]])
+    assert message(dataset) == f"HERE/{EPISODES}: episode 0 is listed twice"
+    edit_table(dataset / EPISODES, lambda rows: [rows[0], rows[1] | {"data/file_index": None}])
+    assert message(dataset) == (
+        f"HERE/{EPISODES}: episode 0: expected a number in 'data/file_index', got None"
+    )
+
+
+def test_episodes_missing(dataset: Path):
+    edit_table(dataset / EPISODES, lambda rows: rows[:2])
+    assert message(dataset) == (
+        "HERE: expected 3 episodes as meta/info.json says, meta/episodes/ lists 2; "
+        "copy the dataset again"
+    )
+
+
+def test_no_episodes(dataset: Path):
+    path = dataset / EPISODES
+    pq.write_table(pq.read_table(path).slice(0, 0), path)
+    assert message(dataset) == "HERE: holds no episode; expected at least one"
+
+
+def test_camera_names(dataset: Path):
+    with pytest.raises(UnknownName, match=r"no camera .* did you mean '.*camera0'"):
+        read_dataset(dataset, camera="observation.images.camera1")
+    features = json.loads((dataset / INFO).read_text())["features"]
+    camera = features.pop("observation.images.camera0")
+    edit_info(dataset, features=features)
+    assert message(dataset).startswith("HERE: no camera, that is no feature of dtype 'video'; ")
+    edit_features(dataset, camera=camera | {"dtype": "image"})
+    assert message(dataset).startswith("HERE: its pictures are stored one by one; expected videos")
+
+
+@pytest.mark.parametrize("file", [DATA, EPISODES])
+def test_parquet_unreadable(dataset: Path, file: str):
+    content = (dataset / file).read_bytes()
+    (dataset / file).write_bytes(content[: len(content) // 2])
+    assert message(dataset).startswith(f"HERE/{file}: not a readable parquet file (")
+    (dataset / file).write_bytes(content[:50] + bytes(200) + content[250:])
+    assert message(dataset).startswith(f"HERE/{file}: not a readable parquet file (")
+
+
+def test_files_missing(dataset: Path):
+    (dataset / VIDEO).unlink()
+    assert message(dataset) == f"HERE/{VIDEO}: no such video"
+    (dataset / DATA).unlink()
+    assert message(dataset) == f"HERE/{DATA}: missing, though the dataset's meta files name it"
+
+
+def test_video_short(dataset: Path):
+    write_video(dataset / VIDEO, [picture(index) for index in range(18)], FPS)
+    assert message(dataset) == (
+        f"HERE/{VIDEO}: expected 8 frames of episode 1, got none for row 6 (at 1.8 s); "
+        "the video is truncated, copy the file again"
+    )
+    assert len(read_dataset(dataset, max_episodes=1).trajectories) == 1
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.98])
+def test_video_truncated(dataset: Path, share: float):
+    content = (dataset / VIDEO).read_bytes()
+    (dataset / VIDEO).write_bytes(content[: int(len(content) * share)])
+    assert "copy the file again" in message(dataset)
+
+
+def test_video_garbage(dataset: Path):
+    content = (dataset / VIDEO).read_bytes()
+    (dataset / VIDEO).write_bytes(b"not a video" * 100)
+    assert message(dataset) == (
+        f"HERE/{VIDEO}: not a readable video (Invalid data found when processing input); "
+        "it may be truncated, copy the file again"
+    )
+    middle = len(content) * 2 // 3
+    noise = np.random.default_rng(0).bytes(2000)
+    (dataset / VIDEO).write_bytes(content[:middle] + noise + content[middle + 2000 :])
+    text = message(dataset)
+    assert text.startswith("episode ")
+    assert "copy the file again" in text
+
+
+def test_timestamps_overlap(dataset: Path):
+    key = "videos/observation.images.camera0/from_timestamp"
+    edit_table(dataset / EPISODES, lambda rows: [rows[0], rows[1] | {key: 0.3}, rows[2]])
+    assert message(dataset) == (
+        f"HERE/{VIDEO}: episode 1 starts at 0.3 s, before episode 0 ends; "
+        "the timestamps in meta/episodes are wrong"
+    )
+
+
+@pytest.mark.parametrize("options", [{"image_size": 0}, {"max_episodes": 0}])
+def test_bad_options(written: Path, options: dict[str, int]):
+    (name,) = options
+    with pytest.raises(InputError, match=f"{name} must be at least 1"):
+        read_dataset(written, **options)
+
+
+# --- the recorded real world ------------------------------------------------------------------
+
+
+def test_recorded_real(written: Path):
+    real = RecordedReal(written, image_size=16, num_actions=2)
+    as_protocol: RealWorld = real
+    assert as_protocol.step_s == pytest.approx(0.1)
+    assert (real.num_actions, real.num_episodes) == (2, 3)
+    first = real.collect(1)
+    assert [len(trajectory) for trajectory in first] == [11]
+    assert [len(trajectory) for trajectory in real.collect(2)] == [11, 7]
+    assert (real.facts["episodes"], real.facts["steps"]) == (2, 18)
+    assert [len(trajectory) for trajectory in real.collect()] == [11, 7, 9]
+    np.testing.assert_array_equal(real.collect(1)[0].frames, first[0].frames)
+    assert first[0].frames.shape == (12, 16, 16, 3)
+    assert real.facts["episodes"] == 3
+    for num_episodes in (0, 4):
+        with pytest.raises(InputError, match=f": {num_episodes} episodes asked for, it holds 3; "):
+            real.collect(num_episodes)
+
+
+def test_recorded_real_checks_at_once(dataset: Path):
+    with pytest.raises(InputError, match="the task takes 1 actions"):
+        RecordedReal(dataset, num_actions=1)
+    with pytest.raises(InputError, match="no such folder"):
+        RecordedReal(dataset / "none")
