@@ -114,8 +114,8 @@ class VideoWriter:
 
     Use it as a context manager. The video is yuv420p, which every browser plays, and needs an
     even height and width: an odd one is padded by repeating the last row or column.
-    `crf` is x264's quality (0 lossless, which browsers may refuse; 18 hardly visible). A keyframe every
-    `keyframe_interval` frames makes seeking fast and the file larger; None leaves it to x264.
+    `crf` is x264's quality (0 lossless, which browsers may refuse; 18 hardly visible). A keyframe
+    every `keyframe_interval` frames makes seeking fast and the file larger; None: x264 decides.
     """
 
     def __init__(
