@@ -19,6 +19,7 @@ class Rollouts:
     parameters: np.ndarray  # (n, N) of each episode's world
     states: np.ndarray  # (n, T + 1, S) rows that a renderer draws
     actions: np.ndarray  # (n, T, A)
+    recorded: np.ndarray | None = None  # (n, T + 1, D) of `record`, where asked for
 
     def __len__(self) -> int:
         return len(self.states)
@@ -57,24 +58,35 @@ class Simulator:
         return self.model.nu
 
     def roll_out(
-        self, parameters: np.ndarray, actions: np.ndarray, rng: np.random.Generator
+        self,
+        parameters: np.ndarray,
+        actions: np.ndarray,
+        rng: np.random.Generator,
+        record: Callable[[Batch], np.ndarray] | None = None,
     ) -> Rollouts:
         """Play (n, T, A) actions in n worlds of (n, N) parameters, each from its own start.
 
+        `record(batch)`, (n, D), is kept of every state, as only a simulator knows it.
         Worlds that diverge are left out of the result and counted in `num_diverged`.
         """
         n, num_steps, _ = actions.shape
         worlds = self._worlds_for(n)
+        if record:
+            record(worlds.batch)  # binds the fields it reads, so that they are computed
         worlds.reset(parameters, self._initialize, rng)
         states = np.empty((n, num_steps + 1, worlds.state.shape[1]))
         states[:, 0] = worlds.state
+        recorded = [record(worlds.batch)] if record else []
         for t in range(num_steps):
             worlds.step(actions[:, t], self.num_substeps)
             states[:, t + 1] = worlds.state
+            if record:
+                recorded.append(record(worlds.batch))
         alive = worlds.alive
         self.num_diverged += int((~alive).sum())
         self.num_steps += n * num_steps
-        return Rollouts(parameters[alive], states[alive], actions[alive])
+        kept = np.stack(recorded, axis=1)[alive] if record else None
+        return Rollouts(parameters[alive], states[alive], actions[alive], kept)
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
