@@ -1,0 +1,113 @@
+"""What the networks share: the pixel encoder, the positional encoding, and how fast to compute."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from typing import cast
+
+import torch
+from torch import nn
+
+
+class PixelEncoder(nn.Module):
+    """The agent's encoder: stacked frames to 50 normalised features (RAD, appendix E).
+
+    Four 3×3 convolutions with 32 filters and strides 2, 1, 1, 1, each followed by a ReLU, then a
+    linear layer and a LayerNorm; no tanh, which RAD's and CURL's SAC leave out as well.
+    """
+
+    def __init__(self, num_channels: int, image_size: int, num_features: int = 50):
+        super().__init__()
+        side = (image_size - 3) // 2 + 1 - 3 * 2  # without padding each further layer costs 2
+        if side < 1:
+            raise ValueError(f"images must be at least 15 pixels wide, got {image_size}")
+        layers: list[nn.Module] = [nn.Conv2d(num_channels, 32, 3, stride=2), nn.ReLU()]
+        for _ in range(3):
+            layers += [nn.Conv2d(32, 32, 3), nn.ReLU()]
+        # channels_last is a fifth faster on CPUs, and what the tensor cores of GPUs want
+        self.convolutions = nn.Sequential(*layers).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.head = nn.Sequential(
+            nn.Flatten(), nn.Linear(32 * side * side, num_features), nn.LayerNorm(num_features)
+        )
+
+    def forward(self, frames: torch.Tensor) -> torch.Tensor:
+        """(B, C, H, W) uint8 to (B, num_features) float32."""
+        pixels = frames.to(torch.float32, memory_format=torch.channels_last) / 255
+        return self.head(self.convolutions(pixels)).float()
+
+
+def stack_frames(frames: torch.Tensor) -> torch.Tensor:
+    """(B, W, H, W', 3) windows to (B, 3·W, H, W') pictures, laid out channels_last."""
+    batch, window, height, width, channels = frames.shape
+    stacked = frames.permute(0, 2, 3, 1, 4).reshape(batch, height, width, window * channels)
+    return stacked.permute(0, 3, 1, 2)
+
+
+def positional_encoding(x: torch.Tensor, octaves: int) -> torch.Tensor:
+    """(..., N) values to (..., N·(2·octaves + 1)): x, sin(2ᵏπx), cos(2ᵏπx) (NeRF, Eq. 4).
+
+    Expects values in [0, 1], where the slowest cosine is monotonic; raw values in their units
+    would be encoded by how large they happen to be.
+    """
+    octave = torch.arange(octaves, device=x.device, dtype=x.dtype)
+    angles = x[..., None] * (torch.pi * 2**octave)
+    return torch.cat([x[..., None], angles.sin(), angles.cos()], -1).flatten(-2)
+
+
+def mlp(sizes: Sequence[int], activation: type[nn.Module], dropout: float = 0.0) -> nn.Sequential:
+    """Linear layers of these sizes, with activation and dropout after all but the last."""
+    layers: list[nn.Module] = []
+    for size_in, size_out in pairwise(sizes[:-1]):
+        layers += [nn.Linear(size_in, size_out), activation()]
+        layers += [nn.Dropout(dropout)] if dropout else []
+    return nn.Sequential(*layers, nn.Linear(sizes[-2], sizes[-1]))
+
+
+def has_fast_bf16(device: torch.device) -> bool:
+    """Whether bfloat16 is faster than float32 there. On CPUs without AMX it is slower."""
+    if device.type == "cuda":
+        return torch.cuda.is_bf16_supported(including_emulation=False)
+    return device.type == "cpu" and torch.cpu._is_amx_tile_supported()
+
+
+def autocast(device: torch.device) -> torch.autocast:
+    """Compute in bfloat16 where that is faster; weights stay float32, or small updates get lost."""
+    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=has_fast_bf16(device))
+
+
+@contextmanager
+def predicting(module: nn.Module) -> Iterator[None]:
+    """Dropout off and no gradients; afterwards the module is as it was."""
+    was_training = module.training
+    module.eval()
+    try:
+        with torch.inference_mode():
+            yield
+    finally:
+        module.train(was_training)
+
+
+@contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """Torch's random numbers (initial weights, dropout) from `seed`, elsewhere undisturbed."""
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        yield
+
+
+def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, torch.Tensor]:
+    """An optimiser's moments and step counts, {"3.exp_avg": ...}: what a checkpoint stores."""
+    states = optimizer.state_dict()["state"]
+    return {f"{i}.{key}": value for i, state in states.items() for key, value in state.items()}
+
+
+def load_optimizer_tensors(
+    optimizer: torch.optim.Optimizer, tensors: dict[str, torch.Tensor]
+) -> None:
+    """The inverse of `optimizer_tensors`, for an optimiser of the same parameters."""
+    states: dict[int, dict[str, torch.Tensor]] = {}
+    for name, value in tensors.items():
+        index, key = name.split(".", 1)
+        states.setdefault(int(index), {})[key] = value.clone()
+    whole = {"state": states, "param_groups": optimizer.state_dict()["param_groups"]}
+    optimizer.load_state_dict(cast(dict, whole))

@@ -1,0 +1,1 @@
+"""Search Param Models q_φ: is the truth higher than this candidate?"""

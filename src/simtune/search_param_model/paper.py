@@ -1,0 +1,162 @@
+"""q_φ as the paper has it: windows of 10 frames, and a candidate to compare with (Sec. III-A, IV).
+
+Where the authors' code strayed from its own idea, this does not: dropout is off in predictions,
+candidates are encoded on a normalised scale, and all windows of an episode have a vote.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional
+
+from simtune.networks import (
+    PixelEncoder,
+    autocast,
+    mlp,
+    positional_encoding,
+    predicting,
+    stack_frames,
+)
+from simtune.parameters import ParameterSpace
+from simtune.search_param_model.windows import Windows, split
+from simtune.trajectory import Trajectory
+
+Method = Literal["paper", "regression"]
+_CHUNK = 64  # windows encoded at once in predictions: bounds the memory of long recordings
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperConfig:
+    """The paper's settings. "Code" marks values that only the authors' code gives."""
+
+    # the network
+    window: int = 10  # frames, Sec. IV
+    crop_size: int = 84  # pixels, appendix (RAD's crop)
+    octaves: int = 10  # code (NeRF's own value for positions)
+    hidden_size: int = 400  # appendix
+    dropout: float = 0.5  # appendix
+    # training
+    learning_rate: float = 1e-3  # appendix
+    beta1: float = 0.9  # appendix
+    batch_size: int = 16  # trajectories, code
+    num_candidates: int = 512  # for each window, code ("about")
+    updates_per_episode: int = 10  # code
+    # collecting
+    episodes_per_iteration: int = 10  # code: 2k steps between two updates of ξ_mean
+    episode_steps: int = 200  # appendix
+    range_spm: float = 1.0  # Sec. V-A
+    # The authors collect 50k steps and then pretrain for 50k more. That is 2,500 updates, up to
+    # half an hour on 2 CPU cores before anything moves; colours, which settle first, need less.
+    collect_steps: int = 10_000
+    pretrain_steps: int = 10_000
+    # D_sp: 100 episodes of 100 × 100 pixels are 0.6 GB, and not much older than the present Ξ
+    buffer_episodes: int = 100
+    # moving
+    step_size: float = 0.1  # α, code
+    unsure: tuple[float, float] = (0.3, 0.7)  # code: a probability within counts ½
+    max_moves: int = 100  # code: 71 to 101 updates of ξ_mean
+
+
+class PaperSearchParamModel(nn.Module):
+    """q_φ(frames, actions, candidate) → P(truth > candidate), one for each parameter.
+
+    With method="regression" the paper's baseline: the same network without the candidate, which
+    gives the parameters' unit-cube coordinates.
+    """
+
+    def __init__(
+        self,
+        config: PaperConfig,
+        space: ParameterSpace,
+        action_scale: np.ndarray,  # (A,) largest magnitude of each action, brought to 1
+        method: Method = "paper",
+    ):
+        super().__init__()
+        self.config = config
+        self.space = space
+        self.register_buffer("action_scale", torch.as_tensor(action_scale, dtype=torch.float32))
+        self.encoder = PixelEncoder(3 * config.window, config.crop_size)
+        num_features = 50 + config.window * len(action_scale)
+        if method == "paper":
+            num_features += len(space) * (2 * config.octaves + 1)
+        hidden = config.hidden_size
+        self.head = mlp((num_features, hidden, hidden, len(space)), nn.ELU, config.dropout)
+
+    @property
+    def device(self) -> torch.device:
+        return self.get_buffer("action_scale").device
+
+    def forward(self, windows: Windows, candidates: np.ndarray | None = None) -> torch.Tensor:
+        """Logits (B, C, N) for (C, N) candidates in their units; (B, N) coordinates without.
+
+        The encoder runs once a window, whatever the number of candidates.
+        """
+        with autocast(self.device):
+            context = self._context(windows)
+            if candidates is None:
+                return self.head(context).float()
+            unit = torch.as_tensor(self.space.to_unit(candidates), dtype=torch.float32)
+            encoded = positional_encoding(unit.to(self.device), self.config.octaves)  # (C, E)
+            # The first layer of [context, encoded], without repeating either for each pair.
+            first = self.head[0]
+            assert isinstance(first, nn.Linear)
+            of_context, of_candidate = first.weight.split([context.shape[1], encoded.shape[1]], 1)
+            hidden = functional.linear(context, of_context)[:, None]  # (B, 1, hidden)
+            hidden = hidden + functional.linear(encoded, of_candidate, first.bias)
+            return self.head[1:](hidden).float()
+
+    def loss(self, windows: Windows, truth: np.ndarray, candidates: np.ndarray) -> torch.Tensor:
+        """Binary cross-entropy of is_higher = truth > candidate, for (B, N) and (C, N)."""
+        is_higher = torch.as_tensor(truth[:, None] > candidates, dtype=torch.float32)
+        logits = self(windows, candidates)
+        return functional.binary_cross_entropy_with_logits(logits, is_higher.to(self.device))
+
+    def regression_loss(self, windows: Windows, truth: np.ndarray) -> torch.Tensor:
+        """Mean squared error of the coordinates in [0, 1], so that units have no weight."""
+        unit = torch.as_tensor(self.space.to_unit(truth), dtype=torch.float32)
+        return functional.mse_loss(self(windows), unit.to(self.device))
+
+    def prob_higher(self, trajectories: Sequence[Trajectory], candidate: np.ndarray) -> np.ndarray:
+        """(N,) share of windows that call the truth higher, averaged over the episodes."""
+        with predicting(self):
+            return np.mean(
+                [
+                    count_votes(torch.sigmoid(logits[:, 0]).numpy(), self.config.unsure)
+                    for logits in self._over_episodes(trajectories, candidate[None])
+                ],
+                axis=0,
+            )
+
+    def predict(self, trajectories: Sequence[Trajectory]) -> np.ndarray:
+        """(N,) parameters, by regression: coordinates averaged over windows, then episodes."""
+        with predicting(self):
+            episodes = [unit.numpy().mean(0) for unit in self._over_episodes(trajectories, None)]
+        return self.space.from_unit(np.mean(episodes, axis=0))
+
+    def _over_episodes(
+        self, trajectories: Sequence[Trajectory], candidates: np.ndarray | None
+    ) -> Iterator[torch.Tensor]:
+        """The network's output for all windows of each episode, on the CPU."""
+        for trajectory in trajectories:
+            windows = split(trajectory, self.config.window, self.config.crop_size)
+            chunks = [slice(i, i + _CHUNK) for i in range(0, len(windows), _CHUNK)]
+            parts = [Windows(windows.frames[c], windows.actions[c]) for c in chunks]
+            yield torch.cat([self(part, candidates).cpu() for part in parts])
+
+    def _context(self, windows: Windows) -> torch.Tensor:
+        """(B, 50 + W·A) what a window shows and what was done in it."""
+        frames = torch.as_tensor(windows.frames).to(self.device)
+        actions = torch.as_tensor(windows.actions, dtype=torch.float32).to(self.device)
+        scaled = (actions / self.get_buffer("action_scale")).flatten(1)
+        return torch.cat([self.encoder(stack_frames(frames)), scaled], 1)
+
+
+def count_votes(probabilities: np.ndarray, unsure: tuple[float, float]) -> np.ndarray:
+    """(W, N) probabilities of windows to their mean vote (N,): 1 higher, 0 lower, ½ unsure."""
+    low, high = unsure
+    is_unsure = (probabilities > low) & (probabilities < high)
+    return np.where(is_unsure, 0.5, np.round(probabilities)).mean(0)

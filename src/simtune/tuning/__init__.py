@@ -1,0 +1,1 @@
+"""Searches: how Ξ moves towards the real system."""

@@ -1,0 +1,225 @@
+"""The paper's search: small steps of ξ_mean to where the SPM points (Algorithm 1, Sec. III)."""
+
+import time
+from typing import Any
+
+import numpy as np
+import torch
+
+from simtune.errors import InputError
+from simtune.networks import load_optimizer_tensors, optimizer_tensors, seeded
+from simtune.parameters import ParameterSpace
+from simtune.randomization import Distribution
+from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
+from simtune.search_param_model.windows import SpmBuffer
+from simtune.simulation import Rollouts, Simulator, random_actions
+from simtune.trajectory import Trajectory
+from simtune.tuning.search import Estimate, Event, Verdict
+
+
+def shift_mean(
+    mean: np.ndarray, prob_higher: np.ndarray, step_size: float, space: ParameterSpace
+) -> np.ndarray:
+    """ξ_mean + α·(p̄ − ½)·ξ_mean: up to half of α up or down (Algorithm 1, last line).
+
+    The paper adds α·q_φ, which could only grow. Its authors' code centres at ½ as here.
+    """
+    return _keep_in_bounds(mean + step_size * (prob_higher - 0.5) * 2 * 0.5 * mean, space)
+
+
+def approach(
+    mean: np.ndarray, prediction: np.ndarray, step_size: float, space: ParameterSpace
+) -> np.ndarray:
+    """(1 − α)·ξ_mean + α·prediction: the regression baseline (Sec. V-A)."""
+    return _keep_in_bounds((1 - step_size) * mean + step_size * prediction, space)
+
+
+def _keep_in_bounds(mean: np.ndarray, space: ParameterSpace) -> np.ndarray:
+    # From 0 no proportional step leads away; for colours this is the authors' floor of 1e-3.
+    return np.maximum(space.clip(mean), 1e-3 * space.high)
+
+
+class PaperSearch:
+    """Collect in Ξ, train q_φ, ask it about the real trajectories, step (search="paper").
+
+    It gives directions and no intervals: `low` and `high` of its estimates are the range that
+    is searched, ξ_mean·(1 ± range_spm), and each verdict is "weak".
+    Real trajectories have to be filmed at the simulator's image size. `replay_actions` plays
+    the real trajectories' actions in simulation, for recordings, instead of random ones.
+    Raises InputError for a space with values below 0, which proportional steps cannot search.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        mean: np.ndarray,  # (N,) ξ_mean at the start
+        config: PaperConfig | None = None,
+        *,
+        seed: int,
+        method: Method = "paper",
+        replay_actions: bool = False,
+        device: str = "cpu",
+    ):
+        self.config = config = config or PaperConfig()
+        self.method: Method = method
+        self.space = space = simulator.space
+        if negative := [p.name for p in space if p.low < 0]:
+            raise InputError(
+                f"search={method!r} moves in proportion to a value, which {negative[0]} with its "
+                "low below 0 cannot have; use search='posterior'"
+            )
+        self.num_moves = 0
+        self._simulator = simulator
+        self._replay_actions = replay_actions
+        self._rng = np.random.default_rng(seed)
+        self._center(np.array(mean, float))
+        self._buffer = SpmBuffer(config.buffer_episodes, config.episode_steps, simulator.image_size)
+        with seeded(int(self._rng.integers(2**62))):
+            scale = _action_scale(simulator)
+            self.model = PaperSearchParamModel(config, space, scale, method).to(device)
+        self._optimizer = torch.optim.Adam(
+            self.model.parameters(), config.learning_rate, (config.beta1, 0.999)
+        )
+
+    @property
+    def finished(self) -> bool:
+        return self.num_moves >= self.config.max_moves
+
+    def iterate(
+        self, real: list[Trajectory], deadline_s: float
+    ) -> tuple[Estimate, list[Event], dict[str, float]]:
+        """See `Search`. The first iterations only pretrain, and leave Ξ where it is."""
+        self._check(real)
+        config, buffer = self.config, self._buffer
+        while buffer.num_added * config.episode_steps < config.collect_steps:
+            self._collect(real)  # a world that diverges yields nothing, so count what came
+            if time.monotonic() > deadline_s:
+                break
+        self._collect(real)
+        loss = self._train(config.episodes_per_iteration * config.updates_per_episode, deadline_s)
+        pretraining = config.collect_steps + config.pretrain_steps
+        may_move = buffer.num_added * config.episode_steps > pretraining
+        events, scalars = self._move(real, may_move)
+        ranges = self.distribution
+        verdict: list[Verdict] = ["weak"] * len(self.space)
+        estimate = Estimate(ranges.mean, ranges.low, ranges.high, verdict)
+        return estimate, events, {"spm_loss": loss, **scalars}
+
+    def _collect(self, real: list[Trajectory]) -> None:
+        """Episodes of one iteration into D_sp, each in a world of its own drawn from Ξ."""
+        num, steps = self.config.episodes_per_iteration, self.config.episode_steps
+        if self._replay_actions:
+            chosen = self._rng.integers(len(real), size=num)
+            actions = np.stack([real[i].actions[np.arange(steps) % len(real[i])] for i in chosen])
+        else:
+            actions = random_actions(num, steps, self._simulator.model, self._rng)
+        parameters = self.distribution.sample(num, self._rng)
+        rollouts = self._simulator.roll_out(parameters, actions, self._rng)
+        if not len(rollouts):
+            raise InputError("every simulated world diverged; check the timestep and the bounds")
+        self._buffer.add(rollouts, self._simulator.film(rollouts))
+
+    def _train(self, num_updates: int, deadline_s: float) -> float:
+        """Updates of q_φ, at least one; returns their mean loss."""
+        config, losses = self.config, []
+        with seeded(int(self._rng.integers(2**62))):  # dropout, so that resuming repeats it
+            for _ in range(num_updates):
+                windows, truth = self._buffer.sample(
+                    config.batch_size, config.window, config.crop_size, self._rng
+                )
+                if self.method == "regression":
+                    loss = self.model.regression_loss(windows, truth)
+                else:
+                    # U[0, 2·ξ_mean] (Sec. IV), each parameter by itself, within its bounds
+                    reach = Distribution.proportional(self.space, self.distribution.mean, 1.0)
+                    candidates = reach.sample(config.num_candidates, self._rng)
+                    loss = self.model.loss(windows, truth, candidates)
+                self._optimizer.zero_grad(set_to_none=True)
+                loss.backward()
+                self._optimizer.step()
+                losses.append(loss.detach())
+                if time.monotonic() > deadline_s:
+                    break
+        return float(torch.stack(losses).mean())
+
+    def _move(self, real: list[Trajectory], may_move: bool) -> tuple[list[Event], dict[str, float]]:
+        """ξ_mean one step on, its arrivals at a bound, and what the step was taken from."""
+        mean, step_size = self.distribution.mean, self.config.step_size
+        if self.method == "regression":
+            said, key = self.model.predict(real), "predicted"
+            moved = approach(mean, said, step_size, self.space)
+        else:
+            said, key = self.model.prob_higher(real, mean), "prob_higher"
+            moved = shift_mean(mean, said, step_size, self.space)
+        events = []
+        if may_move:
+            self.num_moves += 1
+            self._center(moved)
+            events = _arrivals(mean, self.distribution)
+        return events, {f"{key}/{n}": v for n, v in self.space.to_dict(said).items()}
+
+    def _center(self, mean: np.ndarray) -> None:
+        self.distribution = Distribution.proportional(self.space, mean, self.config.range_spm)
+
+    def _check(self, real: list[Trajectory]) -> None:
+        size = self._simulator.image_size
+        for trajectory in real:
+            if trajectory.frames.shape[1:3] != (size, size):
+                height, width = trajectory.frames.shape[1:3]
+                raise ValueError(f"real frames must be {size} × {size}, got {height} × {width}")
+            if len(trajectory) < self.config.window:
+                raise InputError(
+                    f"search={self.method!r} needs episodes of at least {self.config.window} "
+                    f"steps, got one of {len(trajectory)}"
+                )
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """Weights, moments, and D_sp's states: its frames are drawn anew from them."""
+        model = {f"model.{k}": v for k, v in self.model.state_dict().items()}
+        optimizer = {f"optimizer.{k}": v for k, v in optimizer_tensors(self._optimizer).items()}
+        if not len(self._buffer):
+            return model | optimizer
+        stored = self._buffer.rollouts
+        arrays = {"parameters": stored.parameters, "states": stored.states}
+        arrays["actions"] = stored.actions
+        return model | optimizer | {f"buffer.{k}": torch.as_tensor(a) for k, a in arrays.items()}
+
+    def state(self) -> dict[str, Any]:
+        return {
+            "mean": self.distribution.mean.tolist(),
+            "num_moves": self.num_moves,
+            "num_added": self._buffer.num_added,
+            "rng": self._rng.bit_generator.state,
+        }
+
+    def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        self.model.load_state_dict(_under("model.", tensors))
+        load_optimizer_tensors(self._optimizer, _under("optimizer.", tensors))
+        if stored := {k: v.numpy() for k, v in _under("buffer.", tensors).items()}:
+            self._buffer.restore(Rollouts(**stored), state["num_added"], self._simulator.film)
+        self._center(np.array(state["mean"]))
+        self.num_moves = state["num_moves"]
+        self._rng.bit_generator.state = state["rng"]
+
+
+def _arrivals(before: np.ndarray, now: Distribution) -> list[Event]:
+    """An event for each parameter whose mean has come to a bound; it moves at every iteration."""
+    events = []
+    for i, parameter in enumerate(now.space):
+        for bound, side in ((parameter.low, "lower"), (parameter.high, "upper")):
+            if now.mean[i] == bound != before[i]:
+                reason = f"its mean has come to the {side} bound"
+                low, high = float(now.low[i]), float(now.high[i])
+                events.append(Event("moved", parameter.name, low, high, reason))
+    return events
+
+
+def _action_scale(simulator: Simulator) -> np.ndarray:
+    """(A,) the largest magnitude of each action: 1 where the model sets no limit."""
+    limited = np.asarray(simulator.model.actuator_ctrllimited, bool)
+    largest = np.abs(simulator.model.actuator_ctrlrange).max(-1)
+    return np.where(limited, largest, 1.0)
+
+
+def _under(prefix: str, tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}

@@ -1,0 +1,68 @@
+"""What a search is asked for: where the parameters are, how sure that is, where to look next."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import torch
+
+from simtune.randomization import Distribution
+from simtune.trajectory import Trajectory
+
+Verdict = Literal["identified", "weak", "not identifiable"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a search makes of the real trajectories."""
+
+    mean: np.ndarray  # (N,)
+    low: np.ndarray  # (N,) lower end of the 90 % interval
+    high: np.ndarray  # (N,)
+    verdict: list[Verdict]  # one a parameter
+    # {name: (candidates (C,), P(truth > candidate) (C,))}: survival curves, where there are any
+    curves: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened to the range in which a parameter is searched."""
+
+    event: str  # "widened", "narrowed", "moved", ...
+    parameter: str
+    low: float  # the range now
+    high: float
+    reason: str
+
+
+class Search(Protocol):
+    """Moves Ξ towards the real system, from frames and actions alone."""
+
+    distribution: Distribution  # Ξ now; `distribution.mean` is ξ_mean
+
+    @property
+    def finished(self) -> bool:
+        """Nothing is left to gain."""
+        ...
+
+    def iterate(
+        self, real: list[Trajectory], deadline_s: float
+    ) -> tuple[Estimate, list[Event], dict[str, float]]:
+        """Collect in Ξ, train, look at the real trajectories, move Ξ: once.
+
+        `deadline_s` is a moment of time.monotonic() not to overrun by much. The third value is
+        to be logged; its keys are the same at every iteration.
+        """
+        ...
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """What a checkpoint has to hold besides `state`."""
+        ...
+
+    def state(self) -> dict[str, Any]:
+        """JSON."""
+        ...
+
+    def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        """Go on from a checkpoint as if there had been no break."""
+        ...

@@ -1,0 +1,337 @@
+"""search="paper" and its baseline: the rules by hand, the network against plain loops."""
+
+import json
+import math
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from simtune.errors import InputError
+from simtune.networks import PixelEncoder, positional_encoding, predicting, stack_frames
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.search_param_model.paper import PaperConfig, PaperSearchParamModel, count_votes
+from simtune.search_param_model.windows import SpmBuffer, Windows, split
+from simtune.simulation import Rollouts
+from simtune.trajectory import Trajectory
+from simtune.tuning.paper import PaperSearch, approach, shift_mean
+
+SIZE = 20
+SMALL = PaperConfig(
+    window=3,
+    crop_size=16,
+    hidden_size=64,
+    num_candidates=32,
+    episodes_per_iteration=5,
+    updates_per_episode=6,
+    episode_steps=12,
+    collect_steps=120,
+    pretrain_steps=180,
+    buffer_episodes=20,
+    step_size=0.5,
+)
+UNSURE = (0.3, 0.7)
+
+
+def a_parameter(name: str, low: float, high: float, scale: str = "linear") -> Parameter:
+    nominal = (low + high) / 2
+    return Parameter(
+        name=name, field="opt.o", nominal=nominal, low=low, high=high, scale=scale, unit="1"
+    )
+
+
+SPACE = ParameterSpace([a_parameter("left", 0.0, 1.0), a_parameter("right", 0.05, 5.0, "log")])
+
+
+class FakeSimulator:
+    """Worlds whose picture shows one parameter in its left half and one in its right."""
+
+    def __init__(self):
+        self.space = SPACE
+        self.image_size = SIZE
+        self.num_steps = 0
+        self.model = SimpleNamespace(
+            nu=2,
+            actuator_ctrllimited=np.array([1, 0]),
+            actuator_ctrlrange=np.array([[-4.0, 2.0], [0.0, 0.0]]),
+        )
+
+    def roll_out(self, parameters, actions, rng) -> Rollouts:
+        n, num_steps, _ = actions.shape
+        self.num_steps += n * num_steps
+        return Rollouts(parameters, rng.normal(size=(n, num_steps + 1, 1)), actions)
+
+    def film(self, rollouts: Rollouts) -> np.ndarray:
+        n, num_frames, _ = rollouts.states.shape
+        left, right = SPACE.to_unit(rollouts.parameters).T
+        frames = np.empty((n, num_frames, SIZE, SIZE, 3))
+        frames[..., : SIZE // 2, :] = left[:, None, None, None, None]
+        frames[..., SIZE // 2 :, :] = right[:, None, None, None, None]
+        noise = 0.02 * np.sin(rollouts.states)[..., None, None]
+        return (np.clip(frames + noise, 0, 1) * 255).astype(np.uint8)
+
+
+def real_of(parameters: np.ndarray, num: int = 2) -> list[Trajectory]:
+    rng = np.random.default_rng(7)
+    simulator = FakeSimulator()
+    actions = rng.uniform(-1, 1, (num, 14, 2)).astype(np.float32)
+    rollouts = simulator.roll_out(np.tile(parameters, (num, 1)), actions, rng)
+    frames = simulator.film(rollouts)
+    return [Trajectory(f, a, 0.1) for f, a in zip(frames, actions, strict=True)]
+
+
+def some_windows(num: int, config: PaperConfig = SMALL) -> Windows:
+    rng = np.random.default_rng(0)
+    frames = rng.integers(256, size=(num, config.window, config.crop_size, config.crop_size, 3))
+    actions = rng.uniform(-1, 1, (num, config.window, 2))
+    return Windows(frames.astype(np.uint8), actions.astype(np.float32))
+
+
+def a_model(method="paper", config: PaperConfig = SMALL) -> PaperSearchParamModel:
+    torch.manual_seed(0)
+    return PaperSearchParamModel(config, SPACE, np.array([4.0, 1.0]), method)
+
+
+def test_shift_mean_by_hand():
+    space = ParameterSpace([a_parameter(n, 0.0, 1.0) for n in "abcde"])
+    mean = np.array([0.5, 0.5, 0.5, 0.99, 1e-3])
+    prob_higher = np.array([1.0, 0.0, 0.5, 1.0, 0.0])
+    shifted = shift_mean(mean, prob_higher, 0.1, space)
+    # 5 % up, 5 % down, as it was, clipped to the bound, kept at the floor
+    np.testing.assert_allclose(shifted, [0.525, 0.475, 0.5, 1.0, 1e-3], rtol=1e-12)
+    np.testing.assert_allclose(shift_mean(mean[:1], np.array([0.75]), 0.1, SPACE), 0.5125)
+
+
+def test_approach_by_hand():
+    moved = approach(np.array([0.5, 1.0]), np.array([1.0, 0.5]), 0.1, SPACE)
+    np.testing.assert_allclose(moved, [0.55, 0.95])
+
+
+def test_votes_by_hand():
+    windows = np.array([[0.9, 0.31, 0.29], [0.71, 0.69, 0.1], [0.5, 0.5, 0.7], [0.2, 0.6, 0.3]])
+    np.testing.assert_array_equal(count_votes(windows, UNSURE), [2.5 / 4, 2.0 / 4, 1.0 / 4])
+
+
+def test_votes_are_averaged_over_windows_then_episodes(monkeypatch):
+    model = a_model()
+    logits = [torch.tensor([[[9.0, 9.0]], [[9.0, -9.0]], [[-9.0, -9.0]], [[0.0, -9.0]]])]
+    logits.append(torch.tensor([[[9.0, -9.0]]]))  # an episode of one window counts as much
+    monkeypatch.setattr(model, "_over_episodes", lambda *_: iter(logits))
+    expected = [(2.5 / 4 + 1) / 2, (1 / 4 + 0) / 2]
+    np.testing.assert_array_equal(model.prob_higher([], SPACE.nominal), expected)
+
+
+def test_label_is_true_where_the_truth_is_higher(monkeypatch):
+    model = a_model()
+    says_higher_lower = torch.tensor([[[20.0, -20.0]]])
+    monkeypatch.setattr(model, "forward", lambda *_: says_higher_lower)
+    truth, candidates = np.array([[0.6, 0.6]]), np.array([[0.5, 0.7]])
+    assert model.loss(some_windows(1), truth, candidates) < 1e-6
+    assert model.loss(some_windows(1), candidates, truth) > 19
+
+
+def test_positional_encoding_equals_the_plain_loop():
+    x = torch.tensor([[0.0, 0.3], [0.81, 1.0]], dtype=torch.float64)
+    encoded = positional_encoding(x, octaves=4)
+    for row in range(2):
+        plain = []
+        for value in x[row].tolist():
+            plain.append(value)
+            plain += [math.sin(2**k * math.pi * value) for k in range(4)]
+            plain += [math.cos(2**k * math.pi * value) for k in range(4)]
+        np.testing.assert_allclose(encoded[row], plain, atol=1e-12)
+
+
+def test_stacked_frames_are_in_order():
+    frames = torch.arange(2 * 3 * 4 * 5 * 3).reshape(2, 3, 4, 5, 3)
+    stacked = stack_frames(frames)
+    assert stacked.shape == (2, 9, 4, 5)
+    for t in range(3):
+        torch.testing.assert_close(stacked[:, 3 * t : 3 * t + 3].permute(0, 2, 3, 1), frames[:, t])
+
+
+def test_encoder_is_the_agents():
+    encoder = PixelEncoder(30, 84)
+    shapes = [tuple(p.shape) for p in encoder.parameters() if p.ndim > 1]
+    convolutions = [(32, 30, 3, 3), *[(32, 32, 3, 3)] * 3]
+    assert shapes == [*convolutions, (50, 32 * 35 * 35)]
+    features = encoder(torch.randint(256, (2, 30, 84, 84), dtype=torch.uint8))
+    np.testing.assert_allclose(features.mean(1).detach(), 0, atol=1e-4)  # LayerNorm comes last
+
+
+def test_windows_never_span_two_episodes():
+    buffer = SpmBuffer(capacity=4, num_steps=12, image_size=SIZE)
+    rng = np.random.default_rng(0)
+    for first in (0, 3):  # the last two take the places of the first two
+        ids = np.arange(first, first + 3.0)
+        frames = np.empty((3, 13, SIZE, SIZE, 3), np.uint8)
+        frames[..., 0] = ids[:, None, None, None]
+        frames[..., 1] = np.arange(13)[:, None, None]
+        steps = np.tile(np.arange(12.0)[:, None], (3, 1, 1)) + 100 * ids[:, None, None]
+        buffer.add(Rollouts(ids[:, None], np.zeros((3, 13, 1)), steps), frames)
+    assert len(buffer) == 4
+    windows, truth = buffer.sample(500, 5, 16, rng)
+    ids, times = windows.frames[..., 0], windows.frames[..., 1]
+    assert set(truth[:, 0]) == {2, 3, 4, 5}
+    assert (ids == truth[:, :, None, None]).all()
+    start = times[:, :1, :1, :1]
+    assert set(start.ravel()) == set(range(8))  # every start that leaves five steps
+    assert (times == start + np.arange(5)[:, None, None]).all()
+    np.testing.assert_array_equal(
+        windows.actions[..., 0], times[:, :, 0, 0] + 100 * ids[:, :, 0, 0].astype(float)
+    )
+
+
+def test_crops_are_random_but_the_same_within_a_window():
+    buffer = SpmBuffer(capacity=1, num_steps=5, image_size=SIZE)
+    picture = np.arange(SIZE * SIZE, dtype=np.uint32).reshape(SIZE, SIZE)
+    frames = np.stack([picture % 256, picture // 256, picture * 0], -1).astype(np.uint8)
+    still = np.tile(frames, (1, 6, 1, 1, 1))
+    buffer.add(Rollouts(np.zeros((1, 1)), np.zeros((1, 6, 1)), np.zeros((1, 5, 1))), still)
+    windows, _ = buffer.sample(400, 3, 16, np.random.default_rng(0))
+    assert (windows.frames == windows.frames[:, :1]).all()
+    corners = windows.frames[:, 0, 0, 0].astype(int)
+    assert len(set(corners[:, 0] + 256 * corners[:, 1])) == 25
+
+
+def test_split_gives_all_whole_windows_from_the_centre():
+    (trajectory, _) = real_of(np.array([0.5, 0.5]))
+    windows = split(trajectory, 4, 16)
+    assert windows.frames.shape == (3, 4, 16, 16, 3)
+    for i in range(3):
+        frames = trajectory.frames[4 * i : 4 * i + 4, 2:18, 2:18]
+        np.testing.assert_array_equal(windows.frames[i], frames)
+        np.testing.assert_array_equal(windows.actions[i], trajectory.actions[4 * i : 4 * i + 4])
+    with pytest.raises(ValueError, match="15 steps of at least 16 × 16 pixels, got 14 steps"):
+        split(trajectory, 15, 16)
+
+
+def test_no_dropout_in_predictions():
+    model, real = a_model(), real_of(np.array([0.5, 0.5]))
+    windows, candidates = some_windows(2), SPACE.nominal[None]
+    assert not torch.equal(model(windows, candidates), model(windows, candidates))  # training
+    with predicting(model):
+        assert torch.equal(model(windows, candidates), model(windows, candidates))
+    assert model.training
+    np.testing.assert_array_equal(
+        model.prob_higher(real, SPACE.nominal), model.prob_higher(real, SPACE.nominal)
+    )
+
+
+@torch.inference_mode()
+def test_candidates_at_once_equal_the_plain_loop():
+    model = a_model().eval()
+    windows = some_windows(3)
+    candidates = SPACE.from_unit(np.random.default_rng(1).uniform(size=(5, 2)))
+    logits = model(windows, candidates)
+    assert logits.shape == (3, 5, 2)
+    frames, actions = torch.as_tensor(windows.frames), torch.as_tensor(windows.actions)
+    scaled = actions / torch.tensor([4.0, 1.0])
+    for b in range(3):
+        for c in range(5):
+            features = model.encoder(stack_frames(frames[b : b + 1]))
+            unit = torch.as_tensor(SPACE.to_unit(candidates[c]), dtype=torch.float32)
+            encoded = positional_encoding(unit[None], SMALL.octaves)
+            plain = model.head(torch.cat([features, scaled[b : b + 1].flatten(1), encoded], 1))
+            np.testing.assert_allclose(logits[b, c], plain[0], atol=2e-5)
+
+
+@pytest.mark.parametrize("method", ["paper", "regression"])
+def test_finds_the_truth_of_a_tiny_world(method):
+    truth, start = np.array([0.4, 1.0]), np.array([0.8, 0.5])  # ×2 and ×½
+    search = PaperSearch(FakeSimulator(), start, SMALL, seed=0, method=method)
+    for _ in range(10):
+        estimate, _, scalars = search.iterate(real_of(truth), math.inf)
+    np.testing.assert_array_less(np.abs(np.log(estimate.mean / truth)), np.log(2) / 2)
+    assert np.isfinite(list(scalars.values())).all()
+    assert search._simulator.num_steps == 12 * search._buffer.num_added
+
+
+def test_pretraining_leaves_the_mean_where_it_is():
+    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
+    real = real_of(np.array([0.1, 0.1]))
+    for moves in (0, 0, 0, 1):  # 180, 240, 300 and 360 steps collected; 300 are pretraining
+        estimate, events, scalars = search.iterate(real, math.inf)
+        assert search.num_moves == moves
+        assert np.array_equal(estimate.mean, SPACE.nominal) == (moves == 0)
+        assert set(scalars) == {"spm_loss", "prob_higher/left", "prob_higher/right"}
+    assert events == []
+    np.testing.assert_allclose(estimate.high, SPACE.clip(2 * estimate.mean))
+    assert estimate.verdict == ["weak", "weak"]
+
+
+def test_arrival_at_a_bound_is_an_event():
+    config = PaperConfig(**vars(SMALL) | {"collect_steps": 0, "pretrain_steps": 0})
+    search = PaperSearch(FakeSimulator(), np.array([0.95, 1.0]), config, seed=0)
+    search.model.prob_higher = lambda *_: np.array([1.0, 0.5])  # type: ignore[method-assign]
+    real = real_of(np.array([1.0, 1.0]))
+    first, second = (search.iterate(real, math.inf)[1] for _ in range(2))
+    assert [(e.event, e.parameter, e.low, e.high) for e in first] == [("moved", "left", 0.0, 1.0)]
+    assert second == []
+
+
+def test_deadline_is_kept():
+    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
+    started = time.monotonic()
+    search.iterate(real_of(SPACE.nominal), started)
+    assert (
+        search._buffer.num_added == 10
+    )  # one helping of the first collection, and the iteration's
+    assert time.monotonic() - started < 2
+
+
+@pytest.mark.parametrize("method", ["paper", "regression"])
+def test_resumes_bit_for_bit(method):
+    real = real_of(np.array([0.4, 1.0]))
+
+    def start() -> PaperSearch:
+        return PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=3, method=method)
+
+    straight = start()
+    for _ in range(4):  # 30 episodes into 20 slots: the oldest are gone
+        straight.iterate(real, math.inf)
+    tensors = {k: v.clone() for k, v in straight.tensors().items()}
+    state = json.loads(json.dumps(straight.state()))
+    resumed = start()
+    resumed.load(tensors, state)
+    torch.rand(5)  # what others draw from torch does not matter
+    for _ in range(2):
+        one, _, one_scalars = straight.iterate(real, math.inf)
+        other, _, other_scalars = resumed.iterate(real, math.inf)
+        assert one_scalars == other_scalars
+        np.testing.assert_array_equal(one.mean, other.mean)
+    for name, tensor in straight.tensors().items():
+        assert torch.equal(tensor, resumed.tensors()[name]), name
+
+
+def test_a_fresh_search_can_be_saved():
+    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
+    other = PaperSearch(FakeSimulator(), SPACE.low + 0.1, SMALL, seed=1)
+    other.load(search.tensors(), search.state())
+    np.testing.assert_array_equal(other.distribution.mean, SPACE.nominal)
+
+
+def test_recorded_actions_are_replayed():
+    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0, replay_actions=True)
+    real = real_of(SPACE.nominal)
+    search.iterate(real, math.inf)
+    allowed = {t.actions[:12].tobytes() for t in real}
+    assert {a.astype(np.float32).tobytes() for a in search._buffer.rollouts.actions} == allowed
+
+
+def test_unusable_input_is_refused():
+    space = ParameterSpace([a_parameter("tilt", -1.0, 1.0)])
+    simulator = FakeSimulator()
+    simulator.space = space
+    with pytest.raises(InputError, match="tilt"):
+        PaperSearch(simulator, space.nominal, SMALL, seed=0)  # type: ignore[arg-type]
+    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
+    (trajectory, _) = real_of(SPACE.nominal)
+    short = Trajectory(trajectory.frames[:3], trajectory.actions[:2], 0.1)
+    with pytest.raises(InputError, match="at least 3 steps, got one of 2"):
+        search.iterate([short], math.inf)
+    small = Trajectory(trajectory.frames[:, :16], trajectory.actions, 0.1)
+    with pytest.raises(ValueError, match="must be 20 × 20, got 16 × 20"):
+        search.iterate([small], math.inf)
