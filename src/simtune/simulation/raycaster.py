@@ -1,7 +1,10 @@
 """mujoco_warp's batch ray caster: CPU or CUDA, no OpenGL, no display."""
 
+import copy
+import os
 from concurrent.futures import ThreadPoolExecutor
-from os import cpu_count
+from contextlib import nullcontext
+from queue import SimpleQueue
 from threading import Lock
 
 import mujoco
@@ -13,18 +16,22 @@ from mujoco.batch import Batch
 from simtune.parameters import ModelWriter, ParameterSpace
 
 _CHUNK = 64  # pictures a launch: small enough to stay in the cache, large enough to amortise it
+_SKY_SAMPLES = 4  # a pixel and axis: the suite's stars are smaller than pixels and would sparkle
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 # Model fields that the ray caster reads for each world; other parameters act through the poses.
-_DRAWN_FIELDS = ("geom_rgba", "geom_size", "mat_rgba", "mat_emission", "mat_specular")
-_DRAWN_FIELDS += ("mat_shininess", "cam_fovy", "light_diffuse", "light_ambient", "light_specular")
+_DRAWN_FIELDS = {"geom_rgba", "geom_size", "mat_rgba", "mat_emission", "mat_specular"}
+_DRAWN_FIELDS |= {"mat_shininess", "mat_texrepeat", "light_diffuse", "light_ambient"}
+_DRAWN_FIELDS |= {"light_specular", "light_cutoff", "light_exponent", "cam_fovy"}
 _COMPILING = Lock()  # Warp builds modules one at a time
+_NOTHING = 0  # packed pixel where the ray hits nothing; drawn ones are opaque, so never 0
 
 
 class Raycaster:
     """Draws geoms, meshes and flexes with lights and textures; no tendons and no sites.
 
     One render context a thread, since a context's launches run on one thread. The sky of a
-    camera that never turns is drawn once and put behind all pictures, which costs a third less.
+    camera that never turns is drawn once, smoothly, and put behind all pictures: that costs a
+    third less.
     """
 
     def __init__(
@@ -35,67 +42,80 @@ class Raycaster:
         image_size: int,
         num_threads: int = 0,
     ):
-        warp.config.log_level = warp.LOG_WARNING
+        _init_warp()
         self.image_size = image_size
-        num_threads = num_threads or cpu_count() or 1
-        drawn = [p.field for p in space if p.field in _DRAWN_FIELDS]
-        moves_camera = any(p.field.startswith("cam_") for p in space)
-        sky = None if moves_camera else _constant_sky(model, camera, image_size)
-        self._contexts = [
-            _Context(model, space, camera, image_size, sorted(set(drawn)), sky)
-            for _ in range(num_threads)
-        ]
-        self._pool = ThreadPoolExecutor(num_threads)
+        self._num_threads = num_threads or os.cpu_count() or 1
+        sky = None
+        if not _can_turn(model, space, model.camera(camera).id):
+            sky = _constant_sky(model, camera, image_size)
+        self._idle: SimpleQueue[_Context] = SimpleQueue()
+        for _ in range(self._num_threads):
+            self._idle.put(_Context(model, space, camera, image_size, sky))
+        self._pool = ThreadPoolExecutor(self._num_threads)
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """(n, S) states, (n, N) parameters to (n, H, W, 3) uint8 RGB."""
-        size = self.image_size
-        frames = np.empty((len(states), size, size, 3), np.uint8)
-        chunks = [slice(i, i + _CHUNK) for i in range(0, len(states), _CHUNK)]
-        lanes = [chunks[i :: len(self._contexts)] for i in range(len(self._contexts))]
+        n, size = len(states), self.image_size
+        frames = np.empty((n, size, size, 3), np.uint8)
+        step = min(_CHUNK, max(1, -(-n // self._num_threads)))  # work for each thread
 
-        def draw(context: "_Context", lane: list[slice]) -> None:
-            for chunk in lane:
-                frames[chunk] = context.render(states[chunk], parameters[chunk])
+        def draw(start: int) -> None:
+            chunk = slice(start, start + step)
+            context = self._idle.get()
+            try:
+                context.render(states[chunk], parameters[chunk], frames[chunk])
+            finally:
+                self._idle.put(context)
 
-        list(self._pool.map(draw, self._contexts, lanes))
+        list(self._pool.map(draw, range(0, n, step)))
         return frames
 
 
 class _Context:
     """What one thread needs: worlds for the poses, and Warp's copies of model and data."""
 
-    def __init__(self, model, space, camera, image_size, drawn, sky):
+    def __init__(self, model, space, camera, image_size, sky):
         self._worlds = Batch(model, _CHUNK, nthread=1)
         self._writer = ModelWriter(space, model)
-        self._drawn = drawn
+        fields = {p.field for p in space}
+        self._drawn = sorted(fields & _DRAWN_FIELDS)
         self._written: np.ndarray | None = None
         self._sky = sky  # (H, W) uint32 or None
-        self._size = image_size
         for name in _POSES:
             self._worlds.bind(name)  # unbound fields are not computed
         with _COMPILING:
             self._model = mujoco_warp.put_model(model)
             self._data = mujoco_warp.make_data(model, nworld=_CHUNK)
-            self._warp_context = _make_context(model, camera, image_size, _CHUNK, sky is None)
+            self._warp_context = _make_context(
+                model,
+                camera,
+                image_size,
+                nworld=_CHUNK,
+                render_skybox=sky is None,
+                use_precomputed_rays="cam_fovy" not in fields,
+            )
 
-    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    def render(self, states: np.ndarray, parameters: np.ndarray, frames: np.ndarray) -> None:
+        """Draw n <= _CHUNK states, (n, S), into `frames`, (n, H, W, 3)."""
         n, worlds = len(states), self._worlds
         worlds.state[:n] = states
         self._write(parameters)
         worlds.forward(ids=np.arange(n), stage=mujoco.mjtStage.mjSTAGE_POS.value)
         for name in _POSES:
             _assign(getattr(self._data, name), getattr(worlds, name))
-        with _COMPILING if self._warp_context._megakernel is None else _NO_LOCK:
+        self._data.nworld = n  # draws only these
+        with _COMPILING if self._warp_context._megakernel is None else nullcontext():
             pixels = _draw(self._model, self._data, self._warp_context)
-        pixels = pixels[:n].reshape(n, self._size, self._size)
+        pixels = pixels[:n].reshape(frames.shape[:-1])
         if self._sky is not None:
-            pixels = np.where(pixels == 0, self._sky, pixels)
-        return _rgb(pixels)
+            np.copyto(pixels, self._sky, where=pixels == _NOTHING)
+        _unpack(pixels, frames)
 
     def _write(self, parameters: np.ndarray) -> None:
         """Write (n, N) parameters, unless they are those of the chunk before."""
-        padded = np.concatenate([parameters, np.tile(parameters[:1], (_CHUNK - len(parameters), 1))])
+        padded = np.concatenate(
+            [parameters, np.tile(parameters[:1], (_CHUNK - len(parameters), 1))]
+        )
         if self._written is not None and np.array_equal(self._written, padded):
             return
         self._writer.write_batch(self._worlds, padded)
@@ -106,29 +126,29 @@ class _Context:
         self._written = padded
 
 
-class _NoLock:
-    def __enter__(self):
-        return self
+def _init_warp() -> None:
+    """Start Warp without what it prints: its greeting, and that there is no CUDA."""
+    warp.config.log_level = warp.LOG_WARNING
+    stderr = os.dup(2)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)  # below Python, since the library itself prints
+    try:
+        warp.init()
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
 
-    def __exit__(self, *_):
-        return None
 
-
-_NO_LOCK = _NoLock()
-
-
-def _make_context(model, camera, image_size, num_worlds, with_sky):
-    has_sky = (model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX).any()
+def _make_context(model, camera, image_size, **settings):
     return mujoco_warp.create_render_context(
         model,
-        nworld=num_worlds,
         cam_res=(image_size, image_size),
         cam_active=[camera],
         render_rgb=True,
         render_depth=False,
         render_seg=False,
-        render_skybox=bool(with_sky and has_sky),
-        background_color=(0.0, 0.0, 0.0, 0.0),  # packs to 0, which no drawn pixel does
+        background_color=(0.0, 0.0, 0.0, 0.0),  # packs to _NOTHING
+        **settings,
     )
 
 
@@ -139,10 +159,11 @@ def _draw(model, data, context) -> np.ndarray:
     return context.rgb_data.numpy()
 
 
-def _rgb(pixels: np.ndarray) -> np.ndarray:
-    """(..., H, W) packed pixels to (..., H, W, 3) uint8."""
-    channels = np.ascontiguousarray(pixels).view(np.uint8).reshape(*pixels.shape, 4)
-    return channels[..., 2::-1]
+def _unpack(pixels: np.ndarray, frames: np.ndarray) -> None:
+    """(n, H, W) pixels, packed as ARGB, into (n, H, W, 3) uint8 RGB."""
+    bgra = pixels.view(np.uint8).reshape(*pixels.shape, 4)
+    for channel in range(3):  # several times as fast as all at once
+        frames[..., channel] = bgra[..., 2 - channel]
 
 
 def _assign(target, values: np.ndarray) -> None:
@@ -150,18 +171,26 @@ def _assign(target, values: np.ndarray) -> None:
     target.assign(np.ascontiguousarray(values, np.float32).reshape(shape))
 
 
-def _constant_sky(model: mujoco.MjModel, camera: str, image_size: int) -> np.ndarray | None:
-    """(H, W) packed pixels behind everything, or None where the camera can turn."""
-    index = model.camera(camera).id
-    mode = model.cam_mode[index]
-    turns_not = mode in (mujoco.mjtCamLight.mjCAMLIGHT_TRACK, mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM)
-    if not turns_not and model.body_weldid[model.cam_bodyid[index]] != 0:
-        return None
+def _can_turn(model: mujoco.MjModel, space: ParameterSpace, camera: int) -> bool:
+    """Whether the camera may look another way, by the state or by a parameter."""
+    if any(p.field.startswith("cam_") or p.field == "body_quat" for p in space):
+        return True
+    mode = mujoco.mjtCamLight(model.cam_mode[camera])
+    if mode != mujoco.mjtCamLight.mjCAMLIGHT_FIXED:
+        keeps_direction = ("mjCAMLIGHT_TRACK", "mjCAMLIGHT_TRACKCOM")
+        return mode.name not in keeps_direction
+    body = model.cam_bodyid[camera]
+    return model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0
+
+
+def _constant_sky(model: mujoco.MjModel, camera: str, image_size: int) -> np.ndarray:
+    """(H, W) packed pixels behind everything."""
+    model = copy.copy(model)
+    model.geom_rgba[:] = model.flex_rgba[:] = 0
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    warp_model = mujoco_warp.put_model(model)
-    warp_data = mujoco_warp.put_data(model, data, nworld=1)
-    invisible = np.zeros((1, model.ngeom, 4), np.float32)
-    warp_model.geom_rgba = warp.array(invisible, dtype=warp.vec4)
-    context = _make_context(model, camera, image_size, 1, with_sky=True)
-    return _draw(warp_model, warp_data, context).reshape(image_size, image_size).copy()
+    context = _make_context(
+        model, camera, image_size, render_skybox=True, samples_per_pixel=_SKY_SAMPLES
+    )
+    pixels = _draw(mujoco_warp.put_model(model), mujoco_warp.put_data(model, data), context)
+    return pixels.reshape(image_size, image_size).copy()

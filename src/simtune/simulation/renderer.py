@@ -1,5 +1,6 @@
 """Draw worlds: one interface, two renderers."""
 
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import mujoco
@@ -21,10 +22,33 @@ class Renderer(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class OpenGLQuality:
+    """What OpenGL draws beyond lit, textured surfaces; each costs time without a GPU."""
+
+    shadow_map_px: int = 0  # side of the shadow map; 0 draws no shadows
+    multisamples: int = 0  # of a pixel, against jagged edges; 0 is one
+    reflections: bool = False
+    skybox: bool = True
+
+
+OPENGL_FAST = OpenGLQuality()
+# As dm_control draws: a camera that does not look like the simulator.
+OPENGL_DM_CONTROL = OpenGLQuality(shadow_map_px=4096, multisamples=4, reflections=True)
+
+
 def make_renderer(
-    name: RendererName, model: mujoco.MjModel, space: ParameterSpace, camera: str, image_size: int
+    name: RendererName,
+    model: mujoco.MjModel,
+    space: ParameterSpace,
+    camera: str,
+    image_size: int,
+    quality: OpenGLQuality = OPENGL_FAST,
 ) -> Renderer:
-    """The renderer of that name. Raises InputError for an unknown name or camera."""
+    """The renderer of that name; the ray caster has no `quality`.
+
+    Raises InputError for an unknown name or camera, and for OpenGL where there is none.
+    """
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera) < 0:
         raise InputError(f"the model has no camera {camera!r}")
     # Each is imported only when asked for: Warp and OpenGL are slow or noisy to load.
@@ -35,5 +59,5 @@ def make_renderer(
     if name == "opengl":
         from simtune.simulation.opengl import OpenGLRenderer
 
-        return OpenGLRenderer(model, space, camera, image_size)
+        return OpenGLRenderer(model, space, camera, image_size, quality)
     raise InputError(f"no renderer {name!r}; there are: raycaster, opengl")

@@ -8,7 +8,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.parameters import ParameterSpace
-from simtune.simulation.renderer import RendererName, make_renderer
+from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality, RendererName, make_renderer
 from simtune.simulation.worlds import Worlds
 
 
@@ -41,6 +41,7 @@ class Simulator:
         step_s: float,
         image_size: int,
         renderer: RendererName = "raycaster",
+        quality: OpenGLQuality = OPENGL_FAST,
     ):
         self.model = model
         self.space = space
@@ -49,7 +50,7 @@ class Simulator:
         self.num_substeps = max(1, round(step_s / model.opt.timestep))
         self.num_diverged = 0
         self.num_steps = 0  # policy steps simulated so far
-        self.renderer = make_renderer(renderer, model, space, camera, image_size)
+        self.renderer = make_renderer(renderer, model, space, camera, image_size, quality)
         self._initialize = initialize
         self._worlds: dict[int, Worlds] = {}
 
@@ -106,7 +107,11 @@ class Simulator:
 
 
 def random_actions(
-    num_episodes: int, num_steps: int, model: mujoco.MjModel, rng: np.random.Generator, hold: int = 4
+    num_episodes: int,
+    num_steps: int,
+    model: mujoco.MjModel,
+    rng: np.random.Generator,
+    hold: int = 4,
 ) -> np.ndarray:
     """(num_episodes, num_steps, A) uniform in the controls' ranges, each held for `hold` steps.
 

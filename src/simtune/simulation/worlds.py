@@ -1,6 +1,8 @@
 """Many worlds of one model, each with its own parameters, stepped at once (mujoco.batch)."""
 
 import copy
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import mujoco
 import numpy as np
@@ -31,6 +33,7 @@ class Worlds:
         self._writer = ModelWriter(space, model)
         self.parameters = np.tile(space.nominal, (num_worlds, 1))
         self.num_diverged = 0
+        self._dead = np.zeros(num_worlds, bool)  # those counted since the last reset
 
     @property
     def num_worlds(self) -> int:
@@ -51,17 +54,37 @@ class Worlds:
         """Write (num_worlds, N) parameters and start anew by `initialize(batch, rng)`."""
         self._writer.write_batch(self.batch, parameters)
         self.parameters = np.array(parameters)
-        self.batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        initialize(self.batch, rng)
-        self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+        with _no_printed_warnings():
+            self.batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+            initialize(self.batch, rng)
+            self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+        self._dead[:] = False
+        self._count_dead()
 
     def step(self, controls: np.ndarray, num_substeps: int) -> None:
         """Hold (num_worlds, nu) controls for a number of physics steps."""
-        before = self.alive
+        alive = self.alive
         self.batch.ctrl[...] = controls
-        self.batch.step(
-            ids=None if before.all() else before,
-            nstep=num_substeps,
-            stage=mujoco.mjtStage.mjSTAGE_VEL.value,
-        )
-        self.num_diverged += int((before & ~self.alive).sum())
+        with _no_printed_warnings():
+            self.batch.step(
+                ids=None if alive.all() else alive,
+                nstep=num_substeps,
+                stage=mujoco.mjtStage.mjSTAGE_VEL.value,
+            )
+        self._count_dead()
+
+    def _count_dead(self) -> None:
+        dead = ~self.alive
+        self.num_diverged += int((dead & ~self._dead).sum())
+        self._dead = dead
+
+
+@contextmanager
+def _no_printed_warnings() -> Iterator[None]:
+    """Keep MuJoCo from writing lines to stderr for worlds that diverge; they are counted."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)

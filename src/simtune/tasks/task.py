@@ -8,7 +8,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.parameters import ParameterSpace
-from simtune.simulation import RendererName, Simulator
+from simtune.simulation import OPENGL_FAST, OpenGLQuality, RendererName, Simulator
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +45,7 @@ class Task:
         image_size: int,
         step_s: float | None = None,
         renderer: RendererName = "raycaster",
+        quality: OpenGLQuality = OPENGL_FAST,
     ) -> Simulator:
         """Worlds of this task; an action lasts `step_s` seconds, by default a policy step."""
         return Simulator(
@@ -55,4 +56,5 @@ class Task:
             step_s=step_s or self.step_s,
             image_size=image_size,
             renderer=renderer,
+            quality=quality,
         )

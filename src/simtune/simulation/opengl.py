@@ -1,0 +1,131 @@
+"""MuJoCo's classic renderer: OpenGL through EGL or OSMesa, no display."""
+
+import atexit
+import copy
+import importlib
+import os
+import sys
+from ctypes.util import find_library
+
+import mujoco
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.parameters import ModelWriter, ParameterSpace
+from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality
+
+_MAX_GEOMS = 10_000  # as mujoco.Renderer has it
+
+
+class OpenGLRenderer:
+    """Draws all that MuJoCo's viewer draws, tendons and sites too, one picture after another.
+
+    Use one from one thread only, as OpenGL demands. MUJOCO_GL=egl or osmesa chooses how OpenGL is
+    reached. Raises InputError where there is no OpenGL.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        space: ParameterSpace,
+        camera: str,
+        image_size: int,
+        quality: OpenGLQuality = OPENGL_FAST,
+    ):
+        self.image_size = image_size
+        self._model = copy.copy(model)
+        self._writer = ModelWriter(space, self._model)
+        self._written: np.ndarray | None = None
+        self._data = mujoco.MjData(self._model)
+        self._view = mujoco.MjvCamera()
+        self._view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._view.fixedcamid = model.camera(camera).id
+        self._option = mujoco.MjvOption()
+        self._scene = mujoco.MjvScene(self._model, maxgeom=_MAX_GEOMS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = quality.shadow_map_px > 0
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = quality.reflections
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = quality.skybox
+        # what a context reads when it is made
+        self._model.vis.global_.offwidth = self._model.vis.global_.offheight = image_size
+        self._model.vis.quality.shadowsize = quality.shadow_map_px
+        self._model.vis.quality.offsamples = quality.multisamples
+        self._canvas = _Canvas(self._model, image_size)
+
+    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """(n, S) states, (n, N) parameters to (n, H, W, 3) uint8 RGB."""
+        frames = np.empty((len(states), self.image_size, self.image_size, 3), np.uint8)
+        for frame, state, values in zip(frames, states, parameters, strict=True):
+            if self._written is None or not np.array_equal(self._written, values):
+                self._writer.write(self._model, values)
+                self._written = np.array(values)
+            mujoco.mj_setState(self._model, self._data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+            mujoco.mj_fwdPosition(self._model, self._data)
+            mujoco.mjv_updateScene(
+                self._model,
+                self._data,
+                self._option,
+                None,
+                self._view,
+                mujoco.mjtCatBit.mjCAT_ALL.value,
+                self._scene,
+            )
+            self._canvas.draw(self._scene, frame)
+        return frames
+
+    def __del__(self) -> None:
+        if hasattr(self, "_canvas"):
+            self._canvas.close()
+
+
+class _Canvas:
+    """An OpenGL context and what MuJoCo keeps in it."""
+
+    def __init__(self, model: mujoco.MjModel, image_size: int):
+        self._rectangle = mujoco.MjrRect(0, 0, image_size, image_size)
+        self._gl = _make_gl_context(image_size)
+        self._mjr = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._mjr)
+        atexit.register(self.close)  # before EGL, which ends at exit, too, and complains later
+
+    def draw(self, scene: mujoco.MjvScene, frame: np.ndarray) -> None:
+        """Draw into `frame`, (H, W, 3) uint8."""
+        self._gl.make_current()  # another renderer may have been
+        mujoco.mjr_render(self._rectangle, scene, self._mjr)
+        upside_down = np.empty_like(frame)
+        mujoco.mjr_readPixels(upside_down, None, self._rectangle, self._mjr)
+        frame[:] = upside_down[::-1]
+
+    def close(self) -> None:
+        atexit.unregister(self.close)
+        self._gl.make_current()
+        self._mjr.free()
+        self._gl.free()
+
+
+def _make_gl_context(image_size: int):
+    """A current GLContext, by MUJOCO_GL or, on Linux, of EGL or else OSMesa."""
+    backend = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if not backend and sys.platform == "linux":
+        backend = _headless_backend()
+    module = f"mujoco.{backend}" if backend in ("egl", "osmesa") else "mujoco.gl_context"
+    try:
+        # Imported only here: it fixes the backend for the whole process.
+        context = importlib.import_module(module).GLContext(image_size, image_size)
+        context.make_current()
+    except Exception as error:  # each backend and platform fails in ways of its own
+        raise InputError(_no_opengl(f"{backend or 'OpenGL'} does not start")) from error
+    return context
+
+
+def _headless_backend() -> str:
+    for backend, library in (("egl", "EGL"), ("osmesa", "OSMesa")):
+        if find_library(library):
+            return backend
+    raise InputError(_no_opengl("neither EGL nor OSMesa is installed"))
+
+
+def _no_opengl(why: str) -> str:
+    return (
+        f"the opengl renderer cannot be used: {why}; install it (on Debian: apt install libegl1 "
+        "libgl1, or libosmesa6) or use the raycaster"
+    )

@@ -1,0 +1,158 @@
+"""Worlds step exactly as MuJoCo does, and leave those out whose physics diverges."""
+
+import warnings
+
+import mujoco
+import numpy as np
+import pytest
+
+from simtune.parameters import ModelWriter
+from simtune.simulation import Simulator, Worlds, random_actions
+from simtune.tasks import load_task
+from simtune.tasks.task import Task
+
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+@pytest.fixture(scope="module")
+def walker() -> Task:
+    return load_task("walker")
+
+
+@pytest.fixture(scope="module")
+def cartpole() -> Task:
+    return load_task("cartpole")
+
+
+def some_parameters(task: Task, num_worlds: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return task.parameters.from_unit(rng.uniform(0.3, 0.7, (num_worlds, len(task.parameters))))
+
+
+def plain_loop(task: Task, parameters, start, actions, num_substeps) -> np.ndarray:
+    """(T + 1, S) states of one world, by nothing but mj_step."""
+    model = task.load_model()
+    ModelWriter(task.parameters, model).write(model, parameters)
+    data = mujoco.MjData(model)
+    mujoco.mj_setState(model, data, start, STATE)
+    states = [start.copy()]
+    for action in actions:
+        data.ctrl[:] = action
+        mujoco.mj_step(model, data, num_substeps)
+        states.append(np.empty_like(start))
+        mujoco.mj_getState(model, data, states[-1], STATE)
+    return np.array(states)
+
+
+def test_rollouts_are_those_of_a_plain_loop_to_the_last_bit(walker):
+    simulator = walker.simulator(image_size=16)  # few pixels: they are not looked at
+    rng = np.random.default_rng(1)
+    actions = random_actions(3, 12, simulator.model, rng)
+    rollouts = simulator.roll_out(some_parameters(walker, 3), actions, rng)
+    for parameters, states, played in zip(
+        rollouts.parameters, rollouts.states, rollouts.actions, strict=True
+    ):
+        expected = plain_loop(walker, parameters, states[0], played, simulator.num_substeps)
+        np.testing.assert_array_equal(states, expected)
+
+
+def test_rollouts_have_the_shapes_that_renderers_and_learners_expect(cartpole):
+    simulator = cartpole.simulator(image_size=16)
+    rng = np.random.default_rng(0)
+    actions = random_actions(4, 5, simulator.model, rng)
+    parameters = some_parameters(cartpole, 4)
+    rollouts = simulator.roll_out(parameters, actions, rng)
+    state_size = mujoco.mj_stateSize(simulator.model, STATE)
+    assert len(rollouts) == 4
+    assert rollouts.states.shape == (4, 6, state_size)
+    np.testing.assert_array_equal(rollouts.parameters, parameters)
+    np.testing.assert_array_equal(rollouts.actions, actions)
+    assert simulator.num_steps == 20
+    frames = simulator.film(rollouts)
+    assert frames.shape == (4, 6, 16, 16, 3)
+    assert frames.dtype == np.uint8
+
+
+@pytest.mark.parametrize("speed", [np.nan, np.inf, 1e15])
+def test_a_diverged_world_is_dead_and_counted_and_the_others_do_not_notice(
+    cartpole, speed, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
+    parameters = some_parameters(cartpole, 3)
+    disturbed, undisturbed = (Worlds(cartpole.load_model(), cartpole.parameters, 3) for _ in "ab")
+    for worlds in (disturbed, undisturbed):
+        worlds.reset(parameters, cartpole.initialize, np.random.default_rng(0))
+    disturbed.batch.qvel[1] = speed
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for worlds in (disturbed, undisturbed):
+            for _ in range(10):
+                worlds.step(np.ones((3, 1)), 8)
+    np.testing.assert_array_equal(disturbed.alive, [True, False, True])
+    assert disturbed.num_diverged == 1
+    assert undisturbed.alive.all()
+    assert undisturbed.num_diverged == 0
+    np.testing.assert_array_equal(disturbed.state[[0, 2]], undisturbed.state[[0, 2]])
+    assert capfd.readouterr() == ("", "")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_diverged_world_is_not_put_back_to_its_start_in_silence(cartpole):
+    worlds = Worlds(cartpole.load_model(), cartpole.parameters, 2)
+    worlds.reset(some_parameters(cartpole, 2), cartpole.initialize, np.random.default_rng(0))
+    worlds.batch.qvel[0] = np.nan
+    worlds.step(np.ones((2, 1)), 8)
+    assert not np.isfinite(worlds.state[0]).all()
+
+
+def test_a_reset_brings_a_diverged_world_back(cartpole):
+    parameters = some_parameters(cartpole, 2)
+    fresh, used = (Worlds(cartpole.load_model(), cartpole.parameters, 2) for _ in "ab")
+    used.reset(parameters, cartpole.initialize, np.random.default_rng(3))
+    used.batch.qvel[0] = np.nan
+    used.step(np.ones((2, 1)), 8)
+    for worlds in (fresh, used):
+        worlds.reset(parameters, cartpole.initialize, np.random.default_rng(0))
+        assert worlds.alive.all()
+        worlds.step(np.ones((2, 1)), 8)
+    np.testing.assert_array_equal(used.state, fresh.state)
+    assert used.num_diverged == 1  # of all episodes
+
+
+def test_diverged_episodes_are_left_out_of_rollouts(cartpole):
+    def initialize(batch, rng):
+        cartpole.initialize(batch, rng)
+        batch.qvel[2] = np.nan
+
+    simulator = Simulator(
+        cartpole.load_model(),
+        cartpole.parameters,
+        camera=cartpole.camera,
+        initialize=initialize,
+        step_s=cartpole.step_s,
+        image_size=16,
+    )
+    rng = np.random.default_rng(0)
+    parameters = some_parameters(cartpole, 4)
+    actions = random_actions(4, 5, simulator.model, rng)
+    rollouts = simulator.roll_out(parameters, actions, rng)
+    assert len(rollouts) == 3
+    assert np.isfinite(rollouts.states).all()
+    np.testing.assert_array_equal(rollouts.parameters, parameters[[0, 1, 3]])
+    np.testing.assert_array_equal(rollouts.actions, actions[[0, 1, 3]])
+    assert simulator.num_diverged == 1
+
+
+def test_random_actions_stay_in_the_controls_ranges_and_are_held(walker):
+    model = walker.load_model()
+    model.actuator_ctrlrange[:] = [[-0.5, 2]] * model.nu
+    model.actuator_ctrllimited[1] = False
+    actions = random_actions(50, 30, model, np.random.default_rng(0), hold=4)
+    assert actions.shape == (50, 30, model.nu)
+    np.testing.assert_array_equal(actions[:, :28].reshape(50, 7, 4, -1).std(axis=2), 0)
+    assert (actions[:, 3] != actions[:, 4]).all()
+    low, high = actions.min(axis=(0, 1)), actions.max(axis=(0, 1))
+    assert low[0] == pytest.approx(-0.5, abs=0.05)
+    assert high[0] == pytest.approx(2, abs=0.05)
+    assert low[1] == pytest.approx(-1, abs=0.05)  # without limits: [-1, 1]
+    assert high[1] == pytest.approx(1, abs=0.05)
