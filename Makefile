@@ -1,0 +1,44 @@
+# Needs make and Python 3.11 or newer; every target makes .venv first where it is missing.
+
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/ready
+
+# The first Python that is new enough and can make virtual environments; or give PYTHON=...
+PYTHON ?= $(shell for python in python3.11 python3 python3.12 python3.13; do \
+	$$python -c 'import sys, ensurepip, venv; sys.exit(sys.version_info < (3, 11))' \
+	2>/dev/null && echo $$python && break; done)
+
+.PHONY: install demo test check test-all bench
+
+install: $(READY)
+
+$(READY): pyproject.toml constraints.txt
+	@test -n "$(PYTHON)" || { echo "no Python 3.11 or newer with venv found; give PYTHON=..." >&2; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group dev --editable .
+	@touch $(READY)
+
+# Tunes ball_in_cup from the video of a simulated world whose parameters it cannot look into.
+demo: $(READY)
+	$(BIN)/simtune tune ball_in_cup --real pseudo --real-episodes 10 --budget-minutes 8 --out runs/demo
+	@echo "the report: runs/demo/report.html"
+
+test: $(READY)
+	$(BIN)/python -m pytest -m "not slow and not gpu"
+
+check: $(READY)
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/pyright
+
+# Also the slow tests, and those of a GPU where there is one.
+test-all: $(READY)
+	$(BIN)/python -m pytest -m ""
+
+# The last line of each benchmark is one JSON object.
+bench: $(READY)
+	@for script in benchmarks/*.py; do \
+		echo "== $$script"; $(BIN)/python $$script --quick || exit 1; \
+	done
