@@ -44,7 +44,11 @@ class Distribution:
 
     def to_local(self, parameters: np.ndarray) -> np.ndarray:
         """(..., N) parameters to coordinates that are 0 at `low` and 1 at `high`."""
-        low, high, values = self._spread(self.low), self._spread(self.high), self._spread(parameters)
+        low, high, values = (
+            self._spread(self.low),
+            self._spread(self.high),
+            self._spread(parameters),
+        )
         return (values - low) / (high - low)
 
     def from_local(self, local: np.ndarray) -> np.ndarray:

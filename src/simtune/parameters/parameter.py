@@ -19,6 +19,18 @@ COLOUR_FIELDS = frozenset(
     }
 )
 
+# First words of the fields that show in a single picture; the others show in motion only.
+_VISIBLE = (
+    "mat_",
+    "site_rgba",
+    "site_size",
+    "tendon_rgba",
+    "light_",
+    "cam_",
+    "geom_rgba",
+    "geom_size",
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
@@ -55,6 +67,11 @@ class Parameter:
     @property
     def is_colour(self) -> bool:
         return self.field in COLOUR_FIELDS
+
+    @property
+    def is_visible(self) -> bool:
+        """Whether a single picture can tell the value, without any motion."""
+        return self.field.startswith(_VISIBLE)
 
     @property
     def is_factor(self) -> bool:

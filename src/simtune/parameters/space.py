@@ -29,6 +29,7 @@ class ParameterSpace:
         self.high = np.array([p.high for p in self.parameters])
         self.is_log = np.array([p.scale == "log" for p in self.parameters])
         self.is_colour = np.array([p.is_colour for p in self.parameters])
+        self.is_visible = np.array([p.is_visible for p in self.parameters])
 
     def __len__(self) -> int:
         return len(self.parameters)

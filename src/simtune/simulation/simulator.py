@@ -64,10 +64,12 @@ class Simulator:
         actions: np.ndarray,
         rng: np.random.Generator,
         record: Callable[[Batch], np.ndarray] | None = None,
+        starts: np.ndarray | None = None,
     ) -> Rollouts:
         """Play (n, T, A) actions in n worlds of (n, N) parameters, each from its own start.
 
         `record(batch)`, (n, D), is kept of every state, as only a simulator knows it.
+        `starts`, (n, S), are states to start from instead of the task's own.
         Worlds that diverge are left out of the result and counted in `num_diverged`.
         """
         n, num_steps, _ = actions.shape
@@ -75,6 +77,8 @@ class Simulator:
         if record:
             record(worlds.batch)  # binds the fields it reads, so that they are computed
         worlds.reset(parameters, self._initialize, rng)
+        if starts is not None:
+            worlds.start_from(starts)
         states = np.empty((n, num_steps + 1, worlds.state.shape[1]))
         states[:, 0] = worlds.state
         recorded = [record(worlds.batch)] if record else []

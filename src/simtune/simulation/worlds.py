@@ -61,6 +61,11 @@ class Worlds:
         self._dead[:] = False
         self._count_dead()
 
+    def start_from(self, states: np.ndarray) -> None:
+        """Put the worlds into (num_worlds, S) states, with their own parameters."""
+        self.batch.state[...] = states
+        self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+
     def step(self, controls: np.ndarray, num_substeps: int) -> None:
         """Hold (num_worlds, nu) controls for a number of physics steps."""
         alive = self.alive

@@ -1,1 +1,31 @@
-"""Searches: how Ξ moves towards the real system."""
+"""How Ξ is moved towards the real world: the searches, by name."""
+
+import numpy as np
+
+from simtune.config import SearchName
+from simtune.progress import Say
+from simtune.simulation import Simulator
+from simtune.tuning.paper import PaperSearch
+from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.search import Search
+
+_IMAGE_SIZES = {"posterior": 64, "paper": 100, "regression": 100}  # pixels a side
+
+
+def needed_image_size(search: SearchName) -> int:
+    """Pixels a side of the square pictures that a search looks at."""
+    return _IMAGE_SIZES[search]
+
+
+def make_search(
+    search: SearchName,
+    simulator: Simulator,
+    camera: str,
+    start: np.ndarray,
+    seed: int,
+    say: Say,
+) -> Search:
+    """A search that begins at the (N,) parameters `start`, and says what it does."""
+    if search == "posterior":
+        return PosteriorSearch(simulator, camera, start, seed=seed, say=say)
+    return PaperSearch(simulator, start, seed=seed, method=search, replay_actions=True, say=say)

@@ -9,6 +9,7 @@ import torch
 from simtune.errors import InputError
 from simtune.networks import load_optimizer_tensors, optimizer_tensors, seeded
 from simtune.parameters import ParameterSpace
+from simtune.progress import Say, silent
 from simtune.randomization import Distribution
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
@@ -58,6 +59,7 @@ class PaperSearch:
         seed: int,
         method: Method = "paper",
         replay_actions: bool = False,
+        say: Say = silent,
         device: str = "cpu",
     ):
         self.config = config = config or PaperConfig()
@@ -69,7 +71,7 @@ class PaperSearch:
                 "low below 0 cannot have; use search='posterior'"
             )
         self.num_moves = 0
-        self._simulator = simulator
+        self._simulator, self._say = simulator, say
         self._replay_actions = replay_actions
         self._rng = np.random.default_rng(seed)
         self._center(np.array(mean, float))
@@ -90,6 +92,7 @@ class PaperSearch:
     ) -> tuple[Estimate, list[Event], dict[str, float]]:
         """See `Search`. The first iterations only pretrain, and leave Ξ where it is."""
         self._check(real)
+        self._say(f"move {self.num_moves} of {self.config.max_moves}", 0.0)
         config, buffer = self.config, self._buffer
         while buffer.num_added * config.episode_steps < config.collect_steps:
             self._collect(real)  # a world that diverges yields nothing, so count what came

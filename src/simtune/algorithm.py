@@ -1,0 +1,95 @@
+"""Tuning, top to bottom: Algorithm 1 of the paper without its policy.
+
+Algorithm 1                                               here
+initialise simulator with Ξ⁰, SPM q_φ, D_sp               make_search
+collect simulated trajectories in D_sp, train q_φ         search.iterate
+collect samples in the real world                         real.collect
+Ξ ← Ξ + α q_φ(o, a, ξ_mean)                               search.iterate
+"""
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from simtune import outcome
+from simtune.comparison import write_comparison
+from simtune.config import TuneConfig
+from simtune.progress import Say, silent
+from simtune.real.choose import choose_real
+from simtune.report import write_report
+from simtune.run import RunFolder
+from simtune.simulation import Simulator
+from simtune.tasks import load_task
+from simtune.trajectory import Trajectory
+from simtune.tuning import make_search, needed_image_size
+from simtune.tuning.search import Estimate, Search
+
+
+def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
+    """Find the parameters of a real world; returns the content of result.json.
+
+    A run that was interrupted goes on where its last iteration ended.
+    Raises InputError for what cannot be used, with nothing written.
+    """
+    config.check()
+    task = load_task(config.task)
+    image_size = needed_image_size(config.search)
+    say("looking at the real world", 0.0)
+    real, start, truth = choose_real(
+        config.real, task, config.real_parameters, image_size=image_size, seed=config.seed
+    )
+    trajectories = real.collect(config.real_episodes)
+    simulator = task.simulator(image_size=image_size, step_s=real.step_s)
+    asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
+    asked["parameters"] = outcome.declared(task.parameters, start)
+    with RunFolder.create(config.out, asked) as run:
+        search = make_search(config.search, simulator, task.camera, start, config.seed, say)
+        estimate, wall_s = _search(config, run, search, simulator, trajectories)
+        facts = {
+            "task": task.name,
+            "method": "tune",
+            "search": config.search,
+            "seed": config.seed,
+            "real": config.real,
+            "real_episodes": len(trajectories),
+            "sim_steps": simulator.num_steps,
+            "num_diverged": simulator.num_diverged,
+            "wall_s": round(wall_s, 1),
+        }
+        result = outcome.result(facts, task.parameters, start, estimate, truth)
+        run.write_curves(outcome.curves(estimate))
+        say("filming the comparison", 1.0)
+        write_comparison(run.videos, simulator, trajectories[0], start, estimate.mean, config.seed)
+        run.write_result(result)
+        write_report(run.path)
+    return result
+
+
+def _search(
+    config: TuneConfig,
+    run: RunFolder,
+    search: Search,
+    simulator: Simulator,
+    real: list[Trajectory],
+) -> tuple[Estimate, float]:
+    """Iterate until nothing is left to gain or the time is over, at least once.
+
+    Returns the last estimate and the seconds spent, over all sittings of the run.
+    """
+    estimate, spent_s = None, 0.0
+    if checkpoint := run.load_checkpoint():
+        tensors, state = checkpoint
+        search.load(tensors, state["search"])
+        estimate, spent_s = outcome.from_json(state["estimate"]), state["wall_s"]
+    began_s = time.monotonic() - spent_s
+    deadline_s = began_s + 60 * config.budget_minutes
+    while estimate is None or not (search.finished or time.monotonic() >= deadline_s):
+        estimate, events, losses = search.iterate(real, deadline_s)
+        step, wall_s = simulator.num_steps, time.monotonic() - began_s
+        for event in events:
+            run.log_event(step, wall_s, **asdict(event))
+        run.log_metrics(step, len(real), wall_s, outcome.scalars(search, estimate) | losses)
+        state = {"search": search.state(), "estimate": outcome.to_json(estimate)}
+        run.save_checkpoint(search.tensors(), state | {"step": step, "wall_s": wall_s})
+    return estimate, time.monotonic() - began_s

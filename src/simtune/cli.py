@@ -1,0 +1,107 @@
+"""The command line: `simtune COMMAND --help` says what each takes."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from tyro.conf import Positional, arg, subcommand
+
+from simtune.config import TuneConfig
+from simtune.errors import InputError
+
+
+@dataclass(frozen=True)
+class TasksCommand:
+    """List the built-in tasks and their parameters."""
+
+
+@dataclass(frozen=True)
+class ReportCommand:
+    """Write the report.html of a run anew."""
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
+    """A folder that `simtune tune` wrote."""
+
+
+@dataclass(frozen=True)
+class DoctorCommand:
+    """Say what this machine has: versions, devices, renderers that work."""
+
+
+Command = (
+    Annotated[TasksCommand, subcommand("tasks")]
+    | Annotated[TuneConfig, subcommand("tune")]
+    | Annotated[ReportCommand, subcommand("report")]
+    | Annotated[DoctorCommand, subcommand("doctor")]
+)
+
+
+def main() -> None:
+    """Exit status: 0 done, 1 failed, 2 the input cannot be used (one line says why)."""
+    try:
+        _run(tyro.cli(Command, prog="simtune", description=__doc__))  # type: ignore[arg-type]
+    except InputError as error:
+        sys.exit(_complain(error, 2))
+    except KeyboardInterrupt:
+        sys.exit(_complain("interrupted; the same command goes on", 1))
+    except RuntimeError as error:
+        sys.exit(_complain(error, 1))
+
+
+def _run(command: Any) -> None:
+    # Each imports what it needs: torch and Warp take seconds, and --help should not.
+    match command:
+        case TasksCommand():
+            _print_tasks()
+        case TuneConfig():
+            _tune(command)
+        case ReportCommand(run_folder):
+            from simtune.report import write_report
+
+            print(write_report(run_folder))
+        case DoctorCommand():
+            from simtune.doctor import examine
+
+            if not examine(print):
+                raise RuntimeError("the default renderer does not work here; see above")
+
+
+def _print_tasks() -> None:
+    from simtune.tasks import TASKS, load_task
+
+    for name in TASKS:
+        task = load_task(name)
+        print(f"{name}: {task.description} ({task.step_s:g} s a step)")
+        for p in task.parameters:
+            span = f"{p.nominal:<8.4g} in [{p.low:.4g}, {p.high:.4g}] {p.unit}"
+            print(f"  {p.name:18s} {span:36s} {p.field} of {', '.join(p.objects)}")
+
+
+def _tune(config: TuneConfig) -> None:
+    from simtune.algorithm import tune
+    from simtune.progress import ProgressBar
+
+    with ProgressBar(60 * config.budget_minutes) as say:
+        result = tune(config, say)
+    _print_result(result)
+    print(f"\nreport: {config.out / 'report.html'}")
+
+
+def _complain(what: object, status: int) -> int:
+    print(f"simtune: {' '.join(str(what).split())}", file=sys.stderr)
+    return status
+
+
+def _print_result(result: dict) -> None:
+    """A table of the estimates."""
+    print(f"{'parameter':18s} {'start':>9s} {'estimate':>9s}   90 % interval         verdict")
+    for name, p in result["parameters"].items():
+        interval = f"[{p['low']:.4g}, {p['high']:.4g}]"
+        line = f"{name:18s} {p['initial']:9.4g} {p['mean']:9.4g}   {interval:20s}  {p['verdict']}"
+        if "real" in p:
+            line += f"  (true {p['real']:.4g}, off by {p['percent_error']:.1f} %)"
+        print(line)
+    if "percent_error" in result:
+        print(f"mean error {result['percent_error']:.1f} %")

@@ -1,0 +1,47 @@
+"""What commands are asked: one dataclass a command that runs for long."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+from simtune.errors import InputError
+
+SearchName = Literal["posterior", "paper", "regression"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuneConfig:
+    """Find a simulator's parameters from video and actions of the real world.
+
+    Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
+    a run that was interrupted.
+    """
+
+    task: Positional[str]
+    """A built-in task (see `simtune tasks`)."""
+    out: Path
+    """The run's folder."""
+    real: str = "pseudo"
+    """The real world: `pseudo`, a simulated one that is filmed and scored against, or the folder
+    of a LeRobotDataset v3 (video and actions)."""
+    real_parameters: Path | None = None
+    """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
+    real_episodes: int = 5
+    """How many real episodes to film, or to take from the recordings."""
+    search: SearchName = "posterior"
+    """posterior: read survival curves; paper: small steps up or down; regression: its baseline."""
+    budget_minutes: float = 8.0
+    """Stop after so many minutes of wall time."""
+    seed: int = 0
+    """Of all random numbers; with `pseudo` it also chooses which parameters start too high."""
+
+    def check(self) -> None:
+        """Raises InputError for numbers that make no sense."""
+        if self.real_episodes < 1:
+            raise InputError(f"--real-episodes must be at least 1, got {self.real_episodes}")
+        if not self.budget_minutes > 0:
+            raise InputError(f"--budget-minutes must be above 0, got {self.budget_minutes:g}")
+        if self.seed < 0:
+            raise InputError(f"--seed must not be negative, got {self.seed}")

@@ -1,0 +1,72 @@
+"""What a tuning run writes down: config.json, metrics, checkpoints, curves.json, result.json."""
+
+import shlex
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from simtune.parameters import ParameterSpace
+from simtune.real.truth import Truth
+from simtune.tuning.search import Estimate, Search
+
+
+def declared(space: ParameterSpace, start: np.ndarray) -> dict[str, dict[str, Any]]:
+    """The parameters as they are before any tuning, by name."""
+    rows = zip(space, start, strict=True)
+    return {p.name: {"unit": p.unit, "nominal": p.nominal, "initial": float(v)} for p, v in rows}
+
+
+def result(
+    facts: Mapping[str, Any],
+    space: ParameterSpace,
+    start: np.ndarray,
+    estimate: Estimate,
+    truth: Truth | None,
+) -> dict[str, Any]:
+    """The content of result.json. The only place where a truth is looked at."""
+    parameters = declared(space, start)
+    for i, entry in enumerate(parameters.values()):
+        entry["mean"] = float(estimate.mean[i])
+        entry["low"], entry["high"] = float(estimate.low[i]), float(estimate.high[i])
+        entry["verdict"] = estimate.verdict[i]
+    command = shlex.join(["simtune", *sys.argv[1:]])
+    content: dict[str, Any] = {**facts, "command": command, "parameters": parameters}
+    if truth is not None:
+        real, percent_error = truth.score(estimate.mean)
+        for i, entry in enumerate(parameters.values()):
+            entry["real"], entry["percent_error"] = float(real[i]), float(percent_error[i])
+        content["percent_error"] = float(np.mean(percent_error))
+    return content
+
+
+def scalars(search: Search, estimate: Estimate) -> dict[str, float]:
+    """An iteration's estimates and ranges, as a line of metrics.jsonl has them."""
+    ranges = search.distribution
+    columns = {"mean": estimate.mean, "low": estimate.low, "high": estimate.high}
+    columns |= {"range_low": ranges.low, "range_high": ranges.high}
+    return {
+        f"{column}/{name}": float(value)
+        for column, values in columns.items()
+        for name, value in zip(ranges.space.names, values, strict=True)
+    }
+
+
+def curves(estimate: Estimate) -> dict[str, dict[str, Any]]:
+    """The content of curves.json."""
+    return {n: {"candidates": c, "prob_higher": p} for n, (c, p) in estimate.curves.items()}
+
+
+def to_json(estimate: Estimate) -> dict[str, Any]:
+    """An estimate as a checkpoint holds it."""
+    arrays = {key: getattr(estimate, key).tolist() for key in ("mean", "low", "high")}
+    pairs = {name: (c.tolist(), p.tolist()) for name, (c, p) in estimate.curves.items()}
+    return {**arrays, "verdict": list(estimate.verdict), "curves": pairs}
+
+
+def from_json(saved: Mapping[str, Any]) -> Estimate:
+    """The inverse of `to_json`."""
+    arrays = {key: np.array(saved[key]) for key in ("mean", "low", "high")}
+    pairs = {name: (np.array(c), np.array(p)) for name, (c, p) in saved["curves"].items()}
+    return Estimate(**arrays, verdict=saved["verdict"], curves=pairs)

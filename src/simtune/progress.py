@@ -1,0 +1,51 @@
+"""What a long command says while it works: a bar on a terminal, plain lines elsewhere."""
+
+import sys
+import time
+from collections.abc import Callable
+
+from tqdm import tqdm
+
+Say = Callable[[str, float], None]  # what is happening, and the share of the whole that is done
+
+_LINE_EVERY_S = 15.0
+
+
+def silent(doing: str, done: float) -> None:
+    """Say nothing."""
+
+
+class ProgressBar:
+    """Use as a `Say`; a context manager, so that the terminal is left tidy."""
+
+    def __init__(self, total_s: float):
+        """`total_s`: how long the whole may take at most, to guess from at the start."""
+        self._bar = tqdm(
+            total=100.0,
+            bar_format="{percentage:3.0f} %|{bar:24}| {desc} [{elapsed}, about {remaining} left]",
+            disable=not sys.stderr.isatty(),
+        )
+        self._start, self._total_s = time.monotonic(), total_s
+        self._doing, self._last_line = "", -_LINE_EVERY_S
+
+    def __call__(self, doing: str, done: float) -> None:
+        now = time.monotonic()
+        # The share of the budget spent keeps the bar moving where the work's share does not.
+        done = min(max(done, (now - self._start) / self._total_s), 1.0)
+        if not self._bar.disable:
+            self._bar.set_description_str(doing, refresh=False)
+            self._bar.update(max(0.0, 100 * done - self._bar.n))
+        elif doing != self._doing or now - self._last_line > _LINE_EVERY_S:
+            print(
+                f"{now - self._start:5.0f} s {100 * done:3.0f} %  {doing}",
+                file=sys.stderr,
+                flush=True,
+            )
+            self._last_line = now
+        self._doing = doing
+
+    def __enter__(self) -> "ProgressBar":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()

@@ -1,0 +1,53 @@
+"""The real world that a command names: `pseudo`, or a folder of recordings."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.parameters import ParameterSpace
+from simtune.real import RealWorld
+from simtune.real.recorded import RecordedReal
+from simtune.real.truth import Truth
+from simtune.tasks import Task
+
+
+def choose_real(
+    name: str, task: Task, real_parameters: Path | None = None, *, image_size: int, seed: int
+) -> tuple[RealWorld, np.ndarray, Truth | None]:
+    """A real world, where the search for its parameters starts (N,), and the truth, where known.
+
+    `pseudo`: a simulated world of `real_parameters`, searched from ×2/×½ of them. Anything else
+    is the folder of a LeRobotDataset v3, searched from the nominal parameters.
+    Raises InputError for what cannot be read.
+    """
+    space = task.parameters
+    if name == "pseudo":
+        truth = Truth(space, read_parameters(real_parameters, space))
+        simulator = task.simulator(image_size=image_size)
+        real = truth.make_real(simulator, episode_steps=task.episode_steps, seed=seed)
+        return real, truth.wrong_start(seed), truth
+    if real_parameters is not None:
+        raise InputError("--real-parameters goes with --real pseudo only")
+    if name == "xarm":
+        raise InputError("--real xarm is not there yet; record episodes and give their folder")
+    num_actions = task.load_model().nu
+    real = RecordedReal(name, image_size=image_size, num_actions=num_actions)
+    return real, space.nominal.copy(), None
+
+
+def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:
+    """(N,) parameters from a JSON object of names and values; what is missing is nominal."""
+    if path is None:
+        return space.nominal.copy()
+    try:
+        values: Any = json.loads(Path(path).read_text())
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not JSON: {error}") from error
+    if not isinstance(values, dict):
+        raise InputError(f"{path} must hold one JSON object of names and values")
+    return space.from_dict(values)

@@ -1,0 +1,28 @@
+"""The pseudo-real world's true parameters: where they start a search, and where they score it."""
+
+import numpy as np
+
+from simtune.parameters import ParameterSpace
+from simtune.real.pseudo import PseudoReal
+from simtune.simulation import Simulator
+
+
+class Truth:
+    """Known in a pseudo-real world only, and never handed out to whoever searches."""
+
+    def __init__(self, space: ParameterSpace, parameters: np.ndarray):
+        self._space, self._parameters = space, np.asarray(parameters, float)
+
+    def make_real(self, simulator: Simulator, *, episode_steps: int, seed: int) -> PseudoReal:
+        """The world of these parameters, which hands out frames and actions only."""
+        return PseudoReal(simulator, self._parameters, episode_steps=episode_steps, seed=seed)
+
+    def wrong_start(self, seed: int) -> np.ndarray:
+        """(N,) every parameter at twice or half its true value (Sec. V-A), colours at most 1."""
+        doubled = np.random.default_rng(seed).random(len(self._space)) < 0.5
+        return self._space.clip(np.where(doubled, self._parameters * 2, self._parameters / 2))
+
+    def score(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The truth (N,), and the percent error 100·|mean − real|/real of an estimate (N,)."""
+        real = self._parameters
+        return real.copy(), 100 * np.abs(mean - real) / np.maximum(np.abs(real), 1e-12)

@@ -1,0 +1,231 @@
+"""The posterior SPM: sight on single frames, then a judge over all that was seen and done.
+
+Both answer the paper's question, "is the truth higher than this candidate?" (Sec. IV-A); as a
+function of the candidate the answer is the survival curve of the marginal posterior.
+
+Rendering is what costs and physics is nearly free, so only a part of the simulated steps is
+drawn: enough to teach sight, and to measure its errors on worlds it was not taught on. The
+judge learns from the true landmarks of all steps, spoilt by such measured errors.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from simtune.randomization import Distribution
+from simtune.search_param_model.judge import Curves, Judge, JudgeConfig, judge_loss
+from simtune.search_param_model.sight import Sight, SightConfig, look, to_input
+from simtune.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosteriorConfig:
+    sight: SightConfig = field(default_factory=SightConfig)
+    judge: JudgeConfig = field(default_factory=JudgeConfig)
+
+
+@dataclass(frozen=True)
+class SimulatedWorlds:
+    """What one round of simulation gives: W worlds of E episodes of T steps each."""
+
+    parameters: np.ndarray  # (W, N)
+    actions: np.ndarray  # (W, E, T, A)
+    landmarks: np.ndarray  # (W, E, T + 1, L, 2) pixels, true
+    frames: np.ndarray  # (W, F, H, H, 3) uint8: F successive frames of each world's...
+    filmed_from: np.ndarray  # (W,) ...first episode, from this step on
+
+    def filmed_landmarks(self) -> np.ndarray:
+        """(W, F, L, 2) the true landmarks in `frames`."""
+        at = self.filmed_from[:, None] + np.arange(self.frames.shape[1])
+        return self.landmarks[np.arange(len(at))[:, None], 0, at]
+
+
+class Progress:
+    """How far a training is, by updates or by time, whichever is further."""
+
+    def __init__(
+        self, num_updates: int, seconds: float, tell: Callable[[float], None] = lambda _: None
+    ):
+        self._num_updates, self._seconds, self._tell = num_updates, max(seconds, 1e-3), tell
+        self._start, self.updates = time.monotonic(), 0
+
+    def step(self) -> None:
+        """An update was made."""
+        self.updates += 1
+        if self.updates % 20 == 0:
+            self._tell(min(1.0, self.fraction()))
+
+    def fraction(self) -> float:
+        elapsed = time.monotonic() - self._start
+        return max(self.updates / self._num_updates, elapsed / self._seconds)
+
+    def learning_rate(self, peak: float, warm_up: int = 50) -> float:
+        """A short warm-up, then a straight line to zero."""
+        return peak * min(1.0, (self.updates + 1) / warm_up) * max(0.01, 1 - self.fraction())
+
+
+class PosteriorSearchParamModel:
+    """q_φ, read on a grid of candidates: see the module's docstring."""
+
+    def __init__(
+        self,
+        num_landmarks: int,
+        num_actions: int,
+        visible: np.ndarray,
+        image_size: int,
+        config: PosteriorConfig,
+        seed: int,
+    ):
+        """`visible`: (N,) bool, the parameters that a single picture can show."""
+        self.config = config
+        self.visible = np.flatnonzero(visible)
+        self.generator = torch.Generator().manual_seed(seed)
+        with torch.random.fork_rng():
+            torch.manual_seed(seed)
+            self.sight = Sight(num_landmarks, len(self.visible), image_size, config.sight)
+            num_seen = 2 * num_landmarks + num_actions
+            self.judge = Judge(num_seen, self.visible.tolist(), len(visible), config.judge)
+        self.sight.to(memory_format=torch.channels_last)
+        self._scale_px = image_size / 8
+
+    def train_sight(
+        self, worlds: SimulatedWorlds, distribution: Distribution, progress: Progress
+    ) -> float:
+        """Teach sight on the filmed frames of `worlds`; the last updates' mean loss."""
+        config = self.config.sight
+        space = distribution.space
+        unit = space.to_unit(worlds.parameters)[:, self.visible]
+        low, high = space.to_unit(distribution.low), space.to_unit(distribution.high)
+        width = torch.tensor((high - low)[self.visible], dtype=torch.float32)
+        num_filmed = worlds.frames.shape[1]
+        frames = worlds.frames.reshape(-1, *worlds.frames.shape[2:])
+        landmarks = torch.from_numpy(worlds.filmed_landmarks()).flatten(0, 1)
+        visible = torch.tensor(unit, dtype=torch.float32).repeat_interleave(num_filmed, 0)
+        optimizer = torch.optim.AdamW(self.sight.parameters(), config.learning_rate)
+        losses = []
+        while progress.fraction() < 1:
+            optimizer.param_groups[0]["lr"] = progress.learning_rate(config.learning_rate)
+            at = torch.randint(len(frames), (config.batch_size,), generator=self.generator)
+            pictures = to_input(frames[at.numpy()])
+            loss = self.sight.loss(pictures, landmarks[at], visible[at], width)
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            losses.append(loss.item())
+            progress.step()
+        return float(np.mean(losses[-50:]))
+
+    def sight_errors(
+        self, worlds: SimulatedWorlds, distribution: Distribution
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What sight gets wrong: (W, F, L, 2) pixels and (W, V) in coordinates of the range."""
+        num_worlds, num_filmed = worlds.frames.shape[:2]
+        found, estimated = look(self.sight, worlds.frames.reshape(-1, *worlds.frames.shape[2:]))
+        found = found.reshape(num_worlds, num_filmed, -1, 2)
+        estimated = estimated.reshape(num_worlds, num_filmed, -1).mean(1)
+        truth = self._to_range(worlds.parameters, distribution)[:, self.visible]
+        return found - worlds.filmed_landmarks(), self._from_sight(estimated, distribution) - truth
+
+    def train_judge(
+        self,
+        worlds: SimulatedWorlds,
+        distribution: Distribution,
+        errors: tuple[np.ndarray, np.ndarray],
+        progress: Progress,
+    ) -> float:
+        """Teach the judge on sets of episodes of one world; the last updates' mean loss."""
+        config = self.config.judge
+        batches = _JudgeBatches(worlds, errors, self.visible, config, self.generator)
+        truth = torch.tensor(self._to_range(worlds.parameters, distribution), dtype=torch.float32)
+        optimizer = torch.optim.AdamW(
+            self.judge.parameters(), config.learning_rate, weight_decay=config.weight_decay
+        )
+        losses = []
+        while progress.fraction() < 1:
+            optimizer.param_groups[0]["lr"] = progress.learning_rate(config.learning_rate)
+            at, landmarks, actions, visible = batches.draw(truth)
+            curves = self.judge(self._seen(landmarks, actions), visible)
+            loss = judge_loss(curves, truth[at], config.candidates, self.generator)
+            optimizer.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(self.judge.parameters(), 1.0)
+            optimizer.step()
+            losses.append(loss.item())
+            progress.step()
+        return float(np.mean(losses[-50:]))
+
+    @torch.no_grad()
+    def curves(self, trajectories: list[Trajectory], distribution: Distribution) -> Curves:
+        """The survival curves (1, N) of trajectories of one world, in coordinates of the range."""
+        steps = min(len(t) for t in trajectories)
+        landmarks, visible = [], []
+        for trajectory in trajectories:
+            found, estimated = look(self.sight, trajectory.frames)
+            landmarks.append(found[: steps + 1])
+            visible.append(estimated.mean(0))
+        seen = torch.from_numpy(np.stack(landmarks))[None]
+        actions = torch.from_numpy(np.stack([t.actions[:steps] for t in trajectories]))[None]
+        pooled = self._from_sight(np.mean(visible, 0), distribution)
+        pooled = torch.tensor(pooled[None], dtype=torch.float32)
+        return self.judge(self._seen(seen, actions.float()), pooled)
+
+    def _seen(self, landmarks: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """(B, E, T + 1, L, 2) pixels and (B, E, T, A) actions, side by side: (B, E, T, S)."""
+        middle = (self.sight.cells * 2 - 1) / 2
+        places = (landmarks[:, :, :-1].flatten(-2) - middle) / self._scale_px
+        return torch.cat([places, actions], -1)
+
+    def _to_range(self, parameters: np.ndarray, distribution: Distribution) -> np.ndarray:
+        return 2 * distribution.to_local(parameters) - 1
+
+    def _from_sight(self, estimated: np.ndarray, distribution: Distribution) -> np.ndarray:
+        """(..., V) sight's coordinates of the whole space to coordinates of the range."""
+        space = distribution.space
+        low = space.to_unit(distribution.low)[self.visible]
+        high = space.to_unit(distribution.high)[self.visible]
+        return 2 * (estimated - low) / (high - low) - 1
+
+
+class _JudgeBatches:
+    """Sets of episodes as sight would have seen them: truth plus errors of another world.
+
+    The errors of one world go with each other (its colours mislead sight everywhere), so a set
+    takes all of its errors from one world.
+    """
+
+    def __init__(self, worlds: SimulatedWorlds, errors, visible: np.ndarray, config, generator):
+        self._landmarks = torch.from_numpy(worlds.landmarks)
+        self._actions = torch.from_numpy(worlds.actions).float()
+        self._errors = torch.from_numpy(errors[0]).float()  # (R, F, L, 2)
+        self._visible_errors = torch.from_numpy(errors[1]).float()  # (R, V)
+        self._visible = torch.from_numpy(visible)
+        self._config, self._generator = config, generator
+
+    def draw(self, truth: torch.Tensor):
+        """World indices (B,), landmarks (B, E', T' + 1, L, 2), actions, visible (B, V)."""
+        num_worlds, num_episodes, num_steps, _ = self._actions.shape
+        worlds = self._random(num_worlds, self._config.batch_size)
+        count = 1 + self._random(num_episodes, 1).item()
+        episodes = torch.randperm(num_episodes, generator=self._generator)[:count]
+        shortest = min(self._config.shortest_crop, num_steps)
+        length = shortest + self._random(num_steps - shortest + 1, 1).item()
+        start = self._random(num_steps - length + 1, 1).item()
+        landmarks = self._landmarks[worlds][:, episodes, start : start + length + 1]
+        actions = self._actions[worlds][:, episodes, start : start + length]
+        misled = self._random(len(self._errors), len(worlds))
+        landmarks = landmarks + self._stretched(misled, int(count), int(length) + 1)
+        visible = truth[worlds][:, self._visible] + self._visible_errors[misled]
+        return worlds, landmarks, actions, visible
+
+    def _stretched(self, worlds: torch.Tensor, episodes: int, length: int) -> torch.Tensor:
+        """Successive errors of `worlds` for each episode, in turn from a random one on."""
+        num_filmed = self._errors.shape[1]
+        start = torch.randint(num_filmed, (len(worlds), episodes, 1), generator=self._generator)
+        at = (start + torch.arange(length)) % num_filmed
+        return self._errors[worlds[:, None, None], at]
+
+    def _random(self, high: int, num: int) -> torch.Tensor:
+        return torch.randint(int(high), (num,), generator=self._generator)

@@ -1,0 +1,144 @@
+"""Sight: what a single picture tells, by a small convolutional encoder.
+
+It finds the landmarks and estimates the parameters that show in a picture (colours, light,
+camera). It is taught by the simulator's free state, on single frames: learning to see needs
+no sequences, and is most of the work of learning to judge from pixels.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional as F
+
+_STRIDE = 2  # pixels per cell of the heatmaps
+_NEAR_CELLS = 2  # a landmark's position is averaged over the cells this near to the peak
+
+
+@dataclass(frozen=True, kw_only=True)
+class SightConfig:
+    channels: int = 16
+    free_maps: int = 8  # attention maps beside the landmarks', for colours of what stands still
+    hidden: int = 128
+    batch_size: int = 64
+    learning_rate: float = 3e-3
+
+
+class Sight(nn.Module):
+    """(B, H, W, 3) uint8 pictures to landmarks (B, L, 2) in pixels and visible parameters (B, V).
+
+    Attention maps at half resolution; each is read out as a position and the picture's colour
+    there. The landmarks' maps are taught where to look (cross-entropy on the true cell), which
+    takes a few hundred updates where regression through the maps takes thousands.
+    """
+
+    def __init__(self, num_landmarks: int, num_visible: int, image_size: int, config: SightConfig):
+        super().__init__()
+        c, self.num_landmarks = config.channels, num_landmarks
+        num_maps = num_landmarks + config.free_maps
+        self.fine = nn.ModuleList([nn.Conv2d(3, c, 5, _STRIDE, 2), nn.Conv2d(c, c, 3, 1, 1)])
+        self.middle = nn.ModuleList(
+            [nn.Conv2d(c, 2 * c, 3, 2, 1), nn.Conv2d(2 * c, 2 * c, 3, 1, 1)]
+        )
+        self.coarse = nn.ModuleList(
+            [nn.Conv2d(2 * c, 2 * c, 3, 2, 1), nn.Conv2d(2 * c, 2 * c, 3, 1, 1)]
+        )
+        self.to_middle, self.to_fine = nn.Conv2d(2 * c, 2 * c, 1), nn.Conv2d(2 * c, c, 1)
+        self.mix = nn.Conv2d(c, c, 3, 1, 1)
+        self.maps = nn.Conv2d(c, num_maps, 1)
+        self.head = nn.Sequential(
+            nn.Linear(num_maps * 5 + 2 * c, config.hidden),
+            nn.ELU(),
+            nn.Linear(config.hidden, config.hidden),
+            nn.ELU(),
+            nn.Linear(config.hidden, num_visible),
+        )
+        self.cells = -(-image_size // _STRIDE)
+        axis = torch.arange(self.cells) * _STRIDE + (_STRIDE - 1) / 2
+        grid = torch.stack(torch.meshgrid(axis, axis, indexing="xy"), -1).reshape(-1, 2)
+        self.register_buffer("grid", grid, persistent=False)  # (cells², 2) x, y in pixels
+
+    def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells²), landmarks, visible."""
+        fine, coarse = self._features(pictures)
+        logits = self.maps(fine).flatten(2)  # (B, maps, cells²)
+        colours = F.avg_pool2d(pictures, _STRIDE, ceil_mode=True).flatten(2).transpose(1, 2)
+        place = (self.grid / self.grid.max() * 2 - 1).expand(len(pictures), -1, -1)
+        read = torch.bmm(logits.softmax(-1), torch.cat([place, colours], -1)).flatten(1)
+        visible = self.head(torch.cat([read, coarse.mean((2, 3))], -1))
+        heatmaps = logits[:, : self.num_landmarks]
+        return heatmaps, self._peaks(heatmaps), visible
+
+    def _features(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """A small U-net: (B, c, cells, cells) fine and (B, 2c, ...) coarse features."""
+        fine = F.relu(self.fine[0](pictures))
+        fine = F.relu(self.fine[1](fine)) + fine
+        middle = F.relu(self.middle[0](fine))
+        middle = F.relu(self.middle[1](middle)) + middle
+        coarse = F.relu(self.coarse[0](middle))
+        coarse = F.relu(self.coarse[1](coarse)) + coarse
+        middle = middle + F.interpolate(self.to_middle(coarse), size=middle.shape[-2:])
+        fine = fine + F.interpolate(self.to_fine(middle), size=fine.shape[-2:])
+        return F.relu(self.mix(fine)) + fine, coarse
+
+    def _peaks(self, heatmaps: torch.Tensor) -> torch.Tensor:
+        """(B, L, 2) mean position around each heatmap's peak: finer than a cell."""
+        peak = self.grid[heatmaps.argmax(-1)]  # (B, L, 2)
+        distance = (self.grid - peak[:, :, None]).abs().amax(-1)
+        near = distance <= _NEAR_CELLS * _STRIDE + 0.1
+        return heatmaps.masked_fill(~near, -torch.inf).softmax(-1) @ self.grid
+
+    def loss(
+        self,
+        pictures: torch.Tensor,
+        landmarks: torch.Tensor,
+        visible: torch.Tensor,
+        visible_width: torch.Tensor,
+    ) -> torch.Tensor:
+        """Mean loss of (B, 3, H, W) pictures with true (B, L, 2) landmarks, (B, V) visible.
+
+        Visible parameters are in coordinates of the whole space; errors count relative to
+        `visible_width` (V,), the width of the range searched at present.
+        """
+        heatmaps, found, estimated = self(pictures)
+        truth = splat(landmarks, self.cells)
+        where = -(truth * heatmaps.log_softmax(-1)).sum(-1).mean() if self.num_landmarks else 0.0
+        exact = F.smooth_l1_loss(found, landmarks, beta=0.5) if self.num_landmarks else 0.0
+        error = 2 * (estimated - visible) / visible_width
+        colours = (
+            F.smooth_l1_loss(error, torch.zeros_like(error), beta=0.1) if error.numel() else 0.0
+        )
+        return where + 0.5 * exact + 5.0 * colours
+
+
+def splat(landmarks: torch.Tensor, cells: int) -> torch.Tensor:
+    """(B, L, 2) pixel positions to (B, L, cells²) weights of the four cells around each."""
+    place = ((landmarks - (_STRIDE - 1) / 2) / _STRIDE).clamp(0, cells - 1)
+    corner = place.floor().clamp(max=cells - 2)
+    part = place - corner
+    weights = torch.zeros(*landmarks.shape[:-1], cells * cells)
+    for step_x in (0, 1):
+        for step_y in (0, 1):
+            x, y = part[..., 0], part[..., 1]
+            weight = (x if step_x else 1 - x) * (y if step_y else 1 - y)
+            cell = (corner[..., 1] + step_y) * cells + corner[..., 0] + step_x
+            weights.scatter_add_(-1, cell.long()[..., None], weight[..., None])
+    return weights
+
+
+def to_input(frames: np.ndarray | torch.Tensor) -> torch.Tensor:
+    """(B, H, W, 3) uint8 to (B, 3, H, W) float in [-1, 1], channels last."""
+    pictures = torch.as_tensor(frames).permute(0, 3, 1, 2).float().div_(127.5).sub_(1)
+    return pictures.contiguous(memory_format=torch.channels_last)
+
+
+@torch.no_grad()
+def look(sight: Sight, frames: np.ndarray, batch_size: int = 256) -> tuple[np.ndarray, np.ndarray]:
+    """What sight makes of (n, H, W, 3) frames: landmarks (n, L, 2) px and visible (n, V)."""
+    landmarks, visible = [], []
+    for start in range(0, len(frames), batch_size):
+        _, found, estimated = sight(to_input(frames[start : start + batch_size]))
+        landmarks.append(found.numpy())
+        visible.append(estimated.numpy())
+    return np.concatenate(landmarks), np.concatenate(visible)

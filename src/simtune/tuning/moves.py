@@ -1,0 +1,96 @@
+"""How Ξ moves, given survival curves: pure functions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simtune.randomization import Distribution
+from simtune.tuning.search import Estimate, Event, Verdict
+
+_GRID = np.linspace(-1.5, 1.5, 1201)  # coordinates of the range: -1 its low end, 1 its high end
+
+
+@dataclass(frozen=True, kw_only=True)
+class MoveConfig:
+    edge_mass: float = 0.1  # a range is widened when the truth lies beyond its edge so probably
+    margin: float = 1.6  # a narrowed range over the central 98 %, lest it cut the posterior off
+    barely_told: float = 0.85  # a range that would still be this wide, of the old, is not moved
+    smallest_share: float = 0.06  # of the first range: no range gets narrower than this
+    identified_share: float = 0.15  # 90 % interval within the first range: verdict "identified"
+    weak_share: float = 0.6  # ... and up to here "weak"
+
+
+def candidate_grid() -> np.ndarray:
+    """(C,) candidates to read the curves at, in coordinates of the range."""
+    return _GRID
+
+
+def quantile(prob_higher: np.ndarray, share: float) -> np.ndarray:
+    """(N,) coordinates below which the truth lies with probability `share`.
+
+    `prob_higher`: (N, C) survival curves on the grid, which fall from 1 to 0.
+    """
+    below = 1 - np.minimum.accumulate(prob_higher, axis=1)
+    return np.array([np.interp(share, row, _GRID) for row in below])
+
+
+def read_curves(
+    prob_higher: np.ndarray, distribution: Distribution, first: Distribution, config: MoveConfig
+) -> Estimate:
+    """Median, 90 % interval and verdict of (N, C) survival curves on the grid."""
+    space = distribution.space
+
+    def parameters(coordinates: np.ndarray) -> np.ndarray:
+        return space.clip(distribution.from_local((coordinates + 1) / 2))
+
+    mean, low, high = (parameters(quantile(prob_higher, s)) for s in (0.5, 0.05, 0.95))
+    share = first.to_local(high) - first.to_local(low)
+    candidates = np.stack([parameters(np.full(len(space), c)) for c in _GRID[::8]], axis=1)
+    curves = {name: (candidates[i], prob_higher[i, ::8]) for i, name in enumerate(space.names)}
+    return Estimate(mean, low, high, [_verdict(s, config) for s in share], curves)
+
+
+def _verdict(share: float, config: MoveConfig) -> Verdict:
+    if share <= config.identified_share:
+        return "identified"
+    return "weak" if share <= config.weak_share else "not identifiable"
+
+
+def move(
+    prob_higher: np.ndarray, distribution: Distribution, first: Distribution, config: MoveConfig
+) -> tuple[Distribution, list[Event]]:
+    """Straight to the median; narrower where the curve is sharp, wider where it hits an edge."""
+    space = distribution.space
+    # In coordinates of the present range. The narrowest range allowed, likewise:
+    smallest = config.smallest_share / (
+        first.to_local(distribution.high) - first.to_local(distribution.low)
+    )
+    median = quantile(prob_higher, 0.5)
+    q_low, q_high = quantile(prob_higher, 0.01), quantile(prob_higher, 0.99)
+    half = np.clip(config.margin * (q_high - q_low) / 2, smallest, 1.0)
+    middle = (q_low + q_high) / 2
+    low, high = np.maximum(middle - half, -1), np.minimum(middle + half, 1)
+    beyond_low = quantile(prob_higher, config.edge_mass) < -0.98
+    beyond_high = quantile(prob_higher, 1 - config.edge_mass) > 0.98
+    told = (q_high - q_low) < 1.6  # a flat curve's quantiles are at the edges, but mean nothing
+    untold = half > config.barely_told  # leave the range as it is
+    low, high = np.where(untold, -1, low), np.where(untold, 1, high)
+    low = np.where(beyond_low & told, median - 1.5, low)
+    high = np.where(beyond_high & told, median + 1.5, high)
+    local = [(x + 1) / 2 for x in (median, low, high)]
+    mean, low_, high_ = (space.clip(distribution.from_local(x)) for x in local)
+    moved = distribution.with_interval(mean, low_, high_)
+    return moved, _events(distribution, moved)
+
+
+def _events(before: Distribution, after: Distribution) -> list[Event]:
+    """What happened to each range that changed by more than a twentieth of its width."""
+    events = []
+    low, high = before.to_local(after.low), before.to_local(after.high)
+    for i, name in enumerate(before.space.names):
+        now = (name, float(after.low[i]), float(after.high[i]))
+        if low[i] < -0.01 or high[i] > 1.01:
+            events.append(Event("widened", *now, "the truth may lie beyond the edge of the range"))
+        elif high[i] - low[i] < 0.95:
+            events.append(Event("narrowed", *now, "the videos rule the rest out"))
+    return events

@@ -1,0 +1,217 @@
+"""search="posterior": straight to the median, narrow the range, collect again."""
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+
+from simtune.progress import Say, silent
+from simtune.randomization import Distribution
+from simtune.search_param_model.landmarks import candidate_landmarks, choose_landmarks
+from simtune.search_param_model.posterior import (
+    PosteriorConfig,
+    PosteriorSearchParamModel,
+    Progress,
+    SimulatedWorlds,
+)
+from simtune.simulation import Simulator, random_actions
+from simtune.trajectory import Trajectory
+from simtune.tuning.moves import MoveConfig, candidate_grid, move, read_curves
+from simtune.tuning.search import Estimate, Event
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosteriorSearchConfig:
+    model: PosteriorConfig = field(default_factory=PosteriorConfig)
+    move: MoveConfig = field(default_factory=MoveConfig)
+    num_worlds: int = 256  # simulated in an iteration
+    episodes_per_world: int = 4  # at most, of the real ones, whose actions they replay
+    filmed_steps: int = 32  # successive frames drawn of each world
+    held_out: float = 0.25  # share of the worlds on which sight's errors are measured
+    iterations: int = 3
+    sight_updates: tuple[int, ...] = (2500, 1200)  # first iteration, later ones
+    judge_updates: int = 1200
+    time_shares: tuple[float, ...] = (0.45, 0.3, 0.25)  # of the time, for each iteration
+    sight_share: float = 0.6  # of an iteration's training time
+
+
+class PosteriorSearch:
+    """Search by the posterior SPM; a `tuning.search.Search`."""
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        camera: str,
+        start: np.ndarray,
+        config: PosteriorSearchConfig | None = None,
+        *,
+        seed: int,
+        say: Say = silent,
+    ):
+        self.config = config = config or PosteriorSearchConfig()
+        self.simulator, self._say = simulator, say
+        self.first = Distribution.first(simulator.space, start)
+        self.distribution = self.first
+        self.iteration = 0
+        self._rng = np.random.default_rng(seed)
+        self._landmarks = _find_landmarks(simulator, camera, self.first, seed)
+        self.model = PosteriorSearchParamModel(
+            len(self._landmarks),
+            simulator.num_actions,
+            simulator.space.is_visible,
+            simulator.image_size,
+            config.model,
+            seed,
+        )
+
+    @property
+    def finished(self) -> bool:
+        return self.iteration >= self.config.iterations
+
+    def iterate(
+        self, real: list[Trajectory], deadline_s: float
+    ) -> tuple[Estimate, list[Event], dict[str, float]]:
+        """Simulate in Ξ with the real actions, train sight and judge, look, move Ξ."""
+        end_s = self._end_of_iteration(deadline_s)
+        self._now("simulating", 0.0)
+        worlds = self._collect(real)
+        losses = self._train(worlds, end_s)
+        curves = self.model.curves(real, self.distribution)
+        grid = torch.tensor(candidate_grid(), dtype=torch.float32).expand(
+            1, len(self.first.mean), -1
+        )
+        prob_higher = curves.prob_higher(grid)[0].numpy()
+        estimate = read_curves(prob_higher, self.distribution, self.first, self.config.move)
+        self.distribution, events = move(
+            prob_higher, self.distribution, self.first, self.config.move
+        )
+        self.iteration += 1
+        return estimate, events, losses
+
+    def _now(self, doing: str, share: float) -> None:
+        """Say what is done, and how much of the present iteration is over."""
+        count = self.config.iterations
+        done = (min(self.iteration, count - 1) + share) / count
+        self._say(f"{min(self.iteration + 1, count)}/{count} {doing}", done)
+
+    def _end_of_iteration(self, deadline_s: float) -> float:
+        shares = self.config.time_shares[self.iteration :] or (1.0,)
+        now = time.monotonic()
+        return now + max(0.0, deadline_s - now) * shares[0] / sum(shares)
+
+    def _collect(self, real: list[Trajectory]) -> SimulatedWorlds:
+        """Worlds drawn from Ξ replay the real actions; a stretch of each is filmed."""
+        config, rng = self.config, self._rng
+        steps = min(len(t) for t in real)
+        played = np.stack([t.actions[:steps] for t in real])
+        episodes = min(config.episodes_per_world, len(real))
+        which = np.stack([rng.permutation(len(real))[:episodes] for _ in range(config.num_worlds)])
+        parameters = self.distribution.sample(config.num_worlds, rng)
+        rollouts = self.simulator.roll_out(
+            np.repeat(parameters, episodes, axis=0),
+            played[which.reshape(-1)].astype(float),
+            rng,
+            self._landmarks.record,
+        )
+        return self._film(rollouts, episodes)
+
+    def _film(self, rollouts, episodes: int) -> SimulatedWorlds:
+        # A world of which an episode diverged has fewer left: keep the whole ones.
+        whole = _whole_sets(rollouts.parameters, episodes)
+        landmarks = rollouts.recorded[whole]
+        num_worlds, steps = len(whole), rollouts.actions.shape[1]
+        filmed = min(self.config.filmed_steps, steps + 1)
+        start = self._rng.integers(0, steps + 2 - filmed, num_worlds)
+        self._now("filming", 0.15)
+        at = start[:, None] + np.arange(filmed)
+        states = rollouts.states[whole[:, :1], at].reshape(num_worlds * filmed, -1)
+        parameters = rollouts.parameters[whole[:, 0]]
+        frames = self.simulator.render(states, np.repeat(parameters, filmed, axis=0))
+        return SimulatedWorlds(
+            parameters,
+            rollouts.actions[whole],
+            landmarks.reshape(num_worlds, episodes, steps + 1, -1, 2),
+            frames.reshape(num_worlds, filmed, *frames.shape[1:]),
+            start,
+        )
+
+    def _train(self, worlds: SimulatedWorlds, end_s: float) -> dict[str, float]:
+        config, model = self.config, self.model
+        seconds = max(1.0, end_s - time.monotonic())
+        num_taught = round(len(worlds.parameters) * (1 - config.held_out))
+        updates = config.sight_updates[min(self.iteration, len(config.sight_updates) - 1)]
+        taught, others = _split(worlds, num_taught)
+        progress = Progress(
+            updates,
+            seconds * config.sight_share,
+            lambda f: self._now("learning to see", 0.2 + 0.5 * f),
+        )
+        sight_loss = model.train_sight(taught, self.distribution, progress)
+        errors = model.sight_errors(others, self.distribution)
+        progress = Progress(
+            config.judge_updates,
+            max(1.0, end_s - time.monotonic()),
+            lambda f: self._now("learning to judge", 0.7 + 0.3 * f),
+        )
+        judge_loss = model.train_judge(worlds, self.distribution, errors, progress)
+        return {
+            "loss/sight": sight_loss,
+            "loss/judge": judge_loss,
+            "sight/error_px": float(np.median(np.abs(errors[0]))) if errors[0].size else 0.0,
+        }
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        parts = {"sight": self.model.sight, "judge": self.model.judge}
+        tensors = {f"{p}.{k}": v for p, m in parts.items() for k, v in m.state_dict().items()}
+        return tensors | {"generator": self.model.generator.get_state()}
+
+    def state(self) -> dict[str, Any]:
+        ranges = {k: getattr(self.distribution, k).tolist() for k in ("mean", "low", "high")}
+        return {
+            "iteration": self.iteration,
+            "distribution": ranges,
+            "rng": self._rng.bit_generator.state,
+            "num_steps": self.simulator.num_steps,
+            "num_diverged": self.simulator.num_diverged,
+        }
+
+    def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        for part, module in (("sight", self.model.sight), ("judge", self.model.judge)):
+            prefix = part + "."
+            own = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+            module.load_state_dict(own)
+        self.model.generator.set_state(tensors["generator"])
+        self.iteration = state["iteration"]
+        ranges = {k: np.array(v) for k, v in state["distribution"].items()}
+        self.distribution = self.distribution.with_interval(**ranges)
+        self._rng.bit_generator.state = state["rng"]
+        self.simulator.num_steps = state["num_steps"]
+        self.simulator.num_diverged = state["num_diverged"]
+
+
+def _find_landmarks(simulator: Simulator, camera: str, distribution: Distribution, seed: int):
+    """Few landmarks from which all others follow, judged by a few random episodes."""
+    rng = np.random.default_rng(seed)
+    every = candidate_landmarks(simulator.model, camera, simulator.image_size)
+    if not len(every):
+        return every
+    actions = random_actions(32, 100, simulator.model, rng)
+    rollouts = simulator.roll_out(distribution.sample(32, rng), actions, rng, every.record)
+    return every.select(choose_landmarks(rollouts.recorded.reshape(-1, len(every), 2)))
+
+
+def _whole_sets(parameters: np.ndarray, episodes: int) -> np.ndarray:
+    """(W, E) indices of the worlds, by their parameters, all of whose E episodes are there."""
+    changes = np.flatnonzero(np.any(np.diff(parameters, axis=0) != 0, axis=1)) + 1
+    sets = np.split(np.arange(len(parameters)), changes)
+    return np.stack([s for s in sets if len(s) == episodes])
+
+
+def _split(worlds: SimulatedWorlds, num: int) -> tuple[SimulatedWorlds, SimulatedWorlds]:
+    fields = vars(worlds)
+    return (
+        SimulatedWorlds(**{k: v[:num] for k, v in fields.items()}),
+        SimulatedWorlds(**{k: v[num:] for k, v in fields.items()}),
+    )
