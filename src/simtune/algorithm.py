@@ -43,8 +43,9 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
     simulator = task.simulator(image_size=image_size, step_s=real.step_s)
     asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
     asked["parameters"] = outcome.declared(task.parameters, start)
+    search = make_search(config.search, simulator, task.camera, start, config.seed, say)
+    search.check(trajectories)
     with RunFolder.create(config.out, asked) as run:
-        search = make_search(config.search, simulator, task.camera, start, config.seed, say)
         estimate, wall_s = _search(config, run, search, simulator, trajectories)
         facts = {
             "task": task.name,
@@ -77,19 +78,23 @@ def _search(
 
     Returns the last estimate and the seconds spent, over all sittings of the run.
     """
-    estimate, spent_s = None, 0.0
+    estimate, iteration, spent_s = None, 0, 0.0
     if checkpoint := run.load_checkpoint():
         tensors, state = checkpoint
         search.load(tensors, state["search"])
-        estimate, spent_s = outcome.from_json(state["estimate"]), state["wall_s"]
+        estimate = outcome.from_json(state["estimate"])
+        iteration, spent_s = state["iteration"], state["wall_s"]
     began_s = time.monotonic() - spent_s
     deadline_s = began_s + 60 * config.budget_minutes
     while estimate is None or not (search.finished or time.monotonic() >= deadline_s):
         estimate, events, losses = search.iterate(real, deadline_s)
+        iteration += 1
         step, wall_s = simulator.num_steps, time.monotonic() - began_s
         for event in events:
             run.log_event(step, wall_s, **asdict(event))
-        run.log_metrics(step, len(real), wall_s, outcome.scalars(search, estimate) | losses)
-        state = {"search": search.state(), "estimate": outcome.to_json(estimate)}
-        run.save_checkpoint(search.tensors(), state | {"step": step, "wall_s": wall_s})
+        scalars = {"iteration": iteration} | outcome.scalars(search, estimate) | losses
+        run.log_metrics(step, len(real), wall_s, scalars)
+        state = {"iteration": iteration, "step": step, "wall_s": wall_s}
+        state |= {"search": search.state(), "estimate": outcome.to_json(estimate)}
+        run.save_checkpoint(search.tensors(), state)
     return estimate, time.monotonic() - began_s

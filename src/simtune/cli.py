@@ -1,5 +1,8 @@
 """The command line: `simtune COMMAND --help` says what each takes."""
 
+import contextlib
+import io
+import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,13 +44,33 @@ Command = (
 def main() -> None:
     """Exit status: 0 done, 1 failed, 2 the input cannot be used (one line says why)."""
     try:
-        _run(tyro.cli(Command, prog="simtune", description=__doc__))  # type: ignore[arg-type]
+        _run(_parse())
+        sys.stdout.flush()
     except InputError as error:
         sys.exit(_complain(error, 2))
     except KeyboardInterrupt:
         sys.exit(_complain("interrupted; the same command goes on", 1))
-    except RuntimeError as error:
+    except BrokenPipeError:  # `simtune tasks | head -1`: whoever reads has read enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains when it closes stdout
+        sys.exit(1)
+    except (RuntimeError, OSError) as error:
         sys.exit(_complain(error, 1))
+
+
+def _parse() -> Any:
+    """The command asked for. Raises InputError instead of printing tyro's boxes of many lines."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(Command, prog="simtune", description=__doc__)  # type: ignore[arg-type]
+    except SystemExit as exit_:
+        if not exit_.code:
+            raise
+        lines = [line.strip("│ ") for line in said.getvalue().splitlines()]
+        inside = [line for line in lines if line and line[0] not in "╭╰"]
+        rule = next((i for i, line in enumerate(inside) if line[0] == "─"), len(inside))
+        what = " ".join(inside[:rule]).rstrip(".")
+        raise InputError(f"{what}; --help says what there is") from None
 
 
 def _run(command: Any) -> None:

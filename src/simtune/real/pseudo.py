@@ -28,6 +28,8 @@ class PseudoReal:
         def film(num_episodes: int) -> list[Trajectory]:
             actions = random_actions(num_episodes, episode_steps, simulator.model, rng)
             rollouts = simulator.roll_out(np.tile(parameters, (num_episodes, 1)), actions, rng)
+            if not len(rollouts):
+                raise RuntimeError("every episode of the pseudo-real world diverged")
             return [
                 Trajectory(frames, played.astype(np.float32), simulator.step_s)
                 for frames, played in zip(simulator.film(rollouts), rollouts.actions, strict=True)

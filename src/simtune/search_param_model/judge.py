@@ -6,6 +6,7 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
+SHORTEST_STEPS = 21  # that the convolutions over time need
 _EDGE = 1e-5  # probabilities are kept this far from 0 and 1
 
 

@@ -91,7 +91,7 @@ class PaperSearch:
         self, real: list[Trajectory], deadline_s: float
     ) -> tuple[Estimate, list[Event], dict[str, float]]:
         """See `Search`. The first iterations only pretrain, and leave Ξ where it is."""
-        self._check(real)
+        self.check(real)
         self._say(f"move {self.num_moves} of {self.config.max_moves}", 0.0)
         config, buffer = self.config, self._buffer
         while buffer.num_added * config.episode_steps < config.collect_steps:
@@ -164,7 +164,7 @@ class PaperSearch:
     def _center(self, mean: np.ndarray) -> None:
         self.distribution = Distribution.proportional(self.space, mean, self.config.range_spm)
 
-    def _check(self, real: list[Trajectory]) -> None:
+    def check(self, real: list[Trajectory]) -> None:
         size = self._simulator.image_size
         for trajectory in real:
             if trajectory.frames.shape[1:3] != (size, size):

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import torch
 
+from simtune.errors import InputError
 from simtune.progress import Say, silent
 from simtune.randomization import Distribution
+from simtune.search_param_model.judge import SHORTEST_STEPS
 from simtune.search_param_model.landmarks import candidate_landmarks, choose_landmarks
 from simtune.search_param_model.posterior import (
     PosteriorConfig,
@@ -69,6 +71,15 @@ class PosteriorSearch:
     @property
     def finished(self) -> bool:
         return self.iteration >= self.config.iterations
+
+    def check(self, real: list[Trajectory]) -> None:
+        """Raises InputError where there are no trajectories, or too short ones."""
+        steps = min((len(t) for t in real), default=0)
+        if steps < SHORTEST_STEPS:
+            raise InputError(
+                f"search='posterior' needs episodes of at least {SHORTEST_STEPS} steps, "
+                + (f"got one of {steps}" if real else "got none")
+            )
 
     def iterate(
         self, real: list[Trajectory], deadline_s: float
@@ -206,7 +217,10 @@ def _whole_sets(parameters: np.ndarray, episodes: int) -> np.ndarray:
     """(W, E) indices of the worlds, by their parameters, all of whose E episodes are there."""
     changes = np.flatnonzero(np.any(np.diff(parameters, axis=0) != 0, axis=1)) + 1
     sets = np.split(np.arange(len(parameters)), changes)
-    return np.stack([s for s in sets if len(s) == episodes])
+    whole = [s for s in sets if len(s) == episodes]
+    if len(whole) < 2:  # one to learn from, one to measure errors on
+        raise RuntimeError("nearly every simulated world diverged; check the timestep and bounds")
+    return np.stack(whole)
 
 
 def _split(worlds: SimulatedWorlds, num: int) -> tuple[SimulatedWorlds, SimulatedWorlds]:

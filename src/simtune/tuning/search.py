@@ -45,6 +45,10 @@ class Search(Protocol):
         """Nothing is left to gain."""
         ...
 
+    def check(self, real: list[Trajectory]) -> None:
+        """Raises InputError for trajectories that cannot be looked at, e.g. too short ones."""
+        ...
+
     def iterate(
         self, real: list[Trajectory], deadline_s: float
     ) -> tuple[Estimate, list[Event], dict[str, float]]:
