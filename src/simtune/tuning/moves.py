@@ -34,6 +34,18 @@ def quantile(prob_higher: np.ndarray, share: float) -> np.ndarray:
     return np.array([np.interp(share, row, _GRID) for row in below])
 
 
+def shortest_interval(prob_higher: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) ends of the shortest interval that holds the truth with probability `share`.
+
+    Where the truth may lie at a bound, it reaches the bound; equal tails would never do so.
+    """
+    below = np.linspace(0.002, 1 - share - 0.002, 33)
+    low = np.stack([quantile(prob_higher, s) for s in below])  # (33, N)
+    high = np.stack([quantile(prob_higher, s + share) for s in below])
+    shortest = (high - low).argmin(0)[None]
+    return np.take_along_axis(low, shortest, 0)[0], np.take_along_axis(high, shortest, 0)[0]
+
+
 def read_curves(
     prob_higher: np.ndarray, distribution: Distribution, first: Distribution, config: MoveConfig
 ) -> Estimate:
@@ -43,7 +55,8 @@ def read_curves(
     def parameters(coordinates: np.ndarray) -> np.ndarray:
         return space.clip(distribution.from_local((coordinates + 1) / 2))
 
-    mean, low, high = (parameters(quantile(prob_higher, s)) for s in (0.5, 0.05, 0.95))
+    mean = parameters(quantile(prob_higher, 0.5))
+    low, high = (parameters(end) for end in shortest_interval(prob_higher, 0.9))
     share = first.to_local(high) - first.to_local(low)
     candidates = np.stack([parameters(np.full(len(space), c)) for c in _GRID[::8]], axis=1)
     curves = {name: (candidates[i], prob_higher[i, ::8]) for i, name in enumerate(space.names)}
