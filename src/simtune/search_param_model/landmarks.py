@@ -11,7 +11,10 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-_SYMMETRIC = (mujoco.mjtGeom.mjGEOM_SPHERE,)  # its ends tell nothing that its centre does not
+# Values, since MuJoCo's enums are unequal to the integers in its arrays.
+_SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value  # its ends tell nothing that its centre does not
+_ROUND = (mujoco.mjtGeom.mjGEOM_CAPSULE.value, mujoco.mjtGeom.mjGEOM_CYLINDER.value)
+_THREE_SIZES = (mujoco.mjtGeom.mjGEOM_BOX.value, mujoco.mjtGeom.mjGEOM_ELLIPSOID.value)
 _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
 
 
@@ -60,7 +63,7 @@ def candidate_landmarks(model: mujoco.MjModel, camera: str, image_size: int) -> 
     for geom in range(model.ngeom):
         if model.body_weldid[model.geom_bodyid[geom]] == 0:
             continue
-        ends = [0.0] if model.geom_type[geom] in _SYMMETRIC else [-1.0, 0.0, 1.0]
+        ends = [0.0] if model.geom_type[geom] == _SPHERE else [-1.0, 0.0, 1.0]
         half_length = _half_length(model, geom)
         for end in ends:
             geoms.append(geom)
@@ -72,9 +75,9 @@ def candidate_landmarks(model: mujoco.MjModel, camera: str, image_size: int) -> 
 def _half_length(model: mujoco.MjModel, geom: int) -> float:
     """Extent along the geom's z axis, m."""
     kind, size = model.geom_type[geom], model.geom_size[geom]
-    if kind in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER):
+    if kind in _ROUND:
         return float(size[1])
-    if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID):
+    if kind in _THREE_SIZES:
         return float(size[2])
     return float(model.geom_aabb[geom, 5])  # meshes and the rest: the bounding box
 

@@ -1,0 +1,167 @@
+"""Landmarks: where points of moving geoms appear, against plain loops and against pictures."""
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco.batch import Batch
+
+from simtune.parameters import ModelWriter, ParameterSpace, colour
+from simtune.search_param_model.landmarks import (
+    Landmarks,
+    candidate_landmarks,
+    choose_landmarks,
+)
+from simtune.simulation import Worlds, make_renderer
+from simtune.tasks import TASKS, load_task
+
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+SIZE = 64  # pixels
+
+BALL = """
+<mujoco>
+  <visual><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual>
+  <worldbody>
+    <camera name="oblique" pos="0.3 -2 0.9" xyaxes="1 0.2 0.1 -0.1 0.3 1" fovy="38"/>
+    <geom name="floor" type="plane" size="5 5 .1" pos="0 0 -3" rgba="0 0 0 1"/>
+    <body>
+      <freejoint/>
+      <geom name="ball" type="sphere" size=".05" rgba="1 0 0 1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+BALL_SPACE = ParameterSpace(colour("ball", ("ball",), (1.0, 0.0, 0.0)))
+
+
+def start_worlds(name: str, num_worlds: int) -> tuple[Worlds, np.ndarray]:
+    """Worlds of a task after a few steps, and their parameters."""
+    task = load_task(name)
+    worlds = Worlds(task.load_model(), task.parameters, num_worlds)
+    rng = np.random.default_rng(0)
+    uniform = rng.uniform(0.3, 0.7, (num_worlds, len(task.parameters)))
+    parameters = task.parameters.from_unit(uniform)
+    worlds.batch.bind("geom_xpos")
+    for field in ("geom_xmat", "cam_xpos", "cam_xmat"):
+        worlds.batch.bind(field)
+    worlds.reset(parameters, task.initialize, rng)
+    for _ in range(5):
+        worlds.step(rng.uniform(-1, 1, (num_worlds, worlds.batch.model.nu)), 10)
+    return worlds, parameters
+
+
+def project_by_hand(model, data, camera: int, point: np.ndarray) -> tuple[float, float]:
+    """Pixel coordinates of a point in the world, for a SIZE × SIZE picture."""
+    right, up, back = (data.cam_xmat[camera].reshape(3, 3)[:, i] for i in range(3))
+    to_point = point - data.cam_xpos[camera]
+    depth = -to_point @ back
+    half_height = depth * np.tan(np.radians(model.cam_fovy[camera]) / 2)  # m seen above the axis
+    x = (to_point @ right / half_height + 1) / 2 * SIZE - 0.5  # 0 is the first pixel's centre
+    y = (1 - to_point @ up / half_height) / 2 * SIZE - 0.5
+    return tuple(float(np.clip(v, -1, SIZE)) for v in (x, y))
+
+
+@pytest.mark.parametrize("name", list(TASKS))
+def test_projection_is_that_of_a_plain_loop(name):
+    task = load_task(name)
+    worlds, parameters = start_worlds(name, 3)
+    landmarks = candidate_landmarks(worlds.batch.model, task.camera, SIZE)
+    pixels = landmarks.record(worlds.batch)
+    assert pixels.shape == (3, 2 * len(landmarks))
+    assert pixels.dtype == np.float32
+    model = task.load_model()
+    camera = model.camera(task.camera).id
+    data = mujoco.MjData(model)
+    for world in range(3):
+        ModelWriter(task.parameters, model).write(model, parameters[world])
+        mujoco.mj_setState(model, data, worlds.state[world], STATE)
+        mujoco.mj_forward(model, data)
+        expected = []
+        for geom, offset in zip(landmarks.geoms, landmarks.offsets, strict=True):
+            point = data.geom_xpos[geom] + data.geom_xmat[geom].reshape(3, 3) @ offset
+            expected += project_by_hand(model, data, camera, point)
+        np.testing.assert_allclose(pixels[world], expected, atol=1e-3)
+
+
+def test_landmarks_are_where_the_picture_shows_them():
+    model = mujoco.MjModel.from_xml_string(BALL)
+    batch = Batch(model, 6)
+    for field in ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat"):
+        batch.bind(field)
+    rng = np.random.default_rng(2)
+    batch.reset()
+    batch.qpos[:, :3] = rng.uniform([-0.3, -0.3, 0.2], [0.4, 0.3, 0.7], (6, 3))
+    batch.forward()
+    landmarks = candidate_landmarks(model, "oblique", SIZE)
+    assert landmarks.geoms.tolist() == [model.geom("ball").id]
+    renderer = make_renderer("raycaster", model, BALL_SPACE, "oblique", SIZE)
+    frames = renderer.render(batch.state, np.tile(BALL_SPACE.nominal, (6, 1)))
+    red = frames[..., 0].astype(float) * (frames[..., 0] > 100)
+    weight = red / red.sum((1, 2), keepdims=True)
+    axis = np.arange(SIZE)
+    centroid = np.stack([weight.sum(1) @ axis, weight.sum(2) @ axis], -1)
+    assert (np.ptp(centroid, axis=0) > 5).all()  # the balls are in different places
+    np.testing.assert_allclose(landmarks.record(batch), centroid, atol=0.4)
+
+
+def test_what_is_out_of_the_picture_is_put_just_beyond_its_edge():
+    landmarks = Landmarks(np.array([0]), np.zeros((1, 3)), camera=0, image_size=SIZE)
+    # right, above, below left, and behind the camera
+    seen = np.array([[[9, 0, -1]], [[0, 9, -1]], [[-9, -9, -1]], [[0.1, 0.0, 5]]], float)
+    pixels = landmarks._project(seen, np.full(4, SIZE / 2))[:, 0]
+    middle = (SIZE - 1) / 2
+    expected = [[SIZE, middle], [middle, -1], [-1, SIZE], [SIZE, middle]]
+    np.testing.assert_allclose(pixels, expected)
+    assert np.isfinite(landmarks._project(np.zeros((1, 1, 3)), np.full(1, 32.0))).all()
+
+
+def test_geoms_that_never_move_are_no_landmarks():
+    model = load_task("cartpole").load_model()
+    landmarks = candidate_landmarks(model, "fixed", SIZE)
+    names = [model.geom(geom).name for geom in landmarks.geoms]
+    assert set(names) == {"cart", "pole_1"}
+    assert names.count("pole_1") == 3  # its centre and its two ends
+    ends = landmarks.offsets[[n == "pole_1" for n in names]]
+    length = model.geom("pole_1").size[1]
+    np.testing.assert_allclose(ends, [[0, 0, -length], [0, 0, 0], [0, 0, length]])
+
+
+def test_a_sphere_has_only_its_centre():
+    model = load_task("ball_in_cup").load_model()
+    landmarks = candidate_landmarks(model, "cam0", SIZE)
+    assert landmarks.geoms.tolist().count(model.geom("ball").id) == 1
+
+
+def test_few_landmarks_that_explain_all_are_chosen():
+    rng = np.random.default_rng(0)
+    hidden = rng.normal(0, 8, (200, 2, 2))  # two points move, in x and y
+    mixing = np.array([[1, 0], [0, 1], [0.5, 0.5], [0.3, 0.7], [0, 0]])  # the last never moves
+    seen = np.einsum("lk,skc->slc", mixing, hidden) + 30
+    chosen = choose_landmarks(seen)
+    assert sorted(chosen) == [0, 1]
+    # All others follow from the chosen: least squares leaves nothing.
+    basis = (seen - seen.mean(0))[:, chosen].reshape(200, -1)
+    rest = (seen - seen.mean(0)).reshape(200, -1)
+    rest = rest - basis @ np.linalg.lstsq(basis, rest, rcond=None)[0]
+    assert np.sqrt(np.square(rest).mean()) < 1e-9
+
+
+def test_at_most_so_many_landmarks_and_none_for_less_than_the_tolerance():
+    rng = np.random.default_rng(0)
+    seen = rng.normal(0, 5, (500, 9, 2))
+    assert len(choose_landmarks(seen, at_most=4)) == 4
+    assert sorted(choose_landmarks(seen)) == list(range(9))
+    assert choose_landmarks(rng.normal(0, 0.1, (500, 9, 2))) == []
+
+
+def test_chosen_landmarks_of_a_task_fix_all_others():
+    worlds, _ = start_worlds("walker", 256)
+    landmarks = candidate_landmarks(worlds.batch.model, "side", SIZE)
+    seen = landmarks.record(worlds.batch).reshape(256, -1, 2)
+    chosen = choose_landmarks(seen)
+    assert 3 <= len(chosen) < len(landmarks)
+    few = landmarks.select(chosen)
+    np.testing.assert_array_equal(few.record(worlds.batch).reshape(256, -1, 2), seen[:, chosen])
+    centred = seen - seen.mean(0)
+    basis, others = centred[:, chosen].reshape(256, -1), centred.reshape(256, -1)
+    rest = others - basis @ np.linalg.lstsq(basis, others, rcond=None)[0]
+    assert np.sqrt(np.square(rest).mean(0)).max() < 0.3
