@@ -39,7 +39,7 @@ class Judge(nn.Module):
         self.first = nn.Conv1d(num_seen, c, 5)
         self.later = nn.ModuleList([nn.Conv1d(c, c, 5, dilation=2) for _ in range(2)])
         self.head = nn.Sequential(
-            nn.Linear(2 * c + len(visible), config.hidden),
+            nn.Linear(2 * c + 2 + len(visible), config.hidden),
             nn.ELU(),
             nn.Linear(config.hidden, config.hidden),
             nn.ELU(),
@@ -56,7 +56,9 @@ class Judge(nn.Module):
             x = F.elu(conv(x)) + x[..., 4:-4]
         pooled = torch.cat([x.mean(-1), (x.square().mean(-1) + 1e-6).sqrt()], -1)
         pooled = pooled.view(worlds, episodes, -1).mean(1)
-        out = self.head(torch.cat([pooled, visible], -1))
+        # Means do not tell over how much they were taken, which is what the curves' width is of.
+        amount = pooled.new_tensor([episodes, steps / SHORTEST_STEPS]).log().expand(worlds, -1)
+        out = self.head(torch.cat([pooled, amount, visible], -1))
         weights, places, scales = out.view(worlds, self.num_parameters, 3, -1).unbind(2)
         known = torch.zeros_like(places)
         known[:, self.visible] = visible[..., None]  # so that only corrections need learning
