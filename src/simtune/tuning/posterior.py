@@ -36,6 +36,7 @@ class PosteriorSearchConfig:
     sight_updates: tuple[int, ...] = (2500, 1200)  # first iteration, later ones
     judge_updates: int = 1200
     time_shares: tuple[float, ...] = (0.45, 0.3, 0.25)  # of the time, for each iteration
+    collect_share: float = 0.4  # of an iteration's time, at most, goes into simulating
     sight_share: float = 0.6  # of an iteration's training time
 
 
@@ -57,6 +58,7 @@ class PosteriorSearch:
         self.first = Distribution.first(simulator.space, start)
         self.distribution = self.first
         self.iteration = 0
+        self._seconds_per_world = 0.0  # as measured at the last collection
         self._rng = np.random.default_rng(seed)
         self._landmarks = _find_landmarks(simulator, camera, self.first, seed)
         self.model = PosteriorSearchParamModel(
@@ -87,7 +89,7 @@ class PosteriorSearch:
         """Simulate in Ξ with the real actions, train sight and judge, look, move Ξ."""
         end_s = self._end_of_iteration(deadline_s)
         self._now("simulating", 0.0)
-        worlds = self._collect(real)
+        worlds = self._collect(real, self._affordable_worlds(end_s))
         losses = self._train(worlds, end_s)
         curves = self.model.curves(real, self.distribution)
         grid = torch.tensor(candidate_grid(), dtype=torch.float32).expand(
@@ -112,21 +114,31 @@ class PosteriorSearch:
         now = time.monotonic()
         return now + max(0.0, deadline_s - now) * shares[0] / sum(shares)
 
-    def _collect(self, real: list[Trajectory]) -> SimulatedWorlds:
+    def _affordable_worlds(self, end_s: float) -> int:
+        """As many as the config says, or fewer where they would take most of the iteration."""
+        seconds = self.config.collect_share * (end_s - time.monotonic())
+        if not self._seconds_per_world:
+            return self.config.num_worlds
+        return int(np.clip(seconds / self._seconds_per_world, 64, self.config.num_worlds))
+
+    def _collect(self, real: list[Trajectory], num_worlds: int) -> SimulatedWorlds:
         """Worlds drawn from Ξ replay the real actions; a stretch of each is filmed."""
+        began_s = time.monotonic()
         config, rng = self.config, self._rng
         steps = min(len(t) for t in real)
         played = np.stack([t.actions[:steps] for t in real])
         episodes = min(config.episodes_per_world, len(real))
-        which = np.stack([rng.permutation(len(real))[:episodes] for _ in range(config.num_worlds)])
-        parameters = self.distribution.sample(config.num_worlds, rng)
+        which = np.stack([rng.permutation(len(real))[:episodes] for _ in range(num_worlds)])
+        parameters = self.distribution.sample(num_worlds, rng)
         rollouts = self.simulator.roll_out(
             np.repeat(parameters, episodes, axis=0),
             played[which.reshape(-1)].astype(float),
             rng,
             self._landmarks.record,
         )
-        return self._film(rollouts, episodes)
+        worlds = self._film(rollouts, episodes)
+        self._seconds_per_world = (time.monotonic() - began_s) / num_worlds
+        return worlds
 
     def _film(self, rollouts, episodes: int) -> SimulatedWorlds:
         # A world of which an episode diverged has fewer left: keep the whole ones.
