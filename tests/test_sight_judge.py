@@ -1,0 +1,508 @@
+"""Sight and judge: by hand, by plain loops, and against a posterior that is known."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+import torch
+from torch.nn import functional as F
+
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.randomization import Distribution
+from simtune.search_param_model import posterior
+from simtune.search_param_model.judge import (
+    SHORTEST_STEPS,
+    Curves,
+    Judge,
+    JudgeConfig,
+    judge_loss,
+)
+from simtune.search_param_model.posterior import (
+    PosteriorConfig,
+    PosteriorSearchParamModel,
+    Progress,
+    SimulatedWorlds,
+)
+from simtune.search_param_model.sight import Sight, SightConfig, look, splat, to_input
+from simtune.trajectory import Trajectory
+
+SMALL_SIGHT = SightConfig(channels=4, free_maps=2, hidden=16, batch_size=16)
+SIZE = 32  # pixels
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def a_sight(num_landmarks=2, num_visible=3, size=SIZE) -> Sight:
+    torch.manual_seed(0)
+    return Sight(num_landmarks, num_visible, size, SMALL_SIGHT)
+
+
+def a_parameter(name: str, field: str, low=0.0, high=1.0, scale="linear") -> Parameter:
+    nominal = (low * high) ** 0.5 if scale == "log" else (low + high) / 2
+    return Parameter(
+        name=name, field=field, nominal=nominal, low=low, high=high, scale=scale, unit="1"
+    )
+
+
+# --- sight --------------------------------------------------------------------------------
+
+
+def test_splat_by_hand():
+    # Cells of 2 pixels: the first cell's centre lies at pixel 0.5, the next one's at 2.5.
+    landmarks = torch.tensor([[[0.5, 0.5], [1.5, 0.5], [3.0, 5.0], [-9.0, 99.0]]])
+    weights = splat(landmarks, 4).view(4, 4, 4)  # landmark, y, x
+    expected = torch.zeros(4, 4, 4)
+    expected[0, 0, 0] = 1
+    expected[1, 0, 0] = expected[1, 0, 1] = 0.5
+    for x, weight_x in ((1, 0.75), (2, 0.25)):  # 3.0 is cell 1.25, 5.0 is cell 2.25
+        for y, weight_y in ((2, 0.75), (3, 0.25)):
+            expected[2, y, x] = weight_x * weight_y
+    expected[3, 3, 0] = 1  # out of the picture: the nearest corner
+    torch.testing.assert_close(weights, expected)
+
+
+def test_splat_keeps_the_mean_position():
+    sight = a_sight(1)
+    landmarks = torch.rand(50, 1, 2, generator=generator()) * (SIZE - 2) + 0.5
+    weights = splat(landmarks, sight.cells)
+    torch.testing.assert_close(weights.sum(-1), torch.ones(50, 1))
+    torch.testing.assert_close(weights @ sight.grid, landmarks)
+
+
+@pytest.mark.parametrize("truth", [(10.3, 20.9), (4.0, 27.2), (15.5, 15.5), (0.6, 30.4)])
+def test_peaks_are_found_finer_than_a_cell(truth):
+    sight = a_sight(1)
+    heatmap = splat(torch.tensor([[truth]]), sight.cells).log().clamp(min=-20)
+    heatmap[..., 0 if truth[0] > 8 else -1] = heatmap.max() - 0.1  # a lower peak far away
+    np.testing.assert_allclose(sight._peaks(heatmap)[0, 0], truth, atol=0.1)  # a cell is 2 pixels
+
+
+def test_input_is_between_minus_one_and_one_in_the_order_of_torch():
+    frames = np.zeros((2, 4, 5, 3), np.uint8)
+    frames[1, 2, 3] = (0, 51, 255)
+    pictures = to_input(frames)
+    assert pictures.shape == (2, 3, 4, 5)
+    np.testing.assert_allclose(pictures[1, :, 2, 3], [-1, 51 / 127.5 - 1, 1])
+    assert (pictures[0] == -1).all()
+
+
+def test_looking_in_batches_is_looking_at_once():
+    sight = a_sight()
+    frames = np.random.default_rng(0).integers(256, size=(7, SIZE, SIZE, 3)).astype(np.uint8)
+    for at_once, in_batches in zip(look(sight, frames), look(sight, frames, 3), strict=True):
+        np.testing.assert_allclose(at_once, in_batches, atol=1e-4)
+
+
+@pytest.mark.parametrize(("num_landmarks", "num_visible"), [(0, 2), (2, 0)])
+def test_a_world_without_landmarks_or_without_visible_parameters(num_landmarks, num_visible):
+    sight = a_sight(num_landmarks, num_visible)
+    loss = sight.loss(
+        torch.zeros(4, 3, SIZE, SIZE),
+        torch.full((4, num_landmarks, 2), 7.0),
+        torch.full((4, num_visible), 0.5),
+        torch.ones(num_visible),
+    )
+    loss.backward()
+    assert torch.isfinite(loss)
+
+
+def test_errors_count_relative_to_the_width_of_the_range():
+    sight = a_sight(0, 1)
+    pictures, landmarks = torch.zeros(1, 3, SIZE, SIZE), torch.zeros(1, 0, 2)
+    _, _, estimated = sight(pictures)
+    truth = (estimated + 1.0).detach()  # far away, where the loss is linear
+    wide, narrow = (
+        sight.loss(pictures, landmarks, truth, torch.tensor([w])).item() for w in (1.0, 0.5)
+    )
+    # smooth L1 of an error of 2/width with beta .1
+    expected = (4.0 - 0.05) / (2.0 - 0.05)
+    assert narrow / wide == pytest.approx(expected, rel=1e-4)
+
+
+def dots(num: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pictures of a blurred dot on a ground of some grey: positions (n, 1, 2), grey (n, 1)."""
+    rng = np.random.default_rng(seed)
+    place = rng.uniform(5, SIZE - 6, (num, 1, 2))
+    grey = rng.uniform(0, 0.5, (num, 1))
+    axis = np.arange(SIZE)
+    distance = (axis - place[:, 0, :1]) ** 2 + 0j  # (n, SIZE), x
+    distance = distance.real[:, None, :] + ((axis - place[:, 0, 1:]) ** 2)[:, :, None]
+    picture = np.maximum(grey[:, :, None], np.exp(-distance / 4))
+    return (np.repeat(picture[..., None], 3, -1) * 255).astype(np.uint8), place, grey
+
+
+def test_sight_learns_to_find_a_dot_and_a_grey():
+    space = ParameterSpace([a_parameter("grey", "geom_rgba"), a_parameter("mass", "body_mass")])
+    distribution = Distribution(space, np.full(2, 0.25), np.zeros(2), np.array([0.5, 1.0]))
+    config = PosteriorConfig(sight=SightConfig(channels=8, free_maps=2, hidden=32, batch_size=32))
+    model = PosteriorSearchParamModel(1, 1, space.is_visible, SIZE, config, seed=0)
+
+    def worlds(seed: int) -> SimulatedWorlds:
+        frames, place, grey = dots(300, seed)
+        return SimulatedWorlds(
+            np.concatenate([grey, np.full((300, 1), 0.5)], 1),
+            np.zeros((300, 1, 1, 1), np.float32),
+            np.repeat(place[:, None, None].astype(np.float32), 2, 2),
+            frames[:, None],
+            np.zeros(300, int),
+        )
+
+    loss = model.train_sight(worlds(0), distribution, Progress(250, math.inf))
+    assert np.isfinite(loss)
+    error_px, error_range = model.sight_errors(worlds(1), distribution)
+    assert error_px.shape == (300, 1, 1, 2)
+    assert error_range.shape == (300, 1)
+    assert np.median(np.abs(error_px)) < 0.5
+    # In coordinates of the range, which is 2 wide: knowing nothing would leave an error of .5.
+    assert np.median(np.abs(error_range)) < 0.12
+
+
+# --- curves -------------------------------------------------------------------------------
+
+
+def some_curves(worlds=2, parameters=3, components=3) -> Curves:
+    g = generator(3)
+    shape = (worlds, parameters, components)
+    return Curves(
+        torch.randn(shape, generator=g).log_softmax(-1),
+        torch.randn(shape, generator=g) * 0.6,
+        torch.rand(shape, generator=g) * 0.3 + 0.02,
+    )
+
+
+def survival(curves: Curves, world: int, parameter: int, candidate: float) -> float:
+    """P(truth > candidate), by a plain loop."""
+    total = 0.0
+    for k in range(curves.places.shape[-1]):
+        weight = math.exp(curves.log_weights[world, parameter, k])
+        place, scale = (x[world, parameter, k].item() for x in (curves.places, curves.scales))
+        total += weight / (1 + math.exp((candidate - place) / scale))
+    return total
+
+
+def test_curves_are_mixtures_of_logistics():
+    curves = some_curves()
+    candidates = torch.linspace(-2, 2, 9).expand(2, 3, -1)
+    prob_higher = curves.prob_higher(candidates)
+    for world in range(2):
+        for parameter in range(3):
+            expected = [survival(curves, world, parameter, c) for c in np.linspace(-2, 2, 9)]
+            np.testing.assert_allclose(prob_higher[world, parameter], expected, atol=2e-5)
+
+
+def test_curves_fall_from_one_to_zero():
+    prob_higher = some_curves().prob_higher(torch.linspace(-9, 9, 500).expand(2, 3, -1))
+    assert (prob_higher.diff(dim=-1) <= 0).all()
+    assert (prob_higher[..., 0] > 0.999).all()
+    assert (prob_higher[..., -1] < 0.001).all()
+    assert ((prob_higher > 0) & (prob_higher < 1)).all()  # or the loss would be infinite
+
+
+def test_samples_follow_the_curve():
+    curves = some_curves()
+    num = 20_000
+    samples = curves.sample(num, generator()).sort(-1).values
+    below = 1 - curves.prob_higher(samples)
+    uniform = (torch.arange(num) + 0.5) / num
+    distance = (below - uniform).abs().amax(-1)  # Kolmogorov and Smirnov's
+    assert (distance < 1.95 / num**0.5).all()  # exceeded once in a thousand
+
+
+# --- judge --------------------------------------------------------------------------------
+
+
+def certain(place: float) -> Curves:
+    """Curves that are sure of the truth's place."""
+    one = torch.full((1, 1, 1), place)
+    return Curves(torch.zeros(1, 1, 1), one, torch.full((1, 1, 1), 1e-3))
+
+
+def test_a_curve_that_is_right_has_less_loss():
+    truth = torch.tensor([[0.5]])
+    right, opposite, higher = (
+        judge_loss(certain(p), truth, 2000, generator()).item() for p in (0.5, -0.5, 0.7)
+    )
+    assert right < 0.2 < higher < opposite
+
+
+def test_label_is_true_where_the_truth_is_higher(monkeypatch):
+    asked = []
+
+    def prob_higher(self, candidates):
+        asked.append(candidates)
+        return (candidates < 0.3).float() * 0.98 + 0.01  # sure that the truth is 0.3
+
+    monkeypatch.setattr(Curves, "prob_higher", prob_higher)
+    loss = judge_loss(certain(0.0), torch.tensor([[0.3]]), 500, generator())
+    assert loss.item() == pytest.approx(-math.log(0.99), rel=1e-4)
+    (candidates,) = asked
+    assert candidates.shape == (1, 1, 1000)
+    assert candidates.min() < -1  # they cover the range and a little more
+    assert candidates.max() > 1
+
+
+def test_candidates_do_not_depend_on_the_truth(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        Curves, "prob_higher", lambda _, c: asked.append(c) or torch.full_like(c, 0.5)
+    )
+    for truth in (-0.9, 0.9):
+        judge_loss(certain(0.1), torch.tensor([[truth]]), 50, generator())
+    assert torch.equal(*asked)
+
+
+def test_judge_takes_any_number_of_episodes_and_steps():
+    torch.manual_seed(0)
+    judge = Judge(5, [1], 3, JudgeConfig(channels=8, hidden=16))
+    for episodes, steps in ((1, SHORTEST_STEPS), (4, 30)):
+        seen = torch.randn(2, episodes, steps, 5)
+        curves = judge(seen, torch.zeros(2, 1))
+        assert curves.places.shape == (2, 3, 3)
+        order = torch.randperm(episodes)
+        again = judge(seen[:, order], torch.zeros(2, 1))
+        torch.testing.assert_close(curves.places, again.places)  # a set has no order
+    with pytest.raises(RuntimeError):
+        judge(torch.randn(2, 1, SHORTEST_STEPS - 1, 5), torch.zeros(2, 1))
+
+
+def test_what_sight_estimates_moves_the_curve_along():
+    judge = Judge(5, [1], 3, JudgeConfig(channels=8, hidden=16))
+    for parameter in judge.head.parameters():
+        torch.nn.init.zeros_(parameter)  # no corrections learnt yet
+    places = judge(torch.randn(1, 1, 30, 5), torch.tensor([[0.7]])).places.mean(-1)
+    torch.testing.assert_close(places, torch.tensor([[0.0, 0.7, 0.0]]))
+
+
+NOISE = 0.5  # of an observation; the truth is uniform in [-1, 1]
+STEPS = SHORTEST_STEPS
+
+
+def observe(truth: torch.Tensor, episodes: int, seed: int) -> torch.Tensor:
+    """(B, 1) truths to (B, E, T, 1): each episode shows the truth plus noise, all along."""
+    noise = torch.randn(len(truth), episodes, generator=generator(seed)) * NOISE
+    return (truth + noise)[..., None, None].expand(-1, -1, STEPS, 1)
+
+
+def analytic(seen: torch.Tensor, grid: np.ndarray) -> np.ndarray:
+    """(B, G) distribution functions of the posterior."""
+    mean, episodes = seen[:, :, 0, 0].mean(1).numpy(), seen.shape[1]
+    density = np.exp(-episodes * (grid - mean[:, None]) ** 2 / 2 / NOISE**2)
+    density *= np.abs(grid) <= 1
+    below = density.cumsum(1)
+    return below / below[:, -1:]
+
+
+@pytest.fixture(scope="module")
+def judge_of_a_known_posterior() -> Judge:
+    torch.manual_seed(0)
+    config = JudgeConfig(channels=16, hidden=48, weight_decay=0.0)
+    judge = Judge(1, [], 1, config)
+    updates = 500
+    optimizer = torch.optim.AdamW(judge.parameters(), weight_decay=0.0)
+    for update in range(updates):
+        optimizer.param_groups[0]["lr"] = 6e-3 * (1 - update / updates)
+        truth = torch.rand(96, 1, generator=generator(update)) * 2 - 1
+        seen = observe(truth, 1 + update % 4, update + 10_000)
+        curves = judge(seen, torch.zeros(96, 0))
+        loss = judge_loss(curves, truth, 48, generator(update))
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    return judge
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("episodes", [1, 4])
+def test_a_trained_judge_gives_the_analytic_posterior(judge_of_a_known_posterior, episodes):
+    truth = torch.rand(800, 1, generator=generator(1)) * 2 - 1
+    seen = observe(truth, episodes, 2)
+    curves = judge_of_a_known_posterior(seen, torch.zeros(800, 0))
+    grid = np.linspace(-1.5, 1.5, 601)
+    candidates = torch.tensor(grid, dtype=torch.float32).expand(800, 1, -1)
+    below = 1 - curves.prob_higher(candidates)[:, 0].numpy()
+    expected = analytic(seen, grid)
+
+    def quantiles(rows, share):
+        return np.array([np.interp(share, row, grid) for row in rows])
+
+    for share, tolerance in ((0.5, 0.06), (0.05, 0.1), (0.95, 0.1)):
+        error = np.abs(quantiles(below, share) - quantiles(expected, share))
+        assert np.median(error) < tolerance, share
+    low, high = quantiles(below, 0.05), quantiles(below, 0.95)
+    covered = np.mean((truth[:, 0].numpy() > low) & (truth[:, 0].numpy() < high))
+    assert 0.86 < covered < 0.95
+
+
+@torch.no_grad()
+def test_more_episodes_narrow_the_interval(judge_of_a_known_posterior):
+    truth = torch.rand(400, 1, generator=generator(3)) * 0.6 - 0.3  # away from the edges
+    widths = []
+    for episodes in (1, 4):
+        curves = judge_of_a_known_posterior(observe(truth, episodes, 4), torch.zeros(400, 0))
+        samples = curves.sample(2000, generator())[:, 0]
+        widths.append((samples.quantile(0.75, 1) - samples.quantile(0.25, 1)).median())
+    # As 1/sqrt(E), but that the prior narrows the interval of a single episode as well.
+    assert 1.4 < widths[0] / widths[1] < 2.3
+
+
+# --- both ---------------------------------------------------------------------------------
+
+
+def test_progress_by_updates_and_by_time(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    told: list[float] = []
+    progress = Progress(100, 10.0, told.append)
+    assert progress.fraction() == 0
+    for _ in range(40):
+        progress.step()
+    assert progress.fraction() == 0.4
+    now[0] += 5  # half of the time, but less of the updates
+    assert progress.fraction() == 0.5
+    assert told == [0.2, 0.4]
+    now[0] += 50
+    assert progress.fraction() > 1
+    for _ in range(20):
+        progress.step()
+    assert told[-1] == 1.0  # never more than all
+
+
+def test_learning_rate_warms_up_and_falls_to_nearly_nothing():
+    progress = Progress(1000, math.inf)
+    rates = []
+    for _ in range(1000):
+        rates.append(progress.learning_rate(2.0, warm_up=50))
+        progress.step()
+    assert rates[0] == pytest.approx(2 / 50)
+    assert np.argmax(rates) == 49
+    assert (np.diff(rates[50:]) <= 0).all()
+    assert rates[500] == pytest.approx(1.0)
+    assert 0 < rates[-1] < 0.05
+
+
+def test_no_time_at_all_ends_a_training_soon():
+    progress = Progress(10**9, 0.0)
+    time.sleep(0.01)
+    assert progress.fraction() > 1
+
+
+def a_model_and_worlds(num_worlds=12, episodes=2, steps=30, filmed=5):
+    space = ParameterSpace(
+        [
+            a_parameter("grey", "geom_rgba"),
+            a_parameter("mass", "body_mass", 0.1, 10.0, "log"),
+            a_parameter("red", "geom_rgba"),
+        ]
+    )
+    low, high = np.array([0.2, 1.0, 0.0]), np.array([0.4, 10.0, 1.0])
+    distribution = Distribution(space, (low + high) / 2, low, high)
+    rng = np.random.default_rng(0)
+    config = PosteriorConfig(
+        sight=SMALL_SIGHT, judge=JudgeConfig(channels=8, hidden=16, batch_size=8, candidates=8)
+    )
+    model = PosteriorSearchParamModel(2, 1, space.is_visible, SIZE, config, seed=0)
+    worlds = SimulatedWorlds(
+        distribution.sample(num_worlds, rng),
+        rng.uniform(-1, 1, (num_worlds, episodes, steps, 1)),
+        rng.uniform(0, SIZE, (num_worlds, episodes, steps + 1, 2, 2)).astype(np.float32),
+        rng.integers(256, size=(num_worlds, filmed, SIZE, SIZE, 3)).astype(np.uint8),
+        rng.integers(0, steps + 2 - filmed, num_worlds),
+    )
+    return model, worlds, distribution
+
+
+def test_filmed_landmarks_are_those_of_the_filmed_steps():
+    _, worlds, _ = a_model_and_worlds()
+    filmed = worlds.filmed_landmarks()
+    for world, start in enumerate(worlds.filmed_from):
+        for i in range(5):
+            np.testing.assert_array_equal(filmed[world, i], worlds.landmarks[world, 0, start + i])
+
+
+def test_sights_estimates_are_brought_to_the_present_range():
+    model, _, distribution = a_model_and_worlds()
+    # sight gives coordinates of the whole space, 0 to 1; the judge wants -1 to 1 in the range
+    estimated = np.array([[0.2, 0.0], [0.3, 0.5], [0.4, 1.0], [0.5, 0.75]])
+    expected = [[-1, -1], [0, 0], [1, 1], [2, 0.5]]
+    np.testing.assert_allclose(model._from_sight(estimated, distribution), expected, atol=1e-9)
+
+
+def test_the_judge_learns_from_sets_spoilt_by_errors_of_one_world_each():
+    model, worlds, distribution = a_model_and_worlds()
+    # An error that says of which world it is: +1000·(world + 1)
+    errors = np.zeros((3, 5, 2, 2)) + 1000.0 * np.arange(1, 4)[:, None, None, None]
+    visible_errors = np.tile(np.arange(1, 4)[:, None] * 10.0, (1, 2))
+    batches = posterior._JudgeBatches(
+        worlds, (errors, visible_errors), model.visible, model.config.judge, model.generator
+    )
+    truth = torch.tensor(model._to_range(worlds.parameters, distribution), dtype=torch.float32)
+    sizes = set()
+    for _ in range(20):
+        at, landmarks, actions, visible = batches.draw(truth)[:4]
+        num, steps = actions.shape[1:3]
+        sizes.add(num)
+        assert landmarks.shape == (8, num, steps + 1, 2, 2)
+        assert SHORTEST_STEPS <= steps <= 30
+        misled = (landmarks / 1000).floor()
+        assert (misled == misled[:, :1, :1, :1, :1]).all()
+        clean = landmarks - 1000 * misled
+        expected = truth[at][:, model.visible] + 10 * misled[:, 0, 0, 0, :1]
+        torch.testing.assert_close(visible, expected)
+        for b in range(8):  # each is a stretch of an episode of that very world
+            world = torch.from_numpy(worlds.landmarks[at[b]])
+            starts = [
+                (e, t)
+                for e in range(2)
+                for t in range(31 - steps)
+                if torch.allclose(world[e, t : t + steps + 1], clean[b, 0], atol=1e-2)
+            ]
+            assert len(starts) == 1
+            ((e, t),) = starts
+            played = torch.from_numpy(worlds.actions[at[b], e, t : t + steps]).float()
+            torch.testing.assert_close(actions[b, 0], played)
+    assert sizes == {1, 2}
+
+
+def test_training_and_reading_the_whole_model():
+    model, worlds, distribution = a_model_and_worlds()
+    assert np.isfinite(model.train_sight(worlds, distribution, Progress(3, math.inf)))
+    errors = model.sight_errors(worlds, distribution)
+    assert np.isfinite(model.train_judge(worlds, distribution, errors, Progress(3, math.inf)))
+    rng = np.random.default_rng(0)
+    real = [
+        Trajectory(
+            rng.integers(256, size=(steps + 1, SIZE, SIZE, 3)).astype(np.uint8),
+            rng.uniform(-1, 1, (steps, 1)).astype(np.float32),
+            0.1,
+        )
+        for steps in (30, 26)  # recordings differ in length
+    ]
+    curves = model.curves(real, distribution)
+    assert curves.places.shape == (1, 3, 3)
+    swapped = model.curves(real[::-1], distribution)
+    torch.testing.assert_close(curves.places, swapped.places)
+
+
+def test_a_seed_gives_the_same_model_and_leaves_torchs_own_numbers_alone():
+    torch.manual_seed(5)
+    expected = torch.rand(3)
+    torch.manual_seed(5)
+    (one, _, _), (other, _, _) = a_model_and_worlds(), a_model_and_worlds()
+    assert torch.equal(torch.rand(3), expected)
+    for a, b in zip(one.sight.parameters(), other.sight.parameters(), strict=True):
+        assert torch.equal(a, b)
+    for a, b in zip(one.judge.parameters(), other.judge.parameters(), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_gradients_reach_every_weight_of_sight():
+    sight = a_sight()
+    pictures = torch.rand(4, 3, SIZE, SIZE, generator=generator()) * 2 - 1
+    landmarks = torch.rand(4, 2, 2, generator=generator()) * SIZE
+    sight.loss(pictures, landmarks, torch.rand(4, 3), torch.ones(3)).backward()
+    for name, weight in sight.named_parameters():
+        assert weight.grad is not None, name
+        assert F.l1_loss(weight.grad, torch.zeros_like(weight)) > 0, name
