@@ -83,6 +83,9 @@ def move(
     half = np.clip(config.margin * (q_high - q_low) / 2, smallest, 1.0)
     middle = (q_low + q_high) / 2
     low, high = np.maximum(middle - half, -1), np.minimum(middle + half, 1)
+    # Also at an edge, and where all of the posterior lies beyond it:
+    middle = np.clip((low + high) / 2, smallest - 1, 1 - smallest)
+    low, high = np.minimum(low, middle - smallest), np.maximum(high, middle + smallest)
     beyond_low = quantile(prob_higher, config.edge_mass) < -0.98
     beyond_high = quantile(prob_higher, 1 - config.edge_mass) > 0.98
     told = (q_high - q_low) < 1.6  # a flat curve's quantiles are at the edges, but mean nothing
@@ -90,7 +93,7 @@ def move(
     low, high = np.where(untold, -1, low), np.where(untold, 1, high)
     low = np.where(beyond_low & told, median - 1.5, low)
     high = np.where(beyond_high & told, median + 1.5, high)
-    local = [(x + 1) / 2 for x in (median, low, high)]
+    local = [(x + 1) / 2 for x in (np.clip(median, low, high), low, high)]
     mean, low_, high_ = (space.clip(distribution.from_local(x)) for x in local)
     moved = distribution.with_interval(mean, low_, high_)
     return moved, _events(distribution, moved)

@@ -1,0 +1,239 @@
+"""How Ξ moves: by hand, and what must hold whatever the curves say."""
+
+import numpy as np
+import pytest
+
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.randomization import Distribution
+from simtune.tuning.moves import (
+    MoveConfig,
+    candidate_grid,
+    move,
+    quantile,
+    read_curves,
+    shortest_interval,
+)
+
+GRID = candidate_grid()
+CONFIG = MoveConfig()
+
+
+def a_parameter(name: str, low: float, high: float, scale: str = "linear") -> Parameter:
+    nominal = (low * high) ** 0.5 if scale == "log" else (low + high) / 2
+    return Parameter(
+        name=name, field="opt.o", nominal=nominal, low=low, high=high, scale=scale, unit="1"
+    )
+
+
+SPACE = ParameterSpace([a_parameter("red", 0.0, 1.0), a_parameter("mass", 0.01, 100.0, "log")])
+FIRST = Distribution.first(SPACE, np.array([0.5, 1.0]))  # red [0, 1], mass [1/3, 3]
+
+
+def logistic(place, scale) -> np.ndarray:
+    """(N, C) survival curves on the grid."""
+    place, scale = np.atleast_1d(place)[:, None], np.atleast_1d(scale)[:, None]
+    with np.errstate(over="ignore"):
+        return 1 / (1 + np.exp((GRID - place) / scale))
+
+
+def flat(num: int = 2) -> np.ndarray:
+    """What nothing but the prior gives: uniform in the range."""
+    return np.tile(np.clip((1 - GRID) / 2, 0, 1), (num, 1))
+
+
+def narrowed_to(low, high) -> Distribution:
+    low, high = np.array(low), np.array(high)
+    return FIRST.with_interval(
+        SPACE.from_unit((SPACE.to_unit(low) + SPACE.to_unit(high)) / 2), low, high
+    )
+
+
+# --- quantiles ----------------------------------------------------------------------------
+
+
+def test_quantiles_of_the_prior():
+    for share in (0.05, 0.5, 0.9):
+        np.testing.assert_allclose(quantile(flat(), share), 2 * share - 1, atol=3e-3)
+
+
+def test_quantiles_of_logistics():
+    curves = logistic([0.3, -0.2], [0.05, 0.01])
+    for share in (0.1, 0.5, 0.95):
+        expected = np.array([0.3, -0.2]) + np.array([0.05, 0.01]) * np.log(share / (1 - share))
+        np.testing.assert_allclose(quantile(curves, share), expected, atol=3e-3)
+
+
+def test_quantiles_of_a_curve_that_does_not_fall_everywhere():
+    curve = logistic(0.0, 0.1)[0]
+    bumpy = curve.copy()
+    bumpy[GRID > 0.3] = np.maximum(bumpy[GRID > 0.3], 0.2)  # it rises again
+    bumpy[GRID > 1.0] = 0
+    found = quantile(bumpy[None], 0.5)
+    np.testing.assert_allclose(found, 0, atol=1e-6)
+
+
+def test_quantiles_beyond_the_grid_are_its_ends():
+    assert quantile(logistic(5.0, 0.1), 0.5) == GRID[-1]
+    assert quantile(logistic(-5.0, 0.1), 0.5) == GRID[0]
+
+
+def test_shortest_interval_of_a_symmetric_curve_has_equal_tails():
+    low, high = shortest_interval(logistic(0.2, 0.05), 0.9)
+    expected = 0.05 * np.log(0.95 / 0.05)
+    np.testing.assert_allclose([low[0], high[0]], [0.2 - expected, 0.2 + expected], atol=0.02)
+
+
+def test_shortest_interval_reaches_the_bound_at_which_the_truth_may_lie():
+    exponential = np.clip(np.exp(-(GRID + 1) / 0.2), 0, 1)[None]  # densest at the range's low end
+    low, high = shortest_interval(exponential, 0.9)
+    assert low[0] == pytest.approx(-1, abs=0.01)
+    assert high[0] == pytest.approx(-1 + 0.2 * np.log(10), abs=0.03)
+
+
+# --- reading curves -----------------------------------------------------------------------
+
+
+def test_curves_are_read_along_each_parameters_scale():
+    estimate = read_curves(logistic([0.5, 1.0], 0.01), FIRST, FIRST, CONFIG)
+    np.testing.assert_allclose(estimate.mean, [0.75, 3.0], rtol=1e-3)
+    tail = 0.01 * np.log(19)
+    np.testing.assert_allclose(estimate.low, [0.75 - tail / 2, 3 * 3**-tail], rtol=5e-3)
+    np.testing.assert_allclose(estimate.high, [0.75 + tail / 2, 3 * 3**tail], rtol=5e-3)
+    assert set(estimate.curves) == {"red", "mass"}
+    for candidates, prob_higher in estimate.curves.values():
+        assert candidates.shape == prob_higher.shape
+        assert (np.diff(candidates) >= 0).all()
+        assert (np.diff(prob_higher) <= 0).all()
+    candidates, prob_higher = estimate.curves["mass"]
+    assert np.interp(3.0, candidates, prob_higher) == pytest.approx(0.5, abs=0.1)
+
+
+def test_estimates_stay_within_the_bounds():
+    for place in (-9.0, 9.0):
+        estimate = read_curves(logistic([place, place], 0.1), FIRST, FIRST, CONFIG)
+        for values in (estimate.mean, estimate.low, estimate.high):
+            np.testing.assert_array_equal(values, SPACE.clip(values))
+
+
+def test_verdicts_go_by_the_interval_within_the_first_range():
+    def verdicts(scale: float, distribution: Distribution = FIRST) -> list[str]:
+        return read_curves(logistic([0.0, 0.0], scale), distribution, FIRST, CONFIG).verdict
+
+    # The 90 % interval is 2·log(19)·scale = 5.9·scale, of a range that is 2 wide.
+    assert verdicts(0.95 * 2 * CONFIG.identified_share / 5.9) == ["identified"] * 2
+    assert verdicts(1.05 * 2 * CONFIG.identified_share / 5.9) == ["weak"] * 2
+    assert verdicts(0.95 * 2 * CONFIG.weak_share / 5.9) == ["weak"] * 2
+    assert read_curves(flat(), FIRST, FIRST, CONFIG).verdict == ["not identifiable"] * 2
+    # The same curve within a tenth of the first range is ten times as narrow.
+    tenth = narrowed_to([0.45, 3**-0.1], [0.55, 3**0.1])
+    assert verdicts(5 * CONFIG.identified_share / 5.9, tenth) == ["identified"] * 2
+
+
+# --- moves --------------------------------------------------------------------------------
+
+
+def test_a_sharp_curve_narrows_the_range_around_its_median():
+    moved, events = move(logistic([0.2, -0.3], 0.03), FIRST, FIRST, CONFIG)
+    half = CONFIG.margin * 0.03 * np.log(99)
+    np.testing.assert_allclose(moved.mean, [0.6, 3**-0.3], rtol=1e-3)
+    expected = (0.2 - half + 1) / 2, (0.2 + half + 1) / 2
+    np.testing.assert_allclose([moved.low[0], moved.high[0]], expected, atol=3e-3)
+    expected = 3 ** (-0.3 - half), 3 ** (-0.3 + half)
+    np.testing.assert_allclose([moved.low[1], moved.high[1]], expected, rtol=1e-2)
+    assert [(e.event, e.parameter) for e in events] == [("narrowed", "red"), ("narrowed", "mass")]
+    for i, event in enumerate(events):
+        assert (event.low, event.high) == (moved.low[i], moved.high[i])
+        assert event.reason
+
+
+def test_a_flat_curve_leaves_the_range():
+    distribution = narrowed_to([0.2, 0.5], [0.6, 2.0])
+    moved, events = move(flat(), distribution, FIRST, CONFIG)
+    np.testing.assert_allclose(moved.low, distribution.low, rtol=1e-9)
+    np.testing.assert_allclose(moved.high, distribution.high, rtol=1e-9)
+    np.testing.assert_allclose(moved.mean, [0.4, 1.0], rtol=1e-6)
+    assert events == []
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_truth_at_the_edge_widens_the_range_there(side):
+    distribution = narrowed_to([0.4, 0.8], [0.6, 1.25])
+    moved, events = move(logistic([0.97 * side] * 2, 0.05), distribution, FIRST, CONFIG)
+    if side > 0:
+        assert (moved.high > distribution.high).all()
+        assert (moved.low > distribution.low).all()  # where it is not is ruled out still
+    else:
+        assert (moved.low < distribution.low).all()
+        assert (moved.high < distribution.high).all()
+    assert [e.event for e in events] == ["widened", "widened"]
+    assert "beyond" in events[0].reason
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_truth_far_beyond_the_edge_is_followed(side):
+    truth = np.array([0.5 + 0.4 * side, 1.0 * 4.0**side])
+    distribution = narrowed_to([0.4, 0.8], [0.6, 1.25])
+    for _ in range(6):
+        place = 2 * distribution.to_local(truth) - 1
+        distribution, _ = move(logistic(place, 0.03), distribution, FIRST, CONFIG)
+    assert (distribution.low < truth).all()
+    assert (truth < distribution.high).all()
+    np.testing.assert_allclose(distribution.mean, truth, rtol=0.02)
+
+
+def test_ranges_end_at_the_bounds():
+    distribution = narrowed_to([0.7, 40.0], [1.0, 100.0])
+    moved, events = move(logistic([1.3, 1.3], 0.02), distribution, FIRST, CONFIG)
+    np.testing.assert_allclose(moved.high, SPACE.high)
+    np.testing.assert_allclose(moved.mean, SPACE.high)
+    assert (moved.low < SPACE.high).all()
+    assert "widened" not in [e.event for e in events]  # there is nothing beyond
+
+
+def share_of_first(distribution: Distribution) -> np.ndarray:
+    return FIRST.to_local(distribution.high) - FIRST.to_local(distribution.low)
+
+
+def test_no_range_gets_narrower_than_its_smallest_share():
+    distribution = FIRST
+    for _ in range(5):
+        distribution, _ = move(logistic([0.0, 0.0], 1e-4), distribution, FIRST, CONFIG)
+    np.testing.assert_allclose(share_of_first(distribution), CONFIG.smallest_share, rtol=1e-6)
+
+
+def test_nor_at_an_edge_or_a_bound():
+    for place in (-1.4, -1.0, -0.98, 0.98, 1.0, 1.4):
+        distribution = FIRST
+        for _ in range(3):
+            distribution, _ = move(logistic([place, place], 1e-4), distribution, FIRST, CONFIG)
+            assert (share_of_first(distribution) > CONFIG.smallest_share * 0.999).all(), place
+
+
+def test_whatever_the_curves_say_the_range_can_be_searched():
+    rng = np.random.default_rng(0)
+    for _ in range(25):
+        distribution = FIRST
+        for _ in range(6):
+            weights = rng.dirichlet([0.5] * 3, 2)
+            curves = sum(
+                weights[:, k, None] * logistic(rng.normal(0, 1.5, 2), 10 ** rng.uniform(-4, 0, 2))
+                for k in range(3)
+            )
+            estimate = read_curves(curves, distribution, FIRST, CONFIG)
+            assert (estimate.low <= estimate.mean).all()
+            assert (estimate.mean <= estimate.high).all()
+            distribution, events = move(curves, distribution, FIRST, CONFIG)
+            for values in (distribution.low, distribution.mean, distribution.high):
+                np.testing.assert_array_equal(values, SPACE.clip(values))
+            assert (share_of_first(distribution) > CONFIG.smallest_share * 0.999).all()
+            assert (distribution.low <= distribution.mean).all()
+            assert (distribution.mean <= distribution.high).all()
+            assert {e.event for e in events} <= {"widened", "narrowed"}
+
+
+def test_nothing_given_is_changed():
+    curves = logistic([0.9, 0.2], 0.05)
+    before = curves.copy()
+    move(curves, FIRST, FIRST, CONFIG)
+    np.testing.assert_array_equal(curves, before)
+    np.testing.assert_array_equal(FIRST.mean, [0.5, 1.0])
