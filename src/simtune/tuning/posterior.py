@@ -230,7 +230,7 @@ def _whole_sets(parameters: np.ndarray, episodes: int) -> np.ndarray:
     changes = np.flatnonzero(np.any(np.diff(parameters, axis=0) != 0, axis=1)) + 1
     sets = np.split(np.arange(len(parameters)), changes)
     whole = [s for s in sets if len(s) == episodes]
-    if len(whole) < 2:  # one to learn from, one to measure errors on
+    if len(whole) < 4:  # some to learn from, some to measure errors on
         raise RuntimeError("nearly every simulated world diverged; check the timestep and bounds")
     return np.stack(whole)
 

@@ -1,0 +1,283 @@
+"""search="posterior" as a whole: what it simulates, that it resumes, and that it finds."""
+
+import itertools
+import json
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from simtune.errors import InputError
+from simtune.real.truth import Truth
+from simtune.simulation import Rollouts, Simulator
+from simtune.tasks import load_task
+from simtune.trajectory import Trajectory
+from simtune.tuning import posterior
+from simtune.tuning.posterior import PosteriorSearch, PosteriorSearchConfig
+
+SIZE = 32  # pixels
+STEPS = 24
+CARTPOLE = load_task("cartpole")
+SPACE = CARTPOLE.parameters
+START = SPACE.clip(SPACE.nominal * np.where(np.arange(len(SPACE)) % 2, 2, 0.5))
+
+
+@pytest.fixture(scope="module")
+def simulator() -> Simulator:
+    return CARTPOLE.simulator(image_size=SIZE)
+
+
+@pytest.fixture(scope="module")
+def real(simulator) -> list[Trajectory]:
+    world = Truth(SPACE, SPACE.nominal).make_real(simulator, episode_steps=STEPS, seed=1)
+    return world.collect(3)
+
+
+def far_away() -> float:
+    return time.monotonic() + 1e6
+
+
+def start(simulator: Simulator, config: PosteriorSearchConfig, seed: int = 0) -> PosteriorSearch:
+    return PosteriorSearch(simulator, CARTPOLE.camera, START, config, seed=seed)
+
+
+def judged_worlds(search: PosteriorSearch, monkeypatch) -> list:
+    """The worlds that the judge is taught on, as they come."""
+    seen = []
+    train_judge = search.model.train_judge
+
+    def spy(worlds, *rest):
+        seen.append(worlds)
+        return train_judge(worlds, *rest)
+
+    monkeypatch.setattr(search.model, "train_judge", spy)
+    return seen
+
+
+def test_an_iteration_gives_estimates_and_a_range(simulator, real, tiny):
+    search = start(simulator, tiny)
+    np.testing.assert_array_equal(search.distribution.mean, START)
+    keys = []
+    for iteration in range(tiny.iterations):
+        assert not search.finished
+        steps_before = simulator.num_steps
+        estimate, _, losses = search.iterate(real, far_away())
+        keys.append(set(losses))
+        assert search.iteration == iteration + 1
+        assert simulator.num_steps == steps_before + tiny.num_worlds * 2 * STEPS
+        for values in (estimate.mean, estimate.low, estimate.high):
+            assert values.shape == (len(SPACE),)
+            np.testing.assert_array_equal(values, SPACE.clip(values))
+        assert (estimate.low <= estimate.high).all()
+        assert set(estimate.curves) == set(SPACE.names)
+        assert set(estimate.verdict) <= {"identified", "weak", "not identifiable"}
+        assert np.isfinite(list(losses.values())).all()
+    assert search.finished
+    assert keys[0] == keys[1]
+
+
+def test_simulated_worlds_replay_the_real_actions(simulator, real, tiny, monkeypatch):
+    search = start(simulator, tiny)
+    seen = judged_worlds(search, monkeypatch)
+    search.iterate(real, far_away())
+    (worlds,) = seen
+    assert worlds.actions.shape == (16, 2, STEPS, 1)
+    assert worlds.landmarks.shape[:3] == (16, 2, STEPS + 1)
+    assert worlds.frames.shape == (16, 4, SIZE, SIZE, 3)
+    recorded = [t.actions.astype(float) for t in real]
+    used = set()
+    for world in worlds.actions:
+        played = [
+            next(i for i, actions in enumerate(recorded) if np.array_equal(actions, episode))
+            for episode in world
+        ]
+        assert len(set(played)) == 2  # no episode twice in one world
+        used |= set(played)
+    assert used == {0, 1, 2}
+    assert len(np.unique(worlds.parameters, axis=0)) == 16
+    low, high = search.first.low, search.first.high
+    assert ((worlds.parameters >= low) & (worlds.parameters <= high)).all()
+
+
+def test_filmed_frames_show_the_steps_they_are_said_to(simulator, real, tiny, monkeypatch):
+    rollouts = []
+    roll_out = simulator.roll_out
+
+    def spy(*args, **kwargs):
+        rollouts.append(roll_out(*args, **kwargs))
+        return rollouts[-1]
+
+    search = start(simulator, tiny)
+    monkeypatch.setattr(simulator, "roll_out", spy)
+    seen = judged_worlds(search, monkeypatch)
+    search.iterate(real, far_away())
+    (worlds,), (played,) = seen, rollouts
+    for world in range(0, 16, 5):
+        episode = 2 * world  # the first of its two
+        np.testing.assert_array_equal(played.parameters[episode], worlds.parameters[world])
+        states = played.states[episode, worlds.filmed_from[world] :][:4]
+        expected = simulator.render(states, np.tile(worlds.parameters[world], (4, 1)))
+        np.testing.assert_array_equal(worlds.frames[world], expected)
+
+
+def without(rollouts: Rollouts, dropped: list[int]) -> Rollouts:
+    kept = np.setdiff1d(np.arange(len(rollouts)), dropped)
+    recorded = None if rollouts.recorded is None else rollouts.recorded[kept]
+    return Rollouts(
+        rollouts.parameters[kept], rollouts.states[kept], rollouts.actions[kept], recorded
+    )
+
+
+def test_worlds_of_which_an_episode_diverged_are_left_out(simulator, real, tiny, monkeypatch):
+    search = start(simulator, tiny)
+    seen = judged_worlds(search, monkeypatch)
+    roll_out = simulator.roll_out
+    played = []
+
+    def lose_some(*args, **kwargs):
+        played.append(roll_out(*args, **kwargs))
+        return without(played[-1], [0, 7, 10, 11, 31])  # of worlds 0, 3, 5 and 15
+
+    monkeypatch.setattr(simulator, "roll_out", lose_some)
+    search.iterate(real, far_away())
+    (worlds,), (whole,) = seen, played
+    left = [w for w in range(16) if w not in (0, 3, 5, 15)]
+    np.testing.assert_array_equal(worlds.parameters, whole.parameters[::2][left])
+    for i, world in enumerate(left):
+        np.testing.assert_array_equal(worlds.actions[i], whole.actions[2 * world : 2 * world + 2])
+        landmarks = worlds.landmarks[i].reshape(2, STEPS + 1, -1)
+        np.testing.assert_array_equal(landmarks, whole.recorded[2 * world : 2 * world + 2])
+
+
+def test_when_all_worlds_diverge_the_search_says_so(simulator, real, tiny, monkeypatch):
+    search = start(simulator, tiny)
+    roll_out = simulator.roll_out
+    monkeypatch.setattr(
+        simulator, "roll_out", lambda *a, **k: without(roll_out(*a, **k), list(range(32)))
+    )
+    with pytest.raises(RuntimeError, match="diverged"):
+        search.iterate(real, far_away())
+
+
+def test_sets_by_hand():
+    rows = np.array([[1.0], [1], [2], [3], [3], [4], [5], [5]])
+    np.testing.assert_array_equal(posterior._whole_sets(rows, 2), [[0, 1], [3, 4], [6, 7]])
+
+
+def test_real_episodes_of_unequal_length_are_cut_to_the_shortest(simulator, real, tiny):
+    longer, shorter = real[0], real[1]
+    shorter = Trajectory(shorter.frames[:-2], shorter.actions[:-2], shorter.step_s)
+    search = start(simulator, replace(tiny, num_worlds=4))
+    before = simulator.num_steps
+    search.iterate([longer, shorter], far_away())
+    assert simulator.num_steps - before == 4 * 2 * (STEPS - 2)
+
+
+def test_episodes_too_short_to_be_judged_are_refused(simulator, real, tiny):
+    search = start(simulator, tiny)
+    short = Trajectory(real[0].frames[:11], real[0].actions[:10], 0.1)
+    with pytest.raises(InputError, match="at least 21 steps, got one of 10"):
+        search.check([real[0], short])
+    with pytest.raises(InputError, match="got none"):
+        search.check([])
+    search.check(real)
+
+
+def same_estimates(one, other) -> None:
+    for key in ("mean", "low", "high"):
+        np.testing.assert_array_equal(getattr(one, key), getattr(other, key))
+    assert one.verdict == other.verdict
+    for name, (candidates, prob_higher) in one.curves.items():
+        np.testing.assert_array_equal(candidates, other.curves[name][0])
+        np.testing.assert_array_equal(prob_higher, other.curves[name][1])
+
+
+def test_goes_on_from_a_checkpoint_bit_for_bit(simulator, real, tiny):
+    config = replace(tiny, iterations=3)
+    straight = start(simulator, config, seed=4)
+    straight.iterate(real, far_away())
+    tensors = {k: v.clone() for k, v in straight.tensors().items()}
+    state = json.loads(json.dumps(straight.state()))
+    first, second = (straight.iterate(real, far_away()) for _ in range(2))
+    steps = simulator.num_steps
+
+    resumed = start(CARTPOLE.simulator(image_size=SIZE), config, seed=4)  # another process's
+    resumed.load(tensors, state)
+    assert resumed.iteration == 1
+    for key in ("mean", "low", "high"):
+        expected = np.array(state["distribution"][key])
+        np.testing.assert_array_equal(getattr(resumed.distribution, key), expected)
+    torch.rand(7)  # what others draw from torch does not matter
+    np.random.rand(7)  # noqa: NPY002  nor from numpy
+    for expected_estimate, expected_events, expected_losses in (first, second):
+        estimate, events, losses = resumed.iterate(real, far_away())
+        same_estimates(estimate, expected_estimate)
+        assert events == expected_events
+        assert losses == expected_losses
+    for name, tensor in straight.tensors().items():
+        assert torch.equal(tensor, resumed.tensors()[name]), name
+    resumed_state, straight_state = resumed.state(), straight.state()
+    assert resumed_state == straight_state
+    assert resumed_state["num_steps"] == steps
+
+
+def test_a_seed_decides_all(simulator, real, tiny):
+    one, other, another = (
+        start(simulator, tiny, seed).iterate(real, far_away())[0] for seed in (1, 1, 2)
+    )
+    same_estimates(one, other)
+    assert not np.array_equal(one.mean, another.mean)
+
+
+def test_a_deadline_that_is_over_still_gives_an_estimate_soon(simulator, real, tiny):
+    config = replace(tiny, sight_updates=(10**6,), judge_updates=10**6)
+    search = start(simulator, config)
+    began_s = time.monotonic()
+    estimate, _, _ = search.iterate(real, began_s - 1)
+    assert time.monotonic() - began_s < 15
+    assert np.isfinite(estimate.mean).all()
+
+
+def test_what_is_done_is_said_and_never_goes_back(simulator, real, tiny):
+    said: list[tuple[str, float]] = []
+    search = PosteriorSearch(
+        simulator,
+        CARTPOLE.camera,
+        START,
+        replace(tiny, sight_updates=(40,), judge_updates=40),
+        seed=0,
+        say=lambda doing, done: said.append((doing, done)),
+    )
+    for _ in range(2):
+        search.iterate(real, far_away())
+    shares = [done for _, done in said]
+    assert all(a <= b + 1e-9 for a, b in itertools.pairwise(shares))
+    assert 0 <= shares[0] < shares[-1] <= 1
+    words = [doing for doing, _ in said]
+    assert any(w.startswith("1/2 ") for w in words)
+    assert any(w.startswith("2/2 ") for w in words)
+    assert {w[4:] for w in words} >= {"simulating", "filming", "learning to see"}
+
+
+@pytest.mark.slow
+def test_finds_the_truth_of_a_ball_and_a_cup():
+    task = load_task("ball_in_cup")
+    space = task.parameters
+    truth = Truth(space, space.nominal)
+    simulator = task.simulator(image_size=64)
+    real = truth.make_real(simulator, episode_steps=task.episode_steps, seed=5).collect(4)
+    config = PosteriorSearchConfig(
+        num_worlds=128, iterations=3, sight_updates=(1200, 500), judge_updates=700
+    )
+    start = truth.wrong_start(5)
+    search = PosteriorSearch(simulator, task.camera, start, config, seed=5)
+    for _ in range(config.iterations):
+        estimate, _, _ = search.iterate(real, far_away())
+    _, percent_error = truth.score(estimate.mean)
+    assert truth.score(start)[1].mean() > 40
+    assert percent_error.mean() < 15, dict(zip(space.names, percent_error, strict=True))
+    assert estimate.verdict[space.index("ball_mass")] != "not identifiable"
+    inside = (estimate.low <= space.nominal) & (space.nominal <= estimate.high)
+    assert inside.mean() >= 0.6  # 90 % intervals, of few updates
