@@ -6,14 +6,13 @@ since only ratios of one run compare on a shared machine. The last line is one J
 
 import json
 import os
-import platform
 import subprocess
 import sys
 import time
-from importlib.metadata import version
 
 import numpy as np
 import tyro
+from common import machine
 
 from simtune.simulation import Simulator, random_actions
 from simtune.tasks import TASKS, load_task
@@ -99,14 +98,6 @@ def simtune_frames_per_s(simulator: Simulator, num_steps: int, seed: int) -> flo
     return frames.shape[0] * frames.shape[1] / (time.perf_counter() - start)
 
 
-def cpu_model() -> str:
-    try:
-        with open("/proc/cpuinfo") as lines:
-            return next(line.split(":")[1].strip() for line in lines if "model name" in line)
-    except (OSError, StopIteration):
-        return platform.processor()
-
-
 def main(task: str = "walker", size: int = 84, quick: bool = False) -> None:
     """Measure it.
 
@@ -141,10 +132,7 @@ def main(task: str = "walker", size: int = 84, quick: bool = False) -> None:
         "ratio_to_dm_control": (
             round(float(np.median(np.divide(ours, theirs))), 1) if theirs else None
         ),
-        "hardware": {"cpu": cpu_model(), "cores": os.cpu_count()},
-        "versions": {
-            name: version(name) for name in ("mujoco", "mujoco-warp", "warp-lang", "dm_control")
-        },
+        **machine("dm_control"),
     }
     print(json.dumps(result))
 

@@ -1,0 +1,115 @@
+"""Peak resident memory of `simtune tune`, and how it grows with the number of iterations.
+
+A whole run, from the real world's videos to the report, in a process of its own, with all its
+worlds and frames but few training updates. The last line is one JSON object.
+"""
+
+import json
+import resource
+import sys
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Literal
+
+import tyro
+from common import machine
+
+# simtune is imported in the measured process only: what this one holds would count there too.
+
+_LIMIT_MB = 4096
+_UPDATES = 20  # of each training in an iteration: memory does not depend on their number
+
+
+def tune(
+    search: str, task: str, moves: int, worlds: int, real_episodes: int, out: Path
+) -> list[float]:
+    """Run it; the peak resident memory in MiB after each iteration, and at the end."""
+    from simtune import algorithm
+    from simtune.config import TuneConfig
+    from simtune.search_param_model.paper import PaperConfig
+    from simtune.tuning.paper import PaperSearch
+    from simtune.tuning.posterior import PosteriorSearch, PosteriorSearchConfig
+
+    peaks: list[float] = []
+
+    def make_search(_, simulator, camera, start, seed, say):
+        if search == "posterior":
+            config = PosteriorSearchConfig(
+                num_worlds=worlds,
+                iterations=moves + 1,
+                sight_updates=(_UPDATES,),
+                judge_updates=_UPDATES,
+            )
+            made = PosteriorSearch(simulator, camera, start, config, seed=seed, say=say)
+        else:
+            config = PaperConfig(max_moves=moves, updates_per_episode=1)
+            made = PaperSearch(simulator, start, config, seed=seed, replay_actions=True, say=say)
+        made.iterate = _then(made.iterate, lambda: peaks.append(_peak_mb()))
+        return made
+
+    algorithm.make_search = make_search
+    asked = {"task": task, "search": search, "real_episodes": real_episodes, "out": out}
+    algorithm.tune(TuneConfig(**asked, budget_minutes=600))
+    return [*peaks, _peak_mb()]
+
+
+def _then(call: Callable, also: Callable[[], None]) -> Callable:
+    def both(*args):
+        result = call(*args)
+        also()
+        return result
+
+    return both
+
+
+def _peak_mb() -> float:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def main(
+    task: str = "ball_in_cup",
+    search: Literal["posterior", "paper"] = "posterior",
+    moves: int = 5,
+    worlds: int = 256,
+    real_episodes: int = 10,
+    quick: bool = False,
+) -> None:
+    """Measure it.
+
+    Args:
+        task: One of the built-in tasks.
+        search: How it searches.
+        moves: Iterations to compare, after those that first take what later ones use again.
+        worlds: Simulated in an iteration of the posterior's search.
+        real_episodes: Episodes of the real world.
+        quick: Fewer moves and worlds: within a minute.
+    """
+    if moves < 2:
+        sys.exit("--moves must be at least 2, to see growth between them")
+    if quick:
+        moves, worlds, real_episodes = 2, 32, 2
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process,
+    ):
+        run = process.submit(tune, search, task, moves, worlds, real_episodes, Path(folder) / "run")
+        *peaks, peak = run.result()
+    result = {
+        "task": task,
+        "search": search,
+        "worlds": worlds if search == "posterior" else None,
+        "peak_mb": round(peak),
+        "limit_mb": _LIMIT_MB,
+        "growth_mb": round((peaks[-1] - peaks[-moves]) / (moves - 1), 2),  # an iteration
+        "peaks_mb": [round(p) for p in peaks],  # after each iteration
+        **machine(),
+    }
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
