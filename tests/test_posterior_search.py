@@ -201,7 +201,6 @@ def test_goes_on_from_a_checkpoint_bit_for_bit(simulator, real, tiny):
     tensors = {k: v.clone() for k, v in straight.tensors().items()}
     state = json.loads(json.dumps(straight.state()))
     first, second = (straight.iterate(real, far_away()) for _ in range(2))
-    steps = simulator.num_steps
 
     resumed = start(CARTPOLE.simulator(image_size=SIZE), config, seed=4)  # another process's
     resumed.load(tensors, state)
@@ -220,7 +219,6 @@ def test_goes_on_from_a_checkpoint_bit_for_bit(simulator, real, tiny):
         assert torch.equal(tensor, resumed.tensors()[name]), name
     resumed_state, straight_state = resumed.state(), straight.state()
     assert resumed_state == straight_state
-    assert resumed_state["num_steps"] == steps
 
 
 def test_a_seed_decides_all(simulator, real, tiny):

@@ -40,7 +40,11 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         config.real, task, config.real_parameters, image_size=image_size, seed=config.seed
     )
     trajectories = real.collect(config.real_episodes)
-    simulator = task.simulator(image_size=image_size, step_s=real.step_s)
+    # A real camera averages over its pixels; the pseudo-real one is the simulator's own.
+    supersampling = 1 if truth else 2
+    simulator = task.simulator(
+        image_size=image_size, step_s=real.step_s, supersampling=supersampling
+    )
     asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
     asked["parameters"] = outcome.declared(task.parameters, start)
     search = make_search(config.search, simulator, task.camera, start, config.seed, say)
@@ -49,7 +53,7 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         estimate, wall_s = _search(config, run, search, simulator, trajectories)
         facts = {
             "task": task.name,
-            "method": "tune",
+            "method": "regression" if config.search == "regression" else "autotune",
             "search": config.search,
             "seed": config.seed,
             "real": config.real,
@@ -82,6 +86,7 @@ def _search(
     if checkpoint := run.load_checkpoint():
         tensors, state = checkpoint
         search.load(tensors, state["search"])
+        simulator.num_steps, simulator.num_diverged = state["step"], state["num_diverged"]
         estimate = outcome.from_json(state["estimate"])
         iteration, spent_s = state["iteration"], state["wall_s"]
     began_s = time.monotonic() - spent_s

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from simtune.errors import InputError
 
@@ -19,7 +19,7 @@ class TuneConfig:
     a run that was interrupted.
     """
 
-    task: Positional[str]
+    task: Annotated[Positional[str], arg(metavar="TASK")]
     """A built-in task (see `simtune tasks`)."""
     out: Path
     """The run's folder."""

@@ -3,6 +3,7 @@
 import shlex
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,8 +32,9 @@ def result(
         entry["mean"] = float(estimate.mean[i])
         entry["low"], entry["high"] = float(estimate.low[i]), float(estimate.high[i])
         entry["verdict"] = estimate.verdict[i]
-    command = shlex.join(["simtune", *sys.argv[1:]])
-    content: dict[str, Any] = {**facts, "command": command, "parameters": parameters}
+    content: dict[str, Any] = {**facts, "parameters": parameters}
+    if Path(sys.argv[0]).name == "simtune":  # called from Python there is no command
+        content["command"] = shlex.join(["simtune", *sys.argv[1:]])
     if truth is not None:
         real, percent_error = truth.score(estimate.mean)
         for i, entry in enumerate(parameters.values()):

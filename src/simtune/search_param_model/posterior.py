@@ -88,7 +88,7 @@ class PosteriorSearchParamModel:
             self.sight = Sight(num_landmarks, len(self.visible), image_size, config.sight)
             num_seen = 2 * num_landmarks + num_actions
             self.judge = Judge(num_seen, self.visible.tolist(), len(visible), config.judge)
-        self.sight.to(memory_format=torch.channels_last)
+        self.sight.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._scale_px = image_size / 8
 
     def train_sight(
@@ -106,10 +106,11 @@ class PosteriorSearchParamModel:
         visible = torch.tensor(unit, dtype=torch.float32).repeat_interleave(num_filmed, 0)
         optimizer = torch.optim.AdamW(self.sight.parameters(), config.learning_rate)
         losses = []
-        while progress.fraction() < 1:
+        while not losses or progress.fraction() < 1:
             optimizer.param_groups[0]["lr"] = progress.learning_rate(config.learning_rate)
             at = torch.randint(len(frames), (config.batch_size,), generator=self.generator)
             pictures = to_input(frames[at.numpy()])
+            pictures += 2 * config.noise * torch.randn(pictures.shape, generator=self.generator)
             loss = self.sight.loss(pictures, landmarks[at], visible[at], width)
             optimizer.zero_grad()
             loss.backward()
@@ -144,7 +145,7 @@ class PosteriorSearchParamModel:
             self.judge.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )
         losses = []
-        while progress.fraction() < 1:
+        while not losses or progress.fraction() < 1:
             optimizer.param_groups[0]["lr"] = progress.learning_rate(config.learning_rate)
             at, landmarks, actions, visible = batches.draw(truth)
             curves = self.judge(self._seen(landmarks, actions), visible)
@@ -211,7 +212,7 @@ class _JudgeBatches:
         count = 1 + self._random(num_episodes, 1).item()
         episodes = torch.randperm(num_episodes, generator=self._generator)[:count]
         shortest = min(self._config.shortest_crop, num_steps)
-        length = shortest + self._random(num_steps - shortest + 1, 1).item()
+        length = shortest + int(self._random(num_steps - shortest + 1, 1).item())
         start = self._random(num_steps - length + 1, 1).item()
         landmarks = self._landmarks[worlds][:, episodes, start : start + length + 1]
         actions = self._actions[worlds][:, episodes, start : start + length]

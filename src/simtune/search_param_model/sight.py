@@ -23,6 +23,7 @@ class SightConfig:
     hidden: int = 128
     batch_size: int = 64
     learning_rate: float = 3e-3
+    noise: float = 0.01  # of the full scale: a camera's, a video's compression
 
 
 class Sight(nn.Module):
@@ -32,6 +33,8 @@ class Sight(nn.Module):
     there. The landmarks' maps are taught where to look (cross-entropy on the true cell), which
     takes a few hundred updates where regression through the maps takes thousands.
     """
+
+    grid: torch.Tensor  # (cells², 2) x, y in pixels
 
     def __init__(self, num_landmarks: int, num_visible: int, image_size: int, config: SightConfig):
         super().__init__()
@@ -57,7 +60,7 @@ class Sight(nn.Module):
         self.cells = -(-image_size // _STRIDE)
         axis = torch.arange(self.cells) * _STRIDE + (_STRIDE - 1) / 2
         grid = torch.stack(torch.meshgrid(axis, axis, indexing="xy"), -1).reshape(-1, 2)
-        self.register_buffer("grid", grid, persistent=False)  # (cells², 2) x, y in pixels
+        self.register_buffer("grid", grid, persistent=False)
 
     def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells²), landmarks, visible."""
@@ -103,11 +106,12 @@ class Sight(nn.Module):
         """
         heatmaps, found, estimated = self(pictures)
         truth = splat(landmarks, self.cells)
-        where = -(truth * heatmaps.log_softmax(-1)).sum(-1).mean() if self.num_landmarks else 0.0
-        exact = F.smooth_l1_loss(found, landmarks, beta=0.5) if self.num_landmarks else 0.0
+        zero = 0 * estimated.sum()  # a tensor, so that there always is something to derive
+        where = -(truth * heatmaps.log_softmax(-1)).sum(-1).mean() if self.num_landmarks else zero
+        exact = F.smooth_l1_loss(found, landmarks, beta=0.5) if self.num_landmarks else zero
         error = 2 * (estimated - visible) / visible_width
         colours = (
-            F.smooth_l1_loss(error, torch.zeros_like(error), beta=0.1) if error.numel() else 0.0
+            F.smooth_l1_loss(error, torch.zeros_like(error), beta=0.1) if error.numel() else zero
         )
         return where + 0.5 * exact + 5.0 * colours
 

@@ -11,6 +11,8 @@ from simtune.parameters import ParameterSpace
 from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality, RendererName, make_renderer
 from simtune.simulation.worlds import Worlds
 
+_CHUNK = 256  # supersampled pictures drawn at a time
+
 
 @dataclass(frozen=True)
 class Rollouts:
@@ -29,6 +31,8 @@ class Simulator:
     """Rolls worlds of one model out, and draws their states.
 
     An action is held for `step_s` seconds; `initialize(batch, rng)` starts the worlds.
+    With `supersampling` k, k × k points of each pixel are averaged, as a camera's sensor does:
+    thin things blend with what is behind them instead of vanishing between the points.
     """
 
     def __init__(
@@ -42,6 +46,7 @@ class Simulator:
         image_size: int,
         renderer: RendererName = "raycaster",
         quality: OpenGLQuality = OPENGL_FAST,
+        supersampling: int = 1,
     ):
         self.model = model
         self.space = space
@@ -50,7 +55,9 @@ class Simulator:
         self.num_substeps = max(1, round(step_s / model.opt.timestep))
         self.num_diverged = 0
         self.num_steps = 0  # policy steps simulated so far
-        self.renderer = make_renderer(renderer, model, space, camera, image_size, quality)
+        self.supersampling = supersampling
+        drawn_size = image_size * supersampling
+        self.renderer = make_renderer(renderer, model, space, camera, drawn_size, quality)
         self._initialize = initialize
         self._worlds: dict[int, Worlds] = {}
 
@@ -95,7 +102,16 @@ class Simulator:
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
-        return self.renderer.render(states, parameters)
+        if self.supersampling == 1:
+            return self.renderer.render(states, parameters)
+        size, k = self.image_size, self.supersampling
+        frames = np.empty((len(states), size, size, 3), np.uint8)
+        for start in range(0, len(states), _CHUNK):  # the large pictures never all at once
+            part = slice(start, start + _CHUNK)
+            large = self.renderer.render(states[part], parameters[part])
+            blocks = large.reshape(-1, size, k, size, k, 3)
+            frames[part] = (blocks.sum((2, 4), dtype=np.uint16) + k * k // 2) // (k * k)
+        return frames
 
     def film(self, rollouts: Rollouts) -> np.ndarray:
         """Draw every state of n episodes: (n, T + 1, H, W, 3) uint8 RGB."""

@@ -46,6 +46,7 @@ class Task:
         step_s: float | None = None,
         renderer: RendererName = "raycaster",
         quality: OpenGLQuality = OPENGL_FAST,
+        supersampling: int = 1,
     ) -> Simulator:
         """Worlds of this task; an action lasts `step_s` seconds, by default a policy step."""
         return Simulator(
@@ -57,4 +58,5 @@ class Task:
             image_size=image_size,
             renderer=renderer,
             quality=quality,
+            supersampling=supersampling,
         )

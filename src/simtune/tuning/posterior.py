@@ -145,7 +145,8 @@ class PosteriorSearch:
         whole = _whole_sets(rollouts.parameters, episodes)
         landmarks = rollouts.recorded[whole]
         num_worlds, steps = len(whole), rollouts.actions.shape[1]
-        filmed = min(self.config.filmed_steps, steps + 1)
+        # Supersampled pictures cost more: fewer of them.
+        filmed = min(self.config.filmed_steps // self.simulator.supersampling, steps + 1)
         start = self._rng.integers(0, steps + 2 - filmed, num_worlds)
         self._now("filming", 0.15)
         at = start[:, None] + np.arange(filmed)
@@ -196,8 +197,6 @@ class PosteriorSearch:
             "iteration": self.iteration,
             "distribution": ranges,
             "rng": self._rng.bit_generator.state,
-            "num_steps": self.simulator.num_steps,
-            "num_diverged": self.simulator.num_diverged,
         }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
@@ -210,8 +209,6 @@ class PosteriorSearch:
         ranges = {k: np.array(v) for k, v in state["distribution"].items()}
         self.distribution = self.distribution.with_interval(**ranges)
         self._rng.bit_generator.state = state["rng"]
-        self.simulator.num_steps = state["num_steps"]
-        self.simulator.num_diverged = state["num_diverged"]
 
 
 def _find_landmarks(simulator: Simulator, camera: str, distribution: Distribution, seed: int):
@@ -222,6 +219,7 @@ def _find_landmarks(simulator: Simulator, camera: str, distribution: Distributio
         return every
     actions = random_actions(32, 100, simulator.model, rng)
     rollouts = simulator.roll_out(distribution.sample(32, rng), actions, rng, every.record)
+    assert rollouts.recorded is not None, "asked for above"
     return every.select(choose_landmarks(rollouts.recorded.reshape(-1, len(every), 2)))
 
 
