@@ -28,7 +28,8 @@ class Task:
     initialize: Callable[[Batch, np.random.Generator], None]
     # (nsim,) reward of the batch's present state, after step(stage=mjSTAGE_VEL), which is one
     # control timestep; a policy step's reward is the sum over its action_repeat of them.
-    reward: Callable[[Batch], np.ndarray]
+    # Tuning looks at no reward: None where no policy is to be trained.
+    reward: Callable[[Batch], np.ndarray] | None = None
 
     def load_model(self) -> mujoco.MjModel:
         """The nominal model, compiled anew."""
