@@ -18,6 +18,7 @@ from simtune.simulation import (
     opengl,
     random_actions,
 )
+from simtune.simulation.primitives import Primitives
 from simtune.simulation.raycaster import Raycaster
 from simtune.tasks import load_task, task_names
 
@@ -79,6 +80,13 @@ def states_of(model: mujoco.MjModel, positions: list[float]) -> np.ndarray:
         data.qpos[0] = position
         mujoco.mj_getState(model, data, state, STATE)
     return states
+
+
+def initial_state(model: mujoco.MjModel) -> np.ndarray:
+    """(1, S)."""
+    state = np.empty((1, mujoco.mj_stateSize(model, STATE)))
+    mujoco.mj_getState(model, mujoco.MjData(model), state[0], STATE)
+    return state
 
 
 def painted(*colours: tuple) -> np.ndarray:
@@ -159,6 +167,131 @@ def test_the_constant_sky_is_the_ray_casters_own(scene, monkeypatch):
 @functools.cache
 def simulator_of(name: str) -> Simulator:
     return load_task(name).simulator(image_size=84)
+
+
+def mujoco_warps_own(monkeypatch, *args) -> Raycaster:
+    with monkeypatch.context() as patch:
+        patch.setattr(Primitives, "can_draw", lambda context: False)
+        return Raycaster(*args)
+
+
+def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
+    difference = np.abs(frames.astype(int) - expected).max(axis=-1)
+    assert difference.max() <= 1
+    assert (difference > 0).mean() < 0.001
+    assert len(np.unique(frames.reshape(-1, 3), axis=0)) > 100  # it is no empty picture
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(name, monkeypatch):
+    task, simulator = load_task(name), simulator_of(name)
+    rng = np.random.default_rng(2)
+    parameters = task.parameters.from_unit(rng.uniform(0, 1, (8, len(task.parameters))))
+    rollouts = simulator.roll_out(parameters, random_actions(8, 5, simulator.model, rng), rng)
+    expected = mujoco_warps_own(
+        monkeypatch, simulator.model, task.parameters, task.camera, simulator.image_size
+    )
+    states, parameters = rollouts.states[:, -1], rollouts.parameters
+    assert_same_pictures(simulator.render(states, parameters), expected.render(states, parameters))
+
+
+# Every shape in every material, every kind of light, and what must not be seen.
+PRIMITIVES = """
+<mujoco>
+  <visual><headlight ambient=".2 .1 .2" diffuse=".3 .3 .3" specular=".5 .5 .5"/></visual>
+  <asset>
+    <texture name="checks" type="2d" builtin="checker" rgb1=".9 .5 .2" rgb2=".1 .3 .6"
+             mark="random" random=".1" width="50" height="40"/>
+    <texture name="cube" type="cube" builtin="gradient" rgb1="1 0 0" rgb2="0 0 1" width="8"
+             height="48"/>
+    <material name="checks" texture="checks" texrepeat="3 2" texuniform="true" specular="1"
+              shininess=".1"/>
+    <material name="glowing" texture="checks" emission=".3" specular="0"/>
+    <material name="cube" texture="cube" rgba=".8 .9 1 1" shininess="0"/>
+    <material name="glass" rgba="1 1 1 0"/>
+  </asset>
+  <worldbody>
+    <light type="directional" dir=".3 0 -1" diffuse=".3 .2 .2" ambient=".1 0 0"/>
+    <light type="spot" pos="0 -1 2" dir="0 .5 -1" cutoff="40" exponent="5" attenuation="1 0 .1"/>
+    <light type="point" pos="1 -1 1" diffuse=".3 .3 .3" attenuation=".5 .2 0"/>
+    <light pos="0 0 3" active="false"/>
+    <camera name="above" pos="0 -2 2" xyaxes="1 0 0 0 1 1.2" fovy="60"/>
+    <geom name="ground" type="plane" size="1.8 1 1" material="checks"/>
+    <geom type="plane" size="0 0 1" pos="0 0 -.3" material="glowing"/>
+    <geom type="sphere" pos="0 -.9 .1" size=".2" rgba=".2 .6 .3 .5"/>
+    <geom name="hidden" type="box" pos="0 -.6 1" size=".3 .2 .2" rgba="1 1 1 0"/>
+    <geom name="glass" type="box" pos="0 -.6 1" size=".3 .2 .2" material="glass"/>
+    <geom name="of another group" type="box" pos="0 -.6 1" size=".3 .2 .2" group="4"/>
+    <geom name="around the camera" type="box" pos="0 -2 2" size=".2 .2 .2"/>
+    {geoms}
+  </worldbody>
+</mujoco>
+"""
+SIZES = {
+    "plane": ".15 .1 .1",
+    "sphere": ".15",
+    "capsule": ".06 .1",
+    "ellipsoid": ".05 .1 .15",
+    "cylinder": ".1 .12",
+    "box": ".12 .1 .06",
+}
+
+
+def test_every_primitive_is_drawn_as_mujoco_warp_draws_it(monkeypatch):
+    paints = ['rgba=".9 .7 .8 1"', *(f'material="{m}"' for m in ("checks", "glowing", "cube"))]
+    geoms = "".join(
+        f'<geom name="{shape} {row}" type="{shape}" size="{size}" {paint} '
+        f'pos="{0.4 * column - 1} {0.4 * row - 0.5} .2" euler="{40 - 50 * row} 30 {20 * column}"/>'
+        for row, paint in enumerate(paints)
+        for column, (shape, size) in enumerate(SIZES.items())
+    )
+    model = mujoco.MjModel.from_xml_string(PRIMITIVES.format(geoms=geoms))
+    space = ParameterSpace(colour("box", ("box 3",), (0.5, 0.5, 0.5)))
+    args = (model, space, "above", 96)
+    states = initial_state(model).repeat(2, axis=0)
+    parameters = np.array([[0.5, 0.5, 0.5], [0.9, 0.2, 0.1]])
+    frames = Raycaster(*args).render(states, parameters)
+    assert (frames[0] != frames[1]).any()
+    expected = mujoco_warps_own(monkeypatch, *args)
+    assert_same_pictures(frames, expected.render(states, parameters))
+
+
+BALL = ParameterSpace(colour("ball", ("ball",), (0.4, 0.4, 0.4)))
+MESH = """
+<mujoco>
+  <asset><mesh name="tetrahedron" vertex="0 0 0  1 0 0  0 1 0  0 0 1"/></asset>
+  <worldbody>
+    <camera name="above" pos="0 0 4"/>
+    <geom name="ball" pos=".7 0 0" size=".3"/>
+    <geom type="mesh" mesh="tetrahedron" pos="-.7 0 0"/>
+  </worldbody>
+</mujoco>
+"""
+FLEX = """
+<mujoco>
+  <worldbody>
+    <camera name="above" pos="0 0 4"/>
+    <geom name="ball" pos=".7 0 0" size=".3"/>
+    <flexcomp name="cloth" type="grid" dim="2" count="3 3 1" spacing=".4 .4 .4" radius=".01"
+              pos="-.7 0 0"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("xml", [MESH, FLEX], ids=["mesh", "flex"])
+def test_what_is_no_primitive_is_left_to_mujoco_warp(xml, monkeypatch):
+    monkeypatch.setattr(Primitives, "__init__", lambda *_: pytest.fail("it is drawn by us"))
+    Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, "above", SIZE)
+
+
+def test_a_flex_is_drawn_where_it_is():
+    model = mujoco.MjModel.from_xml_string(FLEX)
+    renderer = Raycaster(model, BALL, "above", SIZE, num_threads=1)
+    frame = renderer.render(initial_state(model), BALL.nominal[None])[0]
+    columns = (frame > 0).any(axis=(0, 2))
+    assert columns[SIZE // 2 :].any()  # the ball
+    assert columns[: SIZE // 2].any()
 
 
 @pytest.mark.opengl
