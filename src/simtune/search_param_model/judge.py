@@ -20,6 +20,7 @@ class JudgeConfig:
     weight_decay: float = 1e-2
     candidates: int = 64  # of each kind, for each world of a batch
     shortest_crop: int = 40  # steps
+    crop_lengths: int = 8  # different ones
 
 
 class Judge(nn.Module):

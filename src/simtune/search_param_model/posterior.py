@@ -44,12 +44,21 @@ class SimulatedWorlds:
 
 
 class Progress:
-    """How far a training is, by updates or by time, whichever is further."""
+    """How far a training is, by updates or by time, whichever is further.
+
+    Time does not count before `least_updates`: a network that has learned next to nothing would
+    be sure of nonsense.
+    """
 
     def __init__(
-        self, num_updates: int, seconds: float, tell: Callable[[float], None] = lambda _: None
+        self,
+        num_updates: int,
+        seconds: float,
+        tell: Callable[[float], None] = lambda _: None,
+        least_updates: int = 1,
     ):
         self._num_updates, self._seconds, self._tell = num_updates, max(seconds, 1e-3), tell
+        self._least_updates = min(least_updates, num_updates)
         self._start, self.updates = time.monotonic(), 0
 
     def step(self) -> None:
@@ -59,8 +68,9 @@ class Progress:
             self._tell(min(1.0, self.fraction()))
 
     def fraction(self) -> float:
-        elapsed = time.monotonic() - self._start
-        return max(self.updates / self._num_updates, elapsed / self._seconds)
+        elapsed = (time.monotonic() - self._start) / self._seconds
+        in_time = min(elapsed, self.updates / self._least_updates)
+        return max(self.updates / self._num_updates, in_time)
 
     def learning_rate(self, peak: float, warm_up: int = 50) -> float:
         """A short warm-up, then a straight line to zero."""
@@ -106,7 +116,7 @@ class PosteriorSearchParamModel:
         visible = torch.tensor(unit, dtype=torch.float32).repeat_interleave(num_filmed, 0)
         optimizer = torch.optim.AdamW(self.sight.parameters(), config.learning_rate)
         losses = []
-        while not losses or progress.fraction() < 1:
+        while progress.fraction() < 1:
             optimizer.param_groups[0]["lr"] = progress.learning_rate(config.learning_rate)
             at = torch.randint(len(frames), (config.batch_size,), generator=self.generator)
             pictures = to_input(frames[at.numpy()])
@@ -145,7 +155,7 @@ class PosteriorSearchParamModel:
             self.judge.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )
         losses = []
-        while not losses or progress.fraction() < 1:
+        while progress.fraction() < 1:
             optimizer.param_groups[0]["lr"] = progress.learning_rate(config.learning_rate)
             at, landmarks, actions, visible = batches.draw(truth)
             curves = self.judge(self._seen(landmarks, actions), visible)
@@ -211,8 +221,10 @@ class _JudgeBatches:
         worlds = self._random(num_worlds, self._config.batch_size)
         count = 1 + self._random(num_episodes, 1).item()
         episodes = torch.randperm(num_episodes, generator=self._generator)[:count]
+        # Few different lengths: what convolutions keep of each shape adds up in memory.
         shortest = min(self._config.shortest_crop, num_steps)
-        length = shortest + int(self._random(num_steps - shortest + 1, 1).item())
+        lengths = torch.linspace(shortest, num_steps, self._config.crop_lengths).long()
+        length = int(lengths[self._random(len(lengths), 1)].item())
         start = self._random(num_steps - length + 1, 1).item()
         landmarks = self._landmarks[worlds][:, episodes, start : start + length + 1]
         actions = self._actions[worlds][:, episodes, start : start + length]

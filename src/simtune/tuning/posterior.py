@@ -23,6 +23,9 @@ from simtune.trajectory import Trajectory
 from simtune.tuning.moves import MoveConfig, candidate_grid, move, read_curves
 from simtune.tuning.search import Estimate, Event
 
+_PILOTS, _PILOT_STEPS = 32, 3200  # episodes and steps simulated to choose landmarks by
+_FEWEST_WORLDS = 64  # to learn anything from
+
 
 @dataclass(frozen=True, kw_only=True)
 class PosteriorSearchConfig:
@@ -35,6 +38,7 @@ class PosteriorSearchConfig:
     iterations: int = 3
     sight_updates: tuple[int, ...] = (2500, 1200)  # first iteration, later ones
     judge_updates: int = 1200
+    least_updates: int = 200  # of each, however late it is
     time_shares: tuple[float, ...] = (0.45, 0.3, 0.25)  # of the time, for each iteration
     collect_share: float = 0.4  # of an iteration's time, at most, goes into simulating
     sight_share: float = 0.6  # of an iteration's training time
@@ -58,9 +62,10 @@ class PosteriorSearch:
         self.first = Distribution.first(simulator.space, start)
         self.distribution = self.first
         self.iteration = 0
-        self._seconds_per_world = 0.0  # as measured at the last collection
         self._rng = np.random.default_rng(seed)
+        began_s = time.monotonic()
         self._landmarks = _find_landmarks(simulator, camera, self.first, seed)
+        self._seconds_per_step = max(1e-9, (time.monotonic() - began_s) / _PILOT_STEPS)
         self.model = PosteriorSearchParamModel(
             len(self._landmarks),
             simulator.num_actions,
@@ -89,7 +94,7 @@ class PosteriorSearch:
         """Simulate in Ξ with the real actions, train sight and judge, look, move Ξ."""
         end_s = self._end_of_iteration(deadline_s)
         self._now("simulating", 0.0)
-        worlds = self._collect(real, self._affordable_worlds(end_s))
+        worlds = self._collect(real, self._affordable_worlds(real, end_s))
         losses = self._train(worlds, end_s)
         curves = self.model.curves(real, self.distribution)
         grid = torch.tensor(candidate_grid(), dtype=torch.float32).expand(
@@ -114,12 +119,14 @@ class PosteriorSearch:
         now = time.monotonic()
         return now + max(0.0, deadline_s - now) * shares[0] / sum(shares)
 
-    def _affordable_worlds(self, end_s: float) -> int:
+    def _affordable_worlds(self, real: list[Trajectory], end_s: float) -> int:
         """As many as the config says, or fewer where they would take most of the iteration."""
         seconds = self.config.collect_share * (end_s - time.monotonic())
-        if not self._seconds_per_world:
-            return self.config.num_worlds
-        return int(np.clip(seconds / self._seconds_per_world, 64, self.config.num_worlds))
+        steps = len(real[0]) * min(self.config.episodes_per_world, len(real))
+        affordable = seconds / (self._seconds_per_step * steps)
+        return int(
+            np.clip(affordable, min(_FEWEST_WORLDS, self.config.num_worlds), self.config.num_worlds)
+        )
 
     def _collect(self, real: list[Trajectory], num_worlds: int) -> SimulatedWorlds:
         """Worlds drawn from Ξ replay the real actions; a stretch of each is filmed."""
@@ -137,7 +144,7 @@ class PosteriorSearch:
             self._landmarks.record,
         )
         worlds = self._film(rollouts, episodes)
-        self._seconds_per_world = (time.monotonic() - began_s) / num_worlds
+        self._seconds_per_step = (time.monotonic() - began_s) / (len(which) * episodes * steps)
         return worlds
 
     def _film(self, rollouts, episodes: int) -> SimulatedWorlds:
@@ -171,6 +178,7 @@ class PosteriorSearch:
             updates,
             seconds * config.sight_share,
             lambda f: self._now("learning to see", 0.2 + 0.5 * f),
+            config.least_updates,
         )
         sight_loss = model.train_sight(taught, self.distribution, progress)
         errors = model.sight_errors(others, self.distribution)
@@ -178,6 +186,7 @@ class PosteriorSearch:
             config.judge_updates,
             max(1.0, end_s - time.monotonic()),
             lambda f: self._now("learning to judge", 0.7 + 0.3 * f),
+            config.least_updates,
         )
         judge_loss = model.train_judge(worlds, self.distribution, errors, progress)
         return {
@@ -217,8 +226,8 @@ def _find_landmarks(simulator: Simulator, camera: str, distribution: Distributio
     every = candidate_landmarks(simulator.model, camera, simulator.image_size)
     if not len(every):
         return every
-    actions = random_actions(32, 100, simulator.model, rng)
-    rollouts = simulator.roll_out(distribution.sample(32, rng), actions, rng, every.record)
+    actions = random_actions(_PILOTS, _PILOT_STEPS // _PILOTS, simulator.model, rng)
+    rollouts = simulator.roll_out(distribution.sample(_PILOTS, rng), actions, rng, every.record)
     assert rollouts.recorded is not None, "asked for above"
     return every.select(choose_landmarks(rollouts.recorded.reshape(-1, len(every), 2)))
 
