@@ -1,11 +1,15 @@
 """What all tests share."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
 from simtune.search_param_model.judge import JudgeConfig
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.sight import SightConfig
+from simtune.simulation import make_renderer
+from simtune.tasks import load_task
 from simtune.tuning.posterior import PosteriorSearchConfig
 
 
@@ -33,3 +37,32 @@ def tiny() -> PosteriorSearchConfig:
         sight_updates=(6, 4),
         judge_updates=5,
     )
+
+
+@pytest.fixture(scope="session")
+def one_renderer_each():
+    """Renderers by what they draw: each takes a second to make, and none keeps anything."""
+    renderers = {}
+
+    def make_once(name, model, space, camera, image_size, *rest):
+        key = (name, model.names, space.names, camera, image_size, *rest)
+        if key not in renderers:
+            renderers[key] = make_renderer(name, model, space, camera, image_size, *rest)
+        return renderers[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("simtune.simulation.simulator.make_renderer", make_once)
+        yield
+
+
+@pytest.fixture
+def quick_tune(monkeypatch, tiny, one_renderer_each):
+    """Makes `tune` take seconds, and find nothing."""
+
+    def load_short_task(name: str):
+        return replace(load_task(name), episode_steps=24)
+
+    monkeypatch.setattr("simtune.algorithm.load_task", load_short_task)
+    monkeypatch.setattr("simtune.tuning.posterior.PosteriorSearchConfig", lambda: tiny)
+    monkeypatch.setattr("simtune.comparison._NUM_STARTS", 16)
+    monkeypatch.setattr("simtune.comparison._ROUNDS", 2)

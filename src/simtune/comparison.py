@@ -13,7 +13,7 @@ from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 
 _NUM_STARTS = 256
-_ROUNDS = 4
+_ROUNDS = 6
 _COMPARED_STEPS = 4  # the first pictures, which also tell velocities
 _ELITE = 8
 
@@ -43,27 +43,25 @@ def find_start(
     actions = np.repeat(trajectory.actions[None, :steps].astype(float), _NUM_STARTS, axis=0)
     worlds = np.repeat(parameters[None], _NUM_STARTS, axis=0)
     real = trajectory.frames[: steps + 1].astype(np.float32)
-    starts = None
-    best: tuple[float, np.ndarray] | None = None
+    ahead_states, ahead = np.empty((0, 0)), np.empty(0)  # the nearest so far, and how near
+    model = simulator.model
+    starts, spread = None, np.zeros(0)
     for round_ in range(_ROUNDS):
         rollouts = simulator.roll_out(worlds, actions, rng, starts=starts)
+        states = rollouts.states[:, 0]
         frames = simulator.film(rollouts).astype(np.float32)
         distance = np.square(frames - real).mean((1, 2, 3, 4))
-        elite = rollouts.states[np.argsort(distance)[:_ELITE], 0]
-        if best is None or distance.min() < best[0]:
-            best = (float(distance.min()), elite[0])
-        starts = _near(np.concatenate([best[1][None], elite]), simulator, 0.3**round_, rng)
-    assert best is not None
-    return best[1]
-
-
-def _near(elite: np.ndarray, simulator: Simulator, width: float, rng: np.random.Generator):
-    """(_NUM_STARTS, S) states near the elite's: positions and velocities moved a little."""
-    starts = elite[rng.integers(len(elite), size=_NUM_STARTS)].copy()
-    model = simulator.model
-    moved = slice(1, 1 + model.nq + model.nv)  # a state row is time, qpos, qvel, ...
-    starts[:, moved] += 0.1 * width * rng.normal(size=starts[:, moved].shape)
-    return starts
+        if round_ == 0:
+            spread = states.std(0)  # what the task's own starts do not vary stays as it is
+            spread[1 + model.nq + model.nv :] = 0  # a row is time, qpos, qvel, ...
+        else:
+            states = np.concatenate([ahead_states, states])
+            distance = np.concatenate([ahead, distance])
+        nearest = np.argsort(distance)[:_ELITE]
+        ahead_states, ahead = states[nearest], distance[nearest]
+        starts = ahead_states[rng.integers(len(nearest), size=_NUM_STARTS)]
+        starts = starts + spread * 0.5 ** (round_ + 1) * rng.normal(size=starts.shape)
+    return ahead_states[0]
 
 
 def _film(

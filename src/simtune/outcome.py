@@ -16,7 +16,9 @@ from simtune.tuning.search import Estimate, Search
 def declared(space: ParameterSpace, start: np.ndarray) -> dict[str, dict[str, Any]]:
     """The parameters as they are before any tuning, by name."""
     rows = zip(space, start, strict=True)
-    return {p.name: {"unit": p.unit, "nominal": p.nominal, "initial": float(v)} for p, v in rows}
+    return {
+        p.name: {"unit": p.unit, "nominal": float(p.nominal), "initial": float(v)} for p, v in rows
+    }
 
 
 def result(

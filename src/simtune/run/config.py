@@ -43,7 +43,7 @@ def check_same(
     missing = object()
     differing = [
         key
-        for key in sorted({*before, *now})
+        for key in sorted({*before, *now}, key=lambda key: (key.count("."), key))  # causes first
         if before.get(key, missing) != now.get(key, missing)
         and not any(key == free or key.startswith(f"{free}.") for free in may_differ)
     ]

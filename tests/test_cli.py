@@ -1,0 +1,352 @@
+"""The command line: exit statuses, one line for what is wrong, and nothing half-written."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from simtune import cli
+from simtune.progress import ProgressBar
+from simtune.recordings import write_dataset
+from simtune.run import RunFolder
+from simtune.trajectory import Trajectory
+
+VIDEO = "videos/observation.images.camera0/chunk-000/file-000.mp4"
+DATA = "data/chunk-000/file-000.parquet"
+NAMES = {
+    "ball_in_cup": ["ball_mass", "cup", "ball", "ground"],
+    "walker": ["mass", "body", "ground"],
+    "cheetah": ["mass", "body", "ground"],
+    "finger": ["spinner_mass", "proximal_damping", "finger", "spinner", "ground"],
+    "cartpole": ["pole_mass", "actuator_gain", "body", "ground"],
+}
+COLOURED = {"cup", "ball", "ground", "body", "finger", "spinner"}
+
+
+class Simtune:
+    """Runs `simtune ...` in this process."""
+
+    def __init__(self, monkeypatch, capsys, folder: Path):
+        self._monkeypatch, self._capsys, self.folder = monkeypatch, capsys, folder
+
+    def __call__(self, *arguments: object) -> tuple[int, str, str]:
+        """Exit status, stdout, stderr."""
+        self._monkeypatch.setattr(sys, "argv", ["simtune", *map(str, arguments)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as exit_:
+            status = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
+        captured = self._capsys.readouterr()
+        return status, captured.out, captured.err
+
+    def refuses(self, *arguments: object, message: str) -> None:
+        """It must exit with 2, say why in one line, and leave the folder as it was."""
+        before = sorted(self.folder.rglob("*"))
+        status, out, err = self(*arguments)
+        assert status == 2, err
+        assert out == ""
+        lines = [line for line in err.splitlines() if not is_progress(line)]
+        assert len(lines) == 1, err
+        assert lines[0].startswith("simtune: ")
+        assert re.search(message, lines[0]), lines[0]
+        assert sorted(self.folder.rglob("*")) == before
+
+
+def is_progress(line: str) -> bool:
+    return re.match(r" *\d+ s +\d+ %  ", line) is not None
+
+
+@pytest.fixture
+def simtune(monkeypatch, capsys, tmp_path) -> Simtune:
+    return Simtune(monkeypatch, capsys, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    """A dataset with cartpole's one action."""
+    rng = np.random.default_rng(0)
+    trajectories = [
+        Trajectory(
+            np.repeat(rng.integers(256, size=(26, 8, 8, 3)), 4, 1).repeat(4, 2).astype(np.uint8),
+            rng.uniform(-1, 1, (25, 1)).astype(np.float32),
+            0.08,
+        )
+        for _ in range(2)
+    ]
+    folder = tmp_path_factory.mktemp("recorded") / "dataset"
+    write_dataset(folder, trajectories, action_names=["slide"], robot_type="arm", task="balance")
+    return folder
+
+
+@pytest.fixture
+def dataset(recorded, tmp_path) -> Path:
+    """A copy to spoil."""
+    return Path(shutil.copytree(recorded, tmp_path / "dataset"))
+
+
+# --- what is wrong ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "Expected one of .*tasks.*; --help"),
+        (["tnue"], "tnue"),
+        (["tune", "cartpole"], "--out"),
+        (["tune", "ball_in_cap", "--out", "OUT"], "no task 'ball_in_cap'.*mean 'ball_in_cup'"),
+        (["tune", "cartpole", "--out", "OUT", "--serch", "paper"], "--serch"),
+        (["tune", "cartpole", "--out", "OUT", "--search", "papre"], "papre.*posterior"),
+        (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "soon"], "soon"),
+        (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "0"], "above 0, got 0"),
+        (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "nan"], "above 0, got nan"),
+        (["tune", "cartpole", "--out", "OUT", "--real-episodes", "0"], "at least 1, got 0"),
+        (["tune", "cartpole", "--out", "OUT", "--real-episodes", "1.5"], "1.5"),
+        (["tune", "cartpole", "--out", "OUT", "--seed", "-1"], "not be negative, got -1"),
+        (["tune", "cartpole", "--out", "OUT", "--real", "xarm"], "xarm is not there yet"),
+        (["tune", "cartpole", "--out", "OUT", "--real", "NOWHERE"], "no such folder"),
+        (["report", "NOWHERE"], "is no run"),
+    ],
+)
+def test_unusable_arguments(simtune, tmp_path, arguments, message):
+    places = {"OUT": str(tmp_path / "out"), "NOWHERE": str(tmp_path / "nowhere")}
+    simtune.refuses(*(places.get(a, a) for a in arguments), message=message)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('{"pole_mas": 0.2}', "no parameter 'pole_mas' in cartpole; did you mean 'pole_mass'"),
+        ('{"pole_mass": 1e3}', r"'pole_mass' must lie in \[0.01, 1\] kg, got 1000"),
+        ('{"body_r": "red"}', "must be a finite number, got 'red'"),
+        ('{"body_r": NaN}', "must be a finite number, got nan"),
+        ('{"body_r": true}', "must be a finite number, got True"),
+        ("[0.1]", "must hold one JSON object"),
+        ("pole_mass: 1", "is not JSON"),
+        (b"\xff\xfe", "is not JSON"),
+        (None, "cannot read .*: No such file"),
+    ],
+)
+def test_unusable_real_parameters(simtune, tmp_path, content, message):
+    path = tmp_path / "real.json"
+    if content is not None:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    arguments = ("tune", "cartpole", "--out", tmp_path / "out", "--real-parameters", path)
+    simtune.refuses(*arguments, message=message)
+
+
+def test_real_parameters_are_of_a_pseudo_real_world_only(simtune, tmp_path, dataset):
+    path = tmp_path / "real.json"
+    path.write_text("{}")
+    arguments = ["tune", "cartpole", "--out", tmp_path / "out", "--real", dataset]
+    simtune.refuses(*arguments, "--real-parameters", path, message="pseudo only")
+
+
+def drop_column(folder: Path, name: str) -> None:
+    table = pq.read_table(folder / DATA)
+    pq.write_table(table.drop_columns([name]), folder / DATA)
+
+
+def set_first_action(folder: Path, action: list[float]) -> None:
+    rows = pq.read_table(folder / DATA).to_pylist()
+    for row in rows:
+        row["action"] = np.ravel(row["action"]).tolist()  # of one action, plain numbers
+    rows[0]["action"] = action
+    pq.write_table(pa.Table.from_pylist(rows), folder / DATA)
+
+
+def truncate_video(folder: Path) -> None:
+    content = (folder / VIDEO).read_bytes()
+    (folder / VIDEO).write_bytes(content[: len(content) // 2])
+
+
+def empty_it(folder: Path) -> None:
+    shutil.rmtree(folder)
+    folder.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (empty_it, "is empty"),
+        (truncate_video, "copy the file again|truncated|damaged"),
+        (lambda folder: (folder / VIDEO).unlink(), "missing|no such"),
+        (lambda folder: drop_column(folder, "action"), "no column 'action'"),
+        (lambda folder: set_first_action(folder, [float("nan")]), "action is not finite"),
+        (lambda folder: set_first_action(folder, [0.1, 0.2]), "expected 1 actions.*got 2"),
+    ],
+)
+def test_unsound_recordings(simtune, tmp_path, dataset, spoil, message):
+    spoil(dataset)
+    arguments = ("tune", "cartpole", "--out", tmp_path / "out", "--real", dataset)
+    simtune.refuses(*arguments, "--real-episodes", 2, message=message)
+
+
+def test_recordings_that_do_not_fit(simtune, tmp_path, dataset):
+    arguments = ("--out", tmp_path / "out", "--real", dataset)
+    message = "takes 2 actions, the recording has 1"
+    simtune.refuses("tune", "ball_in_cup", *arguments, message=message)
+    message = "5 episodes asked for, it holds 2"
+    simtune.refuses("tune", "cartpole", *arguments, message=message)
+
+
+def test_episodes_too_short_leave_no_folder(simtune, tmp_path, one_renderer_each):
+    frames = np.zeros((6, 32, 32, 3), np.uint8)
+    trajectory = Trajectory(frames, np.zeros((5, 1), np.float32), 0.08)
+    write_dataset(
+        tmp_path / "short", [trajectory], action_names=["slide"], robot_type="arm", task="balance"
+    )
+    arguments = ["--out", tmp_path / "out", "--real", tmp_path / "short", "--real-episodes", 1]
+    simtune.refuses("tune", "cartpole", *arguments, message="at least 21 steps, got one of 5")
+
+
+def test_an_out_that_cannot_be_used(simtune, tmp_path, quick_tune):
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").write_text("x")
+    for out, message in (
+        (tmp_path / "file", "is a file"),
+        (tmp_path / "file" / "run", "Not a directory"),
+        (tmp_path / "full", "is not empty and no run"),
+        ("/proc/run", "cannot write the run folder"),
+    ):
+        simtune.refuses("tune", "cartpole", "--out", out, "--real-episodes", 1, message=message)
+
+
+# --- what fails ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (KeyboardInterrupt(), "interrupted; the same command goes on"),
+        (RuntimeError("all worlds\ndiverged"), "all worlds diverged"),
+        (OSError(28, "No space left on device"), "No space left on device"),
+    ],
+)
+def test_failures_exit_with_1_and_one_line(simtune, tmp_path, monkeypatch, error, words):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr("simtune.algorithm.tune", fail)
+    status, out, err = simtune("tune", "cartpole", "--out", tmp_path / "out")
+    assert (status, out) == (1, "")
+    assert err.startswith("simtune: ")
+    assert err.count("\n") == 1
+    assert words in err
+
+
+# --- what works ---------------------------------------------------------------------------
+
+
+def test_tasks_lists_every_parameter(simtune):
+    status, out, err = simtune("tasks")
+    assert (status, err) == (0, "")
+    listed: dict[str, list[str]] = {}
+    for line in out.splitlines():
+        if not line.startswith(" "):
+            task = line.split(":")[0]
+            listed[task] = []
+        else:
+            listed[task].append(line.split()[0])
+    expected = {
+        task: [
+            name
+            for group in groups
+            for name in ([f"{group}_{c}" for c in "rgb"] if group in COLOURED else [group])
+        ]
+        for task, groups in NAMES.items()
+    }
+    assert listed == expected
+    assert "kg" in out
+
+
+def test_tune_and_report(simtune, tmp_path, quick_tune):
+    out = tmp_path / "run"
+    command = ("tune", "cartpole", "--out", out, "--real-episodes", 1, "--budget-minutes", "1e-5")
+    status, said, progress = simtune(*command)
+    assert status == 0
+    assert all(is_progress(line) for line in progress.splitlines())  # no terminal: plain lines
+    assert "looking at the real world" in progress
+    assert "1/2 simulating" in progress
+    assert "100 %" in progress
+    assert "pole_mass" in said
+    assert "mean error" in said
+    assert str(out / "report.html") in said
+    result = json.loads((out / "result.json").read_text())
+    assert result["command"].startswith("simtune tune cartpole --out")
+    (out / "report.html").unlink()
+    status, said, err = simtune("report", out)
+    assert (status, said, err) == (0, f"{out / 'report.html'}\n", "")
+    assert (out / "report.html").is_file()
+    simtune.refuses(*command, "--seed", 9, message="seed = 0, now = 9")
+
+
+def test_report_on_a_run_that_has_just_begun(simtune, tmp_path):
+    RunFolder.create(tmp_path / "run", {"task": "cartpole"}).close()
+    status, _, _ = simtune("report", tmp_path / "run")
+    assert status == 0
+
+
+def in_a_shell(command: str) -> subprocess.CompletedProcess:
+    code = "from simtune.cli import main; main()"
+    line = command.replace("simtune", f"{sys.executable} -c '{code}'", 1)
+    return subprocess.run(["bash", "-o", "pipefail", "-c", line], capture_output=True, text=True)
+
+
+def test_a_reader_that_has_read_enough_is_no_error_worth_a_traceback():
+    done = in_a_shell("simtune tasks | head -1")
+    assert done.stdout.startswith("ball_in_cup")
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("command", ["", "tune", "tasks", "report", "doctor"])
+def test_help(simtune, command):
+    status, out, err = simtune(*command.split(), "--help")
+    assert (status, err) == (0, "")
+    assert "usage: simtune" in out
+    if command == "tune":
+        for option in ("--real", "--real-parameters", "--real-episodes", "--search", "--seed"):
+            assert option in out
+        assert "minutes" in out
+
+
+def test_help_is_quick_since_it_loads_nothing_heavy():
+    code = (
+        "import sys; sys.argv = ['simtune', 'tune', '--help']\n"
+        "from simtune.cli import main\n"
+        "try:\n    main()\n"
+        "except SystemExit:\n    pass\n"
+        "print('loaded', [m for m in ('torch', 'mujoco', 'warp', 'av') if m in sys.modules])"
+    )
+    began_s = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert time.monotonic() - began_s < 2
+    assert done.stdout.endswith("loaded []\n")
+
+
+# --- progress -----------------------------------------------------------------------------
+
+
+def test_progress_says_a_line_when_something_new_begins(capsys):
+    with ProgressBar(1e9) as say:
+        for done in (0.0, 0.1, 0.2):
+            say("learning", done)
+        say("filming", 0.9)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split("%")[1].strip() for line in lines] == ["learning", "filming"]
+    assert all(is_progress(line) for line in lines)
+
+
+def test_progress_never_says_more_than_all(capsys):
+    with ProgressBar(1e-9) as say:
+        say("too late", 0.1)
+    assert "100 %" in capsys.readouterr().err
