@@ -100,6 +100,7 @@ def _search(
         scalars = {"iteration": iteration} | outcome.scalars(search, estimate) | losses
         run.log_metrics(step, len(real), wall_s, scalars)
         state = {"iteration": iteration, "step": step, "wall_s": wall_s}
+        state["num_diverged"] = simulator.num_diverged
         state |= {"search": search.state(), "estimate": outcome.to_json(estimate)}
         run.save_checkpoint(search.tensors(), state)
     return estimate, time.monotonic() - began_s
