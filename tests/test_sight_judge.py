@@ -383,10 +383,13 @@ def test_learning_rate_warms_up_and_falls_to_nearly_nothing():
     assert 0 < rates[-1] < 0.05
 
 
-def test_no_time_at_all_ends_a_training_soon():
-    progress = Progress(10**9, 0.0)
+def test_no_time_at_all_ends_a_training_soon_but_not_before_its_least_updates():
+    progress = Progress(10**9, 0.0, least_updates=2)
     time.sleep(0.01)
-    assert progress.fraction() > 1
+    progress.step()
+    assert progress.fraction() == 0.5
+    progress.step()
+    assert progress.fraction() == 1
 
 
 def a_model_and_worlds(num_worlds=12, episodes=2, steps=30, filmed=5):

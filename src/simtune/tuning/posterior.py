@@ -150,6 +150,8 @@ class PosteriorSearch:
     def _film(self, rollouts, episodes: int) -> SimulatedWorlds:
         # A world of which an episode diverged has fewer left: keep the whole ones.
         whole = _whole_sets(rollouts.parameters, episodes)
+        if len(whole) < 4:  # some to learn from, some to measure errors on
+            raise RuntimeError("nearly every world diverged; check the timestep and the bounds")
         landmarks = rollouts.recorded[whole]
         num_worlds, steps = len(whole), rollouts.actions.shape[1]
         # Supersampled pictures cost more: fewer of them.
@@ -236,10 +238,7 @@ def _whole_sets(parameters: np.ndarray, episodes: int) -> np.ndarray:
     """(W, E) indices of the worlds, by their parameters, all of whose E episodes are there."""
     changes = np.flatnonzero(np.any(np.diff(parameters, axis=0) != 0, axis=1)) + 1
     sets = np.split(np.arange(len(parameters)), changes)
-    whole = [s for s in sets if len(s) == episodes]
-    if len(whole) < 4:  # some to learn from, some to measure errors on
-        raise RuntimeError("nearly every simulated world diverged; check the timestep and bounds")
-    return np.stack(whole)
+    return np.array([s for s in sets if len(s) == episodes], int).reshape(-1, episodes)
 
 
 def _split(worlds: SimulatedWorlds, num: int) -> tuple[SimulatedWorlds, SimulatedWorlds]:
