@@ -230,7 +230,7 @@ def test_a_seed_decides_all(simulator, real, tiny):
 
 
 def test_a_deadline_that_is_over_still_gives_an_estimate_soon(simulator, real, tiny):
-    config = replace(tiny, sight_updates=(10**6,), judge_updates=10**6)
+    config = replace(tiny, sight_updates=(10**6,), judge_updates=10**6, least_updates=5)
     search = start(simulator, config)
     began_s = time.monotonic()
     estimate, _, _ = search.iterate(real, began_s - 1)
