@@ -36,6 +36,7 @@ def tiny() -> PosteriorSearchConfig:
         iterations=2,
         sight_updates=(6, 4),
         judge_updates=5,
+        least_updates=2,
     )
 
 

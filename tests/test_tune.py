@@ -1,0 +1,374 @@
+"""`tune` end to end: what it writes, that it resumes, and that it never looks at the truth."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simtune import algorithm, comparison, outcome
+from simtune.config import TuneConfig
+from simtune.errors import InputError
+from simtune.real.choose import choose_real, read_parameters
+from simtune.real.pseudo import PseudoReal
+from simtune.real.truth import Truth
+from simtune.recordings import decode, write_dataset
+from simtune.run import read_json, read_jsonl
+from simtune.tasks import load_task
+from simtune.tuning import posterior
+from simtune.tuning.search import Estimate, Event
+
+SPACE = load_task("cartpole").parameters
+NO_HURRY = 1e9  # minutes: the updates end the training, not the time
+TRUTH = {"pole_mass": 0.15, "body_r": 0.4, "ground_g": 0.8}
+
+
+def asked(out: Path, **changes) -> TuneConfig:
+    config = TuneConfig(task="cartpole", out=out, real_episodes=2, budget_minutes=NO_HURRY, seed=3)
+    return dataclasses.replace(config, **changes)
+
+
+@pytest.fixture
+def truth_file(tmp_path) -> Path:
+    path = tmp_path / "truth.json"
+    path.write_text(json.dumps(TRUTH))
+    return path
+
+
+# --- what is written ----------------------------------------------------------------------
+
+
+def test_the_run_folder_keeps_its_contract(tmp_path, truth_file, quick_tune, monkeypatch):
+    def eventful(*args):
+        moved, _ = move(*args)
+        return moved, [Event("widened", "pole_mass", 0.1, 0.2, "the edge")]
+
+    move = posterior.move
+    monkeypatch.setattr(posterior, "move", eventful)
+    out = tmp_path / "runs" / "a"
+    said: list[tuple[str, float]] = []
+    config = asked(out, real_parameters=truth_file)
+    returned = algorithm.tune(config, lambda *words: said.append(words))
+
+    result = read_json(out / "result.json")
+    assert result == json.loads(json.dumps(returned))
+    facts = {"task": "cartpole", "method": "autotune", "search": "posterior", "seed": 3}
+    assert {key: result[key] for key in facts} == facts
+    assert result["real_episodes"] == 2
+    assert isinstance(result["sim_steps"], int)
+    assert result["sim_steps"] >= 2 * 16 * 2 * 24  # iterations, worlds, episodes, steps
+    assert isinstance(result["wall_s"], float)
+    assert list(result["parameters"]) == list(SPACE.names)
+    for parameter in SPACE:
+        entry = result["parameters"][parameter.name]
+        real = TRUTH.get(parameter.name, parameter.nominal)
+        numbers = {"nominal", "initial", "mean", "low", "high", "real", "percent_error"}
+        assert set(entry) == numbers | {"unit", "verdict"}
+        assert all(type(entry[key]) is float for key in numbers)
+        assert (entry["unit"], entry["nominal"]) == (parameter.unit, parameter.nominal)
+        assert entry["real"] == pytest.approx(real)
+        doubled, halved = min(2 * real, parameter.high), real / 2
+        assert entry["initial"] in (pytest.approx(doubled), pytest.approx(halved))
+        assert parameter.low <= entry["low"] <= entry["mean"] <= entry["high"] <= parameter.high
+        assert entry["verdict"] in ("identified", "weak", "not identifiable")
+        expected = 100 * abs(entry["mean"] - real) / real
+        assert entry["percent_error"] == pytest.approx(expected)
+    errors = [entry["percent_error"] for entry in result["parameters"].values()]
+    assert result["percent_error"] == pytest.approx(np.mean(errors))
+
+    lines = read_jsonl(out / "metrics.jsonl")
+    assert [line["iteration"] for line in lines] == [1, 2]
+    assert list(lines[0]) == list(lines[1])
+    assert list(lines[0])[:3] == ["step", "real_episodes", "wall_s"]
+    for column in ("mean", "low", "high", "range_low", "range_high"):
+        assert all(f"{column}/{name}" in lines[0] for name in SPACE.names)
+    assert lines[0]["step"] < lines[1]["step"] == result["sim_steps"]
+    assert lines[0]["wall_s"] < lines[1]["wall_s"]
+    assert all(line["real_episodes"] == 2 for line in lines)
+    assert lines[1]["mean/pole_mass"] == result["parameters"]["pole_mass"]["mean"]
+    assert not any("percent_error" in key or "real/" in key for key in lines[0])
+
+    events = read_jsonl(out / "events.jsonl")
+    assert [e["step"] for e in events] == [line["step"] for line in lines]
+    expected = {"event": "widened", "parameter": "pole_mass", "low": 0.1, "high": 0.2}
+    assert expected.items() <= events[0].items()
+
+    curves = read_json(out / "curves.json")
+    assert set(curves) == set(SPACE.names)
+    for curve in curves.values():
+        assert len(curve["candidates"]) == len(curve["prob_higher"]) > 50
+        assert (np.diff(curve["prob_higher"]) <= 0).all()
+
+    for name in ("real", "before", "after"):
+        pictures = list(decode(out / "videos" / f"{name}.mp4"))
+        assert len(pictures) == 25
+    assert list((out / "tensorboard").glob("events.out.tfevents.*"))
+    report = (out / "report.html").read_text()
+    assert all(name in report for name in SPACE.names)
+    assert "iteration 1:" in report  # the history of the estimates
+    assert "iteration 2:" in report
+    stored = read_json(out / "config.json")["config"]
+    assert stored["task"] == "cartpole"
+    assert stored["seed"] == 3
+    assert "real" not in stored["parameters"]["pole_mass"]
+    shares = [done for _, done in said]
+    assert shares[0] == 0
+    assert shares[-1] == 1
+
+
+def test_a_run_on_recordings(tmp_path, quick_tune):
+    task = load_task("cartpole")
+    real = Truth(SPACE, SPACE.nominal).make_real(
+        task.simulator(image_size=64), episode_steps=24, seed=0
+    )
+    trajectories = real.collect(3)
+    write_dataset(
+        tmp_path / "dataset",
+        trajectories,
+        action_names=["slide"],
+        robot_type="cartpole",
+        task="balance",
+    )
+    played = []
+
+    def spy(search, real, deadline_s):
+        played.append(real)
+        return iterate(search, real, deadline_s)
+
+    with pytest.MonkeyPatch.context() as patch:
+        iterate = posterior.PosteriorSearch.iterate
+        patch.setattr(posterior.PosteriorSearch, "iterate", spy)
+        result = algorithm.tune(asked(tmp_path / "run", real=str(tmp_path / "dataset")))
+    assert len(played[0]) == result["real_episodes"] == 2
+    for got, expected in zip(played[0], trajectories, strict=False):
+        np.testing.assert_array_equal(got.actions, expected.actions)
+        assert got.step_s == pytest.approx(task.step_s)
+        assert np.abs(got.frames.astype(float) - expected.frames).mean() < 5  # video compression
+    assert result["real"] == str(tmp_path / "dataset")
+    assert "percent_error" not in result
+    for parameter in SPACE:
+        entry = result["parameters"][parameter.name]
+        assert entry["initial"] == parameter.nominal
+        assert not {"real", "percent_error"} & set(entry)
+    assert (tmp_path / "run" / "report.html").is_file()
+
+
+# --- resuming -----------------------------------------------------------------------------
+
+
+def without_time(lines: list[dict]) -> list[dict]:
+    return [{k: v for k, v in line.items() if k != "wall_s"} for line in lines]
+
+
+def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path, quick_tune):
+    straight = algorithm.tune(asked(tmp_path / "straight"))
+
+    def interrupt(doing: str, done: float) -> None:
+        if doing.startswith("2/2 learning") or doing == "2/2 filming":
+            raise KeyboardInterrupt
+
+    out = tmp_path / "resumed"
+    with pytest.raises(KeyboardInterrupt):
+        algorithm.tune(asked(out), interrupt)
+    assert not (out / "result.json").exists()
+    assert len(read_jsonl(out / "metrics.jsonl")) == 1
+    resumed = algorithm.tune(asked(out))
+    assert resumed["parameters"] == straight["parameters"]
+    assert resumed["sim_steps"] == straight["sim_steps"]
+    for name in ("metrics.jsonl", "events.jsonl"):
+        lines = [read_jsonl(path / name) for path in (tmp_path / "straight", out)]
+        assert without_time(lines[0]) == without_time(lines[1])
+    wall_s = [line["wall_s"] for line in read_jsonl(out / "metrics.jsonl")]
+    assert wall_s[0] < wall_s[1] <= resumed["wall_s"] + 0.1
+
+    # And once more, when all is done: the same result, without another iteration.
+    again = algorithm.tune(asked(out))
+    assert again["parameters"] == straight["parameters"]
+    assert len(read_jsonl(out / "metrics.jsonl")) == 2
+
+
+def test_another_question_is_refused_in_the_same_folder(tmp_path, truth_file, quick_tune):
+    out = tmp_path / "run"
+    algorithm.tune(asked(out, budget_minutes=1e-6))
+    before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
+    for changes, word in (
+        ({"seed": 4}, "seed = 3, now = 4"),
+        ({"real_episodes": 1}, "real_episodes"),
+        ({"real_parameters": truth_file}, "real_parameters|parameters"),
+    ):
+        with pytest.raises(InputError, match=word):
+            algorithm.tune(asked(out, **changes))
+    after = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
+    assert before == after
+
+
+def test_time_that_is_over_ends_after_one_iteration(tmp_path, quick_tune):
+    algorithm.tune(asked(tmp_path / "run", budget_minutes=1e-6))
+    assert len(read_jsonl(tmp_path / "run" / "metrics.jsonl")) == 1
+
+
+# --- the truth ----------------------------------------------------------------------------
+
+
+def test_the_truth_is_read_by_nothing_but_scoring(tmp_path, truth_file, quick_tune, monkeypatch):
+    """Truth's parameters raise while the search goes on, and lies in scoring change nothing."""
+    searching = [False]
+    reads = []
+
+    def get(truth):
+        assert not searching[0], "the truth was looked at during the search"
+        reads.append(truth)
+        return truth.hidden
+
+    monkeypatch.setattr(
+        Truth, "_parameters", property(get, lambda t, v: setattr(t, "hidden", v)), raising=False
+    )
+    score, make_search, result = Truth.score, algorithm.make_search, outcome.result
+
+    def begin(*args):
+        searching[0] = True
+        return make_search(*args)
+
+    def end(*args):
+        searching[0] = False
+        return result(*args)
+
+    monkeypatch.setattr(algorithm, "make_search", begin)
+    monkeypatch.setattr(outcome, "result", end)
+    honest = algorithm.tune(asked(tmp_path / "honest", real_parameters=truth_file))
+    assert reads  # the trap works: the world, the start and the score did read it
+
+    def lie(truth, mean):
+        real, error = score(truth, mean)
+        return real * 0 + 123.0, error * 0 + 4.0
+
+    monkeypatch.setattr(Truth, "score", lie)
+    told = algorithm.tune(asked(tmp_path / "lies", real_parameters=truth_file))
+    assert told["percent_error"] == 4.0
+    for name, entry in honest["parameters"].items():
+        for key in ("initial", "mean", "low", "high", "verdict"):
+            assert told["parameters"][name][key] == entry[key]
+    metrics = [read_jsonl(tmp_path / run / "metrics.jsonl") for run in ("honest", "lies")]
+    assert without_time(metrics[0]) == without_time(metrics[1])
+
+
+def test_true_parameters_come_from_the_file(truth_file):
+    real, _, truth = choose_real("pseudo", load_task("cartpole"), truth_file, image_size=64, seed=0)
+    assert isinstance(real, PseudoReal)
+    assert truth is not None
+    expected = [TRUTH.get(p.name, p.nominal) for p in SPACE]
+    np.testing.assert_allclose(truth.score(SPACE.nominal)[0], expected)
+    np.testing.assert_allclose(read_parameters(truth_file, SPACE), expected)
+
+
+def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
+    simulator = load_task("cartpole").simulator(image_size=64)
+    real = PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0)
+    public = {name for name in dir(real) if not name.startswith("_")}
+    assert public == {"collect", "step_s", "num_actions"}
+    for name in ("parameters", "real_parameters", "state", "states", "reward", "simulator"):
+        with pytest.raises(AttributeError):
+            getattr(real, name)
+    # Whatever lies in its attributes: no simulator, no array; a function that films.
+    for value in vars(real).values():
+        assert isinstance(value, int | float) or callable(value)
+        assert not isinstance(value, np.ndarray)
+        assert not hasattr(value, "parameters")
+    (trajectory,) = real.collect(1)
+    assert {f.name for f in dataclasses.fields(trajectory)} == {"frames", "actions", "step_s"}
+    assert trajectory.frames.dtype == np.uint8
+    assert trajectory.actions.shape == (5, 1)
+
+
+def test_a_pseudo_real_world_of_which_all_episodes_diverge_says_so(monkeypatch):
+    simulator = load_task("cartpole").simulator(image_size=64)
+
+    def lose_all(parameters, actions, rng):
+        rollouts = roll_out(parameters, actions, rng)
+        none = slice(0, 0)
+        return type(rollouts)(
+            rollouts.parameters[none], rollouts.states[none], rollouts.actions[none]
+        )
+
+    roll_out = simulator.roll_out
+    monkeypatch.setattr(simulator, "roll_out", lose_all)
+    real = PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0)
+    with pytest.raises(RuntimeError, match="diverged"):
+        real.collect(2)
+
+
+def test_starts_are_twice_or_half_the_truth_by_the_seed():
+    truth = Truth(SPACE, read_parameters(None, SPACE))
+    starts = np.array([truth.wrong_start(seed) for seed in range(40)])
+    doubled, halved = SPACE.clip(2 * SPACE.nominal), SPACE.nominal / 2
+    assert ((starts == doubled) | (starts == halved)).all()
+    assert (starts == doubled).any(0).all()
+    assert (starts == halved).any(0).all()
+    np.testing.assert_array_equal(starts[7], truth.wrong_start(7))
+
+
+def test_percent_error_by_hand():
+    truth = Truth(SPACE, SPACE.nominal)
+    real, error = truth.score(SPACE.nominal * np.linspace(0.5, 1.5, len(SPACE)))
+    np.testing.assert_array_equal(real, SPACE.nominal)
+    np.testing.assert_allclose(error, np.abs(np.linspace(-50, 50, len(SPACE))), atol=1e-9)
+    real[:] = 0  # a copy: nobody can change the truth
+    np.testing.assert_array_equal(truth.score(SPACE.nominal)[0], SPACE.nominal)
+
+
+# --- the pieces ---------------------------------------------------------------------------
+
+
+def test_estimates_survive_json():
+    curves = {"pole_mass": (np.array([0.1, 0.2]), np.array([1.0, 0.25]))}
+    numbers = (np.array([0.1 + i, math.pi]) for i in range(3))
+    estimate = Estimate(*numbers, ["weak", "identified"], curves)
+    back = outcome.from_json(json.loads(json.dumps(outcome.to_json(estimate))))
+    for key in ("mean", "low", "high"):
+        np.testing.assert_array_equal(getattr(back, key), getattr(estimate, key))
+    assert back.verdict == estimate.verdict
+    for got, expected in zip(back.curves["pole_mass"], curves["pole_mass"], strict=True):
+        np.testing.assert_array_equal(got, expected)
+
+
+def test_the_start_of_an_episode_is_found_in_its_pictures(one_renderer_each, monkeypatch):
+    monkeypatch.setattr(comparison, "_NUM_STARTS", 192)
+    task = load_task("ball_in_cup")
+    simulator = task.simulator(image_size=32)
+    parameters = task.parameters.nominal
+    (trajectory,) = PseudoReal(simulator, parameters, episode_steps=6, seed=11).collect(1)
+    rng = np.random.default_rng(0)
+
+    def distance(starts: np.ndarray) -> np.ndarray:
+        """Mean squared difference of the first pictures."""
+        frames = simulator.render(starts, np.tile(parameters, (len(starts), 1)))
+        return np.square(frames.astype(float) - trajectory.frames[0]).mean((1, 2, 3))
+
+    found = comparison.find_start(simulator, trajectory, parameters, rng)
+    actions = np.zeros((64, 1, simulator.num_actions))
+    others = simulator.roll_out(np.tile(parameters, (64, 1)), actions, rng).states[:, 0]
+    assert distance(found[None])[0] < 0.1 * np.median(distance(others))
+
+
+def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_renderer_each):
+    task = load_task("cartpole")
+    simulator = task.simulator(image_size=64)
+    rng = np.random.default_rng(0)
+    start = simulator.roll_out(SPACE.nominal[None], np.zeros((1, 1, 1)), rng).states[0, 0]
+    start[2] = np.nan
+    frames = comparison._film(simulator, np.zeros((3, 1), np.float32), SPACE.nominal, start)
+    assert frames.shape == (1, 64, 64, 3)
+
+
+@pytest.mark.parametrize("search", ["paper", "regression"])
+@pytest.mark.slow
+def test_the_papers_searches_write_the_same_folder(tmp_path, quick_tune, search):
+    out = tmp_path / search
+    result = algorithm.tune(asked(out, search=search, budget_minutes=1e-3))
+    assert result["search"] == search
+    assert set(result["parameters"]) == set(SPACE.names)
+    assert (out / "report.html").is_file()
+    (line,) = read_jsonl(out / "metrics.jsonl")
+    assert line["iteration"] == 1
