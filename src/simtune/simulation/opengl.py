@@ -12,7 +12,7 @@ import numpy as np
 
 from simtune.errors import InputError
 from simtune.parameters import ModelWriter, ParameterSpace
-from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
 
 _MAX_GEOMS = 10_000  # as mujoco.Renderer has it
 

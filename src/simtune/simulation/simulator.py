@@ -8,7 +8,8 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.parameters import ParameterSpace
-from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality, RendererName, make_renderer
+from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.renderer import RendererName, make_renderer
 from simtune.simulation.worlds import Worlds
 
 _CHUNK = 256  # supersampled pictures drawn at a time
