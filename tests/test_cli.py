@@ -195,7 +195,7 @@ def test_recordings_that_do_not_fit(simtune, tmp_path, dataset):
     message = "takes 2 actions, the recording has 1"
     simtune.refuses("tune", "ball_in_cup", *arguments, message=message)
     message = "5 episodes asked for, it holds 2"
-    simtune.refuses("tune", "cartpole", *arguments, message=message)
+    simtune.refuses("tune", "cartpole", *arguments, "--real-episodes", 5, message=message)
 
 
 def test_episodes_too_short_leave_no_folder(simtune, tmp_path, one_renderer_each):

@@ -22,9 +22,9 @@ from simtune.search_param_model.posterior import (
     PosteriorConfig,
     PosteriorSearchParamModel,
     Progress,
-    SimulatedWorlds,
 )
 from simtune.search_param_model.sight import Sight, SightConfig, look, splat, to_input
+from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.trajectory import Trajectory
 
 SMALL_SIGHT = SightConfig(channels=4, free_maps=2, hidden=16, batch_size=16)

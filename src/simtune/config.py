@@ -28,8 +28,9 @@ class TuneConfig:
     of a LeRobotDataset v3 (video and actions)."""
     real_parameters: Path | None = None
     """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
-    real_episodes: int = 5
-    """How many real episodes to film, or to take from the recordings."""
+    real_episodes: int | None = None
+    """How many real episodes to film (by default 5), or to take from the recordings (by default
+    all, at most 10)."""
     search: SearchName = "posterior"
     """posterior: read survival curves; paper: small steps up or down; regression: its baseline."""
     budget_minutes: float = 8.0
@@ -39,7 +40,7 @@ class TuneConfig:
 
     def check(self) -> None:
         """Raises InputError for numbers that make no sense."""
-        if self.real_episodes < 1:
+        if self.real_episodes is not None and self.real_episodes < 1:
             raise InputError(f"--real-episodes must be at least 1, got {self.real_episodes}")
         if not self.budget_minutes > 0:
             raise InputError(f"--budget-minutes must be above 0, got {self.budget_minutes:g}")

@@ -16,8 +16,8 @@ class RealWorld(Protocol):
     @property
     def num_actions(self) -> int: ...
 
-    def collect(self, num_episodes: int) -> list[Trajectory]:
-        """Trajectories of so many episodes."""
+    def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
+        """Trajectories of so many episodes; None: of a few."""
         ...
 
 

@@ -37,6 +37,6 @@ class PseudoReal:
 
         self._film = film
 
-    def collect(self, num_episodes: int) -> list[Trajectory]:
-        """Film episodes of random actions. Worlds that diverge yield fewer."""
-        return self._film(num_episodes)
+    def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
+        """Film episodes of random actions, by default 5. Worlds that diverge yield fewer."""
+        return self._film(num_episodes or 5)

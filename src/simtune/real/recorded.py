@@ -7,6 +7,8 @@ from simtune.errors import InputError
 from simtune.recordings import Recording, read_dataset, read_meta
 from simtune.trajectory import Trajectory
 
+_A_FEW = 10  # episodes taken where no number is asked for: more would mostly cost memory
+
 
 class RecordedReal:
     """A LeRobotDataset v3.0 in the place of a robot.
@@ -54,12 +56,13 @@ class RecordedReal:
         return self._recording.facts | {"episodes": len(collected), "steps": steps}
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
-        """The first `num_episodes` episodes (None: all), the same ones at every call.
+        """The first `num_episodes` episodes (None: all, at most 10), the same at every call.
 
         Raises:
             InputError: more are asked for than there are, or the dataset is unsound.
         """
-        num_episodes = self.num_episodes if num_episodes is None else num_episodes
+        if num_episodes is None:
+            num_episodes = min(self.num_episodes, _A_FEW)
         if not 1 <= num_episodes <= self.num_episodes:
             raise InputError(
                 f"{self._meta.folder}: {num_episodes} episodes asked for, it holds "

@@ -23,6 +23,10 @@ class Truth:
         return self._space.clip(np.where(doubled, self._parameters * 2, self._parameters / 2))
 
     def score(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The truth (N,), and the percent error 100·|mean − real|/real of an estimate (N,)."""
+        """The truth (N,), and the percent error 100·|mean − real|/real of an estimate (N,).
+
+        A truth near zero, such as black, counts as a hundredth of the parameter's upper bound.
+        """
         real = self._parameters
-        return real.copy(), 100 * np.abs(mean - real) / np.maximum(np.abs(real), 1e-12)
+        size = np.maximum(np.abs(real), 0.01 * np.abs(self._space.high))
+        return real.copy(), 100 * np.abs(mean - real) / size

@@ -18,6 +18,7 @@ import torch
 from simtune.randomization import Distribution
 from simtune.search_param_model.judge import Curves, Judge, JudgeConfig, judge_loss
 from simtune.search_param_model.sight import Sight, SightConfig, look, to_input
+from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.trajectory import Trajectory
 
 
@@ -25,22 +26,6 @@ from simtune.trajectory import Trajectory
 class PosteriorConfig:
     sight: SightConfig = field(default_factory=SightConfig)
     judge: JudgeConfig = field(default_factory=JudgeConfig)
-
-
-@dataclass(frozen=True)
-class SimulatedWorlds:
-    """What one round of simulation gives: W worlds of E episodes of T steps each."""
-
-    parameters: np.ndarray  # (W, N)
-    actions: np.ndarray  # (W, E, T, A)
-    landmarks: np.ndarray  # (W, E, T + 1, L, 2) pixels, true
-    frames: np.ndarray  # (W, F, H, H, 3) uint8: F successive frames of each world's...
-    filmed_from: np.ndarray  # (W,) ...first episode, from this step on
-
-    def filmed_landmarks(self) -> np.ndarray:
-        """(W, F, L, 2) the true landmarks in `frames`."""
-        at = self.filmed_from[:, None] + np.arange(self.frames.shape[1])
-        return self.landmarks[np.arange(len(at))[:, None], 0, at]
 
 
 class Progress:

@@ -11,19 +11,22 @@ from simtune.errors import InputError
 from simtune.progress import Say, silent
 from simtune.randomization import Distribution
 from simtune.search_param_model.judge import SHORTEST_STEPS
-from simtune.search_param_model.landmarks import candidate_landmarks, choose_landmarks
 from simtune.search_param_model.posterior import (
     PosteriorConfig,
     PosteriorSearchParamModel,
     Progress,
-    SimulatedWorlds,
 )
-from simtune.simulation import Simulator, random_actions
+from simtune.search_param_model.simulated import (
+    PILOT_STEPS,
+    SimulatedWorlds,
+    find_landmarks,
+    simulate,
+)
+from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.moves import MoveConfig, candidate_grid, move, read_curves
 from simtune.tuning.search import Estimate, Event
 
-_PILOTS, _PILOT_STEPS = 32, 3200  # episodes and steps simulated to choose landmarks by
 _FEWEST_WORLDS = 64  # to learn anything from
 
 
@@ -64,8 +67,8 @@ class PosteriorSearch:
         self.iteration = 0
         self._rng = np.random.default_rng(seed)
         began_s = time.monotonic()
-        self._landmarks = _find_landmarks(simulator, camera, self.first, seed)
-        self._seconds_per_step = max(1e-9, (time.monotonic() - began_s) / _PILOT_STEPS)
+        self._landmarks = find_landmarks(simulator, camera, self.first, seed)
+        self._seconds_per_step = max(1e-9, (time.monotonic() - began_s) / PILOT_STEPS)
         self.model = PosteriorSearchParamModel(
             len(self._landmarks),
             simulator.num_actions,
@@ -93,7 +96,7 @@ class PosteriorSearch:
     ) -> tuple[Estimate, list[Event], dict[str, float]]:
         """Simulate in Ξ with the real actions, train sight and judge, look, move Ξ."""
         end_s = self._end_of_iteration(deadline_s)
-        self._now("simulating", 0.0)
+        self._now("simulating and filming", 0.0)
         worlds = self._collect(real, self._affordable_worlds(real, end_s))
         losses = self._train(worlds, end_s)
         curves = self.model.curves(real, self.distribution)
@@ -137,45 +140,18 @@ class PosteriorSearch:
         episodes = min(config.episodes_per_world, len(real))
         which = np.stack([rng.permutation(len(real))[:episodes] for _ in range(num_worlds)])
         parameters = self.distribution.sample(num_worlds, rng)
-        rollouts = self.simulator.roll_out(
-            np.repeat(parameters, episodes, axis=0),
-            played[which.reshape(-1)].astype(float),
-            rng,
-            self._landmarks.record,
-        )
-        worlds = self._film(rollouts, episodes)
-        self._seconds_per_step = (time.monotonic() - began_s) / (len(which) * episodes * steps)
-        return worlds
-
-    def _film(self, rollouts, episodes: int) -> SimulatedWorlds:
-        # A world of which an episode diverged has fewer left: keep the whole ones.
-        whole = _whole_sets(rollouts.parameters, episodes)
-        if len(whole) < 4:  # some to learn from, some to measure errors on
-            raise RuntimeError("nearly every world diverged; check the timestep and the bounds")
-        landmarks = rollouts.recorded[whole]
-        num_worlds, steps = len(whole), rollouts.actions.shape[1]
         # Supersampled pictures cost more: fewer of them.
-        filmed = min(self.config.filmed_steps // self.simulator.supersampling, steps + 1)
-        start = self._rng.integers(0, steps + 2 - filmed, num_worlds)
-        self._now("filming", 0.15)
-        at = start[:, None] + np.arange(filmed)
-        states = rollouts.states[whole[:, :1], at].reshape(num_worlds * filmed, -1)
-        parameters = rollouts.parameters[whole[:, 0]]
-        frames = self.simulator.render(states, np.repeat(parameters, filmed, axis=0))
-        return SimulatedWorlds(
-            parameters,
-            rollouts.actions[whole],
-            landmarks.reshape(num_worlds, episodes, steps + 1, -1, 2),
-            frames.reshape(num_worlds, filmed, *frames.shape[1:]),
-            start,
-        )
+        filmed = max(1, config.filmed_steps // self.simulator.supersampling)
+        worlds = simulate(self.simulator, self._landmarks, parameters, played[which], filmed, rng)
+        self._seconds_per_step = (time.monotonic() - began_s) / (num_worlds * episodes * steps)
+        return worlds
 
     def _train(self, worlds: SimulatedWorlds, end_s: float) -> dict[str, float]:
         config, model = self.config, self.model
         seconds = max(1.0, end_s - time.monotonic())
         num_taught = round(len(worlds.parameters) * (1 - config.held_out))
         updates = config.sight_updates[min(self.iteration, len(config.sight_updates) - 1)]
-        taught, others = _split(worlds, num_taught)
+        taught, others = worlds.split(num_taught)
         progress = Progress(
             updates,
             seconds * config.sight_share,
@@ -220,30 +196,3 @@ class PosteriorSearch:
         ranges = {k: np.array(v) for k, v in state["distribution"].items()}
         self.distribution = self.distribution.with_interval(**ranges)
         self._rng.bit_generator.state = state["rng"]
-
-
-def _find_landmarks(simulator: Simulator, camera: str, distribution: Distribution, seed: int):
-    """Few landmarks from which all others follow, judged by a few random episodes."""
-    rng = np.random.default_rng(seed)
-    every = candidate_landmarks(simulator.model, camera, simulator.image_size)
-    if not len(every):
-        return every
-    actions = random_actions(_PILOTS, _PILOT_STEPS // _PILOTS, simulator.model, rng)
-    rollouts = simulator.roll_out(distribution.sample(_PILOTS, rng), actions, rng, every.record)
-    assert rollouts.recorded is not None, "asked for above"
-    return every.select(choose_landmarks(rollouts.recorded.reshape(-1, len(every), 2)))
-
-
-def _whole_sets(parameters: np.ndarray, episodes: int) -> np.ndarray:
-    """(W, E) indices of the worlds, by their parameters, all of whose E episodes are there."""
-    changes = np.flatnonzero(np.any(np.diff(parameters, axis=0) != 0, axis=1)) + 1
-    sets = np.split(np.arange(len(parameters)), changes)
-    return np.array([s for s in sets if len(s) == episodes], int).reshape(-1, episodes)
-
-
-def _split(worlds: SimulatedWorlds, num: int) -> tuple[SimulatedWorlds, SimulatedWorlds]:
-    fields = vars(worlds)
-    return (
-        SimulatedWorlds(**{k: v[:num] for k, v in fields.items()}),
-        SimulatedWorlds(**{k: v[num:] for k, v in fields.items()}),
-    )
