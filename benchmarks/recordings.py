@@ -46,7 +46,7 @@ def score(result: dict[str, Any], truth: dict[str, Any], space: ParameterSpace) 
     for parameter in space:
         found, entry = result["parameters"][parameter.name], truth[parameter.name]
         real = true_value(entry, parameter.nominal)
-        error = 100 * abs(found["mean"] - real) / max(abs(real), 1e-12)
+        error = 100 * abs(found["mean"] - real) / max(abs(real), 0.01 * abs(parameter.high))
         (dynamics if "ratio_to_nominal" in entry else colours).append(error)
         parameters[parameter.name] = {
             "percent_error": round(error, 1),

@@ -198,6 +198,12 @@ def test_recordings_that_do_not_fit(simtune, tmp_path, dataset):
     simtune.refuses("tune", "cartpole", *arguments, "--real-episodes", 5, message=message)
 
 
+def test_a_camera_is_one_of_the_recordings(simtune, tmp_path, dataset):
+    arguments = ("--out", tmp_path / "out", "--camera", "front")
+    simtune.refuses("tune", "cartpole", *arguments, "--real", dataset, message="no camera 'front'")
+    simtune.refuses("tune", "cartpole", *arguments, message="--camera goes with recordings only")
+
+
 def test_episodes_too_short_leave_no_folder(simtune, tmp_path, one_renderer_each):
     frames = np.zeros((6, 32, 32, 3), np.uint8)
     trajectory = Trajectory(frames, np.zeros((5, 1), np.float32), 0.08)

@@ -14,7 +14,7 @@ from simtune.networks import PixelEncoder, positional_encoding, predicting, stac
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.search_param_model.paper import PaperConfig, PaperSearchParamModel, count_votes
 from simtune.search_param_model.windows import SpmBuffer, Windows, split
-from simtune.simulation import Rollouts
+from simtune.simulation import Rollouts, Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.paper import PaperSearch, approach, shift_mean
 
@@ -59,6 +59,8 @@ class FakeSimulator:
             actuator_ctrllimited=np.array([1, 0]),
             actuator_ctrlrange=np.array([[-4.0, 2.0], [0.0, 0.0]]),
         )
+
+    action_scale = Simulator.action_scale
 
     def roll_out(self, parameters, actions, rng) -> Rollouts:
         n, num_steps, _ = actions.shape

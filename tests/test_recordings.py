@@ -347,6 +347,23 @@ def test_write_video(tmp_path: Path):
     assert [path.name for path in tmp_path.iterdir()] == ["video.mp4"]
 
 
+def test_a_wide_picture_is_cropped_to_the_square_that_a_camera_of_its_height_films(tmp_path: Path):
+    frames = np.full((4, SIZE, 2 * SIZE, 3), 40, np.uint8)
+    frames[:, :, SIZE // 2 : SIZE // 2 + SIZE] = picture(77)  # the middle
+    write(tmp_path / "wide", [Trajectory(frames, np.zeros((3, 2), np.float32), 1 / FPS)])
+    middle = read_dataset(tmp_path / "wide", image_size=SIZE).trajectories[0].frames
+    assert middle.shape[1:3] == (SIZE, SIZE)
+    assert number(middle[0]) == 77
+    assert np.abs(middle[0].astype(int) - picture(77)).mean() < 4
+    squeezed = read_dataset(tmp_path / "wide", image_size=(SIZE, SIZE)).trajectories[0].frames
+    assert np.abs(squeezed[0].astype(int) - picture(77)).mean() > 20
+
+    upright = Trajectory(frames.transpose(0, 2, 1, 3).copy(), np.zeros((3, 2), np.float32), 1 / FPS)
+    write(tmp_path / "upright", [upright])
+    with pytest.raises(InputError, match="upright"):
+        read_dataset(tmp_path / "upright", image_size=SIZE)
+
+
 def test_colours_are_not_darkened(tmp_path: Path):
     frame = resize(np.random.default_rng(0).integers(0, 256, (8, 8, 3), dtype=np.uint8), (64, 64))
     write_video(tmp_path / "video.mp4", [frame], 10, crf=0)

@@ -20,7 +20,7 @@ from simtune.simulation import (
 )
 from simtune.simulation.primitives import Primitives
 from simtune.simulation.raycaster import Raycaster
-from simtune.tasks import load_task, task_names
+from simtune.tasks import TASKS, load_task
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 SIZE = 32
@@ -182,7 +182,7 @@ def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
     assert len(np.unique(frames.reshape(-1, 3), axis=0)) > 100  # it is no empty picture
 
 
-@pytest.mark.parametrize("name", task_names())
+@pytest.mark.parametrize("name", list(TASKS))
 def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(name, monkeypatch):
     task, simulator = load_task(name), simulator_of(name)
     rng = np.random.default_rng(2)
@@ -295,7 +295,7 @@ def test_a_flex_is_drawn_where_it_is():
 
 
 @pytest.mark.opengl
-@pytest.mark.parametrize("name", task_names())
+@pytest.mark.parametrize("name", list(TASKS))
 def test_both_renderers_draw_the_same_pictures_of_every_task(name):
     """Measured: 1.7 to 3.5 of 255 with shadows, 2.0 to 4.0 as dm_control draws.
 
@@ -316,7 +316,7 @@ def test_both_renderers_draw_the_same_pictures_of_every_task(name):
 
 
 @pytest.mark.opengl
-@pytest.mark.parametrize("name", task_names())
+@pytest.mark.parametrize("name", list(TASKS))
 def test_both_renderers_put_the_robot_at_the_same_pixels(name):
     """The silhouette of what a parameter paints: the pixels that its colour changes."""
     task, simulator = load_task(name), simulator_of(name)

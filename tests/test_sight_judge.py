@@ -138,7 +138,7 @@ def test_sight_learns_to_find_a_dot_and_a_grey():
     space = ParameterSpace([a_parameter("grey", "geom_rgba"), a_parameter("mass", "body_mass")])
     distribution = Distribution(space, np.full(2, 0.25), np.zeros(2), np.array([0.5, 1.0]))
     config = PosteriorConfig(sight=SightConfig(channels=8, free_maps=2, hidden=32, batch_size=32))
-    model = PosteriorSearchParamModel(1, 1, space.is_visible, SIZE, config, seed=0)
+    model = PosteriorSearchParamModel(1, np.ones(1), space.is_visible, SIZE, config, seed=0)
 
     def worlds(seed: int) -> SimulatedWorlds:
         frames, place, grey = dots(300, seed)
@@ -406,7 +406,7 @@ def a_model_and_worlds(num_worlds=12, episodes=2, steps=30, filmed=5):
     config = PosteriorConfig(
         sight=SMALL_SIGHT, judge=JudgeConfig(channels=8, hidden=16, batch_size=8, candidates=8)
     )
-    model = PosteriorSearchParamModel(2, 1, space.is_visible, SIZE, config, seed=0)
+    model = PosteriorSearchParamModel(2, np.ones(1), space.is_visible, SIZE, config, seed=0)
     worlds = SimulatedWorlds(
         distribution.sample(num_worlds, rng),
         rng.uniform(-1, 1, (num_worlds, episodes, steps, 1)),

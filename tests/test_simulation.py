@@ -156,3 +156,14 @@ def test_random_actions_stay_in_the_controls_ranges_and_are_held(walker):
     assert high[0] == pytest.approx(2, abs=0.05)
     assert low[1] == pytest.approx(-1, abs=0.05)  # without limits: [-1, 1]
     assert high[1] == pytest.approx(1, abs=0.05)
+
+
+def test_a_step_lasts_as_long_as_the_recording_says(cartpole):
+    """At 30 frames/s no whole number of the model's .01 s makes a step: the timestep gives way."""
+    simulator = cartpole.simulator(image_size=16, step_s=1 / 30)
+    rollouts = simulator.roll_out(
+        some_parameters(cartpole, 1), np.zeros((1, 30, 1)), np.random.default_rng(0)
+    )
+    time_s = rollouts.states[0, :, 0]
+    np.testing.assert_allclose(time_s[-1] - time_s[0], 1.0, rtol=1e-9)
+    assert cartpole.simulator(image_size=16).model.opt.timestep == 0.01

@@ -37,7 +37,12 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
     image_size = needed_image_size(config.search)
     say("looking at the real world", 0.0)
     real, start, truth = choose_real(
-        config.real, task, config.real_parameters, image_size=image_size, seed=config.seed
+        config.real,
+        task,
+        config.real_parameters,
+        camera=config.camera,
+        image_size=image_size,
+        seed=config.seed,
     )
     trajectories = real.collect(config.real_episodes)
     # A real camera averages over its pixels; the pseudo-real one is the simulator's own.
@@ -63,10 +68,10 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
             "wall_s": round(wall_s, 1),
         }
         result = outcome.result(facts, task.parameters, start, estimate, truth)
+        run.write_result(result)
         run.write_curves(outcome.curves(estimate))
         say("filming the comparison", 1.0)
         write_comparison(run.videos, simulator, trajectories[0], start, estimate.mean, config.seed)
-        run.write_result(result)
         write_report(run.path)
     return result
 
@@ -92,6 +97,7 @@ def _search(
     began_s = time.monotonic() - spent_s
     deadline_s = began_s + 60 * config.budget_minutes
     while estimate is None or not (search.finished or time.monotonic() >= deadline_s):
+        run.drop_result()  # of an earlier sitting: this one goes on
         estimate, events, losses = search.iterate(real, deadline_s)
         iteration += 1
         step, wall_s = simulator.num_steps, time.monotonic() - began_s

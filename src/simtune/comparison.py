@@ -48,6 +48,8 @@ def find_start(
     starts, spread = None, np.zeros(0)
     for round_ in range(_ROUNDS):
         rollouts = simulator.roll_out(worlds, actions, rng, starts=starts)
+        if not len(rollouts):
+            raise RuntimeError("the tuned simulator diverges from every start; see the parameters")
         states = rollouts.states[:, 0]
         frames = simulator.film(rollouts).astype(np.float32)
         distance = np.square(frames - real).mean((1, 2, 3, 4))

@@ -26,6 +26,8 @@ class TuneConfig:
     real: str = "pseudo"
     """The real world: `pseudo`, a simulated one that is filmed and scored against, or the folder
     of a LeRobotDataset v3 (video and actions)."""
+    camera: str | None = None
+    """The recordings' camera, such as observation.images.front; needed where there are several."""
     real_parameters: Path | None = None
     """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
     real_episodes: int | None = None

@@ -8,8 +8,6 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from simtune.errors import InputError
-
 _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "torch", "av", "pyarrow", "numpy")
 
 
@@ -35,9 +33,9 @@ def _say_devices(say: Callable[[str], None]) -> None:
     cpu = torch.device("cpu")
     say(f"cpu        {torch.get_num_threads()} threads, fast bfloat16: {has_fast_bf16(cpu)}")
     if torch.cuda.is_available():
-        say(f"cuda       {torch.cuda.get_device_name()}")
+        say(f"cuda       {torch.cuda.get_device_name()}: draws; networks train on the CPU")
     else:
-        say("cuda       none; simtune runs on the CPU")
+        say("cuda       none: all runs on the CPU")
 
 
 def _try_renderer(name, say: Callable[[str], None]) -> bool:
@@ -54,8 +52,8 @@ def _try_renderer(name, say: Callable[[str], None]) -> bool:
         simulator.film(rollouts)
         began_s = time.monotonic()
         frames = simulator.film(rollouts)
-    except InputError as error:
-        say(f"{name:10s} does not work: {error}")
+    except Exception as error:  # whatever a driver throws: the doctor is there to tell
+        say(f"{name:10s} does not work: {' '.join(str(error).split())}")
         return False
     if frames.max() == frames.min():
         say(f"{name:10s} draws nothing but one colour")

@@ -15,7 +15,13 @@ from simtune.tasks import Task
 
 
 def choose_real(
-    name: str, task: Task, real_parameters: Path | None = None, *, image_size: int, seed: int
+    name: str,
+    task: Task,
+    real_parameters: Path | None = None,
+    *,
+    camera: str | None = None,
+    image_size: int,
+    seed: int,
 ) -> tuple[RealWorld, np.ndarray, Truth | None]:
     """A real world, where the search for its parameters starts (N,), and the truth, where known.
 
@@ -25,6 +31,8 @@ def choose_real(
     """
     space = task.parameters
     if name == "pseudo":
+        if camera is not None:
+            raise InputError("--camera goes with recordings only")
         truth = Truth(space, read_parameters(real_parameters, space))
         simulator = task.simulator(image_size=image_size)
         real = truth.make_real(simulator, episode_steps=task.episode_steps, seed=seed)
@@ -34,7 +42,7 @@ def choose_real(
     if name == "xarm":
         raise InputError("--real xarm is not there yet; record episodes and give their folder")
     num_actions = task.load_model().nu
-    real = RecordedReal(name, image_size=image_size, num_actions=num_actions)
+    real = RecordedReal(name, camera=camera, image_size=image_size, num_actions=num_actions)
     return real, space.nominal.copy(), None
 
 

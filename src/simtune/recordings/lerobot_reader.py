@@ -75,11 +75,11 @@ def read_dataset(
 ) -> Recording:
     """Read the first `max_episodes` episodes (None: all) of a LeRobotDataset v3.0.
 
-    Frames are resized to `image_size`, (height, width) or the side of a square, by area
-    averaging. The whole picture is kept: where its aspect is another one, it is squeezed, not
-    cropped, so render the simulator's picture at the source's aspect and squeeze it likewise.
-    None keeps the source's size. `camera` and `num_actions`: see `read_meta`. Videos are decoded in
-    one pass; full-size frames are held one at a time.
+    Frames are resized to `image_size` by area averaging. One number is the side of a square: the
+    middle of a landscape picture, whole in height, which is what a square MuJoCo camera of the
+    same field of view (it is vertical) films. (height, width) keeps the whole picture and squeezes
+    it where its aspect is another one. None keeps the source's size. `camera` and `num_actions`:
+    see `read_meta`. Videos are decoded in one pass; full-size frames are held one at a time.
 
     Raises:
         InputError: the dataset is unsound; one line says what was expected and what to do.
@@ -87,6 +87,7 @@ def read_dataset(
     meta = read_meta(folder, camera=camera, num_actions=num_actions)
     if max_episodes is not None and max_episodes < 1:
         raise InputError(f"max_episodes must be at least 1, got {max_episodes}")
+    square = isinstance(image_size, int)
     if isinstance(image_size, int):
         image_size = (image_size, image_size)
     if image_size is not None and min(image_size) < 1:
@@ -95,7 +96,12 @@ def read_dataset(
     actions = _read_actions(meta, episodes)  # before the frames: cheap, and finds most faults
     facts = video.probe(episodes[0].video_file)
     source_size = (facts.height, facts.width)
-    frames = _read_frames(meta, episodes, image_size or source_size)
+    if square and facts.height > facts.width:
+        raise InputError(
+            f"{episodes[0].video_file}: the picture is upright, {facts.width}×{facts.height}; "
+            "expected one at least as wide as high; crop it to a square"
+        )
+    frames = _read_frames(meta, episodes, image_size or source_size, square)
     return Recording(
         trajectories=[
             Trajectory(frames[episode.index], actions[episode.index][:-1], 1 / meta.fps)
@@ -179,9 +185,12 @@ def _action_rows(meta: DatasetMeta, episode: Episode, column: pa.ChunkedArray) -
 
 
 def _read_frames(
-    meta: DatasetMeta, episodes: Sequence[Episode], size: tuple[int, int]
+    meta: DatasetMeta, episodes: Sequence[Episode], size: tuple[int, int], square: bool
 ) -> dict[int, np.ndarray]:
-    """Frames (T, *size, 3) uint8 of each episode's T rows, by episode index."""
+    """Frames (T, *size, 3) uint8 of each episode's T rows, by episode index.
+
+    `square`: of the middle of the picture, as wide as it is high.
+    """
     frames = {
         episode.index: np.empty((episode.num_rows, *size, 3), np.uint8) for episode in episodes
     }
@@ -209,6 +218,9 @@ def _read_frames(
                         f"got none for row {row} (at {episode.from_s + row / meta.fps:g} s); "
                         "the video is truncated, copy the file again"
                     )
+                if square:
+                    beside = (picture.shape[1] - picture.shape[0]) // 2
+                    picture = picture[:, beside : beside + picture.shape[0]]
                 frames[episode.index][row] = video.resize(picture, size)
     return frames
 

@@ -190,7 +190,7 @@ def events(run: RunData) -> str:
     if not items:
         return ""
     is_open = "open" if len(run.events) <= 12 else ""
-    summary = f"<summary>{len(run.events)} times a range was widened or narrowed</summary>"
+    summary = f"<summary>{len(run.events)} changes of the searched ranges</summary>"
     listed = f"<details {is_open}>{summary}<ol class='events'>{''.join(items)}</ol></details>"
     return f"<section><h2>What happened on the way</h2>{listed}</section>"
 

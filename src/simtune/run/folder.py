@@ -133,6 +133,10 @@ class RunFolder:
         """Replace result.json."""
         write_json(self.path / "result.json", result)
 
+    def drop_result(self) -> None:
+        """Remove result.json, where there is one: the run goes on."""
+        (self.path / "result.json").unlink(missing_ok=True)
+
     def write_curves(self, curves: Mapping[str, Mapping[str, Any]]) -> None:
         """Replace curves.json: {name: {"candidates": (n,), "prob_higher": (n,)}}."""
         write_json(self.path / "curves.json", curves)

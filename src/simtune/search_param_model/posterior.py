@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
+from simtune.networks import seeded
 from simtune.randomization import Distribution
 from simtune.search_param_model.judge import Curves, Judge, JudgeConfig, judge_loss
 from simtune.search_param_model.sight import Sight, SightConfig, look, to_input
@@ -68,20 +69,20 @@ class PosteriorSearchParamModel:
     def __init__(
         self,
         num_landmarks: int,
-        num_actions: int,
+        action_scale: np.ndarray,
         visible: np.ndarray,
         image_size: int,
         config: PosteriorConfig,
         seed: int,
     ):
-        """`visible`: (N,) bool, the parameters that a single picture can show."""
+        """`action_scale`: (A,); `visible`: (N,) bool, what a single picture can show."""
         self.config = config
         self.visible = np.flatnonzero(visible)
         self.generator = torch.Generator().manual_seed(seed)
-        with torch.random.fork_rng():
-            torch.manual_seed(seed)
+        self._action_scale = torch.tensor(action_scale, dtype=torch.float32)
+        with seeded(seed):
             self.sight = Sight(num_landmarks, len(self.visible), image_size, config.sight)
-            num_seen = 2 * num_landmarks + num_actions
+            num_seen = 2 * num_landmarks + len(action_scale)
             self.judge = Judge(num_seen, self.visible.tolist(), len(visible), config.judge)
         self.sight.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._scale_px = image_size / 8
@@ -172,7 +173,7 @@ class PosteriorSearchParamModel:
         """(B, E, T + 1, L, 2) pixels and (B, E, T, A) actions, side by side: (B, E, T, S)."""
         middle = (self.sight.cells * 2 - 1) / 2
         places = (landmarks[:, :, :-1].flatten(-2) - middle) / self._scale_px
-        return torch.cat([places, actions], -1)
+        return torch.cat([places, actions / self._action_scale], -1)
 
     def _to_range(self, parameters: np.ndarray, distribution: Distribution) -> np.ndarray:
         return 2 * distribution.to_local(parameters) - 1

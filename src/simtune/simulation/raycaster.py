@@ -45,7 +45,7 @@ class Raycaster:
     ):
         _init_warp()
         self.image_size = image_size
-        self._num_threads = num_threads or os.cpu_count() or 1
+        self._num_threads = num_threads or _num_cores()
         sky = None
         if not _can_turn(model, space, model.camera(camera).id):
             sky = _constant_sky(model, camera, image_size)
@@ -70,6 +70,11 @@ class Raycaster:
 
         list(self._pool.map(draw, range(0, n, step)))
         return frames
+
+
+def _num_cores() -> int:
+    """Cores that this process may use: in a container fewer than the machine has."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class _Context:

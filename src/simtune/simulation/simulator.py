@@ -1,5 +1,6 @@
 """Simulated worlds one can act in and film: what is asked of a simulator, in two methods."""
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -49,22 +50,28 @@ class Simulator:
         quality: OpenGLQuality = OPENGL_FAST,
         supersampling: int = 1,
     ):
-        self.model = model
+        self.num_substeps = max(1, round(step_s / model.opt.timestep))
+        self.model = _with_timestep(model, step_s / self.num_substeps)
         self.space = space
         self.step_s = step_s
         self.image_size = image_size
-        self.num_substeps = max(1, round(step_s / model.opt.timestep))
         self.num_diverged = 0
         self.num_steps = 0  # policy steps simulated so far
         self.supersampling = supersampling
         drawn_size = image_size * supersampling
-        self.renderer = make_renderer(renderer, model, space, camera, drawn_size, quality)
+        self.renderer = make_renderer(renderer, self.model, space, camera, drawn_size, quality)
         self._initialize = initialize
         self._worlds: dict[int, Worlds] = {}
 
     @property
     def num_actions(self) -> int:
         return self.model.nu
+
+    @property
+    def action_scale(self) -> np.ndarray:
+        """(A,) the largest magnitude of each action: 1 where the model sets no limit."""
+        limited = np.asarray(self.model.actuator_ctrllimited, bool)
+        return np.where(limited, np.abs(self.model.actuator_ctrlrange).max(-1), 1.0)
 
     def roll_out(
         self,
@@ -125,6 +132,15 @@ class Simulator:
         if num_worlds not in self._worlds:
             self._worlds = {num_worlds: Worlds(self.model, self.space, num_worlds)}  # keep one
         return self._worlds[num_worlds]
+
+
+def _with_timestep(model: mujoco.MjModel, timestep_s: float) -> mujoco.MjModel:
+    """The model, or a copy with another timestep where substeps would not add up to a step."""
+    if abs(model.opt.timestep / timestep_s - 1) < 1e-6:
+        return model
+    model = copy.copy(model)
+    model.opt.timestep = timestep_s
+    return model
 
 
 def random_actions(

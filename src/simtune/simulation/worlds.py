@@ -64,7 +64,8 @@ class Worlds:
     def start_from(self, states: np.ndarray) -> None:
         """Put the worlds into (num_worlds, S) states, with their own parameters."""
         self.batch.state[...] = states
-        self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+        with _no_printed_warnings():
+            self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
 
     def step(self, controls: np.ndarray, num_substeps: int) -> None:
         """Hold (num_worlds, nu) controls for a number of physics steps."""

@@ -22,8 +22,4 @@ def load_task(name: str) -> Task:
     return TASKS[name]()
 
 
-def task_names() -> list[str]:
-    return list(TASKS)
-
-
-__all__ = ["TASKS", "Task", "load_task", "task_names"]
+__all__ = ["TASKS", "Task", "load_task"]

@@ -23,8 +23,7 @@ class Task:
     control_timestep_s: float  # an action is held for action_repeat of these
     action_repeat: int
     episode_steps: int = 200  # policy steps
-    # Starts every simulation of the batch anew, whose parameters are written already, and
-    # computes all fields of the initial states (as mj_forward).
+    # Starts every simulation of the batch anew, whose parameters are written already.
     initialize: Callable[[Batch, np.random.Generator], None]
     # (nsim,) reward of the batch's present state, after step(stage=mjSTAGE_VEL), which is one
     # control timestep; a policy step's reward is the sum over its action_repeat of them.

@@ -25,7 +25,7 @@ def shift_mean(
 
     The paper adds α·q_φ, which could only grow. Its authors' code centres at ½ as here.
     """
-    return _keep_in_bounds(mean + step_size * (prob_higher - 0.5) * 2 * 0.5 * mean, space)
+    return _keep_in_bounds(mean + step_size * (prob_higher - 0.5) * mean, space)
 
 
 def approach(
@@ -77,7 +77,7 @@ class PaperSearch:
         self._center(np.array(mean, float))
         self._buffer = SpmBuffer(config.buffer_episodes, config.episode_steps, simulator.image_size)
         with seeded(int(self._rng.integers(2**62))):
-            scale = _action_scale(simulator)
+            scale = simulator.action_scale
             self.model = PaperSearchParamModel(config, space, scale, method).to(device)
         self._optimizer = torch.optim.Adam(
             self.model.parameters(), config.learning_rate, (config.beta1, 0.999)
@@ -119,7 +119,7 @@ class PaperSearch:
         parameters = self.distribution.sample(num, self._rng)
         rollouts = self._simulator.roll_out(parameters, actions, self._rng)
         if not len(rollouts):
-            raise InputError("every simulated world diverged; check the timestep and the bounds")
+            raise RuntimeError("every simulated world diverged; check the timestep and the bounds")
         self._buffer.add(rollouts, self._simulator.film(rollouts))
 
     def _train(self, num_updates: int, deadline_s: float) -> float:
@@ -215,13 +215,6 @@ def _arrivals(before: np.ndarray, now: Distribution) -> list[Event]:
                 low, high = float(now.low[i]), float(now.high[i])
                 events.append(Event("moved", parameter.name, low, high, reason))
     return events
-
-
-def _action_scale(simulator: Simulator) -> np.ndarray:
-    """(A,) the largest magnitude of each action: 1 where the model sets no limit."""
-    limited = np.asarray(simulator.model.actuator_ctrllimited, bool)
-    largest = np.abs(simulator.model.actuator_ctrlrange).max(-1)
-    return np.where(limited, largest, 1.0)
 
 
 def _under(prefix: str, tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:

@@ -1,7 +1,7 @@
 """search="posterior": straight to the median, narrow the range, collect again."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -71,7 +71,7 @@ class PosteriorSearch:
         self._seconds_per_step = max(1e-9, (time.monotonic() - began_s) / PILOT_STEPS)
         self.model = PosteriorSearchParamModel(
             len(self._landmarks),
-            simulator.num_actions,
+            simulator.action_scale,
             simulator.space.is_visible,
             simulator.image_size,
             config.model,
@@ -125,7 +125,7 @@ class PosteriorSearch:
     def _affordable_worlds(self, real: list[Trajectory], end_s: float) -> int:
         """As many as the config says, or fewer where they would take most of the iteration."""
         seconds = self.config.collect_share * (end_s - time.monotonic())
-        steps = len(real[0]) * min(self.config.episodes_per_world, len(real))
+        steps = min(len(t) for t in real) * min(self.config.episodes_per_world, len(real))
         affordable = seconds / (self._seconds_per_step * steps)
         return int(
             np.clip(affordable, min(_FEWEST_WORLDS, self.config.num_worlds), self.config.num_worlds)
@@ -183,10 +183,16 @@ class PosteriorSearch:
         return {
             "iteration": self.iteration,
             "distribution": ranges,
+            "landmarks": [self._landmarks.geoms.tolist(), self._landmarks.offsets.tolist()],
             "rng": self._rng.bit_generator.state,
         }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        # What the networks were taught on, should another machine choose others.
+        geoms, offsets = (np.array(x) for x in state["landmarks"])
+        if len(geoms) != len(self._landmarks):
+            raise RuntimeError("the run was made with other landmarks; start another one")
+        self._landmarks = replace(self._landmarks, geoms=geoms, offsets=offsets.reshape(-1, 3))
         for part, module in (("sight", self.model.sight), ("judge", self.model.judge)):
             prefix = part + "."
             own = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
