@@ -18,6 +18,7 @@ import tyro
 from common import machine
 
 from simtune.parameters import ParameterSpace
+from simtune.real.truth import Truth
 from simtune.tasks import TASKS, load_task
 
 _SUFFIX = "-a"
@@ -43,14 +44,15 @@ def true_value(entry: dict[str, Any], nominal: float) -> float:
 def score(result: dict[str, Any], truth: dict[str, Any], space: ParameterSpace) -> dict[str, Any]:
     """A run's errors and whether its intervals hold the truth, which itself is not told."""
     parameters, dynamics, colours = {}, [], []
-    for parameter in space:
+    real_values = np.array([true_value(truth[p.name], p.nominal) for p in space])
+    mean = np.array([result["parameters"][p.name]["mean"] for p in space])
+    _, percent_errors = Truth(space, real_values).score(mean)
+    for parameter, real, error in zip(space, real_values, percent_errors, strict=True):
         found, entry = result["parameters"][parameter.name], truth[parameter.name]
-        real = true_value(entry, parameter.nominal)
-        error = 100 * abs(found["mean"] - real) / max(abs(real), 0.01 * abs(parameter.high))
         (dynamics if "ratio_to_nominal" in entry else colours).append(error)
         parameters[parameter.name] = {
-            "percent_error": round(error, 1),
-            "covered": found["low"] <= real <= found["high"],
+            "percent_error": round(float(error), 1),
+            "covered": bool(found["low"] <= real <= found["high"]),
             **{key: found[key] for key in ("mean", "low", "high", "verdict")},
         }
     covered = [p["covered"] for p in parameters.values()]

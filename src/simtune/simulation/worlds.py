@@ -31,7 +31,6 @@ class Worlds:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.batch = Batch(model, num_worlds, num_threads)
         self._writer = ModelWriter(space, model)
-        self.parameters = np.tile(space.nominal, (num_worlds, 1))
         self.num_diverged = 0
         self._dead = np.zeros(num_worlds, bool)  # those counted since the last reset
 
@@ -53,7 +52,6 @@ class Worlds:
     def reset(self, parameters: np.ndarray, initialize, rng: np.random.Generator) -> None:
         """Write (num_worlds, N) parameters and start anew by `initialize(batch, rng)`."""
         self._writer.write_batch(self.batch, parameters)
-        self.parameters = np.array(parameters)
         with _no_printed_warnings():
             self.batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
             initialize(self.batch, rng)
