@@ -17,10 +17,14 @@ class Truth:
         """The world of these parameters, which hands out frames and actions only."""
         return PseudoReal(simulator, self._parameters, episode_steps=episode_steps, seed=seed)
 
-    def wrong_start(self, seed: int) -> np.ndarray:
-        """(N,) every parameter at twice or half its true value (Sec. V-A), colours at most 1."""
-        doubled = np.random.default_rng(seed).random(len(self._space)) < 0.5
-        return self._space.clip(np.where(doubled, self._parameters * 2, self._parameters / 2))
+    def wrong_start(self, seed: int, factor: float = 2.0) -> np.ndarray:
+        """(N,) every parameter at `factor` times its true value or as small a part of it.
+
+        Twice or half of it, as in Sec. V-A; colours stop at 1.
+        """
+        too_high = np.random.default_rng(seed).random(len(self._space)) < 0.5
+        real = self._parameters
+        return self._space.clip(np.where(too_high, real * factor, real / factor))
 
     def score(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The truth (N,), and the percent error 100·|mean − real|/real of an estimate (N,).
