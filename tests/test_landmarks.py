@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
-from simtune.parameters import ModelWriter, ParameterSpace, colour
+from simtune.parameters import (
+    ModelWriter,
+    ParameterSpace,
+    camera_pose,
+    colour,
+    field_of_view,
+)
 from simtune.search_param_model.landmarks import (
     Landmarks,
     candidate_landmarks,
@@ -101,6 +107,37 @@ def test_landmarks_are_where_the_picture_shows_them():
     centroid = np.stack([weight.sum(1) @ axis, weight.sum(2) @ axis], -1)
     assert (np.ptp(centroid, axis=0) > 5).all()  # the balls are in different places
     np.testing.assert_allclose(landmarks.record(batch), centroid, atol=0.4)
+
+
+def test_landmarks_follow_a_camera_of_another_pose_and_field_of_view():
+    """Against pictures: each world has its own camera, and the ball stays where it is."""
+    model = mujoco.MjModel.from_xml_string(BALL)
+    camera = [
+        *camera_pose("camera", "oblique", (0.3, -2, 0.9), within_m=0.2, within_rad=0.1),
+        field_of_view("fov", "oblique", 38),
+    ]
+    space = ParameterSpace([*BALL_SPACE, *camera])
+    rng = np.random.default_rng(0)
+    parameters = np.tile(space.nominal, (12, 1))
+    parameters[:, 3:] = space.from_unit(rng.uniform(0, 1, (12, len(space))))[:, 3:]
+    worlds = Worlds(model, space, 12)
+    for field in ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat"):
+        worlds.batch.bind(field)
+
+    def start(batch, rng):
+        batch.qpos[:, :3] = 0.1, 0, 0.5
+
+    worlds.reset(parameters, start, rng)
+    frames = make_renderer("raycaster", model, space, "oblique", SIZE).render(
+        worlds.state, parameters
+    )
+    red = frames[..., 0].astype(float) * (frames[..., 0] > 100)
+    weight = red / red.sum((1, 2), keepdims=True)
+    axis = np.arange(SIZE)
+    centroid = np.stack([weight.sum(1) @ axis, weight.sum(2) @ axis], -1)
+    assert (np.ptp(centroid, axis=0) > 15).all()
+    landmarks = candidate_landmarks(model, "oblique", SIZE)
+    np.testing.assert_allclose(landmarks.record(worlds.batch), centroid, atol=0.4)
 
 
 def test_what_is_out_of_the_picture_is_put_just_beyond_its_edge():

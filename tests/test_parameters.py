@@ -8,7 +8,16 @@ import pytest
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from simtune.errors import InputError, UnknownName
-from simtune.parameters import ModelWriter, Parameter, ParameterSpace, colour, dynamics
+from simtune.parameters import (
+    ModelWriter,
+    Parameter,
+    ParameterSpace,
+    camera_pose,
+    colour,
+    delay,
+    dynamics,
+    field_of_view,
+)
 
 XML = """
 <mujoco>
@@ -18,6 +27,8 @@ XML = """
   </asset>
   <worldbody>
     <light name="lamp" diffuse="0.3 0.3 0.3"/>
+    <camera name="oblique" pos="1 -2 0.5" xyaxes="1 0.3 0 -0.1 0.2 1" fovy="50"/>
+    <camera name="level" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>
     <geom name="floor" type="plane" size="1 1 1" material="blue"/>
     <geom size="0.1" pos="5 0 0" material="blue"/>
     <body name="upper" pos="0 0 1">
@@ -276,6 +287,122 @@ class TestWriting:
         ModelWriter(space, make_model()).write_batch(batch, np.array([[0.002], [0.004]]))
         batch.step()
         assert batch.time.tolist() == [0.002, 0.004]
+
+
+def camera_rotation(model: mujoco.MjModel, camera: str) -> np.ndarray:
+    """(3, 3) the camera's axes in the world, columns: to the right, up, back."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+    return data.camera(camera).xmat.reshape(3, 3).copy()
+
+
+def rotation(axis: int, angle: float) -> np.ndarray:
+    """(3, 3) of a turn about x, y or z, written out by hand."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    following, last = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.eye(3)
+    matrix[following, following] = matrix[last, last] = cos
+    matrix[last, following], matrix[following, last] = sin, -sin
+    return matrix
+
+
+class TestCamera:
+    def pose(self, values, names=("x", "y", "z", "pitch", "yaw", "roll"), shuffled=False):
+        """A model whose oblique camera stands and looks like that."""
+        space = camera_pose("camera", "oblique", (1, -2, 0.5))
+        assert [p.name for p in space] == [f"camera_{n}" for n in names]
+        order = [5, 3, 0, 4, 2, 1] if shuffled else list(range(6))
+        return written([space[i] for i in order], np.array(values)[order])
+
+    def test_nominal_values_change_nothing(self):
+        model, nominal = self.pose([1, -2, 0.5, 0, 0, 0]), make_model()
+        np.testing.assert_array_equal(model.cam_pos, nominal.cam_pos)
+        np.testing.assert_allclose(model.cam_quat, nominal.cam_quat, atol=1e-15)
+
+    @pytest.mark.parametrize("shuffled", [False, True])
+    def test_turns_compose_in_the_order_x_y_z_about_the_cameras_own_axes(self, shuffled):
+        pitch, yaw, roll = 0.1, -0.3, 0.7
+        model = self.pose([1.1, -2.1, 0.4, pitch, yaw, roll], shuffled=shuffled)
+        expected = camera_rotation(make_model(), "oblique")
+        for axis, angle in enumerate((pitch, yaw, roll)):
+            expected = expected @ rotation(axis, angle)
+        np.testing.assert_allclose(camera_rotation(model, "oblique"), expected, atol=1e-12)
+        np.testing.assert_allclose(model.camera("oblique").pos, [1.1, -2.1, 0.4])
+        np.testing.assert_array_equal(
+            camera_rotation(model, "level"), camera_rotation(make_model(), "level")
+        )
+
+    def test_pitch_looks_up_and_yaw_to_the_left(self):
+        ahead = -camera_rotation(make_model(), "level")[:, 2]
+        np.testing.assert_allclose(ahead, [0, 1, 0], atol=1e-12)
+        for component, seen in (
+            (0, [0, np.cos(0.1), np.sin(0.1)]),
+            (1, [-np.sin(0.1), np.cos(0.1), 0]),
+        ):
+            turn = own("turn", "cam_quat", ("level",), component=component, nominal=0.0)
+            looks = -camera_rotation(written([turn], [0.1]), "level")[:, 2]
+            np.testing.assert_allclose(looks, seen, atol=1e-12)
+
+    def test_an_angle_on_several_objects_is_no_factor(self):
+        turn = own("turn", "cam_quat", ("oblique", "level"), component=2, nominal=0.0)
+        model = written([turn], [0.4])
+        for camera in ("oblique", "level"):
+            expected = camera_rotation(make_model(), camera) @ rotation(2, 0.4)
+            np.testing.assert_allclose(camera_rotation(model, camera), expected, atol=1e-12)
+
+    def test_a_batch_is_turned_as_a_model_is(self):
+        space = ParameterSpace(
+            [*camera_pose("camera", "oblique", (1, -2, 0.5)), field_of_view("fov", "oblique", 50)]
+        )
+        model, values = make_model(), some_values(space, 3)
+        batch = Batch(model, 3, 1)
+        ModelWriter(space, model).write_batch(batch, values)
+        for sim in range(3):
+            alone = written(space.parameters, values[sim])
+            assert alone.camera("oblique").fovy[0] == pytest.approx(values[sim, -1])
+            assert_equal_models(batch.get_model(sim), alone)
+
+    @pytest.mark.parametrize("component", [None, 3])
+    def test_a_turn_needs_an_axis(self, component):
+        with pytest.raises(InputError, match="turn: cam_quat needs a component, the axis to turn"):
+            own("turn", "cam_quat", ("level",), component=component)
+
+    def test_two_turns_about_one_axis_are_refused(self):
+        turns = [own(n, "cam_quat", ("level",), component=1, nominal=0.0) for n in "ab"]
+        with pytest.raises(InputError, match="a and b write the same cam_quat"):
+            written(turns, [0, 0])
+
+    def test_poses_and_fields_of_view_show_in_single_pictures(self):
+        assert all(p.is_visible for p in camera_pose("camera", "level", (0, -2, 0)))
+        assert field_of_view("fov", "level", 45).is_visible
+
+
+class TestDelays:
+    def remembering(self, num_samples: int) -> mujoco.MjModel:
+        spec = mujoco.MjSpec.from_string(XML)
+        spec.actuator("motor").nsample = num_samples
+        return spec.compile()
+
+    def test_a_delay_is_absolute_seconds_and_does_not_show_in_a_picture(self):
+        late = delay("late", ("motor",), 0.01)
+        assert not late.is_factor
+        assert not delay("late", ("motor", "other"), 0.01).is_factor
+        assert not late.is_visible
+        model = self.remembering(5)  # of 0.002 s
+        ModelWriter(ParameterSpace([late]), model).write(model, np.array([0.007]))
+        assert model.actuator_delay.tolist() == [0.007]
+
+    @pytest.mark.parametrize("num_samples", [0, 4])
+    def test_what_the_model_would_forget_is_refused(self, num_samples):
+        space = ParameterSpace([delay("late", ("motor",), 0.01)])
+        message = r"late: the model remembers controls for 0(\.008)? s, less than .* of 0.01 s"
+        with pytest.raises(InputError, match=message):
+            ModelWriter(space, self.remembering(num_samples))
+
+    def test_a_negative_delay_is_refused(self):
+        with pytest.raises(InputError, match="late: a delay cannot be negative"):
+            own("late", "actuator_delay", ("motor",), low=-0.1)
 
 
 class TestColours:

@@ -1,13 +1,14 @@
 """Worlds step exactly as MuJoCo does, and leave those out whose physics diverges."""
 
 import warnings
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
-from simtune.parameters import ModelWriter
-from simtune.simulation import Simulator, Worlds, random_actions
+from simtune.parameters import ModelWriter, ParameterSpace, delay
+from simtune.simulation import Simulator, Worlds, random_actions, remember_controls
 from simtune.tasks import load_task
 from simtune.tasks.task import Task
 
@@ -167,3 +168,106 @@ def test_a_step_lasts_as_long_as_the_recording_says(cartpole):
     time_s = rollouts.states[0, :, 0]
     np.testing.assert_allclose(time_s[-1] - time_s[0], 1.0, rtol=1e-9)
     assert cartpole.simulator(image_size=16).model.opt.timestep == 0.01
+
+
+# --- controls that come late ----------------------------------------------------------------
+
+
+def delayed(task: Task, high_s: float) -> Task:
+    """The task with the delay of all its actuators as its last parameter."""
+    model = task.load_model()
+    names = tuple(model.actuator(i).name for i in range(model.nu))
+    return replace(
+        task, parameters=ParameterSpace([*task.parameters, delay("late", names, high_s)])
+    )
+
+
+def late_by_hand(controls: np.ndarray, delay_s: float, timestep_s: float) -> np.ndarray:
+    """(T, nu) what comes of controls of single physics steps: the mean of each late step."""
+    delay_steps = max(delay_s / timestep_s, float(delay_s > 0))  # less than one step acts as one
+    whole, part = int(delay_steps), delay_steps % 1
+    past = np.pad(controls, ((whole + 1, 0), (0, 0)))  # none before the start
+    later, earlier = past[1 : len(controls) + 1], past[: len(controls)]
+    return (1 - part) * later + part * earlier
+
+
+@pytest.mark.parametrize("name", ["walker", "ball_in_cup"])
+def test_every_world_follows_its_controls_as_late_as_its_parameter_says(name):
+    """Whole steps and parts of them, none, less than one, and the longest there is."""
+    task = delayed(load_task(name), 0.06)
+    simulator = task.simulator(image_size=16)
+    timestep_s = simulator.model.opt.timestep
+    delays_s = np.array([0, 0.4 * timestep_s, timestep_s, 0.02, 3.3 * timestep_s, 0.06])
+    parameters = some_parameters(task, len(delays_s))
+    parameters[:, -1] = delays_s
+    rng = np.random.default_rng(0)
+    actions = random_actions(len(delays_s), 15, simulator.model, rng, hold=1)
+    rollouts = simulator.roll_out(parameters, actions, rng)
+    assert len(rollouts) == len(delays_s)
+
+    plain = load_task(name).load_model()  # knows no delays
+    writer = ModelWriter(load_task(name).parameters, plain)
+    moving = slice(0, 1 + plain.nq + plain.nv)  # time, qpos, qvel
+    for i, delay_s in enumerate(delays_s):
+        writer.write(plain, parameters[i, :-1])
+        data = mujoco.MjData(plain)
+        state = rollouts.states[i, 0]
+        data.qpos[:], data.qvel[:] = state[1 : 1 + plain.nq], state[1 + plain.nq : moving.stop]
+        controls = np.repeat(actions[i], simulator.num_substeps, axis=0)
+        for t, late in enumerate(late_by_hand(controls, delay_s, timestep_s)):
+            data.ctrl[:] = late
+            mujoco.mj_step(plain, data)
+            if (t + 1) % simulator.num_substeps == 0:
+                got = rollouts.states[i, (t + 1) // simulator.num_substeps, moving]
+                expected = [data.time, *data.qpos, *data.qvel]
+                np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize(("integrator", "early_steps"), [("Euler", 0.0), ("RK4", 0.5)])
+def test_runge_kutta_is_half_a_step_early(integrator, early_steps):
+    """It looks half a step and a step ahead. Here: by when a constant push has made its speed."""
+    xml = f"""<mujoco><option timestep="0.01" gravity="0 0 0" integrator="{integrator}"/>
+      <worldbody><body><joint name="x" type="slide"/><geom size="1" mass="1"/></body></worldbody>
+      <actuator><motor name="push" joint="x"/></actuator></mujoco>"""
+    spec = mujoco.MjSpec.from_string(xml)
+    space = ParameterSpace([delay("late", ("push",), 0.1)])
+    remember_controls(spec, space, step_s=0.01)
+    worlds = Worlds(spec.compile(), space, 3)
+    delays_s = np.array([0.02, 0.033, 0.1])
+    worlds.reset(delays_s[:, None], lambda batch, rng: None, np.random.default_rng(0))
+    for _ in range(30):
+        worlds.step(np.ones((3, 1)), 1)
+    begun_s = 0.3 - worlds.batch.qvel[:, 0]
+    np.testing.assert_allclose(begun_s, delays_s - early_steps * 0.01, atol=1e-9)
+
+
+def test_a_new_episode_forgets_the_controls_of_the_last(cartpole):
+    task = delayed(cartpole, 0.1)
+    simulator = task.simulator(image_size=16)
+    parameters = some_parameters(task, 2)
+    parameters[:, -1] = 0.1
+    actions = np.ones((2, 8, 1))
+    first, second = (
+        simulator.roll_out(parameters, actions, np.random.default_rng(0)).states for _ in "ab"
+    )
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("step_s", [1 / 30, 0.0085, 0.05])
+def test_the_longest_delay_is_remembered_at_every_timestep(cartpole, step_s):
+    task = delayed(cartpole, 0.1)
+    simulator = task.simulator(image_size=16, step_s=step_s)
+    num_samples, interpolation = simulator.model.actuator_history[0]
+    assert num_samples * simulator.model.opt.timestep * (1 + 1e-6) >= 0.1
+    assert (num_samples - 1) * simulator.model.opt.timestep < 0.1
+    assert interpolation == 1
+
+
+def test_only_delayed_actuators_remember(walker):
+    assert walker.load_model().nhistory == 0
+    late = delay("late", ("left_hip",), 0.05)
+    task = replace(walker, parameters=ParameterSpace([*walker.parameters, late]))
+    model = task.load_model()
+    hip = model.actuator("left_hip").id
+    assert model.actuator_history[hip, 0] == 20
+    assert model.actuator_history[:, 0].sum() == 20

@@ -43,10 +43,11 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         camera=config.camera,
         image_size=image_size,
         seed=config.seed,
+        real_gap=config.real_gap,
     )
     trajectories = real.collect(config.real_episodes)
-    # A real camera averages over its pixels; the pseudo-real one is the simulator's own.
-    supersampling = 1 if truth else 2
+    # A real camera averages over its pixels; the simulator's own does not.
+    supersampling = 1 if real.looks_like_simulator else 2
     simulator = task.simulator(
         image_size=image_size, step_s=real.step_s, supersampling=supersampling
     )

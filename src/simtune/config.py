@@ -30,6 +30,9 @@ class TuneConfig:
     """The recordings' camera, such as observation.images.front; needed where there are several."""
     real_parameters: Path | None = None
     """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
+    real_gap: bool = False
+    """With `pseudo`: another renderer, video compression, camera noise and actions that come a
+    step late stand between the simulator and that world. Needs OpenGL."""
     real_episodes: int | None = None
     """How many real episodes to film (by default 5), or to take from the recordings (by default
     all, at most 10)."""
@@ -46,5 +49,7 @@ class TuneConfig:
             raise InputError(f"--real-episodes must be at least 1, got {self.real_episodes}")
         if not self.budget_minutes > 0:
             raise InputError(f"--budget-minutes must be above 0, got {self.budget_minutes:g}")
+        if self.real_gap and self.real != "pseudo":
+            raise InputError("--real-gap goes with --real pseudo only")
         if self.seed < 0:
             raise InputError(f"--seed must not be negative, got {self.seed}")

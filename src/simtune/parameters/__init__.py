@@ -1,7 +1,17 @@
 """What is tuned: parameters by name, their space, and how they are written into models."""
 
+from simtune.parameters.declare import camera_pose, colour, delay, dynamics, field_of_view
 from simtune.parameters.model_writer import ModelWriter
-from simtune.parameters.parameter import Parameter, colour, dynamics
+from simtune.parameters.parameter import Parameter
 from simtune.parameters.space import ParameterSpace
 
-__all__ = ["ModelWriter", "Parameter", "ParameterSpace", "colour", "dynamics"]
+__all__ = [
+    "ModelWriter",
+    "Parameter",
+    "ParameterSpace",
+    "camera_pose",
+    "colour",
+    "delay",
+    "dynamics",
+    "field_of_view",
+]

@@ -7,24 +7,11 @@ import mujoco
 import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
 
-from simtune.errors import InputError, UnknownName
+from simtune.errors import UnknownName
 from simtune.parameters.parameter import Parameter
+from simtune.parameters.places import place_of, refuse_forgotten_delays, refuse_overlaps
 from simtune.parameters.space import ParameterSpace
 
-# What an object of a field's first word is called in MuJoCo, and where their number is.
-_OBJECT_TYPES = {
-    "body": (mujoco.mjtObj.mjOBJ_BODY, "nbody"),
-    "geom": (mujoco.mjtObj.mjOBJ_GEOM, "ngeom"),
-    "jnt": (mujoco.mjtObj.mjOBJ_JOINT, "njnt"),
-    "dof": (mujoco.mjtObj.mjOBJ_JOINT, "njnt"),
-    "site": (mujoco.mjtObj.mjOBJ_SITE, "nsite"),
-    "cam": (mujoco.mjtObj.mjOBJ_CAMERA, "ncam"),
-    "light": (mujoco.mjtObj.mjOBJ_LIGHT, "nlight"),
-    "mat": (mujoco.mjtObj.mjOBJ_MATERIAL, "nmat"),
-    "actuator": (mujoco.mjtObj.mjOBJ_ACTUATOR, "nu"),
-    "tendon": (mujoco.mjtObj.mjOBJ_TENDON, "ntendon"),
-    "eq": (mujoco.mjtObj.mjOBJ_EQUALITY, "neq"),
-}
 # Objects of exactly this rgba are drawn in their material's colour instead of their own.
 _DEFAULT_GREY = np.array([0.5, 0.5, 0.5, 1], np.float32)
 _MATERIAL_OF = {
@@ -39,16 +26,20 @@ class ModelWriter:
 
     Every write starts from the nominal values, so writing twice equals writing once. Mass
     carries the inertia along (an inertia that is a parameter itself is taken from there), and
-    derived constants follow (mj_setConst).
+    derived constants follow (mj_setConst). Turns about several axes of one object are made in the
+    order x, y, z, each about the axis as the one before left it.
     Raises UnknownName for a field or an object that the model lacks, and InputError for a
-    component that the field lacks or a number that two parameters would write.
+    component that the field lacks, a number that two parameters would write, or a delay that is
+    longer than the model remembers its controls.
     """
 
     def __init__(self, space: ParameterSpace, model: mujoco.MjModel):
         self.space = space
         self._nominal = {f: np.array(_read(model, f)) for f in _fields_to_write(space)}
-        self._places = [_place(model, parameter, self._nominal) for parameter in space]
-        _refuse_overlaps(space, self._places, self._nominal)
+        self._places = [place_of(model, parameter, self._nominal) for parameter in space]
+        refuse_overlaps(space, self._places, self._nominal)
+        refuse_forgotten_delays(model, space, self._places)
+        self._order = sorted(range(len(space)), key=lambda i: _rank(space.parameters[i]))
         self._painted: dict[str, np.ndarray] = {}  # {rgba field: rows that parameters write}
         for field in _MATERIAL_OF.keys() & self._nominal.keys():
             places = zip(space, self._places, strict=True)
@@ -87,11 +78,7 @@ class ModelWriter:
     def _values(self, parameters: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
         n = len(parameters)
         fields = {f: np.repeat(v[None], n, axis=0) for f, v in self._nominal.items()}
-        # masses first, so that an inertia that is a parameter itself is written over theirs
-        order = sorted(
-            range(len(self.space)), key=lambda i: self.space.parameters[i].field != "body_mass"
-        )
-        for i in order:
+        for i in self._order:
             parameter = self.space.parameters[i]
             _write_one(fields, parameter, self._places[i], self._nominal, parameters[:, i])
         for field, rows in self._painted.items():
@@ -101,8 +88,21 @@ class ModelWriter:
         yield from fields.items()
 
 
+def _rank(parameter: Parameter) -> tuple[bool, int]:
+    """What to sort parameters by before writing them.
+
+    Masses come first, so that an inertia that is a parameter itself is written over theirs;
+    turns about x come before those about y and z.
+    """
+    return parameter.field != "body_mass", parameter.component or 0
+
+
 def _write_one(fields, parameter: Parameter, place: tuple, nominal, values: np.ndarray) -> None:
     """Put one parameter's values (n,) into the arrays (n, ...) of its field."""
+    if parameter.is_turn:
+        rows, axis = place
+        fields[parameter.field][:, rows] = _turned(fields[parameter.field][:, rows], axis, values)
+        return
     before = nominal[parameter.field][place]  # (objects, ...)
     shaped = values.reshape(-1, *[1] * before.ndim)
     after = (
@@ -115,6 +115,16 @@ def _write_one(fields, parameter: Parameter, place: tuple, nominal, values: np.n
         ratio = after / np.where(before > 0, before, 1)  # (n, objects)
         inertia = nominal["body_inertia"][place[0]]  # (objects, 3)
         fields["body_inertia"][:, place[0]] = inertia * ratio[..., None]
+
+
+def _turned(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:
+    """(n, objects, 4) orientations w, x, y, z after turns of (n,) rad about the objects' axis."""
+    cos, sin = np.cos(angles / 2)[:, None, None], np.sin(angles / 2)[:, None, None]
+    w, rest = quats[..., :1], quats[..., 1:]
+    unit = np.eye(3)[axis]
+    real = w * cos - rest[..., axis, None] * sin
+    imaginary = rest * cos + (w * unit + np.cross(rest, unit)) * sin
+    return np.concatenate([real, imaginary], axis=-1)
 
 
 def _fields_to_write(space: ParameterSpace) -> list[str]:
@@ -136,61 +146,6 @@ def _write(model: mujoco.MjModel, field: str, value: np.ndarray) -> None:
         setattr(model.opt, field.removeprefix("opt."), value.item())
     else:
         _read(model, field)[...] = value
-
-
-def _place(model: mujoco.MjModel, parameter: Parameter, nominal: dict[str, np.ndarray]) -> tuple:
-    """Where in its field a parameter is: (rows,), (rows, component), or without rows."""
-    name, field = parameter.name, parameter.field
-    component: tuple = () if parameter.component is None else (parameter.component,)
-    if field.startswith("opt."):
-        if parameter.objects:
-            raise InputError(f"{name}: {field} has no objects, got {', '.join(parameter.objects)}")
-        place = component or (...,)
-    else:
-        if field.endswith("_rgba") and not component:
-            component = (slice(0, 3),)  # a grey: alpha stays
-        place = (_rows(model, parameter), *component)
-    try:
-        nominal[field][place]
-    except IndexError:
-        raise InputError(f"{name}: {field} has no component {parameter.component}") from None
-    return place
-
-
-def _rows(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
-    """Rows of the field that the parameter's objects own."""
-    word = parameter.field.split("_")[0]
-    if word not in _OBJECT_TYPES:
-        raise InputError(
-            f"{parameter.name}: {parameter.field} cannot be written; "
-            f"fields of these can: {', '.join(_OBJECT_TYPES)}, opt"
-        )
-    if not parameter.objects:
-        raise InputError(f"{parameter.name}: {parameter.field} needs the names of its objects")
-    kind, count = _OBJECT_TYPES[word]
-    rows: list[int] = []
-    for name in parameter.objects:
-        index = mujoco.mj_name2id(model, kind, name)
-        if index < 0:
-            names = (mujoco.mj_id2name(model, kind, i) for i in range(getattr(model, count)))
-            known = [n for n in names if n]  # those without a name cannot be asked for
-            raise UnknownName(kind.name[6:].lower(), name, "the model", known)
-        if word != "dof":
-            rows.append(index)
-        else:
-            rows.extend(d for d in range(model.nv) if model.dof_jntid[d] == index)
-    return np.array(rows)
-
-
-def _refuse_overlaps(space: ParameterSpace, places: list[tuple], nominal) -> None:
-    """Two parameters that write the same number cannot both be found."""
-    owner = {field: np.full(values.shape, -1) for field, values in nominal.items()}
-    for i, (parameter, place) in enumerate(zip(space, places, strict=True)):
-        others = owner[parameter.field][place]
-        if (others >= 0).any():
-            other = space.parameters[others.max()].name
-            raise InputError(f"{other} and {parameter.name} write the same {parameter.field}")
-        owner[parameter.field][place] = i
 
 
 def _start_from_material(

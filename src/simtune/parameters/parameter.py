@@ -37,7 +37,9 @@ class Parameter:
     """One tunable number of an MjModel.
 
     On one object the value is the field's own, in `unit`; on several objects it is a factor
-    on their nominal values (unit "×", nominal 1). Colours are absolute either way.
+    on their nominal values (unit "×", nominal 1). Colours and delays are absolute either way.
+    On a field of orientations ("cam_quat") the value is the angle, rad, by which the objects are
+    turned from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
     """
 
     name: str
@@ -63,10 +65,26 @@ class Parameter:
             )
         if self.scale == "log" and self.low <= 0:
             raise InputError(f"{self.name}: a log scale needs low > 0, got {self.low}")
+        if self.is_turn and self.component not in (0, 1, 2):
+            raise InputError(
+                f"{self.name}: {self.field} needs a component, the axis to turn about: "
+                f"0, 1 or 2, got {self.component}"
+            )
+        if self.is_delay and self.low < 0:
+            raise InputError(f"{self.name}: a delay cannot be negative, got low = {self.low}")
 
     @property
     def is_colour(self) -> bool:
         return self.field in COLOUR_FIELDS
+
+    @property
+    def is_delay(self) -> bool:
+        return self.field == "actuator_delay"
+
+    @property
+    def is_turn(self) -> bool:
+        """Whether the value is an angle about an axis instead of a number of the field."""
+        return self.field.endswith("_quat")
 
     @property
     def is_visible(self) -> bool:
@@ -76,45 +94,5 @@ class Parameter:
     @property
     def is_factor(self) -> bool:
         """Whether the value multiplies the objects' nominal values instead of replacing them."""
-        return len(self.objects) > 1 and not self.is_colour
-
-
-def colour(name: str, objects: tuple[str, ...], rgb: tuple[float, float, float]) -> list[Parameter]:
-    """The three parameters NAME_r, NAME_g, NAME_b of the geoms' colour."""
-    return [
-        Parameter(
-            name=f"{name}_{channel}",
-            field="geom_rgba",
-            objects=objects,
-            component=index,
-            nominal=rgb[index],
-            low=0.0,
-            high=1.0,
-            scale="linear",
-            unit="1",
-        )
-        for index, channel in enumerate("rgb")
-    ]
-
-
-def dynamics(
-    name: str,
-    field: str,
-    objects: tuple[str, ...],
-    *,
-    nominal: float = 1.0,
-    unit: str = "×",
-    component: int | None = None,
-) -> Parameter:
-    """A positive number of the physics: on a log scale, from a tenth to ten times nominal."""
-    return Parameter(
-        name=name,
-        field=field,
-        objects=objects,
-        component=component,
-        nominal=nominal,
-        low=nominal / 10,
-        high=nominal * 10,
-        scale="log",
-        unit=unit,
-    )
+        is_absolute = self.is_colour or self.is_delay or self.is_turn
+        return len(self.objects) > 1 and not is_absolute

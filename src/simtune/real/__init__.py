@@ -16,6 +16,11 @@ class RealWorld(Protocol):
     @property
     def num_actions(self) -> int: ...
 
+    @property
+    def looks_like_simulator(self) -> bool:
+        """Whether its pictures are the simulator's own, pixel by pixel."""
+        ...
+
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
         """Trajectories of so many episodes; None: of a few."""
         ...

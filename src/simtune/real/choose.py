@@ -9,6 +9,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
+from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.tasks import Task
@@ -22,11 +23,13 @@ def choose_real(
     camera: str | None = None,
     image_size: int,
     seed: int,
+    real_gap: bool = False,
 ) -> tuple[RealWorld, np.ndarray, Truth | None]:
     """A real world, where the search for its parameters starts (N,), and the truth, where known.
 
-    `pseudo`: a simulated world of `real_parameters`, searched from ×2/×½ of them. Anything else
-    is the folder of a LeRobotDataset v3, searched from the nominal parameters.
+    `pseudo`: a simulated world of `real_parameters`, searched from ×2/×½ of them; `real_gap` puts
+    a RealityGap before it. Anything else is the folder of a LeRobotDataset v3, searched from the
+    nominal parameters.
     Raises InputError for what cannot be read.
     """
     space = task.parameters
@@ -34,8 +37,9 @@ def choose_real(
         if camera is not None:
             raise InputError("--camera goes with recordings only")
         truth = Truth(space, read_parameters(real_parameters, space))
-        simulator = task.simulator(image_size=image_size)
-        real = truth.make_real(simulator, episode_steps=task.episode_steps, seed=seed)
+        gap = RealityGap.draw(image_size, seed) if real_gap else None
+        simulator = gap.simulator(task) if gap else task.simulator(image_size=image_size)
+        real = truth.make_real(simulator, episode_steps=task.episode_steps, seed=seed, gap=gap)
         return real, truth.wrong_start(seed), truth
     if real_parameters is not None:
         raise InputError("--real-parameters goes with --real pseudo only")

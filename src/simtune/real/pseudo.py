@@ -1,7 +1,10 @@
 """A simulated world that plays the real one."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from simtune.real.gap import RealityGap
 from simtune.simulation import Simulator, random_actions
 from simtune.trajectory import Trajectory
 
@@ -10,7 +13,8 @@ class PseudoReal:
     """A world of fixed parameters that only `collect` can be asked of.
 
     The parameters are kept out of reach: whoever tunes gets frames and actions, as from a
-    robot. Scoring takes the truth from whoever made this world, not from here.
+    robot. Scoring takes the truth from whoever made this world, not from here. Through a `gap`
+    it is filmed as its camera sees it, and plays actions as late as it says.
     """
 
     def __init__(
@@ -20,19 +24,26 @@ class PseudoReal:
         *,
         episode_steps: int,
         seed: int,
+        gap: RealityGap | None = None,
     ):
         rng = np.random.default_rng(seed)
+        delay_steps = gap.delay_steps if gap else 0
+        self.looks_like_simulator = gap is None
         self.step_s = simulator.step_s
         self.num_actions = simulator.num_actions
 
         def film(num_episodes: int) -> list[Trajectory]:
             actions = random_actions(num_episodes, episode_steps, simulator.model, rng)
-            rollouts = simulator.roll_out(np.tile(parameters, (num_episodes, 1)), actions, rng)
+            played = np.pad(actions, ((0, 0), (delay_steps, 0), (0, 0)))
+            rollouts = simulator.roll_out(np.tile(parameters, (num_episodes, 1)), played, rng)
             if not len(rollouts):
                 raise RuntimeError("every episode of the pseudo-real world diverged")
+            seen = replace(rollouts, states=rollouts.states[:, : episode_steps + 1])
+            commanded = rollouts.actions[:, delay_steps:].astype(np.float32)
+            step_s = simulator.step_s
             return [
-                Trajectory(frames, played.astype(np.float32), simulator.step_s)
-                for frames, played in zip(simulator.film(rollouts), rollouts.actions, strict=True)
+                Trajectory(gap.film(frames, step_s, rng) if gap else frames, asked, step_s)
+                for frames, asked in zip(simulator.film(seen), commanded, strict=True)
             ]
 
         self._film = film

@@ -20,6 +20,8 @@ class RecordedReal:
         InputError: the dataset is unsound; one line says what was expected and what to do.
     """
 
+    looks_like_simulator = False  # a camera filmed it, as far as anybody knows
+
     def __init__(
         self,
         folder: str | Path,

@@ -3,6 +3,7 @@
 import numpy as np
 
 from simtune.parameters import ParameterSpace
+from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
 from simtune.simulation import Simulator
 
@@ -13,9 +14,18 @@ class Truth:
     def __init__(self, space: ParameterSpace, parameters: np.ndarray):
         self._space, self._parameters = space, np.asarray(parameters, float)
 
-    def make_real(self, simulator: Simulator, *, episode_steps: int, seed: int) -> PseudoReal:
+    def make_real(
+        self,
+        simulator: Simulator,
+        *,
+        episode_steps: int,
+        seed: int,
+        gap: RealityGap | None = None,
+    ) -> PseudoReal:
         """The world of these parameters, which hands out frames and actions only."""
-        return PseudoReal(simulator, self._parameters, episode_steps=episode_steps, seed=seed)
+        return PseudoReal(
+            simulator, self._parameters, episode_steps=episode_steps, seed=seed, gap=gap
+        )
 
     def wrong_start(self, seed: int, factor: float = 2.0) -> np.ndarray:
         """(N,) every parameter at `factor` times its true value or as small a part of it.

@@ -3,7 +3,7 @@
 mujoco_warp's ray caster draws much more, but begins anew at each pixel, with eighty arguments
 and a search tree. Here a thread draws a row of pixels, what is the same all over a picture is
 worked out once, and geoms have bounding spheres: the same pictures, in a third of the time.
-There are no shadows and no sky.
+There are no shadows.
 """
 
 import mujoco
@@ -35,9 +35,7 @@ class Primitives:
             context.rgb_data.device.is_cpu
             and context.bvh_ngeom <= _MAX_GEOMS
             and {*context.geom_ray_types} <= _DRAWN
-            and context.use_precomputed_rays
-            and not (context.render_skybox or context.use_shadows)
-            and not context.has_orthographic_camera
+            and not (context.use_shadows or context.has_orthographic_camera)
         )
 
     def __init__(self, model: mujoco.MjModel, context: RenderContext):
@@ -46,6 +44,7 @@ class Primitives:
         self._camera = int(context.cam_id_map.numpy()[0])
         self._width, self._height = map(int, context.cam_res.numpy()[0])
         self._ids = context.enabled_geom_ids.numpy()
+        self._half_height = _half_height(model.cam_fovy[self._camera])
         self._headlight = model.vis.headlight
         self._textures, self._texels = _textures(model)
 
@@ -58,6 +57,7 @@ class Primitives:
             dim=(data.nworld, self._height),
             inputs=[
                 context.ray,
+                self._zooms(model, data.nworld),
                 self._width,
                 context.zfar,
                 data.cam_xpos,
@@ -66,11 +66,19 @@ class Primitives:
                 wp.array(geoms, dtype=Geom, device="cpu", copy=False),
                 wp.array(lights, dtype=Light, device="cpu", copy=False),
                 self._texels,
+                context.textures,
+                int(context.skybox_tex_id.numpy()[0]),
+                1 / float(context.skybox_face_width.numpy()[0]),
             ],
             outputs=[context.rgb_data],
             device="cpu",
         )
         return context.rgb_data.numpy()
+
+    def _zooms(self, model: Model, n: int) -> wp.array:
+        """(n,) how much farther apart rays are than at the nominal field of view."""
+        fovy = np.broadcast_to(model.cam_fovy.numpy()[:n, self._camera].astype(float), n)
+        return wp.array(_half_height(fovy) / self._half_height, dtype=float, device="cpu")
 
     def _geoms(self, model: Model, data: Data) -> np.ndarray:
         n, ids = data.nworld, self._ids
@@ -133,6 +141,11 @@ class Primitives:
         headlight["diffuse"] = self._headlight.diffuse * bool(self._headlight.active)
         headlight["specular"] = self._headlight.specular * bool(self._headlight.active)
         return lights
+
+
+def _half_height(fovy_deg: np.ndarray) -> np.ndarray:
+    """Of the picture, at unit distance."""
+    return np.tan(np.radians(fovy_deg) / 2)
 
 
 def _radius(kind: np.ndarray, size: np.ndarray) -> np.ndarray:

@@ -130,6 +130,7 @@ def _reflect(
 @wp.kernel
 def draw_row(
     rays: wp.array[wp.vec3],
+    zooms: wp.array[float],
     width: int,
     far: float,
     cam_xpos: wp.array2d[wp.vec3],
@@ -138,14 +139,22 @@ def draw_row(
     geoms: wp.array2d[Geom],
     lights: wp.array2d[Light],
     texels: wp.array[wp.vec3],
+    skies: wp.array[wp.Texture2D],
+    sky: int,
+    sky_texel: float,
     pixels: wp.array2d[wp.uint32],
 ):
     world, row = wp.tid()
     origin = cam_xpos[world, camera]
     orientation = cam_xmat[world, camera]
     for pixel in range(row * width, (row + 1) * width):
-        direction = orientation @ rays[pixel]
-        nearest = far / wp.max(-rays[pixel][2], 1e-6)
+        local = rays[pixel]
+        if zooms[world] != 1.0:
+            local = wp.normalize(
+                wp.vec3(local[0] * zooms[world], local[1] * zooms[world], local[2])
+            )
+        direction = orientation @ local
+        nearest = far / wp.max(-local[2], 1e-6)
         normal = wp.vec3()
         hit = int(-1)
         for i in range(geoms.shape[1]):
@@ -158,6 +167,9 @@ def draw_row(
                     nearest, normal, hit = distance, outward, i
         if hit < 0:
             pixels[world, pixel] = BACKGROUND
+            if sky >= 0:
+                shade = 255.0 * render.sample_skybox(skies[sky], sky_texel, direction)
+                pixels[world, pixel] = pack_rgba_to_uint32(shade[0], shade[1], shade[2], 255.0)
             continue
         geom = geoms[world, hit]
         point = origin + direction * nearest

@@ -15,6 +15,7 @@ from mujoco.batch import Batch
 
 from simtune.parameters import ModelWriter, ParameterSpace
 from simtune.simulation.primitives import Primitives
+from simtune.simulation.sky import smooth_sky
 
 _CHUNK = 64  # pictures a launch: small enough to stay in the cache, large enough to amortise it
 _SKY_SAMPLES = 4  # a pixel and axis: the suite's stars are smaller than pixels and would sparkle
@@ -32,7 +33,8 @@ class Raycaster:
 
     One render context a thread, since a context's launches run on one thread. The sky of a
     camera that never turns is drawn once, smoothly, and put behind all pictures: that costs a
-    third less. Scenes of simple shapes are drawn by `Primitives` on a CPU, three times as fast.
+    third less; others' is smoothed beforehand. Scenes of simple shapes are drawn by `Primitives`
+    on a CPU, three times as fast.
     """
 
     def __init__(
@@ -47,7 +49,9 @@ class Raycaster:
         self.image_size = image_size
         self._num_threads = num_threads or _num_cores()
         sky = None
-        if not _can_turn(model, space, model.camera(camera).id):
+        if _can_turn(model, space, model.camera(camera).id):
+            model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / image_size)
+        else:
             sky = _constant_sky(model, camera, image_size)
         self._idle: SimpleQueue[_Context] = SimpleQueue()
         for _ in range(self._num_threads):
@@ -189,7 +193,8 @@ def _assign(target, values: np.ndarray) -> None:
 
 def _can_turn(model: mujoco.MjModel, space: ParameterSpace, camera: int) -> bool:
     """Whether the camera may look another way, by the state or by a parameter."""
-    if any(p.field.startswith("cam_") or p.field == "body_quat" for p in space):
+    fields = {p.field for p in space} - {"cam_pos"}  # what merely moves sees the same sky
+    if any(field.startswith("cam_") or field == "body_quat" for field in fields):
         return True
     mode = mujoco.mjtCamLight(model.cam_mode[camera])
     if mode != mujoco.mjtCamLight.mjCAMLIGHT_FIXED:

@@ -9,6 +9,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.parameters import ParameterSpace
+from simtune.simulation.delays import count_substeps
 from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
 from simtune.simulation.renderer import RendererName, make_renderer
 from simtune.simulation.worlds import Worlds
@@ -50,7 +51,7 @@ class Simulator:
         quality: OpenGLQuality = OPENGL_FAST,
         supersampling: int = 1,
     ):
-        self.num_substeps = max(1, round(step_s / model.opt.timestep))
+        self.num_substeps = count_substeps(step_s, model.opt.timestep)
         self.model = _with_timestep(model, step_s / self.num_substeps)
         self.space = space
         self.step_s = step_s
@@ -80,12 +81,14 @@ class Simulator:
         rng: np.random.Generator,
         record: Callable[[Batch], np.ndarray] | None = None,
         starts: np.ndarray | None = None,
+        keep_diverged: bool = False,
     ) -> Rollouts:
         """Play (n, T, A) actions in n worlds of (n, N) parameters, each from its own start.
 
         `record(batch)`, (n, D), is kept of every state, as only a simulator knows it.
         `starts`, (n, S), are states to start from instead of the task's own.
-        Worlds that diverge are left out of the result and counted in `num_diverged`.
+        Worlds that diverge are left out of the result and counted in `num_diverged`; with
+        `keep_diverged` they stay in it, where their physics stopped.
         """
         n, num_steps, _ = actions.shape
         worlds = self._worlds_for(n)
@@ -105,6 +108,8 @@ class Simulator:
         alive = worlds.alive
         self.num_diverged += int((~alive).sum())
         self.num_steps += n * num_steps
+        if keep_diverged:
+            alive = np.ones(n, bool)
         kept = np.stack(recorded, axis=1)[alive] if record else None
         return Rollouts(parameters[alive], states[alive], actions[alive], kept)
 

@@ -8,7 +8,13 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.parameters import ParameterSpace
-from simtune.simulation import OPENGL_FAST, OpenGLQuality, RendererName, Simulator
+from simtune.simulation import (
+    OPENGL_FAST,
+    OpenGLQuality,
+    RendererName,
+    Simulator,
+    remember_controls,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +36,14 @@ class Task:
     # Tuning looks at no reward: None where no policy is to be trained.
     reward: Callable[[Batch], np.ndarray] | None = None
 
-    def load_model(self) -> mujoco.MjModel:
-        """The nominal model, compiled anew."""
-        return self.load_spec().compile()
+    def load_model(self, step_s: float | None = None) -> mujoco.MjModel:
+        """The nominal model, compiled anew, for actions of `step_s` s, by default a policy step.
+
+        Actuators whose delay is a parameter remember as many controls as the longest one needs.
+        """
+        spec = self.load_spec()
+        remember_controls(spec, self.parameters, step_s or self.step_s)
+        return spec.compile()
 
     @property
     def step_s(self) -> float:
@@ -50,7 +61,7 @@ class Task:
     ) -> Simulator:
         """Worlds of this task; an action lasts `step_s` seconds, by default a policy step."""
         return Simulator(
-            self.load_model(),
+            self.load_model(step_s),
             self.parameters,
             camera=self.camera,
             initialize=self.initialize,

@@ -1,0 +1,53 @@
+"""A reality gap: what a real robot and its camera do and the simulator does not."""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from simtune.recordings import decode, resize, write_video
+from simtune.simulation import OPENGL_DM_CONTROL, Simulator
+from simtune.tasks import Task
+
+_DRAWN_PX = 128  # side of what the camera sees
+_BRIGHTNESS = (0.9, 1.1)
+_NOISE_SD = 0.02 * 255  # of each channel of a pixel
+
+
+@dataclass(frozen=True)
+class RealityGap:
+    """A pseudo-real world behind it moves late and looks unlike the simulator.
+
+    The robot follows an action one step late, and stands still until then. The camera is of
+    another renderer, with shadows, reflections and smooth edges; it has a brightness and noise of
+    its own, and what it films was a compressed video in between.
+    """
+
+    image_size: int
+    brightness: float  # a factor on every pixel
+    delay_steps: int = 1
+
+    @classmethod
+    def draw(cls, image_size: int, seed: int) -> "RealityGap":
+        """The gap of a seed."""
+        rng = np.random.default_rng((seed, 1))  # not the numbers that the start is drawn by
+        return cls(image_size, rng.uniform(*_BRIGHTNESS))
+
+    @staticmethod
+    def simulator(task: Task) -> Simulator:
+        """What draws the world behind the gap. Raises InputError where there is no OpenGL."""
+        return task.simulator(image_size=_DRAWN_PX, renderer="opengl", quality=OPENGL_DM_CONTROL)
+
+    def film(self, frames: np.ndarray, step_s: float, rng: np.random.Generator) -> np.ndarray:
+        """(T, H, W, 3) uint8 as drawn to (T, image_size, image_size, 3) uint8 as recorded."""
+        size = (self.image_size, self.image_size)
+        small = np.stack([resize(frame, size) for frame in frames])
+        noise = rng.normal(0, _NOISE_SD, small.shape)
+        seen = np.rint(self.brightness * small + noise).clip(0, 255).astype(np.uint8)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "camera.mp4"
+            # Without whole frames only, x264 looks ahead, and on some CPUs never twice alike.
+            write_video(path, seen, fps=1 / step_s, keyframe_interval=1)
+            recorded = np.stack([frame for _, frame in decode(path)])
+        return recorded[:, : self.image_size, : self.image_size]  # odd sizes come padded

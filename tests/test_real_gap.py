@@ -1,0 +1,162 @@
+"""The reality gap: pictures and delays that the simulator does not have, and still no way in."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simtune import algorithm
+from simtune.config import TuneConfig
+from simtune.errors import InputError
+from simtune.real.choose import choose_real
+from simtune.real.gap import RealityGap
+from simtune.real.pseudo import PseudoReal
+from simtune.simulation import Simulator, opengl
+from simtune.tasks import load_task
+from simtune.trajectory import Trajectory
+
+STEPS = 12
+SIZE = 32
+TASK = dataclasses.replace(load_task("cartpole"), episode_steps=STEPS)
+SPACE = TASK.parameters
+STILL = RealityGap(SIZE, brightness=1.0)
+
+
+@pytest.fixture(scope="module")
+def simulator() -> Simulator:
+    """The ray caster stands in for OpenGL: the gap takes pictures of any size."""
+    return TASK.simulator(image_size=2 * SIZE)
+
+
+def collect(simulator: Simulator, gap: RealityGap | None, seed: int = 0) -> list[Trajectory]:
+    real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=seed, gap=gap)
+    return real.collect(2)
+
+
+def drawn_by_opengl(seed: int, real_gap: bool = True) -> list[Trajectory]:
+    try:
+        real, *_ = choose_real("pseudo", TASK, image_size=SIZE, seed=seed, real_gap=real_gap)
+    except InputError as error:
+        pytest.skip(str(error))
+    return real.collect(2)
+
+
+def test_frames_keep_shape_and_dtype_and_lose_their_exactness(simulator):
+    (plain, _), (gapped, _) = collect(simulator, None), collect(simulator, STILL)
+    assert plain.frames.shape == (STEPS + 1, 2 * SIZE, 2 * SIZE, 3)
+    assert gapped.frames.shape == (STEPS + 1, SIZE, SIZE, 3)
+    assert gapped.frames.dtype == np.uint8
+    assert gapped.actions.shape == (STEPS, 1)
+    still = gapped.frames[:, :4, :4].astype(float)  # sky
+    assert 0.5 < still.std(axis=0).mean() < 8  # noise that the video did not take away
+    blocks = plain.frames[0].reshape(SIZE, 2, SIZE, 2, 3).mean((1, 3))
+    assert 1 < np.abs(gapped.frames[0] - blocks).mean() < 8  # the same start, seen noisily
+
+
+def test_brightness_is_a_factor_on_what_is_filmed(simulator):
+    rng = np.random.default_rng(0)
+    frames = np.full((3, 2 * SIZE, 2 * SIZE, 3), 100, np.uint8)
+    for brightness in (0.9, 1.1):
+        seen = RealityGap(SIZE, brightness).film(frames, 0.05, rng)
+        assert seen.mean() == pytest.approx(100 * brightness, abs=1.5)
+    drawn = [RealityGap.draw(SIZE, seed).brightness for seed in range(50)]
+    assert 0.9 <= min(drawn) < 0.92 < 1.08 < max(drawn) <= 1.1
+
+
+def test_sizes_that_a_video_would_pad_are_kept():
+    frames = np.zeros((3, 64, 64, 3), np.uint8)
+    seen = RealityGap(21, brightness=1.0).film(frames, 0.05, np.random.default_rng(0))
+    assert seen.shape == (3, 21, 21, 3)
+
+
+def test_the_robot_follows_one_step_late_and_the_commands_are_recorded(simulator, monkeypatch):
+    played, filmed = [], []
+
+    def spy(self, parameters, actions, rng, *rest, **options):
+        played.append(actions)
+        return roll_out(self, parameters, actions, rng, *rest, **options)
+
+    def film(self, rollouts):
+        filmed.append(rollouts.states)
+        return take(self, rollouts)
+
+    roll_out, take = Simulator.roll_out, Simulator.film
+    monkeypatch.setattr(Simulator, "roll_out", spy)
+    monkeypatch.setattr(Simulator, "film", film)
+    trajectories = collect(simulator, STILL)
+    commanded = np.stack([t.actions for t in trajectories])
+    assert (commanded != 0).all()
+    np.testing.assert_array_equal(played[0][:, 0], 0)  # still until the first command arrives
+    np.testing.assert_allclose(played[0][:, 1:], commanded, rtol=1e-6)
+    speed = filmed[0][:, :, 3]  # a row is time, qpos (2), qvel (2), ...
+    assert filmed[0].shape[1] == STEPS + 1
+    pushed = np.sign(np.diff(speed, axis=1))
+    assert (pushed[:, 1:] == np.sign(commanded[:, :-1, 0])).mean() > 0.9
+
+
+def test_the_same_seed_films_the_same_and_another_one_something_else(simulator):
+    first, again, other = (collect(simulator, STILL, seed) for seed in (0, 0, 1))
+    for a, b, c in zip(first, again, other, strict=True):
+        np.testing.assert_array_equal(a.frames, b.frames)
+        np.testing.assert_array_equal(a.actions, b.actions)
+        assert (a.actions != c.actions).any()
+
+
+def test_only_the_simulators_own_pictures_look_like_it(simulator):
+    for gap in (None, STILL):
+        real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=gap)
+        assert real.looks_like_simulator is (gap is None)
+
+
+def test_there_is_still_no_way_to_the_parameters(simulator):
+    real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=STILL)
+    public = {name for name in dir(real) if not name.startswith("_")}
+    assert public == {"collect", "step_s", "num_actions", "looks_like_simulator"}
+    for value in vars(real).values():
+        assert isinstance(value, int | float) or callable(value)
+        assert not hasattr(value, "parameters")
+
+
+@pytest.mark.opengl
+def test_another_renderer_draws_what_is_behind_the_gap():
+    gapped, again = drawn_by_opengl(4), drawn_by_opengl(4)
+    plain = drawn_by_opengl(4, real_gap=False)
+    for seen, same, clean in zip(gapped, again, plain, strict=True):
+        assert seen.frames.shape == clean.frames.shape == (STEPS + 1, SIZE, SIZE, 3)
+        np.testing.assert_array_equal(seen.frames, same.frames)
+        difference = np.abs(seen.frames[0].astype(float) - clean.frames[0]).mean()
+        assert 2 < difference < 30
+        np.testing.assert_array_equal(seen.actions, clean.actions)
+
+
+def test_without_opengl_the_renderer_says_so(monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr(opengl, "find_library", lambda name: None)
+    with pytest.raises(InputError, match="the opengl renderer cannot be used"):
+        choose_real("pseudo", TASK, image_size=SIZE, seed=0, real_gap=True)
+
+
+def test_a_gap_needs_a_pseudo_real_world(tmp_path):
+    config = TuneConfig(task="cartpole", out=tmp_path, real="recordings", real_gap=True)
+    with pytest.raises(InputError, match="--real-gap goes with --real pseudo only"):
+        config.check()
+
+
+@pytest.mark.parametrize(("real_gap", "supersampling"), [(False, 1), (True, 2)])
+def test_tuning_averages_over_pixels_where_the_real_camera_does(
+    tmp_path, quick_tune, monkeypatch, real_gap, supersampling
+):
+    class Stop(Exception):
+        pass
+
+    def stop(search, simulator, *_):
+        assert simulator.supersampling == supersampling
+        raise Stop
+
+    monkeypatch.setattr(algorithm, "make_search", stop)
+    monkeypatch.setattr(RealityGap, "simulator", lambda _, task: task.simulator(image_size=128))
+    config = TuneConfig(task="cartpole", out=Path(tmp_path / "run"), real_gap=real_gap)
+    with pytest.raises(Stop):
+        algorithm.tune(dataclasses.replace(config, real_episodes=1))
