@@ -14,7 +14,7 @@ from baselines import Found, Problem
 from simtune.comparison import find_start
 from simtune.simulation import Rollouts
 
-_PHASES = 4
+_PHASES = 3
 _SPREAD = 0.3  # of the first phase's candidates, in coordinates of the range; then half of it, ...
 _COMPARED_STEPS = 40
 _EVERY = 4  # so many steps from one compared picture to the next

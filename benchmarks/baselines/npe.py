@@ -1,10 +1,11 @@
 """sbi's neural posterior estimation (NPE) with a CNN embedding, amortised, in a single round.
 
-A simulation is a world that replays the real actions, one episode for each real one, from random
-starts. What is filmed of it are short stretches of pictures a few steps apart; a CNN embeds each
-stretch with its actions, and the mean over all stretches is what the flow is conditioned on: a
-set of videos is one question here too. The flow's parameters are coordinates of the range, along
-each parameter's own scale, z-scored by sbi.
+A simulation is one episode of a world, which replays a real one's actions from a random start;
+with sets of episodes the budget would buy too few worlds to learn from. What is filmed are short
+stretches of pictures a few steps apart; a CNN embeds each with its actions, and the flow is
+conditioned on the mean over a world's stretches. At the end it looks at each real episode, and
+the samples are pooled. The flow's parameters are coordinates of the range, along each parameter's
+own scale, unconstrained by sbi, so that it cannot leak beyond the range.
 """
 
 import time
@@ -18,21 +19,19 @@ from torch import nn
 from baselines import Found, Problem
 from simtune.networks import seeded
 from simtune.search_param_model.sight import to_input
-from simtune.search_param_model.simulated import whole_sets
 
-_STRETCHES = 3  # filmed of each episode
+_STRETCHES = 5  # filmed of an episode
 _PICTURES, _EVERY = 5, 2  # of a stretch, and the steps from one to the next
 _STEPS = (_PICTURES - 1) * _EVERY
 _SIMULATING_SHARE = 0.35  # of the time, at most
-_PILOTS = 8  # worlds to learn how long one takes
-_LEARNT_FROM = 5  # of a set's stretches, others at each update: many small updates, not few large
-_LOOKS = 16  # at the real episodes, each at other stretches; their samples are pooled
+_WORLDS = 32  # simulated at a time
+_LOOKS = 4  # at each real episode, at other stretches
 _SAMPLES = 500  # of the posterior, for each look
 
 
 @dataclass(frozen=True)
-class _Sets:
-    """n sets of M stretches."""
+class _Episodes:
+    """n episodes, of which M stretches are seen."""
 
     parameters: np.ndarray  # (n, N)
     pictures: np.ndarray  # (n, M, F, H, H, 3) uint8
@@ -42,7 +41,7 @@ class _Sets:
 def find(problem: Problem) -> Found:
     rng = np.random.default_rng(problem.seed)
     simulated = _simulate_all(problem, rng)
-    real = _looks(problem, rng)
+    real = _look(problem, rng)
     with seeded(problem.seed):
         samples = _sample_posterior(problem, simulated, real)
     space = problem.first.space
@@ -50,70 +49,55 @@ def find(problem: Problem) -> Found:
     return Found(space.to_dict(mean), space.to_dict(low), space.to_dict(high))
 
 
-def _simulate_all(problem: Problem, rng: np.random.Generator) -> _Sets:
+def _simulate_all(problem: Problem, rng: np.random.Generator) -> _Episodes:
     """As many worlds as the budget pays for, or the time allows."""
     began_s = time.monotonic()
-    steps_a_world = sum(map(len, problem.real))
-    chunks = [_simulate(problem, _PILOTS, rng)]  # compiles
-    began_s, allowed_s = time.monotonic(), problem.deadline_s - began_s
-    while problem.simulator.num_steps + _PILOTS * steps_a_world <= problem.budget_steps:
-        chunks.append(_simulate(problem, _PILOTS, rng))
-        if time.monotonic() - began_s > _SIMULATING_SHARE * allowed_s:
+    end_s = began_s + _SIMULATING_SHARE * (problem.deadline_s - began_s)
+    chunks = [_simulate(problem, rng)]
+    chunk_steps = problem.simulator.num_steps
+    while problem.simulator.num_steps + chunk_steps <= problem.budget_steps:
+        chunks.append(_simulate(problem, rng))
+        if time.monotonic() > end_s:
             break
     columns = zip(*(vars(chunk).values() for chunk in chunks), strict=True)
-    return _Sets(*(np.concatenate(column) for column in columns))
+    return _Episodes(*(np.concatenate(column) for column in columns))
 
 
-def _simulate(problem: Problem, num_worlds: int, rng: np.random.Generator) -> _Sets:
-    """Worlds from the range; those of which an episode diverged are left out."""
-    steps, episodes = min(map(len, problem.real)), len(problem.real)
-    parameters = problem.first.sample(num_worlds, rng)
+def _simulate(problem: Problem, rng: np.random.Generator) -> _Episodes:
+    """Worlds from the range; those that diverge are left out."""
+    steps = min(map(len, problem.real))
     actions = np.stack([t.actions[:steps] for t in problem.real]).astype(float)
     rollouts = problem.simulator.roll_out(
-        np.repeat(parameters, episodes, axis=0), np.tile(actions, (num_worlds, 1, 1)), rng
+        problem.first.sample(_WORLDS, rng), actions[rng.integers(len(actions), size=_WORLDS)], rng
     )
-    worlds = whole_sets(rollouts.parameters, episodes)  # (W, E)
-    at = rng.integers(0, steps - _STEPS + 1, (worlds.size, _STRETCHES))
-    seen, played = _stretches(at)
-    episode = worlds.reshape(-1, 1, 1)
-    states = rollouts.states[episode, seen]  # (W·E, V, F, S)
-    kept = rollouts.parameters[worlds[:, 0]]
-    each = np.repeat(kept, episodes * _STRETCHES * _PICTURES, axis=0)
+    num = len(rollouts)
+    seen, played = _stretches(rng.integers(0, steps - _STEPS + 1, (num, _STRETCHES)))
+    world = np.arange(num)[:, None, None]
+    states = rollouts.states[world, seen]  # (n, M, F, S)
+    each = np.repeat(rollouts.parameters, _STRETCHES * _PICTURES, axis=0)
     pictures = problem.simulator.render(states.reshape(len(each), states.shape[-1]), each)
-    return _Sets(
-        kept,
-        pictures.reshape(len(kept), episodes * _STRETCHES, _PICTURES, *pictures.shape[1:]),
-        rollouts.actions[episode, played].reshape(
-            len(kept), episodes * _STRETCHES, _STEPS, actions.shape[-1]
-        ),
-    )
+    pictures = pictures.reshape(*states.shape[:3], *pictures.shape[1:])
+    return _Episodes(rollouts.parameters, pictures, rollouts.actions[world, played])
 
 
 def _stretches(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The steps of which pictures are taken, and the actions between, from (E, V) first steps."""
+    """The steps of which pictures are taken, and the actions between, from (..., M) first steps."""
     return at[..., None] + np.arange(_PICTURES) * _EVERY, at[..., None] + np.arange(_STEPS)
 
 
-def _looks(problem: Problem, rng: np.random.Generator) -> _Sets:
-    """The real episodes, some times over: sets as those of a simulated world."""
-    steps = min(map(len, problem.real))
+def _look(problem: Problem, rng: np.random.Generator) -> _Episodes:
+    """The real episodes, some times over, as the simulated ones are seen."""
     pictures, actions = [], []
-    for _ in range(_LOOKS):
-        for trajectory in problem.real:
-            seen, played = _stretches(rng.integers(0, steps - _STEPS + 1, _STRETCHES))
-            pictures.append(trajectory.frames[seen])
-            actions.append(trajectory.actions[played])
-    sets = (_LOOKS, len(problem.real) * _STRETCHES)
-    none = np.empty((_LOOKS, 0))
-    pictures, actions = np.stack(pictures), np.stack(actions)
-    return _Sets(
-        none,
-        pictures.reshape(*sets, *pictures.shape[2:]),
-        actions.reshape(*sets, *actions.shape[2:]),
-    )
+    for trajectory in _LOOKS * problem.real:
+        steps = len(trajectory)
+        seen, played = _stretches(rng.integers(0, steps - _STEPS + 1, _STRETCHES))
+        pictures.append(trajectory.frames[seen])
+        actions.append(trajectory.actions[played])
+    unknown = np.empty((len(pictures), 0))
+    return _Episodes(unknown, np.stack(pictures), np.stack(actions))
 
 
-def _sample_posterior(problem: Problem, simulated: _Sets, real: _Sets) -> np.ndarray:
+def _sample_posterior(problem: Problem, simulated: _Episodes, real: _Episodes) -> np.ndarray:
     """(n, N) samples given the real episodes, in coordinates of the range."""
     from sbi.inference import NPE
     from sbi.neural_nets import posterior_nn
@@ -121,8 +105,14 @@ def _sample_posterior(problem: Problem, simulated: _Sets, real: _Sets) -> np.nda
 
     num, num_parameters = simulated.parameters.shape
     embedding = _Embedding(simulated, real, problem.simulator.action_scale)
-    flow = posterior_nn("maf", embedding_net=embedding, z_score_x="none")
     prior = BoxUniform(torch.zeros(num_parameters), torch.ones(num_parameters))
+    flow = posterior_nn(
+        "zuko_maf",
+        z_score_theta="transform_to_unconstrained",
+        x_dist=prior,
+        z_score_x="none",
+        embedding_net=embedding,
+    )
     inference = NPE(prior, flow, show_progress_bars=False, tracker=_Silent())
     rows = torch.arange(num, dtype=torch.float32)[:, None]
     coordinates = problem.first.to_local(simulated.parameters)
@@ -134,46 +124,43 @@ def _sample_posterior(problem: Problem, simulated: _Sets, real: _Sets) -> np.nda
     epochs = 1 + max(1, int(0.9 * left))
     inference.train(max_num_epochs=epochs, resume_training=True, **settings)
     posterior = inference.build_posterior()
-    looks = torch.arange(num, num + _LOOKS, dtype=torch.float32)[:, None]
-    # Without rejecting what lies beyond the range, which may take forever where a flow leaks.
-    samples = posterior.sample_batched(
-        (_SAMPLES,), x=looks, show_progress_bars=False, reject_outside_prior=False
-    )
-    return samples.detach().reshape(-1, num_parameters).clamp(0, 1).numpy()
+    looks = torch.arange(num, num + len(real.pictures), dtype=torch.float32)[:, None]
+    samples = posterior.sample_batched((_SAMPLES,), x=looks, show_progress_bars=False)
+    return samples.detach().reshape(-1, num_parameters).numpy()
 
 
 class _Embedding(nn.Module):
-    """Rows of sets (B, 1) to features (B, 64).
+    """Rows of episodes (B, 1) to features (B, 64).
 
     sbi keeps what it learns from as float32, four times as large as pictures are. So it is
     given rows, which are looked up here.
     """
 
-    def __init__(self, simulated: _Sets, real: _Sets, action_scale: np.ndarray):
+    def __init__(self, simulated: _Episodes, real: _Episodes, action_scale: np.ndarray):
         super().__init__()
         self._pictures = np.concatenate([simulated.pictures, real.pictures])
+        # What differs between worlds is a small part of a picture: pixels are z-scored, too.
+        some = to_input(simulated.pictures[:: len(simulated.pictures) // 64 + 1, 0, 0])
+        self._mean, self._std = some.mean(0), some.std(0).mean()
         actions = np.concatenate([simulated.actions, real.actions]) / action_scale
         self._actions = torch.tensor(actions, dtype=torch.float32).flatten(2)
         layers: list[nn.Module] = []
         for size_in, size_out in ((3 * _PICTURES, 16), (16, 32), (32, 64), (64, 64)):
-            layers += [nn.Conv2d(size_in, size_out, 3, 2, 1), nn.ReLU()]
+            layers += [nn.Conv2d(size_in, size_out, 3, 2, 1), nn.BatchNorm2d(size_out), nn.ReLU()]
         self._convolutions = nn.Sequential(*layers, nn.Flatten())
         self._stretch = nn.Sequential(nn.LazyLinear(128), nn.ReLU(), nn.Linear(128, 128), nn.ReLU())
-        self._set = nn.Sequential(nn.Linear(128, 128), nn.ReLU(), nn.Linear(128, 64))
+        self._episode = nn.Sequential(nn.Linear(128, 128), nn.ReLU(), nn.Linear(128, 64))
         self(torch.zeros(1, 1))  # finds out sizes
 
     def forward(self, rows: torch.Tensor) -> torch.Tensor:
-        which = torch.arange(self._actions.shape[1])
-        if self.training:
-            which = torch.randperm(len(which))[:_LEARNT_FROM]
-        at = rows.long()  # (B, 1)
-        pictures = self._pictures[at.numpy(), which.numpy()]  # (B, M, F, H, H, 3)
+        at = rows[:, 0].long()
+        pictures = self._pictures[at.numpy()]  # (B, M, F, H, H, 3)
         batch, stretches, _, size = pictures.shape[:4]
-        stacked = to_input(pictures.reshape(-1, size, size, 3))
-        stacked = stacked.reshape(batch * stretches, -1, size, size)
+        scored = (to_input(pictures.reshape(-1, size, size, 3)) - self._mean) / self._std
+        stacked = scored.reshape(batch * stretches, -1, size, size)
         features = self._convolutions(stacked).unflatten(0, (batch, stretches))
-        features = self._stretch(torch.cat([features, self._actions[at, which]], -1))
-        return self._set(features.mean(1))
+        features = self._stretch(torch.cat([features, self._actions[at]], -1))
+        return self._episode(features.mean(1))
 
 
 class _Silent:

@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter
 
 from baselines.scores import Results, mean_errors
 
-_LEAST_PERCENT = 0.01  # smaller errors, as of sysid, are drawn here
+_LEAST_PERCENT = 0.1  # smaller errors, as of sysid, are drawn here
 _COLOURS = {
     "posterior": "#0072b2",  # Okabe and Ito's, which the colour-blind can tell apart
     "paper": "#e69f00",
@@ -21,7 +21,7 @@ _COLOURS = {
     "cmaes": "#cc79a7",
     "sysid": "#7f7f7f",
 }
-_LABELS = {"npe": "NPE", "cmaes": "CMA-ES", "sysid": "sysid\n(true\nstates)"}
+_LABELS = {"npe": "NPE", "cmaes": "CMA-ES", "sysid": "sysid\n(dynamics,\ntrue states)"}
 
 
 def draw(results: Results, path: Path, title: str) -> None:
@@ -32,7 +32,7 @@ def draw(results: Results, path: Path, title: str) -> None:
     figure, axes = plt.subplots(
         1,
         len(tasks),
-        figsize=(1.6 + 0.8 * sum(widths), 3.8),
+        figsize=(1.2 + 0.66 * sum(widths), 3.6),
         width_ratios=widths,
         sharey=True,
         squeeze=False,
@@ -44,12 +44,12 @@ def draw(results: Results, path: Path, title: str) -> None:
         panel.set_title(task)
         panel.set_xticks(range(len(methods[task])), [_LABELS.get(m, m) for m in methods[task]])
         panel.set_xlim(-0.6, len(methods[task]) - 0.4)
-        panel.tick_params(axis="x", length=0, labelsize=8)
+        panel.tick_params(axis="x", length=0, labelsize=7)
         panel.grid(axis="y", which="major", alpha=0.3)
         panel.spines[["top", "right"]].set_visible(False)
     axes[0][0].set_yscale("log")
-    axes[0][0].yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g} %"))
-    axes[0][0].set_ylabel("mean error over all parameters")
+    axes[0][0].yaxis.set_major_formatter(FuncFormatter(_say))
+    axes[0][0].set_ylabel("mean error over parameters")
     figure.suptitle(title, fontsize=10)
     figure.savefig(path, dpi=150)
     plt.close(figure)
@@ -60,3 +60,7 @@ def _draw_method(panel: Axes, x: int, errors: np.ndarray, colour: str) -> None:
     beside = x + 0.12 * np.linspace(-1, 1, len(seen)) * (len(seen) > 1)
     panel.scatter(beside, seen, s=20, color=colour, alpha=0.6, linewidths=0)
     panel.hlines(np.median(seen), x - 0.3, x + 0.3, color=colour, linewidth=2.5)
+
+
+def _say(percent: float, _: int) -> str:
+    return f"{'≤ ' if percent <= _LEAST_PERCENT else ''}{percent:g} %"

@@ -15,8 +15,9 @@ from baselines import Found, Problem
 from simtune.parameters import ModelWriter, ParameterSpace
 from simtune.simulation import Simulator
 
-_PIECE_STEPS = 10  # policy steps
+_PIECE_STEPS = 2  # policy steps
 _MAX_ITERATIONS = 50
+_DIFFERENCE = 0.01  # for derivatives: on smaller scales contacts make the residual rugged
 
 
 def find(problem: Problem) -> Found:
@@ -42,7 +43,8 @@ def find(problem: Problem) -> Found:
         initial_params=unknown.move_off_bounds(),
         residual_fn=residual,
         verbose=False,
-        xtol=1e-6,
+        xtol=1e-5,
+        eps=_DIFFERENCE,
         max_iters=int(np.clip(problem.budget_steps / steps_a_jacobian, 1, _MAX_ITERATIONS)),
     )
     x = found.as_vector()
