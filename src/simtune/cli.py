@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import os
 import sys
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
-from simtune.config import TuneConfig
+from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
 
 
@@ -35,6 +36,7 @@ class DoctorCommand:
 
 Command = (
     Annotated[TasksCommand, subcommand("tasks")]
+    | Annotated[CheckConfig, subcommand("check")]
     | Annotated[TuneConfig, subcommand("tune")]
     | Annotated[ReportCommand, subcommand("report")]
     | Annotated[DoctorCommand, subcommand("doctor")]
@@ -81,6 +83,8 @@ def _run(command: Any) -> None:
     match command:
         case TasksCommand():
             _print_tasks()
+        case CheckConfig():
+            _check(command)
         case TuneConfig():
             _tune(command)
         case ReportCommand(run_folder):
@@ -103,6 +107,13 @@ def _print_tasks() -> None:
         for p in task.parameters:
             span = f"{p.nominal:<8.4g} in [{p.low:.4g}, {p.high:.4g}] {p.unit}"
             print(f"  {p.name:18s} {span:36s} {p.field} of {', '.join(p.objects)}")
+
+
+def _check(config: CheckConfig) -> None:
+    from simtune.check import check, table
+
+    result = check(config)
+    print(json.dumps(result) if config.json else "\n".join(table(result)))
 
 
 def _tune(config: TuneConfig) -> None:

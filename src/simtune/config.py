@@ -53,3 +53,34 @@ class TuneConfig:
             raise InputError("--real-gap goes with --real pseudo only")
         if self.seed < 0:
             raise InputError(f"--seed must not be negative, got {self.seed}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckConfig:
+    """Say, before any training, what each parameter changes and what recordings can tell of it.
+
+    Takes seconds and writes no file. What a parameter "shows" is the best that can be hoped for.
+    """
+
+    task: Annotated[Positional[str], arg(metavar="TASK")]
+    """A built-in task (see `simtune tasks`)."""
+    real: Path | None = None
+    """The folder of a LeRobotDataset v3, whose actions are replayed; by default they are random."""
+    camera: str | None = None
+    """The recordings' camera, such as observation.images.front; needed where there are several."""
+    episodes: int | None = None
+    """How many episodes to simulate (by default 5), or to take from the recordings (by default
+    all, at most 10)."""
+    seed: int = 0
+    """Of the random actions and of where simulated episodes start."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def check(self) -> None:
+        """Raises InputError for what makes no sense."""
+        if self.camera is not None and self.real is None:
+            raise InputError("--camera goes with recordings only")
+        if self.episodes is not None and self.episodes < 1:
+            raise InputError(f"--episodes must be at least 1, got {self.episodes}")
+        if self.seed < 0:
+            raise InputError(f"--seed must not be negative, got {self.seed}")

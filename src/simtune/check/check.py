@@ -1,0 +1,46 @@
+"""`simtune check`, top to bottom."""
+
+from typing import Any
+
+import numpy as np
+
+from simtune.check.conclusions import conclude
+from simtune.check.warnings import warnings
+from simtune.config import CheckConfig
+from simtune.fit.information import examine
+from simtune.real.recorded import RecordedReal
+from simtune.simulation import random_actions
+from simtune.tasks import load_task
+from simtune.tuning import needed_image_size
+
+_EPISODES = 5
+
+
+def check(config: CheckConfig) -> dict[str, Any]:
+    """What each parameter changes, how well it can be told, facts of the recordings; JSON.
+
+    Raises InputError for what cannot be used.
+    """
+    config.check()
+    task = load_task(config.task)
+    image_size = needed_image_size("posterior")
+    facts: dict[str, Any] = {"task": task.name, "seed": config.seed}
+    if config.real:
+        num_actions = task.load_model().nu
+        real = RecordedReal(
+            config.real, camera=config.camera, image_size=image_size, num_actions=num_actions
+        )
+        trajectories = real.collect(config.episodes)
+        facts |= {"recordings": real.facts, "warnings": warnings(task, trajectories)}
+        # Supersampled as in tuning: a real camera averages over its pixels.
+        simulator = task.simulator(image_size=image_size, step_s=real.step_s, supersampling=2)
+        steps = min(len(trajectory) for trajectory in trajectories)
+        actions = np.stack([trajectory.actions[:steps] for trajectory in trajectories])
+    else:
+        simulator = task.simulator(image_size=image_size)
+        num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
+        actions = random_actions(num, task.episode_steps, simulator.model, rng)
+    looks_alike = config.real is None
+    information = examine(simulator, task.camera, actions, config.seed, looks_alike)
+    facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
+    return facts | conclude(task.parameters, information)

@@ -1,0 +1,102 @@
+"""From what parameters change to what can be said of them."""
+
+from typing import Any, Literal
+
+import numpy as np
+
+from simtune.fit.information import Information
+from simtune.parameters import ParameterSpace
+from simtune.tuning.moves import MoveConfig
+
+Shows = Literal["shows clearly", "shows weakly", "does not show"]
+
+_INTERVAL = 2 * 1.645  # standard deviations: the central 90 % of a normal distribution
+_TOGETHER = 0.8  # correlation from which on two errors are rather one: (1 + r) / (1 − r) is 9
+_NOTHING = "changes neither picture nor motion: it cannot be found from video"
+
+
+def conclude(space: ParameterSpace, information: Information) -> dict[str, Any]:
+    """{"parameters": an object each, by name, "pairs": what shows only together}; JSON."""
+    # What shows in a picture alone needs no motion; the others do, whatever they look like.
+    picture_std = np.where(space.is_visible, information.picture_std, np.inf)
+    std = np.minimum(picture_std, information.motion_std)
+    share = _INTERVAL * std / information.first_width
+    shows: list[Shows] = [_shows(s) for s in share]
+    together = np.abs(np.triu(information.correlation, 1)) > _TOGETHER
+    pairs = [_pair(space, information, shows, i, j) for i, j in np.argwhere(together)]
+    parameters = {
+        name: _numbers(space, information, i)
+        | {
+            "interval_share": float(share[i]),
+            "verdict": shows[i],
+            "note": _note(name, information.shows_nothing[i], pairs),
+        }
+        for i, name in enumerate(space.names)
+    }
+    return {"parameters": parameters, "pairs": pairs}
+
+
+def _shows(share: float) -> Shows:
+    """By the 90 % interval's share of the first range searched, as a search's verdict is.
+
+    That range is a factor of 3 up and down. "Clearly" is what tuning can call identified, "weakly"
+    what it can call weak: at best, since no real fit has more than is told.
+    """
+    limits = MoveConfig()
+    if share <= limits.identified_share:
+        return "shows clearly"
+    return "shows weakly" if share <= limits.weak_share else "does not show"
+
+
+def _note(name: str, shows_nothing: bool, pairs: list[dict[str, Any]]) -> str:
+    if shows_nothing:
+        return _NOTHING
+    named = {n for pair in pairs for n in pair["parameters"] if name in pair["parameters"]}
+    return f"together with {', '.join(sorted(named - {name}))}: see below" if named else ""
+
+
+def _numbers(space: ParameterSpace, information: Information, i: int) -> dict[str, Any]:
+    parameter, std = space.parameters[i], float(information.motion_std[i])
+    numbers = {
+        "unit": parameter.unit,
+        "value": float(information.parameters[i]),
+        "changed_to": float(information.changed[i]),
+        "picture_levels": float(information.levels[i]),
+        "picture_share": float(information.pixel_share[i]),
+        "motion_rms_px": float(information.rms_px[i]),
+        "motion_largest_px": float(information.largest_px[i]),
+    }
+    if parameter.is_appearance:
+        return numbers  # a picture tells at once how bright things are: no motion to predict by
+    return numbers | ({"std_percent": 100 * std} if space.is_log[i] else {"std": std})
+
+
+def _pair(
+    space: ParameterSpace, information: Information, shows: list[Shows], i: int, j: int
+) -> dict[str, Any]:
+    """Two parameters whose errors go together, and what is known of them nevertheless."""
+    names = [space.names[i], space.names[j]]
+    correlation = float(information.correlation[i, j])
+    combination = _combination(space, information, i, j)
+    best = "best shows" if shows[i] == shows[j] == "shows clearly" else "only their combination:"
+    return {
+        "parameters": names,
+        "correlation": correlation,
+        "combination": combination,
+        "says": f"{' and '.join(names)}: {best} {combination} (correlation {correlation:.2f})",
+    }
+
+
+def _combination(space: ParameterSpace, information: Information, i: int, j: int) -> str:
+    """What stays the same while the errors of two parameters go together, in words."""
+    a, b = space.names[i], space.names[j]
+    rise_together = information.correlation[i, j] > 0
+    ratio = information.motion_std[i] / information.motion_std[j]
+    slope = 1.0 if 0.75 < ratio < 1.33 else float(f"{ratio:.1g}")
+    if space.is_log[i] and space.is_log[j]:
+        b = b if slope == 1 else f"{b}^{slope:g}"
+        return f"their ratio, {a} / {b}" if rise_together else f"their product, {a} × {b}"
+    if not space.is_log[i] and not space.is_log[j]:
+        b = b if slope == 1 else f"{slope:g} {b}"
+        return f"their difference, {a} − {b}" if rise_together else f"their sum, {a} + {b}"
+    return f"a larger {a} looks like a {'larger' if rise_together else 'smaller'} {b}"

@@ -1,0 +1,78 @@
+"""What `simtune check` prints."""
+
+from typing import Any
+
+_HEAD = ("parameter", "value", "tried", "picture", "of pixels", "motion", "at most", "told to")
+
+
+def table(result: dict[str, Any]) -> list[str]:
+    """Lines of plain text."""
+    kind = "the recordings'" if "recordings" in result else "random"
+    lines = [
+        f"{result['task']}: {result['episodes']} episodes of {result['steps']} steps of "
+        f"{result['step_s']:.3g} s with {kind} actions"
+    ]
+    lines += _of_recordings(result["recordings"]) if "recordings" in result else []
+    lines += [f"warning: {warning}" for warning in result.get("warnings", ())]
+    return [*lines, "", *_rows(result["parameters"]), "", *_said(result["pairs"]), *_LEGEND]
+
+
+_LEGEND = (
+    "picture: levels of 256 by which pixels change that change, if a parameter is as tried;",
+    "motion: pixels of 64 by which what moves is elsewhere after 12 steps, root mean square;",
+    "told to: standard deviation that the best fit to such videos could have.",
+)
+
+
+def _rows(parameters: dict[str, dict[str, Any]]) -> list[str]:
+    """A line a parameter, columns below each other, numbers to the right."""
+    cells = [_HEAD, *(_cells(name, p) for name, p in parameters.items())]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = []
+    for (name, *numbers), end in zip(
+        cells, ["verdict", *map(_end, parameters.values())], strict=True
+    ):
+        columns = [f"{number:>{width}s}" for number, width in zip(numbers, widths[1:], strict=True)]
+        lines.append("  ".join([f"{name:{widths[0]}s}", *columns, end]))
+    return lines
+
+
+def _said(pairs: list[dict[str, Any]]) -> list[str]:
+    return [*(pair["says"] for pair in pairs), ""] if pairs else []
+
+
+def _of_recordings(facts: dict[str, Any]) -> list[str]:
+    height, width = facts["source_size"]
+    return [
+        f"{facts['folder']}: {facts['episodes']} of {facts['episodes_in_dataset']} episodes, "
+        f"{facts['steps']} steps, {facts['fps']:g} frames/s, {width}×{height} {facts['codec']}, "
+        f"camera {facts['camera']}",
+        f"dataset hash {facts['dataset_hash']}",
+    ]
+
+
+def _cells(name: str, p: dict[str, Any]) -> tuple[str, ...]:
+    moves, changes = p["motion_largest_px"] > 0, p["picture_share"] > 0
+    unit = f" {p['unit']}" if p["unit"] not in ("1", "×") else ""
+    return (
+        name,
+        f"{p['value']:.4g}{unit}",
+        f"{p['changed_to']:.4g}",
+        f"{p['picture_levels']:.0f}" if changes else "–",
+        f"{100 * p['picture_share']:.2g} %" if changes else "–",
+        f"{p['motion_rms_px']:.2g} px" if moves else "–",
+        f"{p['motion_largest_px']:.2g} px" if moves else "–",
+        _told(p, unit),
+    )
+
+
+def _told(p: dict[str, Any], unit: str) -> str:
+    if not p["motion_largest_px"]:
+        return "visible" if p["picture_share"] else "–"
+    if "std_percent" in p:
+        return f"{p['std_percent']:.2g} %"
+    return f"{p['std']:.2g}{unit}"
+
+
+def _end(p: dict[str, Any]) -> str:
+    return f"{p['verdict']}; {p['note']}" if p["note"] else p["verdict"]

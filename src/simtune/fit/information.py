@@ -1,0 +1,203 @@
+"""What parameters change in pictures and in motion, and how well video could tell them, at best.
+
+Nothing is learnt here: the simulator is asked what happens if one parameter is another.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simtune.fit.shooting import Shooting, ShootingConfig
+from simtune.fit.states import StateSpace
+from simtune.fit.tracks import Tracks
+from simtune.parameters import ParameterSpace
+from simtune.randomization import Distribution
+from simtune.search_param_model.landmarks import Landmarks
+from simtune.search_param_model.simulated import Camera, find_landmarks
+from simtune.simulation import Rollouts, Simulator
+
+WINDOW_STEPS = 12  # chaotic motion diverges anyway: no fit follows it for longer
+_FACTOR, _TENTH = 1.2, 0.1  # what a parameter is changed by: on a log scale, on a linear one
+_LEVELS = 2  # of 256: a pixel that changes by no more looks the same
+_STILL_PX = 0.01  # a landmark that moves by less stays: sight is off by fifty times as much
+_SIGHT_PX, _SURE = 0.5, 0.98  # how far off sight is, and how probably it looks at the right place
+_NUM_PICTURES = 24
+
+
+@dataclass(frozen=True)
+class Information:
+    """Of N parameters: what each changes, and how well it could be told at best."""
+
+    parameters: np.ndarray  # (N,) where this holds
+    changed: np.ndarray  # (N,) what each was changed to, one at a time
+    levels: np.ndarray  # (N,) of 256, by which the pixels change that change at all
+    pixel_share: np.ndarray  # (N,) of the pixels, that change
+    rms_px: np.ndarray  # (N,) how far landmarks are elsewhere after WINDOW_STEPS steps
+    largest_px: np.ndarray  # (N,)
+    # Standard deviations, of the logarithm on a log scale. Nothing is worse than knowing no more
+    # than the first range of a search:
+    motion_std: np.ndarray  # (N,)
+    picture_std: np.ndarray  # (N,) by its colours, as far as a camera shows them truly
+    first_width: np.ndarray  # (N,) of that range
+    correlation: np.ndarray  # (N, N) of errors as told by motion, 0 for what moves nothing
+
+    @property
+    def shows_nothing(self) -> np.ndarray:
+        """(N,) bool."""
+        return (self.pixel_share == 0) & (self.largest_px <= _STILL_PX)
+
+
+def examine(
+    simulator: Simulator, camera: str, actions: np.ndarray, seed: int, looks_alike: bool = True
+) -> Information:
+    """At the nominal parameters, in episodes of (E, T, A) actions.
+
+    `looks_alike`: what films them shows colours as the simulator does, no real camera's.
+    Raises RuntimeError if all of them diverge.
+    """
+    space, rng = simulator.space, np.random.default_rng((seed, 1))
+    nominal = _nominal(space)
+    first = Distribution.first(space, nominal)
+    landmarks = find_landmarks(simulator, camera, first, seed)
+    worlds = np.tile(nominal, (len(actions), 1))
+    episodes = simulator.roll_out(worlds, actions.astype(float), rng, landmarks.record)
+    if not len(episodes):
+        raise RuntimeError("every episode diverged; check the timestep and the actions")
+    changed = one_by_one(space, nominal)
+    levels, share = picture_changes(simulator, episodes, changed)
+    is_appearance = np.array([p.is_appearance for p in space], bool)
+    rms, largest = np.zeros((2, len(space)))
+    rms[~is_appearance], largest[~is_appearance] = motion_changes(
+        simulator, landmarks, episodes, changed[~is_appearance]
+    )
+    scale = _along_scale(space, space.high) - _along_scale(space, space.low)
+    width = scale * (space.to_unit(first.high) - space.to_unit(first.low))
+    prior = width / np.sqrt(12)  # standard deviation of a uniform distribution
+    covariance = np.diag(prior**2)
+    moving = np.flatnonzero(largest > _STILL_PX)
+    if len(moving):
+        told = told_by_motion(simulator, landmarks, episodes, moving)
+        told *= np.outer(scale[moving], scale[moving])
+        known = np.linalg.inv(told) + np.diag(prior[moving] ** -2)
+        covariance[np.ix_(moving, moving)] = np.linalg.inv(known)
+    std = np.sqrt(np.diag(covariance))
+    step = np.diag(_along_scale(space, changed) - _along_scale(space, nominal))
+    error = _camera_error(share * simulator.image_size**2, looks_alike)
+    seen = step * error / np.maximum(levels, 1e-9)
+    return Information(
+        nominal,
+        np.diag(changed),
+        levels,
+        share,
+        rms,
+        largest,
+        std,
+        (seen**-2 + prior**-2) ** -0.5,
+        width,
+        covariance / np.outer(std, std) - np.eye(len(space)),
+    )
+
+
+def one_by_one(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
+    """(N, N) the (N,) parameters, in each row another of them changed, away from its bound."""
+    scale = _along_scale(space, space.high) - _along_scale(space, space.low)
+    step = np.where(space.is_log, np.log(_FACTOR) / scale, _TENTH)
+    unit = space.to_unit(parameters)
+    return space.from_unit(unit + np.diag(np.where(unit + step > 1, -step, step)))
+
+
+def picture_changes(
+    simulator: Simulator, episodes: Rollouts, changed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(G,) levels and shares of the pixels that differ, with (G, N) parameters, in equal states."""
+    rows = episodes.states.reshape(-1, episodes.states.shape[-1])
+    rows = rows[np.linspace(0, len(rows) - 1, _NUM_PICTURES).astype(int)]
+    worlds = np.concatenate([episodes.parameters[:1], changed])
+    frames = simulator.render(np.tile(rows, (len(worlds), 1)), np.repeat(worlds, len(rows), 0))
+    frames = frames.reshape(len(worlds), -1, 3).astype(np.int16)
+    levels, share = np.zeros((2, len(changed)))
+    for i, drawn in enumerate(frames[1:]):
+        change = np.abs(drawn - frames[0]).max(-1)
+        changes = change > _LEVELS
+        share[i] = changes.mean()
+        levels[i] = change[changes].mean() if changes.any() else 0
+    return levels, share
+
+
+def motion_changes(
+    simulator: Simulator, landmarks: Landmarks, episodes: Rollouts, changed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(G,) pixels by which landmarks are elsewhere with (G, N) parameters: root mean square, most.
+
+    At the end of windows that begin in the same states with the same actions.
+    """
+    starts, actions = windows(episodes)
+    worlds = np.concatenate([episodes.parameters[:1], changed])
+    played = simulator.roll_out(
+        np.repeat(worlds, len(starts), 0),
+        np.tile(actions, (len(worlds), 1, 1)),
+        np.random.default_rng(0),  # starts are given: nothing is drawn
+        landmarks.record,
+        starts=np.tile(starts, (len(worlds), 1)),
+        keep_diverged=True,
+    )
+    assert played.recorded is not None, "asked for above"
+    ends = played.recorded[:, -1].reshape(len(worlds), -1, 2)
+    distance = np.nan_to_num(np.linalg.norm(ends[1:] - ends[0], axis=-1))
+    if not distance.size:  # nothing there to be followed
+        return np.zeros(len(changed)), np.zeros(len(changed))
+    return np.sqrt(np.square(distance).mean(-1)), distance.max(-1)
+
+
+def windows(episodes: Rollouts) -> tuple[np.ndarray, np.ndarray]:
+    """(W, S) starts and (W, K, A) actions of all windows; they do not overlap."""
+    num_episodes, num_steps, num_actions = episodes.actions.shape
+    length = min(WINDOW_STEPS, num_steps)
+    count = num_steps // length
+    starts = episodes.states[:, : count * length : length]
+    actions = episodes.actions[:, : count * length]
+    shape = (num_episodes * count, length, num_actions)
+    return starts.reshape(shape[0], -1), actions.reshape(shape)
+
+
+def told_by_motion(
+    simulator: Simulator, landmarks: Landmarks, episodes: Rollouts, fitted: np.ndarray
+) -> np.ndarray:
+    """(P, P) covariance in unit coordinates of the `fitted` parameters, at best."""
+    assert episodes.recorded is not None, "asked for where they were played"
+    space = StateSpace(simulator.model)
+    states = episodes.states[..., 1 : 1 + space.nq + space.nv]
+    # A start is somewhere where these episodes go; Shooting believes a guess a third as much.
+    spread = space.difference(states, states[:1, :1]).std((0, 1)) / 3
+    shooting = Shooting(
+        simulator,
+        landmarks,
+        np.full(len(landmarks), _SIGHT_PX),
+        np.maximum(spread, 1e-3),
+        fitted,
+        episodes.states[0, 0],
+        ShootingConfig(windows=(WINDOW_STEPS,), iterations=(0,)),
+    )
+    places = episodes.recorded.reshape(*states.shape[:2], 1, -1, 2).repeat(2, 2)
+    probability = np.zeros(places.shape[:-1])
+    probability[:, :, 0] = _SURE
+    tracks = Tracks(places, probability, episodes.actions)
+    return shooting.told(tracks, states, episodes.parameters[0])
+
+
+def _along_scale(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
+    """(..., N) logarithms on a log scale, else the values."""
+    return np.where(space.is_log, np.log(np.where(space.is_log, parameters, 1.0)), parameters)
+
+
+def _camera_error(num_pixels: np.ndarray, looks_alike: bool) -> np.ndarray:
+    """(N,) levels by which the mean colour of so many pixels may be off; rounding makes it one."""
+    camera = Camera(offset=0, noise=0) if looks_alike else Camera()
+    noise = camera.noise / np.sqrt(np.maximum(num_pixels, 1))
+    return np.hypot(1, 255 * np.hypot(camera.offset, noise))
+
+
+def _nominal(space: ParameterSpace) -> np.ndarray:
+    """(N,); a delay of 0 is a tenth of the longest: near 0 the motion jumps, not to be told."""
+    is_delay = np.array([p.is_delay for p in space], bool)
+    return np.where(is_delay & (space.nominal == 0), _TENTH * space.high, space.nominal)

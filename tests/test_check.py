@@ -1,0 +1,381 @@
+"""`simtune check`: what shows and what does not, against worlds whose answer is known."""
+
+import json
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from simtune import cli
+from simtune.check.conclusions import conclude
+from simtune.check.warnings import warnings
+from simtune.fit.information import (
+    WINDOW_STEPS,
+    examine,
+    motion_changes,
+    one_by_one,
+    picture_changes,
+    told_by_motion,
+    windows,
+)
+from simtune.parameters import ParameterSpace, colour, delay, dynamics
+from simtune.recordings import write_dataset
+from simtune.search_param_model.landmarks import candidate_landmarks
+from simtune.simulation import Rollouts, Simulator, random_actions
+from simtune.tasks import TASKS, Task
+from simtune.trajectory import Trajectory
+
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+SIZE, DEPTH_M, FOVY = 64, 6.0, 50.0
+FOCAL_PX = SIZE / 2 / np.tan(np.radians(FOVY) / 2)
+CAMERA = f'<camera name="front" pos="0 -{DEPTH_M} 0" xyaxes="1 0 0 0 0 1" fovy="{FOVY}"/>'
+
+PENDULUM = f"""
+<mujoco>
+  <worldbody>
+    {CAMERA}
+    <geom name="hidden" type="sphere" size=".1" pos="0 -9 0" rgba=".5 .5 .5 1"/>
+    <body name="box" pos="-1 0 0"><geom type="box" size=".2 .2 .2" mass="1"/></body>
+    <body name="arm">
+      <joint name="hinge" axis="0 1 0" damping=".2"/>
+      <geom name="arm" type="capsule" fromto="0 0 0 0 0 -.8" size=".1" mass="1"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="turn" joint="hinge" gear="2" ctrllimited="true" ctrlrange="-1 1"/>
+    <motor name="idle" joint="hinge" gear="0" ctrllimited="true" ctrlrange="-1 1"/>
+  </actuator>
+</mujoco>
+"""
+SLIDER = f"""
+<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    {CAMERA}
+    <body name="cart">
+      <joint name="slide" type="slide" axis="1 0 0"/>
+      <geom name="cart" type="box" size=".2 .1 .1" mass="2"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="push" joint="slide" ctrllimited="true" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+MASS_KG = 2.0
+NUM_EPISODES = 12
+
+
+def anywhere(batch, rng) -> None:
+    batch.qpos[:] = rng.uniform(-0.5, 0.5, batch.qpos.shape)
+
+
+def make_task(name: str, xml: str, parameters: list) -> Task:
+    return Task(
+        name=name,
+        description="of a test",
+        load_spec=lambda: mujoco.MjSpec.from_string(xml),
+        parameters=ParameterSpace(parameters, where=name),
+        camera="front",
+        control_timestep_s=0.02,
+        action_repeat=4,
+        episode_steps=48,
+        initialize=anywhere,
+    )
+
+
+def pendulum() -> Task:
+    parameters = [
+        dynamics("box_mass", "body_mass", ("box",), nominal=1.0, unit="kg"),
+        dynamics("damping", "dof_damping", ("hinge",), nominal=0.2, unit="N·m·s/rad"),
+        *colour("arm", ("arm",), (0.7, 0.4, 1.0)),
+        *colour("hidden", ("hidden",), (0.5, 0.5, 0.5)),
+    ]
+    return make_task("pendulum", PENDULUM, parameters)
+
+
+def slider() -> Task:
+    parameters = [
+        dynamics("mass", "body_mass", ("cart",), nominal=MASS_KG, unit="kg"),
+        dynamics("gain", "actuator_gainprm", ("push",), component=0, nominal=2.0, unit="N"),
+    ]
+    return make_task("slider", SLIDER, parameters)
+
+
+class Scene:
+    """A task's simulator and what it plays."""
+
+    def __init__(self, task: Task):
+        self.task = task
+        self.simulator: Simulator = task.simulator(image_size=SIZE)
+        rng = np.random.default_rng(0)
+        self.actions = random_actions(NUM_EPISODES, task.episode_steps, self.simulator.model, rng)
+        self.landmarks = candidate_landmarks(self.simulator.model, task.camera, SIZE)
+        nominal = np.tile(task.parameters.nominal, (NUM_EPISODES, 1))
+        self.episodes: Rollouts = self.simulator.roll_out(
+            nominal, self.actions, rng, self.landmarks.record
+        )
+
+    def conclude(self) -> dict:
+        information = examine(self.simulator, self.task.camera, self.actions, 0)
+        return conclude(self.task.parameters, information)
+
+
+@pytest.fixture(scope="module")
+def swinging() -> Scene:
+    return Scene(pendulum())
+
+
+@pytest.fixture(scope="module")
+def sliding() -> Scene:
+    return Scene(slider())
+
+
+# --- what shows ---------------------------------------------------------------------------
+
+
+def test_what_shows_and_what_does_not(swinging):
+    said = swinging.conclude()["parameters"]
+    assert said["damping"]["verdict"] == "shows clearly"
+    assert 0 < said["damping"]["std_percent"] < 10
+    assert said["damping"]["note"] == ""
+    for name in ("box_mass", "hidden_r"):
+        assert said[name]["verdict"] == "does not show"
+        assert "changes neither picture nor motion" in said[name]["note"]
+        assert said[name]["motion_largest_px"] == said[name]["picture_share"] == 0
+    for name in ("arm_r", "arm_g", "arm_b"):
+        assert said[name]["verdict"] == "shows clearly"
+        assert said[name]["picture_levels"] > 10
+        assert "std" not in said[name]
+    assert said["arm_r"]["changed_to"] == pytest.approx(0.8)
+    assert said["arm_b"]["changed_to"] == pytest.approx(0.9)  # away from its bound
+    assert said["damping"]["changed_to"] == pytest.approx(0.24)
+
+
+def test_mass_and_gain_show_only_in_their_ratio(sliding):
+    said = sliding.conclude()
+    (pair,) = said["pairs"]
+    assert pair["parameters"] == ["mass", "gain"]
+    assert pair["correlation"] > 0.95
+    assert "only their combination: their ratio, mass / gain" in pair["says"]
+    for name, other in (("mass", "gain"), ("gain", "mass")):
+        assert said["parameters"][name]["verdict"] == "does not show"
+        assert other in said["parameters"][name]["note"]
+        assert said["parameters"][name]["motion_rms_px"] > 0.2
+    json.dumps(said)
+
+
+def test_a_single_one_of_the_two_shows(sliding):
+    told = told_by_motion(sliding.simulator, sliding.landmarks, sliding.episodes, np.array([0]))
+    assert np.sqrt(told[0, 0]) < 0.02
+
+
+def test_a_delay_of_nothing_is_looked_at_where_it_is_some():
+    space = ParameterSpace([slider().parameters["gain"], delay("lag", ("push",), 0.2)])
+    scene = Scene(replace(slider(), parameters=space))
+    lag = scene.conclude()["parameters"]["lag"]
+    assert lag["value"] == pytest.approx(0.02)
+    assert lag["changed_to"] == pytest.approx(0.04)
+    assert lag["verdict"] == "shows weakly"
+    assert lag["std"] < 0.04
+
+
+def test_a_real_camera_tells_colours_less_well(swinging):
+    arguments = (swinging.simulator, "front", swinging.actions, 0)
+    at_best, filmed = (examine(*arguments, looks_alike=alike) for alike in (True, False))
+    arm = swinging.task.parameters.index("arm_g")
+    assert filmed.picture_std[arm] > 3 * at_best.picture_std[arm]
+    np.testing.assert_array_equal(filmed.motion_std, at_best.motion_std)
+
+
+# --- numbers ------------------------------------------------------------------------------
+
+
+def test_motion_is_that_of_a_plain_loop(swinging):
+    space, model = swinging.task.parameters, swinging.task.load_model()
+    changed = one_by_one(space, space.nominal)[[1]]
+    rms, largest = motion_changes(
+        swinging.simulator, swinging.landmarks, swinging.episodes, changed
+    )
+    data, arm = mujoco.MjData(model), model.geom("arm").id
+    distances = []
+    for start, actions in zip(*windows(swinging.episodes), strict=True):
+        ends = []
+        for damping in (0.2, 0.24):
+            model.dof_damping[0] = damping
+            mujoco.mj_setState(model, data, start, STATE)
+            for action in actions:
+                data.ctrl[:] = action
+                mujoco.mj_step(model, data, swinging.simulator.num_substeps)
+            mujoco.mj_forward(model, data)
+            along = data.geom_xmat[arm].reshape(3, 3)[:, 2] * model.geom_size[arm, 1]
+            points = data.geom_xpos[arm] + np.array([[0], [-1], [1]]) * along
+            ends.append(FOCAL_PX / DEPTH_M * points[:, [0, 2]])
+        distances.append(np.linalg.norm(ends[1] - ends[0], axis=-1))
+    assert len(distances) == NUM_EPISODES * 48 // WINDOW_STEPS
+    np.testing.assert_allclose(rms, np.sqrt(np.mean(np.square(distances))), rtol=1e-3)
+    np.testing.assert_allclose(largest, np.max(distances), rtol=1e-3)
+
+
+def test_picture_is_that_of_a_plain_loop(swinging):
+    space, episodes = swinging.task.parameters, swinging.episodes
+    changed = one_by_one(space, space.nominal)[[space.index("arm_g")]]
+    levels, share = picture_changes(swinging.simulator, episodes, changed)
+    rows = episodes.states.reshape(-1, episodes.states.shape[-1])
+    rows = rows[np.linspace(0, len(rows) - 1, 24).astype(int)]
+    changes, num_pixels = [], 0
+    for row in rows:
+        before, after = (
+            swinging.simulator.render(row[None], p[None])[0].astype(int)
+            for p in (space.nominal, changed[0])
+        )
+        most = np.abs(after - before).max(-1).ravel()
+        changes += [change for change in most if change > 2]
+        num_pixels += len(most)
+    np.testing.assert_allclose(levels, np.mean(changes))
+    np.testing.assert_allclose(share, len(changes) / num_pixels)
+
+
+def test_what_motion_tells_is_fishers_information(sliding):
+    """x(t) = x0 + v0 t + s(t) / mass: all derivatives are known."""
+    told = told_by_motion(sliding.simulator, sliding.landmarks, sliding.episodes, np.array([0]))
+    assert 0 < sliding.episodes.recorded.min() < sliding.episodes.recorded.max() < SIZE - 1
+    times_s = np.arange(WINDOW_STEPS + 1) * sliding.simulator.step_s
+    px_per_m = FOCAL_PX / DEPTH_M / 0.5  # in units of sight's noise
+    sure = 0.98 * 0.99
+    all_of_it = 1.05 * sure + 0.003 * (1 - sure)  # with wide tails, and anywhere
+    weight = (1 + 0.05 / 16) * sure / all_of_it
+    states = sliding.episodes.states
+    spread = 3 * (states[..., 1:3] - states[0, 0, 1:3]).reshape(-1, 2).std(0) / 3
+    total = 0.0
+    for episode in states:
+        for start in range(0, 48, WINDOW_STEPS):
+            x = episode[start : start + WINDOW_STEPS + 1, 1]
+            pushed = x - x[0] - episode[start, 2] * times_s
+            by_mass = -pushed * np.log(100)  # unit coordinate: a tenth to ten times nominal
+            by_state = np.stack([np.ones_like(times_s), times_s], 1)
+            count = weight * px_per_m**2 * 3  # the cart's centre and its two ends, all alike
+            hessian = count * by_state.T @ by_state + np.diag(spread**-2.0)
+            cross = count * by_state.T @ by_mass
+            information = count * by_mass @ by_mass - cross @ np.linalg.solve(hessian, cross)
+            total += information / (1 + 0.02**2 * information)
+    np.testing.assert_allclose(told, [[1 / total]], rtol=0.03)
+
+
+# --- recordings ---------------------------------------------------------------------------
+
+
+def trajectories(step_s: float, lengths: tuple[int, ...], largest: float) -> list[Trajectory]:
+    rng = np.random.default_rng(0)
+    return [
+        Trajectory(
+            np.zeros((length + 1, 16, 16, 3), np.uint8),
+            np.stack([rng.uniform(-largest, largest, length), np.full(length, 0.5)], 1).astype("f"),
+            step_s,
+        )
+        for length in lengths
+    ]
+
+
+def test_warnings():
+    assert warnings(pendulum(), trajectories(0.08, (30, 30), 1.0)) == [
+        "actions of idle are always 0.5: they excite nothing"
+    ]
+    rate, cut, beyond, constant = warnings(pendulum(), trajectories(0.1, (30, 40), 4.0))
+    assert "10 actions/s were recorded, the task usually takes 12.5" in rate
+    assert "30 to 40 steps" in cut
+    assert "10 of 70 steps are not used" in cut
+    assert re.search(r"actions of turn go from -3\.\d+ to 3\.\d+, beyond .* -1 to 1", beyond)
+    assert "idle" in constant
+    assert "needs at least" in warnings(pendulum(), trajectories(0.08, (5,), 1.0))[0]
+
+
+# --- the command --------------------------------------------------------------------------
+
+
+@pytest.fixture
+def simtune(monkeypatch, capsys):
+    """Runs `simtune ...` in this process: exit status, stdout, stderr."""
+    monkeypatch.setitem(TASKS, "pendulum", pendulum)
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["simtune", *map(str, arguments)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as exit_:
+            status = int(exit_.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded") / "dataset"
+    write_dataset(
+        folder,
+        trajectories(0.1, (30, 36), 1.0),
+        action_names=["turn", "idle"],
+        robot_type="arm",
+        task="swing",
+    )
+    return folder
+
+
+def test_the_table(simtune):
+    status, out, err = simtune("check", "pendulum", "--episodes", 2)
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert lines[0].startswith("pendulum: 2 episodes of 48 steps of 0.08 s with random actions")
+    assert (
+        len(
+            {
+                line.index(name)
+                for line in lines
+                for name in ("  shows", "  does not")
+                if name in line
+            }
+        )
+        == 1
+    )  # aligned
+    (box,) = (line for line in lines if line.startswith("box_mass"))
+    assert box.endswith("changes neither picture nor motion: it cannot be found from video")
+    assert "visible" in next(line for line in lines if line.startswith("arm_r"))
+
+
+def test_recordings_in_json(simtune, recorded):
+    status, out, err = simtune("check", "pendulum", "--real", recorded, "--json")
+    assert (status, err) == (0, "")
+    result = json.loads(out)
+    assert (result["episodes"], result["steps"], result["step_s"]) == (2, 30, pytest.approx(0.1))
+    assert result["recordings"]["episodes"] == 2
+    assert len(result["recordings"]["dataset_hash"]) == 64
+    assert len(result["warnings"]) == 3
+    assert result["parameters"]["damping"]["verdict"].startswith("shows")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["check"], "TASK"),
+        (["check", "pendulun"], "no task 'pendulun'"),
+        (["check", "pendulum", "--episodes", 0], "--episodes must be at least 1, got 0"),
+        (["check", "pendulum", "--seed", -1], "must not be negative"),
+        (["check", "pendulum", "--camera", "front"], "--camera goes with recordings only"),
+        (["check", "pendulum", "--real", "NOWHERE"], "no such folder"),
+        (["check", "cartpole", "--real", "RECORDED"], "takes 1 actions, the recording has 2"),
+        (["check", "pendulum", "--real", "RECORDED", "--camera", "front"], "no camera 'front'"),
+        (["check", "pendulum", "--real", "RECORDED", "--episodes", 9], "it holds 2"),
+    ],
+)
+def test_what_cannot_be_used(simtune, tmp_path, recorded, arguments, message):
+    places = {"NOWHERE": tmp_path / "nowhere", "RECORDED": recorded}
+    status, out, err = simtune(*(places.get(a, a) for a in arguments))
+    assert (status, out) == (2, "")
+    assert err.startswith("simtune: ")
+    assert err.count("\n") == 1
+    assert message in err
