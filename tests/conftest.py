@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from simtune.fit import ShootingConfig
 from simtune.search_param_model.judge import JudgeConfig
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.sight import SightConfig
@@ -33,10 +34,15 @@ def tiny() -> PosteriorSearchConfig:
         num_worlds=16,
         episodes_per_world=2,
         filmed_steps=4,
+        unseen_worlds=6,
+        unseen_steps=8,
         iterations=2,
         sight_updates=(6, 4),
         judge_updates=5,
+        state_updates=4,
         least_updates=2,
+        replicas=(1, 1),
+        shooting=ShootingConfig(windows=(4, 8), iterations=(1, 1), num_windows=6),
     )
 
 

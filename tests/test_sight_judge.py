@@ -9,6 +9,7 @@ import torch
 from torch.nn import functional as F
 
 from simtune.parameters import Parameter, ParameterSpace
+from simtune.progress import Progress
 from simtune.randomization import Distribution
 from simtune.search_param_model import posterior
 from simtune.search_param_model.judge import (
@@ -21,10 +22,9 @@ from simtune.search_param_model.judge import (
 from simtune.search_param_model.posterior import (
     PosteriorConfig,
     PosteriorSearchParamModel,
-    Progress,
 )
 from simtune.search_param_model.sight import Sight, SightConfig, look, splat, to_input
-from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.simulated import Camera, SimulatedWorlds
 from simtune.trajectory import Trajectory
 
 SMALL_SIGHT = SightConfig(channels=4, free_maps=2, hidden=16, batch_size=16)
@@ -148,6 +148,7 @@ def test_sight_learns_to_find_a_dot_and_a_grey():
             np.repeat(place[:, None, None].astype(np.float32), 2, 2),
             frames[:, None],
             np.zeros(300, int),
+            np.zeros((300, 1, 1)),
         )
 
     loss = model.train_sight(worlds(0), distribution, Progress(250, math.inf))
@@ -413,6 +414,7 @@ def a_model_and_worlds(num_worlds=12, episodes=2, steps=30, filmed=5):
         rng.uniform(0, SIZE, (num_worlds, episodes, steps + 1, 2, 2)).astype(np.float32),
         rng.integers(256, size=(num_worlds, filmed, SIZE, SIZE, 3)).astype(np.uint8),
         rng.integers(0, steps + 2 - filmed, num_worlds),
+        np.zeros((num_worlds, filmed, 1)),
     )
     return model, worlds, distribution
 
@@ -509,3 +511,27 @@ def test_gradients_reach_every_weight_of_sight():
     for name, weight in sight.named_parameters():
         assert weight.grad is not None, name
         assert F.l1_loss(weight.grad, torch.zeros_like(weight)) > 0, name
+
+
+def test_a_landmark_that_may_be_in_two_places_is_given_both():
+    sight = Sight(1, 0, SIZE, SMALL_SIGHT)
+    heat = torch.full((1, 1, sight.cells**2), -20.0)
+    left, right = 2 * sight.cells + 2, 9 * sight.cells + 10  # cells far from each other
+    heat[0, 0, left], heat[0, 0, right] = math.log(0.7), math.log(0.3)
+    places, probability = sight.places(heat)
+    torch.testing.assert_close(places[0, 0, 0], sight.grid[left], atol=0.01, rtol=0)
+    torch.testing.assert_close(places[0, 1, 0], sight.grid[right], atol=0.01, rtol=0)
+    torch.testing.assert_close(probability[0, :, 0], torch.tensor([0.7, 0.3]), atol=1e-3, rtol=0)
+
+
+def test_cameras_differ_from_world_to_world_and_not_within_one():
+    rng = np.random.default_rng(0)
+    drawn = np.full((6, 3, 8, 8, 3), 128, np.uint8)
+    filmed = Camera(noise=0.0).film(drawn, rng).astype(float)
+    assert filmed.shape == drawn.shape
+    levels = filmed.mean((2, 3))  # (W, F, 3)
+    assert (np.ptp(levels, axis=1) == 0).all()
+    assert levels[:, 0, 0].std() > 2
+    assert abs(levels.mean() - 128) < 20
+    noisy = Camera(gain=0, tint=0, offset=0, noise=0.05).film(drawn, rng).astype(float)
+    assert 0.5 < noisy.std((1, 2, 3, 4)).mean() < 0.05 * 255

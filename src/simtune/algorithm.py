@@ -53,7 +53,15 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
     )
     asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
     asked["parameters"] = outcome.declared(task.parameters, start)
-    search = make_search(config.search, simulator, task.camera, start, config.seed, say)
+    search = make_search(
+        config.search,
+        simulator,
+        task.camera,
+        start,
+        config.seed,
+        say,
+        real.looks_like_simulator,
+    )
     search.check(trajectories)
     with RunFolder.create(config.out, asked) as run:
         estimate, wall_s = _search(config, run, search, simulator, trajectories)

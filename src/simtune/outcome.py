@@ -35,6 +35,7 @@ def result(
         entry["low"], entry["high"] = float(estimate.low[i]), float(estimate.high[i])
         entry["verdict"] = estimate.verdict[i]
     content: dict[str, Any] = {**facts, "parameters": parameters}
+    content["correlations"], content["warnings"] = estimate.correlations, estimate.warnings
     if Path(sys.argv[0]).name == "simtune":  # called from Python there is no command
         content["command"] = shlex.join(["simtune", *sys.argv[1:]])
     if truth is not None:
@@ -66,11 +67,13 @@ def to_json(estimate: Estimate) -> dict[str, Any]:
     """An estimate as a checkpoint holds it."""
     arrays = {key: getattr(estimate, key).tolist() for key in ("mean", "low", "high")}
     pairs = {name: (c.tolist(), p.tolist()) for name, (c, p) in estimate.curves.items()}
-    return {**arrays, "verdict": list(estimate.verdict), "curves": pairs}
+    kept = {key: getattr(estimate, key) for key in ("verdict", "correlations", "warnings")}
+    return {**arrays, **kept, "curves": pairs}
 
 
 def from_json(saved: Mapping[str, Any]) -> Estimate:
     """The inverse of `to_json`."""
     arrays = {key: np.array(saved[key]) for key in ("mean", "low", "high")}
     pairs = {name: (np.array(c), np.array(p)) for name, (c, p) in saved["curves"].items()}
-    return Estimate(**arrays, verdict=saved["verdict"], curves=pairs)
+    kept = {key: saved[key] for key in ("verdict", "correlations", "warnings")}
+    return Estimate(**arrays, **kept, curves=pairs)

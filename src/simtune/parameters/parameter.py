@@ -92,6 +92,11 @@ class Parameter:
         return self.field.startswith(_VISIBLE)
 
     @property
+    def is_appearance(self) -> bool:
+        """Whether the value shows in a picture's pixels, but moves nothing in it."""
+        return self.is_colour or self.field.startswith(("mat_", "light_"))
+
+    @property
     def is_factor(self) -> bool:
         """Whether the value multiplies the objects' nominal values instead of replacing them."""
         is_absolute = self.is_colour or self.is_delay or self.is_turn

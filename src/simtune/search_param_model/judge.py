@@ -37,8 +37,8 @@ class Judge(nn.Module):
         c, self.components = config.channels, config.components
         self.num_parameters = num_parameters
         self.visible = visible  # indices of the parameters that sight estimates
-        self.first = nn.Conv1d(num_seen, c, 5)
-        self.later = nn.ModuleList([nn.Conv1d(c, c, 5, dilation=2) for _ in range(2)])
+        self.first = nn.Conv1d(num_seen, c, 5, stride=2)  # half the work, and nothing lost
+        self.later = nn.ModuleList([nn.Conv1d(c, c, 5) for _ in range(2)])
         self.head = nn.Sequential(
             nn.Linear(2 * c + 2 + len(visible), config.hidden),
             nn.ELU(),
@@ -54,7 +54,7 @@ class Judge(nn.Module):
         worlds, episodes, steps, _ = seen.shape
         x = F.elu(self.first(seen.reshape(worlds * episodes, steps, -1).transpose(1, 2)))
         for conv in self.later:
-            x = F.elu(conv(x)) + x[..., 4:-4]
+            x = F.elu(conv(x)) + x[..., 2:-2]
         pooled = torch.cat([x.mean(-1), (x.square().mean(-1) + 1e-6).sqrt()], -1)
         pooled = pooled.view(worlds, episodes, -1).mean(1)
         # Means do not tell over how much they were taken, which is what the curves' width is of.

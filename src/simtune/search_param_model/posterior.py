@@ -8,14 +8,13 @@ drawn: enough to teach sight, and to measure its errors on worlds it was not tau
 judge learns from the true landmarks of all steps, spoilt by such measured errors.
 """
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 
 from simtune.networks import seeded
+from simtune.progress import Progress
 from simtune.randomization import Distribution
 from simtune.search_param_model.judge import Curves, Judge, JudgeConfig, judge_loss
 from simtune.search_param_model.sight import Sight, SightConfig, look, to_input
@@ -27,40 +26,6 @@ from simtune.trajectory import Trajectory
 class PosteriorConfig:
     sight: SightConfig = field(default_factory=SightConfig)
     judge: JudgeConfig = field(default_factory=JudgeConfig)
-
-
-class Progress:
-    """How far a training is, by updates or by time, whichever is further.
-
-    Time does not count before `least_updates`: a network that has learned next to nothing would
-    be sure of nonsense.
-    """
-
-    def __init__(
-        self,
-        num_updates: int,
-        seconds: float,
-        tell: Callable[[float], None] = lambda _: None,
-        least_updates: int = 1,
-    ):
-        self._num_updates, self._seconds, self._tell = num_updates, max(seconds, 1e-3), tell
-        self._least_updates = min(least_updates, num_updates)
-        self._start, self.updates = time.monotonic(), 0
-
-    def step(self) -> None:
-        """An update was made."""
-        self.updates += 1
-        if self.updates % 20 == 0:
-            self._tell(min(1.0, self.fraction()))
-
-    def fraction(self) -> float:
-        elapsed = (time.monotonic() - self._start) / self._seconds
-        in_time = min(elapsed, self.updates / self._least_updates)
-        return max(self.updates / self._num_updates, in_time)
-
-    def learning_rate(self, peak: float, warm_up: int = 50) -> float:
-        """A short warm-up, then a straight line to zero."""
-        return peak * min(1.0, (self.updates + 1) / warm_up) * max(0.01, 1 - self.fraction())
 
 
 class PosteriorSearchParamModel:
@@ -120,9 +85,9 @@ class PosteriorSearchParamModel:
     ) -> tuple[np.ndarray, np.ndarray]:
         """What sight gets wrong: (W, F, L, 2) pixels and (W, V) in coordinates of the range."""
         num_worlds, num_filmed = worlds.frames.shape[:2]
-        found, estimated = look(self.sight, worlds.frames.reshape(-1, *worlds.frames.shape[2:]))
-        found = found.reshape(num_worlds, num_filmed, -1, 2)
-        estimated = estimated.reshape(num_worlds, num_filmed, -1).mean(1)
+        seen = look(self.sight, worlds.frames.reshape(-1, *worlds.frames.shape[2:]))
+        found = seen.landmarks.reshape(num_worlds, num_filmed, -1, 2)
+        estimated = seen.visible.reshape(num_worlds, num_filmed, -1).mean(1)
         truth = self._to_range(worlds.parameters, distribution)[:, self.visible]
         return found - worlds.filmed_landmarks(), self._from_sight(estimated, distribution) - truth
 
@@ -160,9 +125,9 @@ class PosteriorSearchParamModel:
         steps = min(len(t) for t in trajectories)
         landmarks, visible = [], []
         for trajectory in trajectories:
-            found, estimated = look(self.sight, trajectory.frames)
-            landmarks.append(found[: steps + 1])
-            visible.append(estimated.mean(0))
+            found = look(self.sight, trajectory.frames)
+            landmarks.append(found.landmarks[: steps + 1])
+            visible.append(found.visible.mean(0))
         seen = torch.from_numpy(np.stack(landmarks))[None]
         actions = torch.from_numpy(np.stack([t.actions[:steps] for t in trajectories]))[None]
         pooled = self._from_sight(np.mean(visible, 0), distribution)

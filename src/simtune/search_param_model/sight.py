@@ -6,6 +6,7 @@ no sequences, and is most of the work of learning to judge from pixels.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -87,10 +88,23 @@ class Sight(nn.Module):
 
     def _peaks(self, heatmaps: torch.Tensor) -> torch.Tensor:
         """(B, L, 2) mean position around each heatmap's peak: finer than a cell."""
+        return heatmaps.masked_fill(~self._near_peak(heatmaps), -torch.inf).softmax(-1) @ self.grid
+
+    def places(self, heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, 2, L, 2) the two most probable places of each landmark, and (B, 2, L) how probable.
+
+        Two, since what looks alike (left and right) gets mixed up: one of the two is right then.
+        """
+        first, share = self._near_peak(heatmaps), heatmaps.softmax(-1)
+        others = heatmaps.masked_fill(first, -torch.inf)
+        second = self._near_peak(others) & ~first
+        probability = torch.stack([(share * near).sum(-1) for near in (first, second)], 1)
+        return torch.stack([self._peaks(heatmaps), self._peaks(others)], 1), probability
+
+    def _near_peak(self, heatmaps: torch.Tensor) -> torch.Tensor:
         peak = self.grid[heatmaps.argmax(-1)]  # (B, L, 2)
         distance = (self.grid - peak[:, :, None]).abs().amax(-1)
-        near = distance <= _NEAR_CELLS * _STRIDE + 0.1
-        return heatmaps.masked_fill(~near, -torch.inf).softmax(-1) @ self.grid
+        return distance <= _NEAR_CELLS * _STRIDE + 0.1
 
     def loss(
         self,
@@ -138,11 +152,19 @@ def to_input(frames: np.ndarray | torch.Tensor) -> torch.Tensor:
 
 
 @torch.no_grad()
-def look(sight: Sight, frames: np.ndarray, batch_size: int = 256) -> tuple[np.ndarray, np.ndarray]:
-    """What sight makes of (n, H, W, 3) frames: landmarks (n, L, 2) px and visible (n, V)."""
-    landmarks, visible = [], []
+def look(sight: Sight, frames: np.ndarray, batch_size: int = 256) -> "Seen":
+    """What sight makes of (n, H, W, 3) frames."""
+    parts = []
     for start in range(0, len(frames), batch_size):
-        _, found, estimated = sight(to_input(frames[start : start + batch_size]))
-        landmarks.append(found.numpy())
-        visible.append(estimated.numpy())
-    return np.concatenate(landmarks), np.concatenate(visible)
+        heatmaps, found, estimated = sight(to_input(frames[start : start + batch_size]))
+        parts.append((found, *sight.places(heatmaps), estimated))
+    return Seen(*(torch.cat(part).numpy() for part in zip(*parts, strict=True)))
+
+
+class Seen(NamedTuple):
+    """What sight makes of n pictures."""
+
+    landmarks: np.ndarray  # (n, L, 2) pixels
+    places: np.ndarray  # (n, 2, L, 2) pixels: the same, and the next best place of each
+    probability: np.ndarray  # (n, 2, L) that the landmark is at that place; the rest is elsewhere
+    visible: np.ndarray  # (n, V) visible parameters, in coordinates of the whole space

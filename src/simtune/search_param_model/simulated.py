@@ -25,19 +25,46 @@ class SimulatedWorlds:
     landmarks: np.ndarray  # (W, E, T + 1, L, 2) pixels, true
     frames: np.ndarray  # (W, F, H, H, 3) uint8: F successive frames of each world's...
     filmed_from: np.ndarray  # (W,) ...first episode, from this step on
+    states: np.ndarray  # (W, F, S) behind `frames`
 
     def filmed_landmarks(self) -> np.ndarray:
         """(W, F, L, 2) the true landmarks in `frames`."""
         at = self.filmed_from[:, None] + np.arange(self.frames.shape[1])
         return self.landmarks[np.arange(len(at))[:, None], 0, at]
 
-    def split(self, num: int) -> tuple["SimulatedWorlds", "SimulatedWorlds"]:
-        """The first `num` worlds, and the others."""
-        fields = vars(self)
-        return (
-            SimulatedWorlds(**{k: v[:num] for k, v in fields.items()}),
-            SimulatedWorlds(**{k: v[num:] for k, v in fields.items()}),
-        )
+
+@dataclass(frozen=True)
+class Camera:
+    """What a real camera does to a picture and the simulator does not; other in each world.
+
+    Not tuned, only randomised: sight learns to look past it, and its errors, which the judge is
+    taught with, grow by what it cannot look past.
+    """
+
+    gain: float = 0.06  # standard deviation of the logarithm of brightness
+    tint: float = 0.02  # the same, for each channel by itself
+    offset: float = 0.02  # of the full scale
+    noise: float = 0.025  # at most, of the full scale
+
+    def film(self, frames: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """(W, F, H, W, 3) uint8 as drawn to the same as W cameras record them."""
+        filmed = np.empty_like(frames)
+        for world, drawn in enumerate(frames):
+            gain = np.exp(rng.normal(0, self.gain) + rng.normal(0, self.tint, 3))
+            offset = 255 * rng.normal(0, self.offset)
+            noise = 255 * rng.uniform(0, self.noise)
+            seen = _blurred(drawn.astype(np.float32), rng.uniform(0, 1)) * gain.astype(np.float32)
+            seen += offset + noise * rng.standard_normal(seen.shape, np.float32)
+            filmed[world] = np.rint(seen).clip(0, 255)
+        return filmed
+
+
+def _blurred(pictures: np.ndarray, share: float) -> np.ndarray:
+    """(F, H, W, 3) pictures mixed with themselves, smoothed over a pixel to each side."""
+    smooth = pictures
+    for axis in (1, 2):
+        smooth = (np.roll(smooth, 1, axis) + 2 * smooth + np.roll(smooth, -1, axis)) / 4
+    return (1 - share) * pictures + share * smooth
 
 
 def simulate(
@@ -47,20 +74,27 @@ def simulate(
     actions: np.ndarray,
     num_filmed: int,
     rng: np.random.Generator,
+    camera: Camera | None = None,
 ) -> SimulatedWorlds:
     """Play (W, E, T, A) actions in W worlds of (W, N) parameters, and film a stretch of each.
 
+    With a `camera` the actions come a step late in half of the worlds, as a real robot's may.
     Worlds of which an episode diverged are left out. Raises RuntimeError if hardly any is left.
     """
     num_episodes, steps = actions.shape[1:3]
+    played = actions.astype(float)
+    if camera:
+        late = rng.random(len(actions)) < 0.5
+        played[late] = np.roll(played[late], 1, axis=2)
+        played[late, :, 0] = 0
     rollouts = simulator.roll_out(
         np.repeat(parameters, num_episodes, axis=0),
-        actions.reshape(-1, *actions.shape[2:]).astype(float),
+        played.reshape(-1, *actions.shape[2:]),
         rng,
         landmarks.record,
     )
     assert rollouts.recorded is not None, "asked for above"
-    whole = whole_sets(rollouts.parameters, num_episodes)
+    whole = whole_sets(rollouts.index, num_episodes)
     if len(whole) < 4:  # some to learn from, some to measure errors on
         raise RuntimeError("nearly every world diverged; check the timestep and the bounds")
     num_worlds, num_filmed = len(whole), min(num_filmed, steps + 1)
@@ -70,20 +104,21 @@ def simulate(
     frames = simulator.render(
         states.reshape(num_worlds * num_filmed, -1), np.repeat(kept, num_filmed, axis=0)
     )
+    frames = frames.reshape(num_worlds, num_filmed, *frames.shape[1:])
     return SimulatedWorlds(
         kept,
-        rollouts.actions[whole],
+        actions[rollouts.index[whole[:, 0]] // num_episodes],
         rollouts.recorded[whole].reshape(num_worlds, num_episodes, steps + 1, -1, 2),
-        frames.reshape(num_worlds, num_filmed, *frames.shape[1:]),
+        camera.film(frames, rng) if camera else frames,
         start,
+        states,
     )
 
 
-def whole_sets(parameters: np.ndarray, episodes: int) -> np.ndarray:
-    """(W, E) indices of the worlds, by their parameters, all of whose E episodes are there."""
-    changes = np.flatnonzero(np.any(np.diff(parameters, axis=0) != 0, axis=1)) + 1
-    sets = np.split(np.arange(len(parameters)), changes)
-    return np.array([s for s in sets if len(s) == episodes], int).reshape(-1, episodes)
+def whole_sets(index: np.ndarray, episodes: int) -> np.ndarray:
+    """(W, E) positions in `index` (n,) of the sets of E successive episodes that are all there."""
+    _, start, count = np.unique(index // episodes, return_index=True, return_counts=True)
+    return start[count == episodes, None] + np.arange(episodes)
 
 
 def find_landmarks(

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -25,6 +25,7 @@ class Rollouts:
     states: np.ndarray  # (n, T + 1, S) rows that a renderer draws
     actions: np.ndarray  # (n, T, A)
     recorded: np.ndarray | None = None  # (n, T + 1, D) of `record`, where asked for
+    index: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # (n,) of those asked for
 
     def __len__(self) -> int:
         return len(self.states)
@@ -111,7 +112,8 @@ class Simulator:
         if keep_diverged:
             alive = np.ones(n, bool)
         kept = np.stack(recorded, axis=1)[alive] if record else None
-        return Rollouts(parameters[alive], states[alive], actions[alive], kept)
+        index = np.flatnonzero(alive)
+        return Rollouts(parameters[alive], states[alive], actions[alive], kept, index)
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""

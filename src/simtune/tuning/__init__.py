@@ -24,8 +24,14 @@ def make_search(
     start: np.ndarray,
     seed: int,
     say: Say,
+    looks_alike: bool,
 ) -> Search:
-    """A search that begins at the (N,) parameters `start`, and says what it does."""
+    """A search that begins at the (N,) parameters `start`, and says what it does.
+
+    `looks_alike`: the real world is drawn as `simulator` draws, and moves as promptly.
+    """
     if search == "posterior":
-        return PosteriorSearch(simulator, camera, start, seed=seed, say=say)
+        return PosteriorSearch(
+            simulator, camera, start, seed=seed, say=say, looks_alike=looks_alike
+        )
     return PaperSearch(simulator, start, seed=seed, method=search, replay_actions=True, say=say)

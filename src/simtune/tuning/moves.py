@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from simtune.randomization import Distribution
 from simtune.tuning.search import Estimate, Event, Verdict
@@ -18,11 +19,29 @@ class MoveConfig:
     smallest_share: float = 0.06  # of the first range: no range gets narrower than this
     identified_share: float = 0.15  # 90 % interval within the first range: verdict "identified"
     weak_share: float = 0.6  # ... and up to here "weak"
+    judge_weight: float = 0.04  # beside a fit, lest all be lost where it went astray
 
 
 def candidate_grid() -> np.ndarray:
     """(C,) candidates to read the curves at, in coordinates of the range."""
     return _GRID
+
+
+def guess(prob_higher: np.ndarray, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) medians of curves, and (N,) standard deviations of them in unit coordinates."""
+    space = distribution.space
+    middle = distribution.from_local((quantile(prob_higher, 0.5) + 1) / 2)
+    width = space.to_unit(distribution.high) - space.to_unit(distribution.low)
+    spread = quantile(prob_higher, 0.84) - quantile(prob_higher, 0.16)
+    return space.clip(middle), spread / 4 * width
+
+
+def with_fit(
+    prob_higher: np.ndarray, mean: np.ndarray, std: np.ndarray, config: MoveConfig
+) -> np.ndarray:
+    """(N, C) curves of a judge mixed with the normal ones of a fit, (N,) in coordinates."""
+    fitted = ndtr((mean[:, None] - _GRID) / np.maximum(std[:, None], 1e-4))
+    return config.judge_weight * prob_higher + (1 - config.judge_weight) * fitted
 
 
 def quantile(prob_higher: np.ndarray, share: float) -> np.ndarray:

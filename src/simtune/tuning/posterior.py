@@ -8,23 +8,33 @@ import numpy as np
 import torch
 
 from simtune.errors import InputError
-from simtune.progress import Say, silent
+from simtune.fit import (
+    Fit,
+    ReplayFit,
+    Replicas,
+    ShootingConfig,
+    correlations,
+    doubts,
+    in_range,
+    widened,
+)
+from simtune.progress import Progress, Say, silent
 from simtune.randomization import Distribution
 from simtune.search_param_model.judge import SHORTEST_STEPS
 from simtune.search_param_model.posterior import (
     PosteriorConfig,
     PosteriorSearchParamModel,
-    Progress,
 )
 from simtune.search_param_model.simulated import (
     PILOT_STEPS,
+    Camera,
     SimulatedWorlds,
     find_landmarks,
     simulate,
 )
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.moves import MoveConfig, candidate_grid, move, read_curves
+from simtune.tuning.moves import MoveConfig, candidate_grid, guess, move, read_curves, with_fit
 from simtune.tuning.search import Estimate, Event
 
 _FEWEST_WORLDS = 64  # to learn anything from
@@ -34,17 +44,24 @@ _FEWEST_WORLDS = 64  # to learn anything from
 class PosteriorSearchConfig:
     model: PosteriorConfig = field(default_factory=PosteriorConfig)
     move: MoveConfig = field(default_factory=MoveConfig)
+    shooting: ShootingConfig = field(default_factory=ShootingConfig)
     num_worlds: int = 256  # simulated in an iteration
     episodes_per_world: int = 4  # at most, of the real ones, whose actions they replay
     filmed_steps: int = 32  # successive frames drawn of each world
-    held_out: float = 0.25  # share of the worlds on which sight's errors are measured
-    iterations: int = 3
-    sight_updates: tuple[int, ...] = (2500, 1200)  # first iteration, later ones
-    judge_updates: int = 1200
+    unseen_worlds: int = 128  # of an iteration, that sight is not taught on but tested on
+    unseen_steps: int = 64  # of each, filmed
+    iterations: int = 2
+    sight_updates: tuple[int, ...] = (2500, 1500)  # first iteration, later ones
+    judge_updates: int = 800
+    state_updates: int = 600
     least_updates: int = 200  # of each, however late it is
-    time_shares: tuple[float, ...] = (0.45, 0.3, 0.25)  # of the time, for each iteration
-    collect_share: float = 0.4  # of an iteration's time, at most, goes into simulating
-    sight_share: float = 0.6  # of an iteration's training time
+    time_shares: tuple[float, ...] = (0.4, 0.6)  # of the time, for each iteration
+    collect_share: float = 0.25  # of an iteration's time, at most, goes into simulating
+    sight_share: float = 0.5  # of an iteration's time
+    judge_share: float = 0.12
+    state_share: float = 0.1
+    fit_share: float = 0.08  # of one fit, at most; fewer windows where physics is slow
+    replicas: tuple[int, int] = (2, 8)  # worlds fitted as the real one is: at least, at most
 
 
 class PosteriorSearch:
@@ -59,14 +76,18 @@ class PosteriorSearch:
         *,
         seed: int,
         say: Say = silent,
+        looks_alike: bool = True,
     ):
+        """`looks_alike`: the real world is drawn as the simulator draws, and moves as promptly."""
         self.config = config = config or PosteriorSearchConfig()
         self.simulator, self._say = simulator, say
         self.first = Distribution.first(simulator.space, start)
         self.distribution = self.first
         self.iteration = 0
         self._rng = np.random.default_rng(seed)
+        self._camera = None if looks_alike else Camera()
         began_s = time.monotonic()
+        self._seed = seed
         self._landmarks = find_landmarks(simulator, camera, self.first, seed)
         self._seconds_per_step = max(1e-9, (time.monotonic() - began_s) / PILOT_STEPS)
         self.model = PosteriorSearchParamModel(
@@ -94,20 +115,19 @@ class PosteriorSearch:
     def iterate(
         self, real: list[Trajectory], deadline_s: float
     ) -> tuple[Estimate, list[Event], dict[str, float]]:
-        """Simulate in Ξ with the real actions, train sight and judge, look, move Ξ."""
+        """Simulate in Ξ with the real actions, train sight and judge, look, fit, move Ξ."""
         end_s = self._end_of_iteration(deadline_s)
+        config, seconds = self.config, max(1.0, end_s - time.monotonic())
         self._now("simulating and filming", 0.0)
-        worlds = self._collect(real, self._affordable_worlds(real, end_s))
-        losses = self._train(worlds, end_s)
-        curves = self.model.curves(real, self.distribution)
-        grid = torch.tensor(candidate_grid(), dtype=torch.float32).expand(
-            1, len(self.first.mean), -1
-        )
-        prob_higher = curves.prob_higher(grid)[0].numpy()
-        estimate = read_curves(prob_higher, self.distribution, self.first, self.config.move)
-        self.distribution, events = move(
-            prob_higher, self.distribution, self.first, self.config.move
-        )
+        num_worlds = self._affordable(real, config.num_worlds, seconds * config.collect_share)
+        worlds = self._collect(real, num_worlds, config.episodes_per_world, config.filmed_steps)
+        losses = self._learn_to_see(worlds, seconds * config.sight_share)
+        unseen = self._collect(real, config.unseen_worlds, 1, config.unseen_steps)
+        losses |= self._learn_to_judge(worlds, unseen, seconds * config.judge_share)
+        prob_higher = self._judge(real)
+        fitted = self._fit(real, unseen, prob_higher, seconds, end_s)
+        estimate, prob_higher = self._conclude(prob_higher, fitted)
+        self.distribution, events = move(prob_higher, self.distribution, self.first, config.move)
         self.iteration += 1
         return estimate, events, losses
 
@@ -122,56 +142,124 @@ class PosteriorSearch:
         now = time.monotonic()
         return now + max(0.0, deadline_s - now) * shares[0] / sum(shares)
 
-    def _affordable_worlds(self, real: list[Trajectory], end_s: float) -> int:
-        """As many as the config says, or fewer where they would take most of the iteration."""
-        seconds = self.config.collect_share * (end_s - time.monotonic())
+    def _affordable(self, real: list[Trajectory], num_worlds: int, seconds: float) -> int:
+        """So many worlds, or fewer where they would take longer than `seconds`."""
         steps = min(len(t) for t in real) * min(self.config.episodes_per_world, len(real))
         affordable = seconds / (self._seconds_per_step * steps)
-        return int(
-            np.clip(affordable, min(_FEWEST_WORLDS, self.config.num_worlds), self.config.num_worlds)
-        )
+        return int(np.clip(affordable, min(_FEWEST_WORLDS, num_worlds), num_worlds))
 
-    def _collect(self, real: list[Trajectory], num_worlds: int) -> SimulatedWorlds:
+    def _collect(
+        self, real: list[Trajectory], num_worlds: int, episodes: int, filmed: int
+    ) -> SimulatedWorlds:
         """Worlds drawn from Ξ replay the real actions; a stretch of each is filmed."""
         began_s = time.monotonic()
-        config, rng = self.config, self._rng
-        steps = min(len(t) for t in real)
+        rng, steps = self._rng, min(len(t) for t in real)
         played = np.stack([t.actions[:steps] for t in real])
-        episodes = min(config.episodes_per_world, len(real))
+        episodes = min(episodes, len(real))
         which = np.stack([rng.permutation(len(real))[:episodes] for _ in range(num_worlds)])
         parameters = self.distribution.sample(num_worlds, rng)
         # Supersampled pictures cost more: fewer of them.
-        filmed = max(1, config.filmed_steps // self.simulator.supersampling)
-        worlds = simulate(self.simulator, self._landmarks, parameters, played[which], filmed, rng)
+        filmed = max(2, filmed // self.simulator.supersampling)
+        worlds = simulate(
+            self.simulator,
+            self._landmarks,
+            parameters,
+            played[which],
+            filmed,
+            rng,
+            self._camera,
+        )
         self._seconds_per_step = (time.monotonic() - began_s) / (num_worlds * episodes * steps)
         return worlds
 
-    def _train(self, worlds: SimulatedWorlds, end_s: float) -> dict[str, float]:
-        config, model = self.config, self.model
-        seconds = max(1.0, end_s - time.monotonic())
-        num_taught = round(len(worlds.parameters) * (1 - config.held_out))
-        updates = config.sight_updates[min(self.iteration, len(config.sight_updates) - 1)]
-        taught, others = worlds.split(num_taught)
-        progress = Progress(
-            updates,
-            seconds * config.sight_share,
-            lambda f: self._now("learning to see", 0.2 + 0.5 * f),
-            config.least_updates,
-        )
-        sight_loss = model.train_sight(taught, self.distribution, progress)
-        errors = model.sight_errors(others, self.distribution)
-        progress = Progress(
-            config.judge_updates,
-            max(1.0, end_s - time.monotonic()),
-            lambda f: self._now("learning to judge", 0.7 + 0.3 * f),
-            config.least_updates,
-        )
-        judge_loss = model.train_judge(worlds, self.distribution, errors, progress)
-        return {
-            "loss/sight": sight_loss,
-            "loss/judge": judge_loss,
-            "sight/error_px": float(np.median(np.abs(errors[0]))) if errors[0].size else 0.0,
-        }
+    def _progress(self, updates: int, seconds: float, doing: str, start: float, end: float):
+        def tell(fraction: float) -> None:
+            self._now(doing, start + (end - start) * fraction)
+
+        return Progress(updates, seconds, tell, self.config.least_updates)
+
+    def _learn_to_see(self, worlds: SimulatedWorlds, seconds: float) -> dict[str, float]:
+        counts = self.config.sight_updates
+        updates = counts[min(self.iteration, len(counts) - 1)]
+        progress = self._progress(updates, seconds, "learning to see", 0.1, 0.6)
+        return {"loss/sight": self.model.train_sight(worlds, self.distribution, progress)}
+
+    def _learn_to_judge(
+        self, worlds: SimulatedWorlds, unseen: SimulatedWorlds, seconds: float
+    ) -> dict[str, float]:
+        errors = self.model.sight_errors(unseen, self.distribution)
+        updates = self.config.judge_updates
+        progress = self._progress(updates, seconds, "learning to judge", 0.6, 0.7)
+        loss = self.model.train_judge(worlds, self.distribution, errors, progress)
+        error_px = float(np.median(np.abs(errors[0]))) if errors[0].size else 0.0
+        return {"loss/judge": loss, "sight/error_px": error_px}
+
+    def _judge(self, real: list[Trajectory]) -> np.ndarray:
+        """(N, C) the judge's survival curves on the grid."""
+        curves = self.model.curves(real, self.distribution)
+        grid = torch.tensor(candidate_grid(), dtype=torch.float32)
+        return curves.prob_higher(grid.expand(1, len(self.first.mean), -1))[0].numpy()
+
+    def _fit(
+        self,
+        real: list[Trajectory],
+        unseen: SimulatedWorlds,
+        prob_higher: np.ndarray,
+        seconds: float,
+        end_s: float,
+    ) -> tuple[Fit, Replicas] | None:
+        """Fit physics and pictures from where the judge believes the truth to be."""
+        if not len(self._landmarks):
+            return None  # nothing that moves can be followed
+        shooting = self._affordable_shooting(seconds * self.config.fit_share)
+        fit = ReplayFit(self.simulator, self._landmarks, self.model.sight, self._seed, shooting)
+        updates, share = self.config.state_updates, self.config.state_share
+        fit.learn(unseen, self._progress(updates, seconds * share, "learning to follow", 0.7, 0.8))
+        self._now("fitting", 0.8)
+        began_s = time.monotonic()
+        steps = min(len(t) for t in real)
+        frames = np.stack([t.frames[: steps + 1] for t in real])
+        actions = np.stack([t.actions[:steps] for t in real]).astype(float)
+        start, guess_std = guess(prob_higher, self.distribution)
+        lag = None if self._camera and not any(p.is_delay for p in self.simulator.space) else 0
+        found = fit.fit(frames, actions, start, lag)
+        num = 0  # nobody looks at the errors of what is fitted once more
+        if self.iteration == self.config.iterations - 1:
+            self._now("fitting known worlds for comparison", 0.85)
+            affordable = int((end_s - time.monotonic()) / (time.monotonic() - began_s))
+            num = int(np.clip(affordable, *self.config.replicas))
+        replicas = fit.replicas(found, actions, num, guess_std, self._camera, self._rng)
+        return widened(found, replicas), replicas
+
+    def _affordable_shooting(self, seconds: float) -> ShootingConfig:
+        """With as many windows as can be played in so many seconds."""
+        whole, simulator = self.config.shooting, self.simulator
+        worlds, steps = 64, whole.windows[-1]
+        parameters = np.repeat(self.distribution.mean[None], worlds, 0)
+        actions = np.zeros((worlds, steps, simulator.num_actions))
+        simulator.roll_out(parameters, actions, self._rng)  # makes the worlds
+        began_s = time.monotonic()
+        simulator.roll_out(parameters, actions, self._rng, self._landmarks.record)
+        spent_s = time.monotonic() - began_s
+        played = 3 + 2 * simulator.model.nv + len(simulator.space)
+        each_s = spent_s / worlds / steps * np.dot(whole.windows, whole.iterations) * played
+        num_windows = int(np.clip(seconds / each_s, 24, whole.num_windows))
+        return replace(whole, num_windows=num_windows)
+
+    def _conclude(
+        self, prob_higher: np.ndarray, fitted: tuple[Fit, Replicas] | None
+    ) -> tuple[Estimate, np.ndarray]:
+        """The estimate and its (N, C) curves: those of the fit, with the judge's for tails."""
+        if fitted:
+            mean, std = in_range(fitted[0], self.distribution)
+            prob_higher = with_fit(prob_higher, mean, std, self.config.move)
+        estimate = read_curves(prob_higher, self.distribution, self.first, self.config.move)
+        if fitted:
+            names = self.simulator.space.names
+            estimate = replace(
+                estimate, correlations=correlations(fitted[0], names), warnings=doubts(*fitted)
+            )
+        return estimate, prob_higher
 
     def tensors(self) -> dict[str, torch.Tensor]:
         parts = {"sight": self.model.sight, "judge": self.model.judge}

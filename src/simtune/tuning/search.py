@@ -22,6 +22,9 @@ class Estimate:
     verdict: list[Verdict]  # one a parameter
     # {name: (candidates (C,), P(truth > candidate) (C,))}: survival curves, where there are any
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    # {"a, b": correlation} of parameters that can hardly be told from each other
+    correlations: dict[str, float] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)  # what to doubt about all this
 
 
 @dataclass(frozen=True)

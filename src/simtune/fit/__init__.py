@@ -1,0 +1,16 @@
+"""Physics and pictures fitted to what sight saw: from the SPM's estimate to the last per cent."""
+
+from simtune.fit.conclusions import correlations, doubts, in_range, widened
+from simtune.fit.fit import Fit, ReplayFit, Replicas
+from simtune.fit.shooting import ShootingConfig
+
+__all__ = [
+    "Fit",
+    "ReplayFit",
+    "Replicas",
+    "ShootingConfig",
+    "correlations",
+    "doubts",
+    "in_range",
+    "widened",
+]

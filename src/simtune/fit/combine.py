@@ -1,0 +1,51 @@
+"""Many small experiments to one estimate: a random-effects meta-analysis.
+
+Windows of a motion, or pictures, each tell something of the same parameters, and disagree by more
+than their own noise explains: sight's errors go with each other, contacts are not smooth. So each
+counts by the variance of its own estimate plus the variance between them (DerSimonian and Laird,
+1986), which is also what keeps a single chaotic window from outweighing all others.
+"""
+
+import numpy as np
+
+_STUDENT = 4.0  # degrees of freedom by which experiments that stand out count less
+_SMALLEST_VARIANCE, _LARGEST_VARIANCE = 4e-3**2, 0.08**2  # between experiments
+FIRST_VARIANCE = 0.02**2
+_CHI2_MEDIAN = 0.6  # over its degrees of freedom, or near it, for a few of them
+
+
+def combine(
+    information: np.ndarray, slope: np.ndarray, variance: float, trust: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """What W experiments say together of P parameters: a Newton step (P,), its covariance (P, P).
+
+    `information` (W, P, P) and `slope` (W, P) are the second and first derivatives of each one's
+    −log likelihood, `variance` that between them, `trust` (W,) how much to count each one.
+    The third value is the variance between them, nearer to what they show. The covariance is the
+    robust one: from how the experiments scatter, not from what they claim to know.
+    """
+    eye = np.eye(slope.shape[1])
+    if not len(eye):
+        return np.zeros(0), np.zeros((0, 0)), variance
+    shrink = np.linalg.inv(eye + variance * information)  # (W, P, P)
+    spread = information + variance * information @ information + 1e-9 * eye
+    surprise = np.einsum("wp,wp->w", slope, np.linalg.solve(spread, slope[..., None])[..., 0])
+    surprise /= len(eye)
+    count = trust * (_STUDENT + 1) / (_STUDENT + surprise)  # (W,)
+    weighted = np.einsum("w,wpq,wqr->wpr", count, information, shrink)
+    slopes = count[:, None] * np.einsum("wqp,wq->wp", shrink, slope)
+    inverse = np.linalg.inv(weighted.sum(0) + 1e-6 * eye)
+    change = -inverse @ slopes.sum(0)
+    deviations = slopes + weighted @ change
+    few = len(slope) / max(1, len(slope) - len(eye))
+    covariance = few * inverse @ (deviations.T @ deviations) @ inverse + 1e-6 * inverse
+    told = np.trace(information, axis1=1, axis2=2) * variance > 1
+    if told.sum() >= 4:
+        variance *= 1.5 if np.median(surprise[told]) > _CHI2_MEDIAN else 1 / 1.5
+    return change, covariance, float(np.clip(variance, _SMALLEST_VARIANCE, _LARGEST_VARIANCE))
+
+
+def trusted(cost: np.ndarray) -> np.ndarray:
+    """(W,) how much experiments of such costs count: little, if far worse explained than most."""
+    spread = np.median(np.abs(cost - np.median(cost))) + 1e-9
+    return 1 / (1 + np.maximum(0, (cost - np.median(cost)) / (3 * spread)) ** 4)

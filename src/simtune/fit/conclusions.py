@@ -1,0 +1,57 @@
+"""What a fit and its replicas say: how sure it is, what hangs together, what to doubt."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from simtune.fit.fit import Fit, Replicas
+from simtune.randomization import Distribution
+
+_WORTH_TELLING = 0.6  # correlation
+_DOUBTFUL = 1.6  # times as far off as the worst replica's
+
+
+def widened(fit: Fit, replicas: Replicas) -> Fit:
+    """A fit with the standard deviations that replicas show, larger still where it fits worse."""
+    worse_motion = max(1.0, replicas.ratio(fit.misfit, "motion_px"))
+    worse_picture = max(1.0, replicas.ratio(fit.misfit, "picture"))
+    factor = replicas.inflation()
+    is_moving = np.isin(np.arange(len(factor)), fit.moving)
+    return replace(fit, std=fit.std * factor * np.where(is_moving, worse_motion, worse_picture))
+
+
+def in_range(fit: Fit, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) means and standard deviations in coordinates of the range, -1 to 1."""
+    space = distribution.space
+    width = space.to_unit(distribution.high) - space.to_unit(distribution.low)
+    return 2 * distribution.to_local(fit.parameters) - 1, 2 * fit.std / width
+
+
+def correlations(fit: Fit, names: tuple[str, ...]) -> dict[str, float]:
+    """{"a, b": correlation} of the pairs that the motion can hardly tell from each other."""
+    found = {}
+    for i, j in zip(*np.triu_indices(len(fit.moving), 1), strict=True):
+        value = float(fit.correlation[i, j])
+        if abs(value) >= _WORTH_TELLING:
+            found[f"{names[fit.moving[i]]}, {names[fit.moving[j]]}"] = round(value, 2)
+    return found
+
+
+def doubts(fit: Fit, replicas: Replicas) -> list[str]:
+    """What to tell a user who would trust the estimates."""
+    given = []
+    if (ratio := replicas.ratio(fit.misfit, "motion_px")) > _DOUBTFUL:
+        given.append(
+            "No setting of the parameters makes the simulator move as the videos do: in an "
+            f"episode kept for this test landmarks are {fit.misfit.motion_px:.2f} px off, "
+            f"{ratio:.1f} times as far as in worlds that the simulator can make. Something that "
+            "is not tuned is wrong (a length, a mass, the camera, a delay): trust no number "
+            "before it is found."
+        )
+    if fit.lag:
+        steps = "1 step" if fit.lag == 1 else f"{fit.lag} steps"
+        given.append(
+            f"The actions seem to take effect {steps} later than the recordings say; the "
+            "estimates allow for it."
+        )
+    return given

@@ -1,0 +1,227 @@
+"""From a rough estimate to a fine one: track, guess states, fit the physics, fit the pictures.
+
+How far the result can be trusted is measured, not assumed: replicas, simulated worlds near the
+estimate, are filmed and fitted in just the same way, and say how large errors are in terms of
+what a fit thinks of itself, and how well videos fit that the simulator did make.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from simtune.fit.estimator import StateEstimator
+from simtune.fit.pictures import PictureFit, fit_pictures
+from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit
+from simtune.fit.states import StateSpace
+from simtune.fit.tracks import Tracks, track
+from simtune.progress import Progress
+from simtune.search_param_model.landmarks import Landmarks
+from simtune.search_param_model.sight import Sight
+from simtune.search_param_model.simulated import Camera, SimulatedWorlds
+from simtune.simulation import Simulator
+
+_NUM_PICTURES = 40
+_SURE = 0.8
+_FEWEST_EPISODES_TO_HOLD_OUT = 3
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """How badly videos fit a simulator; larger is worse."""
+
+    motion: float  # −log likelihood of a landmark's place, median over windows held out
+    motion_px: float  # distance between where sight is sure a landmark is and where it should be
+    picture: float  # noise of a pixel, of the full scale
+    outline: float  # share of pixels that are far off
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters (N,) as fitted, with their standard deviations in unit coordinates."""
+
+    parameters: np.ndarray
+    std: np.ndarray  # (N,)
+    correlation: np.ndarray  # (P, P) between the fitted parameters that are no mere appearance
+    moving: np.ndarray  # (P,) which those are
+    misfit: Misfit
+    lag: int  # steps by which the actions seem to come late
+
+
+class ReplayFit:
+    """Fits one simulator to episodes, given a sight and worlds to learn from."""
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        landmarks: Landmarks,
+        sight: Sight,
+        seed: int,
+        config: ShootingConfig | None = None,
+    ):
+        self._simulator, self._landmarks, self._sight = simulator, landmarks, sight
+        self._space = StateSpace(simulator.model)
+        appearance = np.array([p.is_appearance for p in simulator.space])
+        self._moving, self._appearance = np.flatnonzero(~appearance), np.flatnonzero(appearance)
+        self._seed = seed
+        self._config = config or ShootingConfig()
+
+    def learn(self, worlds: SimulatedWorlds, progress: Progress) -> float:
+        """From filmed worlds that sight was not taught on: its noise, and to guess states."""
+        at = worlds.filmed_from[:, None] + np.arange(worlds.frames.shape[1] - 1)
+        actions = worlds.actions[np.arange(len(at))[:, None], 0, at]
+        tracks = track(self._sight, worlds.frames, actions)
+        errors = tracks.places[:, :, 0] - worlds.filmed_landmarks()
+        self._noise_px = _noise(errors, tracks.probability[:, :, 0])
+        self._row = worlds.states[0, 0]
+        self._estimator = StateEstimator(
+            self._space,
+            len(self._landmarks),
+            self._simulator.action_scale,
+            self._simulator.image_size / 8,
+            self._seed,
+        )
+        states = worlds.states[..., 1 : 1 + self._space.nq + self._space.nv]
+        return self._estimator.train(tracks, states, progress)
+
+    def fit(
+        self, frames: np.ndarray, actions: np.ndarray, start: np.ndarray, lag: int | None = 0
+    ) -> Fit:
+        """Fit (E, T + 1, H, W, 3) frames and (E, T, A) actions, from (N,) parameters.
+
+        With three episodes or more the last one is kept to test the fit on. `lag` is the
+        actions' delay in steps; None: find it.
+        """
+        tracks = track(self._sight, frames, actions)
+        if lag is None:
+            lag = self._find_lag(tracks, start)
+        tracks = tracks.delayed(lag)
+        states = self._estimator(tracks)
+        num = len(tracks.actions)
+        kept = num - 1 if num >= _FEWEST_EPISODES_TO_HOLD_OUT else num
+        fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
+        space = self._simulator.space
+        motion = self._shooting(self._moving).fit(tracks.episodes(fitted), states[fitted], start)
+        unit = space.to_unit(start)
+        unit[self._moving] = motion.unit
+        pictures = self._fit_pictures(motion, frames, space.from_unit(unit))
+        unit[self._appearance] = pictures.unit
+        test = self._shooting(self._moving[:0]).fit(
+            tracks.episodes(held_out), states[held_out], space.from_unit(unit)
+        )
+        std = np.zeros(len(space))
+        std[self._moving] = np.sqrt(np.diag(motion.covariance))
+        std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
+        deviation = np.sqrt(np.diag(motion.covariance))
+        return Fit(
+            space.from_unit(unit),
+            std,
+            motion.covariance / np.outer(deviation, deviation),
+            self._moving,
+            Misfit(
+                float(np.median(test.misfit)),
+                test.residual_px,
+                pictures.noise,
+                pictures.unexplained,
+            ),
+            lag,
+        )
+
+    def replicas(
+        self,
+        fit: Fit,
+        actions: np.ndarray,
+        num: int,
+        guess_std: np.ndarray,
+        camera: Camera | None,
+        rng: np.random.Generator,
+    ) -> "Replicas":
+        """Fit `num` worlds near `fit`, which play (E, T, A) actions, as the real one was fitted.
+
+        `guess_std`: (N,) in unit coordinates, of the guess that the real one's fit started from.
+        """
+        space, simulator = self._simulator.space, self._simulator
+        unit = space.to_unit(fit.parameters)
+        errors, misfits = [], []
+        for _ in range(num):
+            spread = np.maximum(2 * fit.std, 0.01)
+            truth = np.clip(unit + spread * rng.normal(size=len(unit)), 0.002, 0.998)
+            worlds = np.repeat(space.from_unit(truth)[None], len(actions), 0)
+            played = Tracks(np.empty(0), np.empty(0), actions).delayed(fit.lag).actions
+            rollouts = simulator.roll_out(worlds, played, rng)
+            if len(rollouts) < len(actions):
+                continue
+            frames = simulator.film(rollouts)
+            if camera is not None:
+                frames = camera.film(frames, rng)
+            guess = space.from_unit(truth + guess_std * rng.normal(size=len(unit)))
+            found = self.fit(frames, actions, guess, fit.lag)
+            errors.append((space.to_unit(found.parameters) - truth) / found.std)
+            misfits.append(found.misfit)
+        return Replicas(np.array(errors).reshape(-1, len(unit)), misfits)
+
+    def _shooting(self, fitted: np.ndarray, config: ShootingConfig | None = None) -> Shooting:
+        return Shooting(
+            self._simulator,
+            self._landmarks,
+            self._noise_px,
+            self._estimator.spread,
+            fitted,
+            self._row,
+            config or self._config,
+        )
+
+    def _find_lag(self, tracks: Tracks, start: np.ndarray) -> int:
+        """The delay of the actions, of 0 to 2 steps, with which the motion fits best."""
+        quick = ShootingConfig(windows=(4, 8), iterations=(4, 3), num_windows=40)
+        misfits = []
+        for lag in range(3):
+            late = tracks.delayed(lag)
+            fit = self._shooting(self._moving, quick).fit(late, self._estimator(late), start)
+            misfits.append(float(np.median(fit.misfit)))
+        return int(np.argmin(misfits))
+
+    def _fit_pictures(
+        self, motion: ShootingFit, frames: np.ndarray, parameters: np.ndarray
+    ) -> PictureFit:
+        """Pictures in the middle of the windows that fit well, spread over all of them."""
+        middle = motion.rows.shape[1] // 2
+        good = np.flatnonzero(motion.misfit <= np.quantile(motion.misfit, 0.6))
+        chosen = good[np.linspace(0, len(good) - 1, min(_NUM_PICTURES, len(good))).astype(int)]
+        shown = frames[motion.episode[chosen], motion.step[chosen] + middle]
+        return fit_pictures(
+            self._simulator, shown, motion.rows[chosen, middle], parameters, self._appearance
+        )
+
+
+@dataclass(frozen=True)
+class Replicas:
+    """What fits of known worlds showed."""
+
+    errors: np.ndarray  # (K, N) in terms of each fit's own standard deviations
+    misfits: list[Misfit] = field(default_factory=list)
+
+    def inflation(self) -> np.ndarray:
+        """(N,) by how much standard deviations have to be multiplied; at least 1."""
+        if not len(self.errors):
+            return np.full(self.errors.shape[1], 3.0)
+        square = np.minimum(np.square(self.errors), 100)
+        # Few replicas say little of a single parameter: lean on what all of them show.
+        pooled = np.exp(np.log(square + 0.05).mean()) * 3
+        share = len(square) * square.mean(0) + 3 * np.clip(pooled, 1, 25)
+        return np.sqrt(np.maximum(1.0, share / (len(square) + 3)))
+
+    def ratio(self, misfit: Misfit, name: str) -> float:
+        """A misfit over the largest of the replicas'."""
+        largest = max((getattr(m, name) for m in self.misfits), default=np.inf)
+        return getattr(misfit, name) / max(largest, 1e-9)
+
+
+def _noise(errors: np.ndarray, probability: np.ndarray) -> np.ndarray:
+    """(L,) pixels: robust standard deviation of (W, F, L, 2) errors where sight was sure."""
+    noise = []
+    for landmark in range(errors.shape[2]):
+        sure = probability[..., landmark] >= min(
+            _SURE, float(np.quantile(probability[..., landmark], 0.5))
+        )
+        noise.append(1.48 * np.median(np.abs(errors[:, :, landmark][sure])) + 0.05)
+    return np.array(noise)

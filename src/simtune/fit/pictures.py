@@ -1,0 +1,76 @@
+"""Colours and light fitted to the pixels themselves, once it is known where everything is.
+
+Sight's estimates are good to a few hundredths; drawing the fitted states and comparing pixels is
+good to a few thousandths, where the simulator draws as the real world looks.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simtune.fit.combine import FIRST_VARIANCE, combine, trusted
+from simtune.simulation import Simulator
+
+_DELTA = 0.03  # of a parameter, to derive by: several of a pixel's 256 levels
+_ROBUST = 3.0  # noise levels from which a pixel counts less: edges, what is not modelled
+_SMALLEST_NOISE = 1.0 / 255
+_LARGEST_STEP = 0.2
+_SQUARE_PX = 4  # neighbouring pixels tell the same: so many by so many count as one
+
+
+@dataclass(frozen=True)
+class PictureFit:
+    """What a fit found, in unit coordinates of the fitted parameters."""
+
+    unit: np.ndarray  # (V,)
+    covariance: np.ndarray  # (V, V)
+    noise: float  # of a pixel, robustly, of the full scale
+    unexplained: float  # share of pixels that are far off
+
+
+def fit_pictures(
+    simulator: Simulator,
+    frames: np.ndarray,
+    rows: np.ndarray,
+    parameters: np.ndarray,
+    fitted: np.ndarray,
+    iterations: int = 5,
+) -> PictureFit:
+    """Fit parameters `fitted` (indices) to (M, H, W, 3) frames of (M, S) states.
+
+    `parameters`: (N,) to start from; the others keep their values.
+    """
+    space = simulator.space
+    unit, variance = space.to_unit(parameters), FIRST_VARIANCE
+    covariance = np.zeros((len(fitted),) * 2)
+    real = frames.astype(np.float32).reshape(len(frames), -1) / 255
+    noise, residual = _SMALLEST_NOISE, np.zeros_like(real)
+    for _ in range(iterations):
+        drawn, sign = _draw(simulator, rows, unit, fitted)
+        residual = drawn[0] - real  # (M, pixels)
+        # Most pixels may show what does not depend on anything: only the others are asked.
+        slopes = (drawn[1:] - drawn[0]) / sign[:, None, None]  # (V, M, pixels)
+        shown = np.abs(slopes).max(0) > 0.05
+        noise = max(
+            _SMALLEST_NOISE, 1.48 * float(np.median(np.abs(residual[shown]))) if shown.any() else 0
+        )
+        weight = 1 / (1 + np.square(residual / (_ROBUST * noise))) ** 2 / noise**2 / _SQUARE_PX**2
+        information = np.einsum("vmp,mp,ump->mvu", slopes, weight, slopes, optimize=True)
+        slope = np.einsum("vmp,mp,mp->mv", slopes, weight, residual, optimize=True)
+        cost = np.minimum(np.square(residual / noise), 9).mean(1)
+        change, covariance, variance = combine(
+            information.astype(float), slope.astype(float), variance, trusted(cost)
+        )
+        unit[fitted] = np.clip(unit[fitted] + np.clip(change, -_LARGEST_STEP, _LARGEST_STEP), 0, 1)
+    far = np.abs(residual).reshape(len(frames), -1, 3).max(-1) > 0.12
+    return PictureFit(unit[fitted], covariance, noise, float(far.mean()))
+
+
+def _draw(simulator: Simulator, rows: np.ndarray, unit: np.ndarray, fitted: np.ndarray):
+    """(1 + V, M, pixels) as drawn now, and with each parameter changed by `sign` (V,)."""
+    units = np.repeat(unit[None], 1 + len(fitted), 0)
+    sign = np.where(unit[fitted] > 0.5, -_DELTA, _DELTA)
+    units[1 + np.arange(len(fitted)), fitted] += sign
+    parameters = np.repeat(simulator.space.from_unit(units), len(rows), 0)
+    drawn = simulator.render(np.tile(rows, (len(units), 1)), parameters)
+    return drawn.reshape(len(units), len(rows), -1).astype(np.float32) / 255, sign

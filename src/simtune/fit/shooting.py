@@ -1,0 +1,260 @@
+"""Multiple shooting: the physics is replayed in short windows and fitted to what sight saw.
+
+In each window the initial state is unknown as well, so that no error grows for long and no
+contact is followed for long. Gauss-Newton finds parameters and initial states together; finite
+differences are free, since all perturbed worlds run at once.
+
+What sight saw is a mixture: near the truth with the probability that sight itself gives, else
+anywhere.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simtune.fit.combine import FIRST_VARIANCE, combine, trusted
+from simtune.fit.states import StateSpace
+from simtune.fit.tracks import Tracks
+from simtune.search_param_model.landmarks import Landmarks
+from simtune.simulation import Simulator
+
+_ELSEWHERE = 0.003  # density of a landmark that is not where sight is, in units of its noise
+_WIDE, _WIDE_SHARE = 4.0, 0.05  # the noise has wider tails than a normal distribution
+_PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
+_LARGEST_STEP = 0.12  # of the whole range (unit coordinates)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShootingConfig:
+    windows: tuple[int, ...] = (4, 8, 12)  # steps; short ones first bring the states near
+    iterations: tuple[int, ...] = (5, 3, 7)  # with windows of each length
+    num_windows: int = 90  # at most; spread evenly
+
+
+@dataclass(frozen=True)
+class ShootingFit:
+    """What a fit found, in unit coordinates of the fitted parameters."""
+
+    unit: np.ndarray  # (P,)
+    covariance: np.ndarray  # (P, P)
+    rows: np.ndarray  # (W, K, S) states of the windows' steps, as simulated
+    episode: np.ndarray  # (W,)
+    step: np.ndarray  # (W,) at which each window begins
+    misfit: np.ndarray  # (W,) mean of −log likelihood of an observation
+    residual_px: float  # median distance of what sight is sure of
+
+
+class Shooting:
+    """Fits parameters `fitted` (indices) of worlds to tracks."""
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        landmarks: Landmarks,
+        noise_px: np.ndarray,
+        state_spread: np.ndarray,
+        fitted: np.ndarray,
+        row: np.ndarray,
+        config: ShootingConfig,
+    ):
+        """`noise_px`: (L,) where sight is sure; `state_spread`: (2 nv,); `row`: (S,) any state."""
+        self._simulator, self._landmarks, self.config = simulator, landmarks, config
+        self._space = StateSpace(simulator.model)
+        self._noise = np.asarray(noise_px)
+        self._spread, self.fitted, self._row = state_spread * _PRIOR, np.asarray(fitted), row
+        self._rng = np.random.default_rng(0)  # starts are given: nothing is drawn
+
+    def fit(self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
+        """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
+        whole = windows = _cut(tracks, states, self.config)
+        unit = self._simulator.space.to_unit(parameters)
+        guess = _Guess(
+            windows.states.copy(), unit, np.full(len(windows.states), 1e-2), FIRST_VARIANCE
+        )
+        covariance = np.zeros((len(self.fitted),) * 2)
+        for length, count in zip(self.config.windows, self.config.iterations, strict=True):
+            windows = whole.first(length)
+            guess = replace(guess, damping=np.full(len(guess.damping), 1e-2))
+            for iteration in range(count):
+                guess, covariance = self._step(windows, guess, 1.0 if iteration < 3 else 0.5)
+        rows, seen = self._play(windows, guess.states[None], guess.unit[None])
+        residual = self._residual(windows, seen)
+        nearest = self._nearest(windows, residual[0])  # (W, K, L, 2)
+        distance = np.linalg.norm(nearest, axis=-1) * self._noise
+        sure = windows.probability.sum(2) > 0.9
+        return ShootingFit(
+            guess.unit[self.fitted],
+            covariance,
+            rows[0],
+            windows.episode,
+            windows.step,
+            self._cost(windows, residual)[0] / distance[0].size,
+            float(np.median(distance[sure])) if sure.any() else float("nan"),
+        )
+
+    def told(self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """(P, P) covariance, in unit coordinates, that a fit to such tracks would have at best.
+
+        By Fisher information where the (N,) parameters and the states, as in `fit`, are the true
+        ones. The windows' initial states count as unknown, and FIRST_VARIANCE lies between windows.
+        """
+        windows = _cut(tracks, states, self.config)
+        unit = self._simulator.space.to_unit(parameters)
+        guess = _Guess(windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE)
+        residual, by_state, by_parameter = self._linearise(windows, guess)
+        weight = self._weight(windows, residual)  # (W, M)
+        of_state = np.einsum("wsm,wm,wtm->wst", by_state, weight, by_state, optimize=True)
+        of_state += np.diag(self._spread**-2)
+        cross = np.einsum("wsm,wm,wpm->wsp", by_state, weight, by_parameter, optimize=True)
+        information = np.einsum("wpm,wm,wqm->wpq", by_parameter, weight, by_parameter)
+        information -= np.einsum("wsp,wsq->wpq", cross, np.linalg.solve(of_state, cross))
+        eye = np.eye(len(self.fitted))
+        # As `combine` weighs windows: none tells more than the variance between them allows.
+        shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
+        return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)
+
+    def _step(self, windows: "_Windows", guess: "_Guess", step_size: float):
+        """One step of Gauss-Newton; the guess after it, and the parameters' covariance."""
+        residual, by_state, by_parameter = self._linearise(windows, guess)
+        weight = self._weight(windows, residual)  # (W, M)
+        flat = self._nearest(windows, residual).reshape(len(weight), -1)
+        pull = self._space.difference(guess.states, windows.states) / self._spread
+        precision = np.diag(self._spread**-2)
+        hessian = (
+            np.einsum("wsm,wm,wtm->wst", by_state, weight, by_state, optimize=True) + precision
+        )
+        slope = np.einsum("wsm,wm,wm->ws", by_state, weight, flat) + pull / self._spread
+        cross = np.einsum("wsm,wm,wpm->wsp", by_state, weight, by_parameter, optimize=True)
+        diagonal = np.einsum("wss->ws", hessian)[:, None] * np.eye(hessian.shape[1])
+        # Undamped: a window whose states cannot move would seem to know the parameters well.
+        to_parameters = np.linalg.solve(hessian + 1e-6 * diagonal, cross)  # (W, 2 nv, P)
+        trust = trusted(self._cost(windows, residual[None])[0]) / (1 + guess.damping)
+        change, covariance, variance = combine(
+            np.einsum("wpm,wm,wqm->wpq", by_parameter, weight, by_parameter)
+            - np.einsum("wsp,wsq->wpq", cross, to_parameters),
+            np.einsum("wpm,wm,wm->wp", by_parameter, weight, flat)
+            - np.einsum("wsp,ws->wp", to_parameters, slope),
+            guess.variance,
+            trust,
+        )
+        change = np.clip(step_size * change, -_LARGEST_STEP, _LARGEST_STEP)
+        unit = guess.unit.copy()
+        unit[self.fitted] = np.clip(unit[self.fitted] + change, 0, 1)
+        damped = hessian + guess.damping[:, None, None] * diagonal
+        tangent = -np.linalg.solve(damped, (slope + cross @ change)[..., None])[..., 0]
+        tangent = np.clip(tangent, -4 * self._spread, 4 * self._spread)
+        moved = self._space.move(guess.states, tangent)
+        _, seen = self._play(windows, np.stack([moved, guess.states]), np.stack([unit, unit]))
+        costs = self._cost(windows, self._residual(windows, seen))
+        costs += 0.5 * np.square(
+            self._space.difference(np.stack([moved, guess.states]), windows.states) / self._spread
+        ).sum(-1)
+        better = costs[0] < costs[1]
+        states = np.where(better[:, None], moved, guess.states)
+        damping = np.where(better, guess.damping / 4, guess.damping * 8).clip(1e-6, 1e4)
+        return _Guess(states, unit, damping, variance), covariance
+
+    def _linearise(self, windows: "_Windows", guess: "_Guess"):
+        """Residuals (W, K, 2, L, 2) and derivatives (W, 2 nv, M), (W, P, M) at a guess.
+
+        The derivatives are the same for both places of a landmark: M = K · L · 2.
+        """
+        num_states, num_fitted = self._space.num_tangent, len(self.fitted)
+        delta = np.maximum(0.01 * self._spread, 1e-5)
+        tangents = np.concatenate(
+            [np.zeros((1, num_states)), np.diag(delta), np.zeros((num_fitted, num_states))]
+        )
+        states = self._space.move(guess.states, np.repeat(tangents[:, None], len(guess.states), 1))
+        units = np.repeat(guess.unit[None], len(tangents), 0)
+        sign = np.where(guess.unit[self.fitted] > 0.5, -1e-3, 1e-3)  # away from the bounds
+        units[1 + num_states + np.arange(num_fitted), self.fitted] += sign
+        _, seen = self._play(windows, states, units)
+        change = (seen[1:] - seen[0]) / self._noise[:, None]
+        change = change.reshape(len(change), len(guess.states), -1).swapaxes(0, 1)
+        by_state = change[:, :num_states] / delta[:, None]
+        by_parameter = change[:, num_states:] / sign[:, None]
+        return self._residual(windows, seen[:1])[0], by_state, by_parameter
+
+    def _play(self, windows: "_Windows", states: np.ndarray, units: np.ndarray):
+        """(G, W, nq + nv) initial states, (G, N) parameters to rows and landmarks of all steps."""
+        groups, num_windows, _ = states.shape
+        rows = np.repeat(self._row[None], groups * num_windows, 0)
+        rows[:, 1 : 1 + states.shape[-1]] = states.reshape(groups * num_windows, -1)
+        parameters = np.repeat(self._simulator.space.from_unit(units), num_windows, 0)
+        actions = np.tile(windows.actions, (groups, 1, 1))
+        played = self._simulator.roll_out(
+            parameters, actions, self._rng, self._landmarks.record, starts=rows, keep_diverged=True
+        )
+        assert played.recorded is not None, "asked for above"
+        shape = (groups, num_windows, windows.actions.shape[1] + 1)
+        seen = np.nan_to_num(played.recorded.reshape(*shape, -1, 2), nan=-1e3)
+        return played.states.reshape(*shape, -1), seen
+
+    def _residual(self, windows: "_Windows", seen: np.ndarray) -> np.ndarray:
+        """(G, W, K, 2, L, 2) to each place, in units of sight's noise."""
+        return (seen[:, :, :, None] - windows.places) / self._noise[:, None]
+
+    def _terms(self, windows: "_Windows", residual: np.ndarray):
+        """(..., K, 2, L) near and wide, (..., K, L) elsewhere: densities that add up."""
+        square = np.minimum(np.square(residual).sum(-1), 1e3)
+        near = windows.probability * np.exp(-0.5 * square)
+        wide = windows.probability * _WIDE_SHARE * np.exp(-0.5 * square / _WIDE**2)
+        return near, wide, (1 - windows.probability.sum(2)) * _ELSEWHERE + 1e-12
+
+    def _cost(self, windows: "_Windows", residual: np.ndarray) -> np.ndarray:
+        """(G, W) −log likelihood."""
+        near, wide, elsewhere = self._terms(windows, residual)
+        return -np.log((near + wide).sum(-2) + elsewhere).sum((-1, -2))
+
+    def _weight(self, windows: "_Windows", residual: np.ndarray) -> np.ndarray:
+        """(W, M) how much each coordinate counts: the mixture as if it were normal just here."""
+        near, wide, elsewhere = self._terms(windows, residual)
+        total = (near + wide).sum(-2) + elsewhere
+        weight = (near + wide / _WIDE**2).max(-2) / total  # (W, K, L)
+        return np.repeat(weight[..., None], 2, -1).reshape(len(weight), -1)
+
+    def _nearest(self, windows: "_Windows", residual: np.ndarray) -> np.ndarray:
+        """(W, K, L, 2) residuals to the place that explains best."""
+        near, wide, _ = self._terms(windows, residual)
+        best = (near + wide).argmax(-2)[..., None, :, None]
+        return np.take_along_axis(residual, best, -3)[..., 0, :, :]
+
+
+@dataclass(frozen=True)
+class _Windows:
+    places: np.ndarray  # (W, K, 2, L, 2)
+    probability: np.ndarray  # (W, K, 2, L)
+    actions: np.ndarray  # (W, K - 1, A)
+    states: np.ndarray  # (W, nq + nv) first guess at the initial ones
+    episode: np.ndarray  # (W,)
+    step: np.ndarray  # (W,)
+
+    def first(self, steps: int) -> "_Windows":
+        """Only the windows' first so many steps."""
+        cut = {"places": self.places, "probability": self.probability}
+        cut = {name: values[:, : steps + 1] for name, values in cut.items()}
+        return replace(self, **cut, actions=self.actions[:, :steps])
+
+
+@dataclass(frozen=True)
+class _Guess:
+    states: np.ndarray  # (W, nq + nv)
+    unit: np.ndarray  # (N,)
+    damping: np.ndarray  # (W,) of the states' steps
+    variance: float  # of the parameters between windows
+
+
+def _cut(tracks: Tracks, states: np.ndarray, config: ShootingConfig) -> _Windows:
+    """Windows that do not overlap; at most so many, evenly spread."""
+    num_episodes, num_steps, _ = tracks.actions.shape
+    length = min(config.windows[-1], num_steps)
+    starts = np.arange(0, num_steps - length + 1, length)
+    episode, step = np.repeat(np.arange(num_episodes), len(starts)), np.tile(starts, num_episodes)
+    if len(step) > config.num_windows:
+        kept = np.linspace(0, len(step) - 1, config.num_windows).round().astype(int)
+        episode, step = episode[kept], step[kept]
+    frames = step[:, None] + np.arange(length + 1)
+    at = (episode[:, None], frames)
+    probability = tracks.probability[at] * 0.99  # sight is never all that sure
+    actions = tracks.actions[episode[:, None], frames[:, :-1]]
+    return _Windows(tracks.places[at], probability, actions, states[episode, step], episode, step)

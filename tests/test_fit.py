@@ -1,0 +1,209 @@
+"""The fit of physics and pictures: known truths recovered, sums checked by hand."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from simtune.fit.combine import FIRST_VARIANCE, combine
+from simtune.fit.conclusions import correlations, doubts, widened
+from simtune.fit.fit import Fit, Misfit, Replicas
+from simtune.fit.pictures import fit_pictures
+from simtune.fit.shooting import Shooting, ShootingConfig
+from simtune.fit.states import StateSpace
+from simtune.fit.tracks import Tracks
+from simtune.randomization import Distribution
+from simtune.search_param_model.simulated import find_landmarks
+from simtune.simulation import random_actions
+from simtune.tasks import load_task
+
+CARTPOLE = load_task("cartpole")
+SPACE = CARTPOLE.parameters
+MOVING = np.flatnonzero([not p.is_appearance for p in SPACE])
+APPEARANCE = np.flatnonzero([p.is_appearance for p in SPACE])
+
+ALL_JOINTS = """
+<mujoco><worldbody>
+  <body><freejoint/><geom size=".1"/>
+    <body pos="0 0 1"><joint type="ball"/><geom size=".1"/>
+      <body pos="0 0 1"><joint type="hinge" axis="0 1 0"/><geom size=".1"/>
+        <body pos="0 0 1"><joint type="hinge" axis="1 0 0" range="-1 1" limited="true"/>
+          <joint type="slide"/><geom size=".1"/></body></body></body></body>
+</worldbody></mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return CARTPOLE.simulator(image_size=48)
+
+
+@pytest.fixture(scope="module")
+def played(simulator):
+    """Three episodes of a known world, and its landmarks."""
+    rng = np.random.default_rng(0)
+    landmarks = find_landmarks(
+        simulator, CARTPOLE.camera, Distribution.first(SPACE, SPACE.nominal), 0
+    )
+    truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
+    actions = random_actions(3, 96, simulator.model, rng)
+    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, landmarks.record)
+    return landmarks, truth, rollouts
+
+
+def tracks_of(rollouts, noise_px: float, mixed_up: float, rng) -> Tracks:
+    """What a sight would see that is sometimes sure of another landmark's place."""
+    true = rollouts.recorded.reshape(*rollouts.recorded.shape[:2], -1, 2)
+    seen = true + noise_px * rng.normal(size=true.shape)
+    other = np.roll(seen, 1, axis=2)
+    swapped = rng.random(seen.shape[:-1]) < mixed_up
+    first = np.where(swapped[..., None], other, seen)
+    second = np.where(swapped[..., None], seen, other)
+    probability = np.full(first.shape[:-1], 1 - mixed_up)
+    both = np.stack([probability, mixed_up + 0 * probability], 2) * 0.99
+    return Tracks(np.stack([first, second], 2), both, rollouts.actions.astype(float))
+
+
+def shooting(simulator, landmarks, rollouts, noise_px: float, fitted=MOVING) -> Shooting:
+    config = ShootingConfig(windows=(4, 12), iterations=(4, 8))
+    noise = np.full(len(landmarks), noise_px)
+    spread = np.array([0.1, 0.1, 0.5, 0.5])
+    return Shooting(simulator, landmarks, noise, spread, fitted, rollouts.states[0, 0], config)
+
+
+def rough_states(rollouts, rng) -> np.ndarray:
+    states = rollouts.states[..., 1:5]
+    return states + rng.normal(size=states.shape) * [0.05, 0.05, 0.3, 0.3]
+
+
+def test_a_change_of_state_and_the_difference_are_inverse():
+    model = mujoco.MjModel.from_xml_string(ALL_JOINTS)
+    space, rng = StateSpace(model), np.random.default_rng(0)
+    states = np.zeros((20, model.nq + model.nv))
+    states[:, : model.nq] = model.qpos0
+    states = space.move(states, rng.normal(size=(20, space.num_tangent)))
+    tangent = 0.3 * rng.normal(size=(20, space.num_tangent))
+    moved = space.move(states, tangent)
+    np.testing.assert_allclose(space.difference(moved, states), tangent, atol=1e-9)
+    position = states[0, : model.nq].copy()  # as MuJoCo itself integrates
+    mujoco.mj_integratePos(model, position, tangent[0, : model.nv], 1.0)
+    np.testing.assert_allclose(moved[0, : model.nq], position, atol=1e-9)
+
+
+def test_features_describe_the_state():
+    model = mujoco.MjModel.from_xml_string(ALL_JOINTS)
+    space, rng = StateSpace(model), np.random.default_rng(1)
+    states = np.zeros((20, model.nq + model.nv))
+    states[:, : model.nq] = model.qpos0
+    states = space.move(states, rng.normal(size=(20, space.num_tangent)))
+    again = space.from_features(space.features(states))
+    np.testing.assert_allclose(space.difference(again, states), 0, atol=1e-6)
+    turned = states.copy()
+    turned[:, 11] += 2 * np.pi  # the unlimited hinge
+    np.testing.assert_allclose(space.features(turned), space.features(states), atol=1e-9)
+
+
+def test_experiments_are_weighed_by_their_variance_and_the_one_between_them():
+    information = np.array([4.0, 1.0])  # variances ¼ and 1
+    estimate = np.array([0.02, -0.01])
+    change, covariance, _ = combine(
+        information[:, None, None], -(information * estimate)[:, None], 0.5, np.ones(2)
+    )
+    weight = 1 / (1 / information + 0.5)
+    np.testing.assert_allclose(change, (weight @ estimate) / weight.sum(), rtol=1e-2)
+    assert covariance.shape == (1, 1)
+
+
+def test_one_experiment_that_claims_to_know_all_does_not_outweigh_the_others():
+    information = np.full(30, 1e4)
+    estimate = np.random.default_rng(0).normal(0, 0.01, 30)
+    information[0], estimate[0] = 1e12, 0.5
+    change, covariance, _ = combine(
+        information[:, None, None],
+        -(information * estimate)[:, None],
+        FIRST_VARIANCE,
+        np.ones(30),
+    )
+    assert abs(change[0] - estimate[1:].mean()) < 0.005
+    assert 0.001 < np.sqrt(covariance[0, 0]) < 0.01
+
+
+def test_physics_is_found_from_landmarks(simulator, played):
+    landmarks, truth, rollouts = played
+    rng = np.random.default_rng(2)
+    tracks = tracks_of(rollouts, 0.2, 0.1, rng)
+    start = truth.copy()
+    start[MOVING] *= [0.6, 1.5]
+    found = shooting(simulator, landmarks, rollouts, 0.2).fit(
+        tracks, rough_states(rollouts, rng), start
+    )
+    unit = SPACE.to_unit(truth)
+    unit[MOVING] = found.unit
+    np.testing.assert_allclose(SPACE.from_unit(unit)[MOVING], truth[MOVING], rtol=0.05)
+    assert found.residual_px < 0.4
+    deviation = np.sqrt(np.diag(found.covariance))
+    assert (np.abs(found.unit - SPACE.to_unit(truth)[MOVING]) < 4 * deviation + 0.002).all()
+
+
+def test_a_simulator_that_cannot_make_the_motion_fits_worse(simulator, played):
+    landmarks, truth, rollouts = played
+    rng = np.random.default_rng(3)
+    tracks = tracks_of(rollouts, 0.2, 0.0, rng)
+    states = rough_states(rollouts, rng)
+    longer = CARTPOLE.load_spec()
+    for geom in longer.geoms:
+        if geom.name == "pole_1":
+            geom.fromto = [*geom.fromto[:5], 1.3 * geom.fromto[5]]
+    none = MOVING[:0]
+    right = shooting(simulator, landmarks, rollouts, 0.2, none).fit(tracks, states, truth)
+    other = replace(CARTPOLE, load_spec=lambda: longer).simulator(image_size=48)
+    wrong = shooting(other, landmarks, rollouts, 0.2, none).fit(tracks, states, truth)
+    assert wrong.residual_px > 1.5 * right.residual_px
+
+
+def test_colours_are_found_from_pixels(simulator, played):
+    _, truth, rollouts = played
+    rows = rollouts.states[:, ::12].reshape(-1, rollouts.states.shape[-1])
+    frames = simulator.render(rows, np.repeat(truth[None], len(rows), 0))
+    start = truth.copy()
+    start[APPEARANCE] = np.clip(truth[APPEARANCE] + [0.2, -0.2, 0.2, -0.2, 0.2, -0.2], 0, 1)
+    found = fit_pictures(simulator, frames, rows, start, APPEARANCE)
+    np.testing.assert_allclose(found.unit, truth[APPEARANCE], atol=0.005)
+    assert found.unexplained < 0.01
+
+
+def a_fit(motion_px: float = 0.3, picture: float = 0.004, lag: int = 0) -> Fit:
+    correlation = np.array([[1, 0.9], [0.9, 1]])
+    misfit = Misfit(1.0, motion_px, picture, 0.0)
+    std = np.full(len(SPACE), 0.01)
+    return Fit(SPACE.nominal, std, correlation, MOVING, misfit, lag)
+
+
+def replicas_of(errors: np.ndarray) -> Replicas:
+    return Replicas(errors, [a_fit().misfit] * len(errors))
+
+
+def test_replicas_say_how_much_too_sure_a_fit_is():
+    errors = np.random.default_rng(0).normal(size=(40, len(SPACE)))
+    np.testing.assert_allclose(replicas_of(errors).inflation(), 1, atol=0.5)
+    np.testing.assert_allclose(replicas_of(3 * errors).inflation(), 3, atol=1)
+    assert (replicas_of(errors[:0]).inflation() == 3).all()  # nothing known: careful
+
+
+def test_intervals_widen_where_the_videos_fit_worse_than_simulated_ones():
+    replicas = replicas_of(np.zeros((8, len(SPACE))))
+    same = widened(a_fit(), replicas).std
+    worse = widened(a_fit(motion_px=0.6, picture=0.012), replicas).std
+    np.testing.assert_allclose(worse[MOVING] / same[MOVING], 2)
+    np.testing.assert_allclose(worse[APPEARANCE] / same[APPEARANCE], 3)
+
+
+def test_what_is_doubtful_is_said():
+    replicas = replicas_of(np.zeros((8, len(SPACE))))
+    assert doubts(a_fit(), replicas) == []
+    (told,) = doubts(a_fit(motion_px=0.9), replicas)
+    assert "3.0 times" in told
+    (told,) = doubts(a_fit(lag=1), replicas)
+    assert "1 step later" in told
+    assert correlations(a_fit(), SPACE.names) == {"pole_mass, actuator_gain": 0.9}
