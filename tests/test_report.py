@@ -12,6 +12,7 @@ import pytest
 
 from simtune.errors import InputError
 from simtune.report import write_report
+from simtune.report.rank_plots import expected
 from simtune.run import RunFolder
 
 # name: (unit, truth, start, verdict)
@@ -23,6 +24,10 @@ PARAMETERS = {"ball_mass": ("kg", 0.065, 0.13, "identified")} | {
     for verdict in ["not identifiable" if (name, channel) == ("ground", "r") else "identified"]
 }
 PARAMETERS["ground_b"] = ("1", 0.3, 0.15, "weak")
+RANKS = {  # of three known worlds: 27 of 30 between 0.05 and 0.95
+    name: [round(0.02 + (0.31 * i + 0.37 * world) % 0.95, 4) for world in range(3)]
+    for i, name in enumerate(PARAMETERS)
+}
 _WIDTHS = {"identified": 0.06, "weak": 0.35, "not identifiable": 2.0}
 
 
@@ -68,6 +73,7 @@ def make_run(path: Path, iterations: int = 4, finished: bool = True) -> Path:
                 | {"real_episodes": 8, "sim_steps": 81_920, "wall_s": 402.7}
                 | {"real": "pseudo-real world", "command": "simtune tune ball_in_cup --seed 3"}
                 | {"parameters": parameters, "warnings": ["ground_r cannot be seen."]}
+                | {"ranks": RANKS, "correlations": {"ball_mass, cup_r": 0.71}}
             )
     return path
 
@@ -152,7 +158,7 @@ def test_report_shows_everything(run_path):
         assert name in page.text
         assert verdict in page.text
         assert f"{truth:.3g}" in page.text
-    assert page.count("svg") == 2 * len(PARAMETERS)
+    assert page.count("svg") == 2 * len(PARAMETERS) + 2
     assert page.count("video") == 3
     for words in ("8 of 10", "81,920", "6 min 43 s", "8 real episodes", "ground_r cannot be seen."):
         assert words in page.text
@@ -180,6 +186,8 @@ def test_report_escapes_what_it_shows(run_path):
         result["warnings"] = [evil]
         facts = result["parameters"].pop("ball_mass")
         result["parameters"][evil] = facts | {"unit": evil, "verdict": evil}
+        result["ranks"] = {evil: [0.5]}
+        result["correlations"] = {f"{evil}, cup_r": -0.9}
 
     _edit(run_path / "result.json", spoil)
     metrics = (run_path / "metrics.jsonl").read_text()
@@ -206,17 +214,72 @@ def test_report_without_truth(run_path):
     assert "class='truth'" not in html
 
 
+def test_known_worlds_say_how_far_to_trust_intervals(run_path):
+    html, page = _report(run_path)
+    assert "How far to trust this" in page.text
+    words = "3 known worlds, filmed and fitted in the same way: 27 of 30 of the 90 % intervals held"
+    assert words in page.text
+    assert html.count("class='bar'") == 10
+    assert html.count("class='rank'") == 30
+
+
+def test_band_of_uniform_ranks():
+    for num in (9, 72, 400):
+        counts = np.random.default_rng(0).binomial(num, 0.1, 100_000)
+        assert expected(num) == tuple(np.quantile(counts, (0.05, 0.95)))
+
+
+@pytest.mark.parametrize(
+    ("correlation", "mass", "said"),
+    [
+        (
+            0.9,
+            (1, 1.5),
+            "raising both changes the motion least, so their ratio, ball_mass / cup_r, is",
+        ),
+        (
+            -0.7,
+            (1, 1.5),
+            "lowering the other changes the motion least, so their product, ball_mass",
+        ),
+        (0.9, (1, 1.5**2), "their ratio, ball_mass / cup_r 2 , is told better than either alone"),
+        (0.9, (-1, 1.5), "neither is told well alone (correlation 0.90)"),
+    ],
+)
+def test_what_is_told_of_parameters_that_go_together(run_path, correlation, mass, said):
+    def spread(result):
+        result["correlations"] = {"ball_mass, cup_r": correlation}
+        for name, (low, high) in (("ball_mass", mass), ("cup_r", (0.4, 0.6))):
+            result["parameters"][name] |= {"low": low, "high": high}
+
+    _edit(run_path / "result.json", spread)
+    assert said in _report(run_path)[1].text
+
+
+@pytest.mark.parametrize("nothing", [None, {}, {"ball_mass": []}, {"ball_mass, gone": "?"}])
+def test_report_of_a_run_without_known_worlds(run_path, nothing):
+    def forget(result):
+        result["ranks"] = result["correlations"] = nothing
+        if nothing is None:
+            del result["ranks"], result["correlations"]
+
+    _edit(run_path / "result.json", forget)
+    _, page = _report(run_path)
+    assert "How far to trust this" not in page.text
+    assert page.count("svg") == 2 * len(PARAMETERS)
+
+
 def test_report_without_videos_and_curves(run_path):
     shutil.rmtree(run_path / "videos")
     (run_path / "curves.json").unlink()
     _, page = _report(run_path)
     assert page.count("video") == 0
-    assert page.count("svg") == len(PARAMETERS)
+    assert page.count("svg") == len(PARAMETERS) + 2
     assert "requestAnimationFrame" not in (run_path / "report.html").read_text()
 
 
 def test_report_of_an_unfinished_run(run_path):
-    (run_path / "result.json").unlink()
+    (run_path / "result.json").unlink()  # and with it what known worlds showed
     with (run_path / "metrics.jsonl").open("a") as file:
         file.write('{"step": 99999, "mean/ball_')  # a crash left this
     _, page = _report(run_path)

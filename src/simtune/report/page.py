@@ -9,6 +9,7 @@ from string import Template
 from simtune.errors import InputError
 from simtune.report import sections
 from simtune.report.data import RunData, read_run
+from simtune.report.trust import trust
 from simtune.report.words import text
 from simtune.run import write_atomically
 
@@ -39,6 +40,7 @@ def _page(run: RunData) -> str:
         videos=sections.videos(run),
         table=sections.table(run),
         colours=sections.colours(run),
+        trust=trust(run),
         plots=sections.plots(run),
         events=sections.events(run),
         provenance=sections.provenance(run),
