@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from simtune.fit import ShootingConfig
+from simtune.fit import ShootingConfig, Stage
 from simtune.search_param_model.judge import JudgeConfig
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.sight import SightConfig
@@ -42,7 +42,7 @@ def tiny() -> PosteriorSearchConfig:
         state_updates=4,
         least_updates=2,
         replicas=(1, 1),
-        shooting=ShootingConfig(windows=(4, 8), iterations=(1, 1), num_windows=6),
+        shooting=ShootingConfig(stages=(Stage(4, 1, 2.0), Stage(8, 1)), num_windows=6),
     )
 
 

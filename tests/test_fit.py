@@ -10,7 +10,7 @@ from simtune.fit.combine import FIRST_VARIANCE, combine
 from simtune.fit.conclusions import correlations, doubts, widened
 from simtune.fit.fit import Fit, Misfit, Replicas
 from simtune.fit.pictures import fit_pictures
-from simtune.fit.shooting import Shooting, ShootingConfig
+from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks
 from simtune.randomization import Distribution
@@ -66,7 +66,7 @@ def tracks_of(rollouts, noise_px: float, mixed_up: float, rng) -> Tracks:
 
 
 def shooting(simulator, landmarks, rollouts, noise_px: float, fitted=MOVING) -> Shooting:
-    config = ShootingConfig(windows=(4, 12), iterations=(4, 8))
+    config = ShootingConfig(stages=(Stage(4, 4, 4.0), Stage(12, 8)))
     noise = np.full(len(landmarks), noise_px)
     spread = np.array([0.1, 0.1, 0.5, 0.5])
     return Shooting(simulator, landmarks, noise, spread, fitted, rollouts.states[0, 0], config)
@@ -181,7 +181,8 @@ def a_fit(motion_px: float = 0.3, picture: float = 0.004, lag: int = 0) -> Fit:
 
 
 def replicas_of(errors: np.ndarray) -> Replicas:
-    return Replicas(errors, [a_fit().misfit] * len(errors))
+    groups = np.isin(np.arange(len(SPACE)), APPEARANCE)
+    return Replicas(errors, groups, [a_fit().misfit] * len(errors))
 
 
 def test_replicas_say_how_much_too_sure_a_fit_is():

@@ -12,6 +12,8 @@ from simtune.parameters import ParameterSpace
 from simtune.real.truth import Truth
 from simtune.tuning.search import Estimate, Search
 
+_TOLD = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
+
 
 def declared(space: ParameterSpace, start: np.ndarray) -> dict[str, dict[str, Any]]:
     """The parameters as they are before any tuning, by name."""
@@ -35,7 +37,7 @@ def result(
         entry["low"], entry["high"] = float(estimate.low[i]), float(estimate.high[i])
         entry["verdict"] = estimate.verdict[i]
     content: dict[str, Any] = {**facts, "parameters": parameters}
-    content["correlations"], content["warnings"] = estimate.correlations, estimate.warnings
+    content |= {key: getattr(estimate, key) for key in _TOLD}
     if Path(sys.argv[0]).name == "simtune":  # called from Python there is no command
         content["command"] = shlex.join(["simtune", *sys.argv[1:]])
     if truth is not None:
@@ -67,7 +69,7 @@ def to_json(estimate: Estimate) -> dict[str, Any]:
     """An estimate as a checkpoint holds it."""
     arrays = {key: getattr(estimate, key).tolist() for key in ("mean", "low", "high")}
     pairs = {name: (c.tolist(), p.tolist()) for name, (c, p) in estimate.curves.items()}
-    kept = {key: getattr(estimate, key) for key in ("verdict", "correlations", "warnings")}
+    kept = {key: getattr(estimate, key) for key in ("verdict", *_TOLD)}
     return {**arrays, **kept, "curves": pairs}
 
 
@@ -75,5 +77,5 @@ def from_json(saved: Mapping[str, Any]) -> Estimate:
     """The inverse of `to_json`."""
     arrays = {key: np.array(saved[key]) for key in ("mean", "low", "high")}
     pairs = {name: (np.array(c), np.array(p)) for name, (c, p) in saved["curves"].items()}
-    kept = {key: saved[key] for key in ("verdict", "correlations", "warnings")}
+    kept = {key: saved[key] for key in ("verdict", *_TOLD)}
     return Estimate(**arrays, **kept, curves=pairs)

@@ -99,4 +99,4 @@ def _combination(space: ParameterSpace, information: Information, i: int, j: int
     if not space.is_log[i] and not space.is_log[j]:
         b = b if slope == 1 else f"{slope:g} {b}"
         return f"their difference, {a} − {b}" if rise_together else f"their sum, {a} + {b}"
-    return f"a larger {a} looks like a {'larger' if rise_together else 'smaller'} {b}"
+    return f"a larger {a} looks like a {'smaller' if rise_together else 'larger'} {b}"

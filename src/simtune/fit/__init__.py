@@ -1,16 +1,18 @@
 """Physics and pictures fitted to what sight saw: from the SPM's estimate to the last per cent."""
 
-from simtune.fit.conclusions import correlations, doubts, in_range, widened
+from simtune.fit.conclusions import correlations, doubts, in_range, ranks, widened
 from simtune.fit.fit import Fit, ReplayFit, Replicas
-from simtune.fit.shooting import ShootingConfig
+from simtune.fit.shooting import ShootingConfig, Stage
 
 __all__ = [
     "Fit",
     "ReplayFit",
     "Replicas",
     "ShootingConfig",
+    "Stage",
     "correlations",
     "doubts",
     "in_range",
+    "ranks",
     "widened",
 ]

@@ -46,6 +46,9 @@ def combine(
 
 
 def trusted(cost: np.ndarray) -> np.ndarray:
-    """(W,) how much experiments of such costs count: little, if far worse explained than most."""
-    spread = np.median(np.abs(cost - np.median(cost))) + 1e-9
-    return 1 / (1 + np.maximum(0, (cost - np.median(cost)) / (3 * spread)) ** 4)
+    """(W,) how much experiments of such costs count: little, if far worse explained than others.
+
+    Compared with the better half: the worse one may be lost altogether.
+    """
+    low, middle = np.quantile(cost, [0.25, 0.5])
+    return 1 / (1 + np.maximum(0, (cost - low) / (3 * (middle - low) + 1e-9)) ** 4)

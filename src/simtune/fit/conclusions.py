@@ -37,6 +37,13 @@ def correlations(fit: Fit, names: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
+def ranks(replicas: Replicas, names: tuple[str, ...]) -> dict[str, list[float]]:
+    """{name: ranks of the replicas' truths}."""
+    if not len(replicas.errors):
+        return {}
+    return dict(zip(names, replicas.ranks().T.round(4).tolist(), strict=True))
+
+
 def doubts(fit: Fit, replicas: Replicas) -> list[str]:
     """What to tell a user who would trust the estimates."""
     given = []

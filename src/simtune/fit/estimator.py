@@ -8,7 +8,7 @@ from torch.nn import functional as F
 from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks
 from simtune.networks import seeded
-from simtune.search_param_model.posterior import Progress
+from simtune.progress import Progress
 
 _CHANNELS = 96
 _DILATIONS = (1, 2, 4)  # with kernels of 5: 14 frames to either side

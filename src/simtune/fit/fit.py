@@ -8,10 +8,11 @@ what a fit thinks of itself, and how well videos fit that the simulator did make
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.pictures import PictureFit, fit_pictures
-from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit
+from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
 from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks, track
 from simtune.progress import Progress
@@ -23,6 +24,9 @@ from simtune.simulation import Simulator
 _NUM_PICTURES = 40
 _SURE = 0.8
 _FEWEST_EPISODES_TO_HOLD_OUT = 3
+_UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
+_POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of each one
+_USUAL = 0.85  # share of errors that are taken to be no accident
 
 
 @dataclass(frozen=True)
@@ -70,8 +74,8 @@ class ReplayFit:
         at = worlds.filmed_from[:, None] + np.arange(worlds.frames.shape[1] - 1)
         actions = worlds.actions[np.arange(len(at))[:, None], 0, at]
         tracks = track(self._sight, worlds.frames, actions)
-        errors = tracks.places[:, :, 0] - worlds.filmed_landmarks()
-        self._noise_px = _noise(errors, tracks.probability[:, :, 0])
+        errors = tracks.places - worlds.filmed_landmarks()[:, :, None]
+        self._noise_px = _noise(errors, tracks.probability.sum(2))
         self._row = worlds.states[0, 0]
         self._estimator = StateEstimator(
             self._space,
@@ -157,7 +161,8 @@ class ReplayFit:
             found = self.fit(frames, actions, guess, fit.lag)
             errors.append((space.to_unit(found.parameters) - truth) / found.std)
             misfits.append(found.misfit)
-        return Replicas(np.array(errors).reshape(-1, len(unit)), misfits)
+        groups = np.isin(np.arange(len(unit)), self._appearance)
+        return Replicas(np.array(errors).reshape(-1, len(unit)), groups, misfits)
 
     def _shooting(self, fitted: np.ndarray, config: ShootingConfig | None = None) -> Shooting:
         return Shooting(
@@ -172,7 +177,7 @@ class ReplayFit:
 
     def _find_lag(self, tracks: Tracks, start: np.ndarray) -> int:
         """The delay of the actions, of 0 to 2 steps, with which the motion fits best."""
-        quick = ShootingConfig(windows=(4, 8), iterations=(4, 3), num_windows=40)
+        quick = ShootingConfig(stages=(Stage(4, 4, 3.0), Stage(8, 3)), num_windows=40)
         misfits = []
         for lag in range(3):
             late = tracks.delayed(lag)
@@ -198,17 +203,21 @@ class Replicas:
     """What fits of known worlds showed."""
 
     errors: np.ndarray  # (K, N) in terms of each fit's own standard deviations
+    groups: np.ndarray  # (N,) parameters of the same number are about as hard to find
     misfits: list[Misfit] = field(default_factory=list)
 
     def inflation(self) -> np.ndarray:
         """(N,) by how much standard deviations have to be multiplied; at least 1."""
-        if not len(self.errors):
-            return np.full(self.errors.shape[1], 3.0)
-        square = np.minimum(np.square(self.errors), 100)
-        # Few replicas say little of a single parameter: lean on what all of them show.
-        pooled = np.exp(np.log(square + 0.05).mean()) * 3
-        share = len(square) * square.mean(0) + 3 * np.clip(pooled, 1, 25)
-        return np.sqrt(np.maximum(1.0, share / (len(square) + 3)))
+        return _inflation(self.errors, self.groups)
+
+    def ranks(self) -> np.ndarray:
+        """(K, N) probability, by each replica's fit, of being below its truth: uniform if right.
+
+        Each is judged by an inflation that the others alone say.
+        """
+        others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
+        factors = np.array([_inflation(o, self.groups) for o in others])
+        return ndtr(-self.errors / factors.reshape(self.errors.shape))
 
     def ratio(self, misfit: Misfit, name: str) -> float:
         """A misfit over the largest of the replicas'."""
@@ -216,12 +225,33 @@ class Replicas:
         return getattr(misfit, name) / max(largest, 1e-9)
 
 
+def _inflation(errors: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """(N,) for (K, N) errors in terms of their standard deviations.
+
+    Few replicas say little of a single parameter: it leans on all of its group, (N,).
+    """
+    factors = np.full(len(groups), _UNKNOWN_INFLATION)
+    if not len(errors):
+        return factors
+    for group in np.unique(groups):
+        its = np.abs(errors[:, groups == group])  # (K, G)
+        # A single replica that went astray is no reason to widen everything.
+        pooled = max(1.0, float(np.quantile(its, _USUAL)) / ndtri((1 + _USUAL) / 2))
+        square = np.square(np.minimum(its, 3 * pooled)).sum(0) + _POOLED_COUNT * pooled**2
+        factors[groups == group] = np.sqrt(np.maximum(1, square / (len(its) + _POOLED_COUNT)))
+    return factors
+
+
 def _noise(errors: np.ndarray, probability: np.ndarray) -> np.ndarray:
-    """(L,) pixels: robust standard deviation of (W, F, L, 2) errors where sight was sure."""
+    """(L,) pixels: robust standard deviation of (W, F, 2, L, 2) errors, where sight is sure.
+
+    Of the better place: that it may be the other one is no noise.
+    """
+    better = np.square(errors).sum(-1).argmin(2)[:, :, None, :, None]
+    errors = np.abs(np.take_along_axis(errors, better, 2)[:, :, 0])  # (W, F, L, 2)
     noise = []
     for landmark in range(errors.shape[2]):
-        sure = probability[..., landmark] >= min(
-            _SURE, float(np.quantile(probability[..., landmark], 0.5))
-        )
-        noise.append(1.48 * np.median(np.abs(errors[:, :, landmark][sure])) + 0.05)
+        known = probability[..., landmark]
+        sure = known >= min(_SURE, float(np.median(known)))
+        noise.append(1.48 * np.median(errors[:, :, landmark][sure]) + 0.05)
     return np.array(noise)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simtune.fit.shooting import Shooting, ShootingConfig
+from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks
 from simtune.parameters import ParameterSpace
@@ -176,7 +176,7 @@ def told_by_motion(
         np.maximum(spread, 1e-3),
         fitted,
         episodes.states[0, 0],
-        ShootingConfig(windows=(WINDOW_STEPS,), iterations=(0,)),
+        ShootingConfig(stages=(Stage(WINDOW_STEPS, 0),)),
     )
     places = episodes.recorded.reshape(*states.shape[:2], 1, -1, 2).repeat(2, 2)
     probability = np.zeros(places.shape[:-1])

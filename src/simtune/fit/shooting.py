@@ -9,6 +9,7 @@ anywhere.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,13 +22,20 @@ from simtune.simulation import Simulator
 _ELSEWHERE = 0.003  # density of a landmark that is not where sight is, in units of its noise
 _WIDE, _WIDE_SHARE = 4.0, 0.05  # the noise has wider tails than a normal distribution
 _PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
+_STATES_ONLY = 3.0  # with more blur than this, parameters wait for the states
 _LARGEST_STEP = 0.12  # of the whole range (unit coordinates)
+
+
+class Stage(NamedTuple):
+    window: int  # steps
+    iterations: int
+    blur: float = 1.0  # a factor on sight's noise
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShootingConfig:
-    windows: tuple[int, ...] = (4, 8, 12)  # steps; short ones first bring the states near
-    iterations: tuple[int, ...] = (5, 3, 7)  # with windows of each length
+    # Short and blurred first, which brings the states near from far away.
+    stages: tuple[Stage, ...] = (Stage(4, 6, 6.0), Stage(8, 3, 2.0), Stage(12, 7))
     num_windows: int = 90  # at most; spread evenly
 
 
@@ -60,7 +68,7 @@ class Shooting:
         """`noise_px`: (L,) where sight is sure; `state_spread`: (2 nv,); `row`: (S,) any state."""
         self._simulator, self._landmarks, self.config = simulator, landmarks, config
         self._space = StateSpace(simulator.model)
-        self._noise = np.asarray(noise_px)
+        self._noise_px = self._noise = np.asarray(noise_px)  # of sight, and as it is blurred
         self._spread, self.fitted, self._row = state_spread * _PRIOR, np.asarray(fitted), row
         self._rng = np.random.default_rng(0)  # starts are given: nothing is drawn
 
@@ -72,11 +80,13 @@ class Shooting:
             windows.states.copy(), unit, np.full(len(windows.states), 1e-2), FIRST_VARIANCE
         )
         covariance = np.zeros((len(self.fitted),) * 2)
-        for length, count in zip(self.config.windows, self.config.iterations, strict=True):
-            windows = whole.first(length)
+        for stage in self.config.stages:
+            windows = whole.first(stage.window)
+            self._noise = stage.blur * self._noise_px
             guess = replace(guess, damping=np.full(len(guess.damping), 1e-2))
-            for iteration in range(count):
-                guess, covariance = self._step(windows, guess, 1.0 if iteration < 3 else 0.5)
+            for iteration in range(stage.iterations):
+                step_size = 0.0 if stage.blur > _STATES_ONLY else 1.0 if iteration < 3 else 0.5
+                guess, covariance = self._step(windows, guess, step_size)
         rows, seen = self._play(windows, guess.states[None], guess.unit[None])
         residual = self._residual(windows, seen)
         nearest = self._nearest(windows, residual[0])  # (W, K, L, 2)
@@ -247,7 +257,7 @@ class _Guess:
 def _cut(tracks: Tracks, states: np.ndarray, config: ShootingConfig) -> _Windows:
     """Windows that do not overlap; at most so many, evenly spread."""
     num_episodes, num_steps, _ = tracks.actions.shape
-    length = min(config.windows[-1], num_steps)
+    length = min(config.stages[-1].window, num_steps)
     starts = np.arange(0, num_steps - length + 1, length)
     episode, step = np.repeat(np.arange(num_episodes), len(starts)), np.tile(starts, num_episodes)
     if len(step) > config.num_windows:

@@ -16,6 +16,7 @@ from simtune.fit import (
     correlations,
     doubts,
     in_range,
+    ranks,
     widened,
 )
 from simtune.progress import Progress, Say, silent
@@ -234,7 +235,7 @@ class PosteriorSearch:
     def _affordable_shooting(self, seconds: float) -> ShootingConfig:
         """With as many windows as can be played in so many seconds."""
         whole, simulator = self.config.shooting, self.simulator
-        worlds, steps = 64, whole.windows[-1]
+        worlds, steps = 64, whole.stages[-1].window
         parameters = np.repeat(self.distribution.mean[None], worlds, 0)
         actions = np.zeros((worlds, steps, simulator.num_actions))
         simulator.roll_out(parameters, actions, self._rng)  # makes the worlds
@@ -242,7 +243,9 @@ class PosteriorSearch:
         simulator.roll_out(parameters, actions, self._rng, self._landmarks.record)
         spent_s = time.monotonic() - began_s
         played = 3 + 2 * simulator.model.nv + len(simulator.space)
-        each_s = spent_s / worlds / steps * np.dot(whole.windows, whole.iterations) * played
+        each_s = (
+            spent_s / worlds / steps * sum(s.window * s.iterations for s in whole.stages) * played
+        )
         num_windows = int(np.clip(seconds / each_s, 24, whole.num_windows))
         return replace(whole, num_windows=num_windows)
 
@@ -255,9 +258,12 @@ class PosteriorSearch:
             prob_higher = with_fit(prob_higher, mean, std, self.config.move)
         estimate = read_curves(prob_higher, self.distribution, self.first, self.config.move)
         if fitted:
-            names = self.simulator.space.names
+            (fit, replicas), names = fitted, self.simulator.space.names
             estimate = replace(
-                estimate, correlations=correlations(fitted[0], names), warnings=doubts(*fitted)
+                estimate,
+                correlations=correlations(fit, names),
+                ranks=ranks(replicas, names),
+                warnings=doubts(fit, replicas),
             )
         return estimate, prob_higher
 

@@ -24,6 +24,8 @@ class Estimate:
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     # {"a, b": correlation} of parameters that can hardly be told from each other
     correlations: dict[str, float] = field(default_factory=dict)
+    # {name: ranks in (0, 1) of known worlds' truths}: uniform where intervals can be trusted
+    ranks: dict[str, list[float]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # what to doubt about all this
 
 
