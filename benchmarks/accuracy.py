@@ -85,9 +85,9 @@ def main(
                 gap=gap,
                 far=far,
             )
+            for world in range(worlds)  # so that an unfinished table is a fair one
             for task in tasks
             for method in methods
-            for world in range(worlds)
         ]
         failed = run_all(runs, jobs)
         summarize(out, variant, failed, picture)

@@ -1,5 +1,6 @@
 """Physics and pictures fitted to what sight saw: from the SPM's estimate to the last per cent."""
 
+from simtune.fit.budget import affordable
 from simtune.fit.conclusions import correlations, doubts, in_range, ranks, widened
 from simtune.fit.fit import Fit, ReplayFit, Replicas
 from simtune.fit.shooting import ShootingConfig, Stage
@@ -10,6 +11,7 @@ __all__ = [
     "Replicas",
     "ShootingConfig",
     "Stage",
+    "affordable",
     "correlations",
     "doubts",
     "in_range",

@@ -7,6 +7,7 @@ import numpy as np
 from simtune.fit.fit import Fit, Replicas
 from simtune.randomization import Distribution
 
+_SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels
 _WORTH_TELLING = 0.6  # correlation
 _DOUBTFUL = 1.6  # times as far off as the worst replica's
 
@@ -17,7 +18,8 @@ def widened(fit: Fit, replicas: Replicas) -> Fit:
     worse_picture = max(1.0, replicas.ratio(fit.misfit, "picture"))
     factor = replicas.inflation()
     is_moving = np.isin(np.arange(len(factor)), fit.moving)
-    return replace(fit, std=fit.std * factor * np.where(is_moving, worse_motion, worse_picture))
+    std = fit.std * factor * np.where(is_moving, worse_motion, worse_picture)
+    return replace(fit, std=np.maximum(std, _SMALLEST_STD))
 
 
 def in_range(fit: Fit, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from simtune.fit import (
     ReplayFit,
     Replicas,
     ShootingConfig,
+    affordable,
     correlations,
     doubts,
     in_range,
@@ -83,7 +84,8 @@ class PosteriorSearch:
         self.config = config = config or PosteriorSearchConfig()
         self.simulator, self._say = simulator, say
         self.first = Distribution.first(simulator.space, start)
-        self.distribution = self.first
+        self.distribution = self.searched = self.first
+        self._replicas: Replicas | None = None
         self.iteration = 0
         self._rng = np.random.default_rng(seed)
         self._camera = None if looks_alike else Camera()
@@ -125,12 +127,18 @@ class PosteriorSearch:
         losses = self._learn_to_see(worlds, seconds * config.sight_share)
         unseen = self._collect(real, config.unseen_worlds, 1, config.unseen_steps)
         losses |= self._learn_to_judge(worlds, unseen, seconds * config.judge_share)
-        prob_higher = self._judge(real)
-        fitted = self._fit(real, unseen, prob_higher, seconds, end_s)
-        estimate, prob_higher = self._conclude(prob_higher, fitted)
+        self._learn_to_follow(unseen, seconds)
+        estimate, prob_higher = self._look(real, end_s)
         self.distribution, events = move(prob_higher, self.distribution, self.first, config.move)
         self.iteration += 1
         return estimate, events, losses
+
+    def look(self, trajectories: list[Trajectory]) -> tuple[Estimate, np.ndarray]:
+        """What the last iteration would have made of other trajectories; and (N, C) curves.
+
+        The curves are on `candidate_grid`, in coordinates of the range `searched`.
+        """
+        return self._look(trajectories, None)
 
     def _now(self, doing: str, share: float) -> None:
         """Say what is done, and how much of the present iteration is over."""
@@ -195,76 +203,76 @@ class PosteriorSearch:
         error_px = float(np.median(np.abs(errors[0]))) if errors[0].size else 0.0
         return {"loss/judge": loss, "sight/error_px": error_px}
 
-    def _judge(self, real: list[Trajectory]) -> np.ndarray:
+    def _learn_to_follow(self, unseen: SimulatedWorlds, seconds: float) -> None:
+        self.searched = self.distribution
+        self._replicas = None
+        if not len(self._landmarks):
+            return  # nothing moves
+        config, scene = self.config, (self.simulator, self._landmarks)
+        budget_s = seconds * config.fit_share
+        shooting = affordable(config.shooting, *scene, self.distribution.mean, budget_s)
+        self._replay = ReplayFit(*scene, self.model.sight, self._seed, shooting)
+        seconds *= config.state_share
+        progress = self._progress(config.state_updates, seconds, "learning to follow", 0.7, 0.8)
+        self._replay.learn(unseen, progress)
+
+    def _look(
+        self, trajectories: list[Trajectory], end_s: float | None
+    ) -> tuple[Estimate, np.ndarray]:
+        """Judge and fit; with `end_s` replicas are made until then, to know what to think of it."""
+        began_s = time.monotonic()
+        prob_higher = self._judge(trajectories)
+        if not len(self._landmarks):
+            return self._read(prob_higher), prob_higher
+        steps = min(len(t) for t in trajectories)
+        frames = np.stack([t.frames[: steps + 1] for t in trajectories])
+        actions = np.stack([t.actions[:steps] for t in trajectories]).astype(float)
+        start, guess_std = guess(prob_higher, self.searched)
+        self._now("fitting", 0.8)
+        found = self._replay.fit(frames, actions, start, self._lag)
+        if end_s is not None:
+            num = self._affordable_replicas(end_s, time.monotonic() - began_s)
+            self._now("fitting known worlds for comparison", 0.85)
+            self._replicas = self._replay.replicas(
+                found, actions, num, guess_std, self._camera, self._rng
+            )
+        assert self._replicas is not None, "an iteration comes first"
+        return self._conclude(prob_higher, found, self._replicas)
+
+    @property
+    def _lag(self) -> int | None:
+        """Known to be 0, or (None) to be found."""
+        is_tuned = any(p.is_delay for p in self.simulator.space)
+        return None if self._camera and not is_tuned else 0
+
+    def _affordable_replicas(self, end_s: float, fit_s: float) -> int:
+        """None before the last iteration: what is fitted once more needs no test."""
+        if self.iteration < self.config.iterations - 1:
+            return 0
+        return int(np.clip((end_s - time.monotonic()) / fit_s, *self.config.replicas))
+
+    def _judge(self, trajectories: list[Trajectory]) -> np.ndarray:
         """(N, C) the judge's survival curves on the grid."""
-        curves = self.model.curves(real, self.distribution)
+        curves = self.model.curves(trajectories, self.searched)
         grid = torch.tensor(candidate_grid(), dtype=torch.float32)
         return curves.prob_higher(grid.expand(1, len(self.first.mean), -1))[0].numpy()
 
-    def _fit(
-        self,
-        real: list[Trajectory],
-        unseen: SimulatedWorlds,
-        prob_higher: np.ndarray,
-        seconds: float,
-        end_s: float,
-    ) -> tuple[Fit, Replicas] | None:
-        """Fit physics and pictures from where the judge believes the truth to be."""
-        if not len(self._landmarks):
-            return None  # nothing that moves can be followed
-        shooting = self._affordable_shooting(seconds * self.config.fit_share)
-        fit = ReplayFit(self.simulator, self._landmarks, self.model.sight, self._seed, shooting)
-        updates, share = self.config.state_updates, self.config.state_share
-        fit.learn(unseen, self._progress(updates, seconds * share, "learning to follow", 0.7, 0.8))
-        self._now("fitting", 0.8)
-        began_s = time.monotonic()
-        steps = min(len(t) for t in real)
-        frames = np.stack([t.frames[: steps + 1] for t in real])
-        actions = np.stack([t.actions[:steps] for t in real]).astype(float)
-        start, guess_std = guess(prob_higher, self.distribution)
-        lag = None if self._camera and not any(p.is_delay for p in self.simulator.space) else 0
-        found = fit.fit(frames, actions, start, lag)
-        num = 0  # nobody looks at the errors of what is fitted once more
-        if self.iteration == self.config.iterations - 1:
-            self._now("fitting known worlds for comparison", 0.85)
-            affordable = int((end_s - time.monotonic()) / (time.monotonic() - began_s))
-            num = int(np.clip(affordable, *self.config.replicas))
-        replicas = fit.replicas(found, actions, num, guess_std, self._camera, self._rng)
-        return widened(found, replicas), replicas
-
-    def _affordable_shooting(self, seconds: float) -> ShootingConfig:
-        """With as many windows as can be played in so many seconds."""
-        whole, simulator = self.config.shooting, self.simulator
-        worlds, steps = 64, whole.stages[-1].window
-        parameters = np.repeat(self.distribution.mean[None], worlds, 0)
-        actions = np.zeros((worlds, steps, simulator.num_actions))
-        simulator.roll_out(parameters, actions, self._rng)  # makes the worlds
-        began_s = time.monotonic()
-        simulator.roll_out(parameters, actions, self._rng, self._landmarks.record)
-        spent_s = time.monotonic() - began_s
-        played = 3 + 2 * simulator.model.nv + len(simulator.space)
-        each_s = (
-            spent_s / worlds / steps * sum(s.window * s.iterations for s in whole.stages) * played
-        )
-        num_windows = int(np.clip(seconds / each_s, 24, whole.num_windows))
-        return replace(whole, num_windows=num_windows)
+    def _read(self, prob_higher: np.ndarray) -> Estimate:
+        return read_curves(prob_higher, self.searched, self.first, self.config.move)
 
     def _conclude(
-        self, prob_higher: np.ndarray, fitted: tuple[Fit, Replicas] | None
+        self, prob_higher: np.ndarray, found: Fit, replicas: Replicas
     ) -> tuple[Estimate, np.ndarray]:
         """The estimate and its (N, C) curves: those of the fit, with the judge's for tails."""
-        if fitted:
-            mean, std = in_range(fitted[0], self.distribution)
-            prob_higher = with_fit(prob_higher, mean, std, self.config.move)
-        estimate = read_curves(prob_higher, self.distribution, self.first, self.config.move)
-        if fitted:
-            (fit, replicas), names = fitted, self.simulator.space.names
-            estimate = replace(
-                estimate,
-                correlations=correlations(fit, names),
-                ranks=ranks(replicas, names),
-                warnings=doubts(fit, replicas),
-            )
+        names = self.simulator.space.names
+        mean, std = in_range(widened(found, replicas), self.searched)
+        prob_higher = with_fit(prob_higher, mean, std, self.config.move)
+        estimate = replace(
+            self._read(prob_higher),
+            correlations=correlations(found, names),
+            ranks=ranks(replicas, names),
+            warnings=doubts(found, replicas),
+        )
         return estimate, prob_higher
 
     def tensors(self) -> dict[str, torch.Tensor]:

@@ -1,0 +1,144 @@
+"""Do 90 % intervals hold the truth 90 % of the time? Simulation-based calibration.
+
+A search tunes to one random world, as `simtune tune` does. Then worlds are drawn from the range
+that each of its iterations searched (the first range, then a narrowed one), filmed, and looked
+at by the sight, judge and fit of that iteration, just as the real world was; the rank of each
+truth in its own curve is uniform where intervals can be trusted (Talts et al. 2018).
+
+Worlds that are done already, in OUT, are not done again. The last line is one JSON object.
+"""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import tyro
+from common import machine
+
+from simtune.real.truth import Truth
+from simtune.simulation import Simulator, random_actions
+from simtune.tasks import TASKS, Task, load_task
+from simtune.trajectory import Trajectory
+from simtune.tuning.moves import candidate_grid
+from simtune.tuning.posterior import PosteriorSearch, PosteriorSearchConfig
+
+_INSIDE = (0.05, 0.95)
+
+
+def main(
+    tasks: tuple[str, ...] = tuple(TASKS),
+    worlds: int = 200,
+    minutes: float = 6.0,
+    real_episodes: int = 5,
+    at_most_minutes: float = 60.0,
+    out: Path = Path("runs/calibration"),
+    quick: bool = False,
+) -> None:
+    """Measure it.
+
+    Args:
+        tasks: Which of the built-in ones.
+        worlds: To draw from each of the two ranges.
+        minutes: For the search.
+        real_episodes: Of each world, 200 steps each.
+        at_most_minutes: For each range's worlds.
+        out: Folder for the ranks, a JSON lines file for each task and range.
+        quick: Two worlds, no time to learn.
+    """
+    if quick:
+        tasks, worlds, minutes, real_episodes = tasks[-1:], 2, 0.1, 1
+    out.mkdir(parents=True, exist_ok=True)
+    found = {}
+    for name in tasks:
+        task = load_task(name)
+        calibrate(task, worlds, minutes, real_episodes, at_most_minutes, out)
+        for path in sorted(out.glob(f"{name}-*.jsonl")):
+            found[path.stem] = summary(path)
+            print(f"{path.stem}: {found[path.stem]}", file=sys.stderr)
+    print(json.dumps({"benchmark": "calibration", "quick": quick, **machine(), "ranges": found}))
+
+
+def calibrate(
+    task: Task, worlds: int, minutes: float, episodes: int, at_most_minutes: float, out: Path
+) -> None:
+    """Append ranks to OUT/TASK-first.jsonl and OUT/TASK-narrowed.jsonl."""
+    rng = np.random.default_rng(0)
+    simulator = task.simulator(image_size=64)
+    space = task.parameters
+    truth = space.clip(
+        np.where(
+            space.is_colour,
+            rng.uniform(0.25, 1, len(space)),
+            space.nominal * 2 ** rng.uniform(-1, 1, len(space)),
+        )
+    )
+    known = Truth(space, truth)
+    world = known.make_real(simulator, episode_steps=task.episode_steps, seed=0)
+    real = world.collect(episodes)
+    search = PosteriorSearch(
+        simulator, task.camera, known.wrong_start(0), PosteriorSearchConfig(), seed=0
+    )
+    for label, share in (("first", 0.4), ("narrowed", 0.6)):
+        path = out / f"{task.name}-{label}.jsonl"
+        searched = search.distribution
+        search.iterate(real, time.monotonic() + 60 * minutes * share)
+        done = len(path.read_text().splitlines()) if path.exists() else 0
+        end_s = time.monotonic() + 60 * at_most_minutes
+        while done < worlds and time.monotonic() < end_s:
+            parameters = searched.sample(1, rng)
+            filmed = film(simulator, parameters, episodes, task.episode_steps, rng)
+            if filmed is None:
+                continue
+            ranks = ranks_of(search, filmed, parameters[0])
+            with path.open("a") as lines:
+                lines.write(
+                    json.dumps(dict(zip(space.names, ranks.round(4).tolist(), strict=True))) + "\n"
+                )
+            done += 1
+
+
+def ranks_of(
+    search: PosteriorSearch, trajectories: list[Trajectory], truth: np.ndarray
+) -> np.ndarray:
+    """(N,) probabilities, by a world's curves, of being below its truth."""
+    _, prob_higher = search.look(trajectories)
+    at = 2 * search.searched.to_local(truth) - 1
+    grid = candidate_grid()
+    curves = zip(at, prob_higher, strict=True)
+    return np.array([1 - np.interp(place, grid, curve) for place, curve in curves])
+
+
+def film(
+    simulator: Simulator, parameters: np.ndarray, episodes: int, steps: int, rng
+) -> list[Trajectory] | None:
+    """Episodes of one world with random actions; None if its physics diverges."""
+    actions = random_actions(episodes, steps, simulator.model, rng)
+    rollouts = simulator.roll_out(np.repeat(parameters, episodes, 0), actions, rng)
+    if len(rollouts) < episodes:
+        return None
+    frames = simulator.film(rollouts)
+    return [
+        Trajectory(f, a.astype(np.float32), simulator.step_s)
+        for f, a in zip(frames, actions, strict=True)
+    ]
+
+
+def summary(path: Path) -> dict[str, object]:
+    """Worlds, coverage of all and of each parameter's 90 % intervals."""
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    ranks = np.array([list(row.values()) for row in rows])
+    inside = (ranks > _INSIDE[0]) & (ranks < _INSIDE[1])
+    each = dict(zip(rows[0], inside.mean(0).round(3).tolist(), strict=True))
+    histogram = np.histogram(ranks, 10, (0, 1))[0].tolist()
+    return {
+        "worlds": len(rows),
+        "coverage": round(float(inside.mean()), 3),
+        "coverage_of_each": each,
+        "histogram": histogram,
+    }
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
