@@ -194,10 +194,11 @@ def test_replicas_say_how_much_too_sure_a_fit_is():
 
 def test_intervals_widen_where_the_videos_fit_worse_than_simulated_ones():
     replicas = replicas_of(np.zeros((8, len(SPACE))))
-    same = widened(a_fit(), replicas).std
-    worse = widened(a_fit(motion_px=0.6, picture=0.012), replicas).std
+    same = widened(a_fit(), replicas, True).std
+    worse = widened(a_fit(motion_px=0.6, picture=0.012), replicas, True).std
     np.testing.assert_allclose(worse[MOVING] / same[MOVING], 2)
     np.testing.assert_allclose(worse[APPEARANCE] / same[APPEARANCE], 3)
+    assert (widened(a_fit(), replicas, False).std > same).all()
 
 
 def test_what_is_doubtful_is_said():

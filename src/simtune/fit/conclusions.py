@@ -7,19 +7,25 @@ import numpy as np
 from simtune.fit.fit import Fit, Replicas
 from simtune.randomization import Distribution
 
-_SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels
+# Of physics and of appearance, in unit coordinates: 2 % of a value, and what shadows, highlights
+# and another renderer's light make of a colour. Assumed, as no simulator can tell them.
+_DISCREPANCY = (0.005, 0.035)
 _WORTH_TELLING = 0.6  # correlation
 _DOUBTFUL = 1.6  # times as far off as the worst replica's
 
 
-def widened(fit: Fit, replicas: Replicas) -> Fit:
-    """A fit with the standard deviations that replicas show, larger still where it fits worse."""
+def widened(fit: Fit, replicas: Replicas, looks_alike: bool) -> Fit:
+    """A fit with the standard deviations that replicas show, larger still where it fits worse.
+
+    Unless the real world `looks_alike` to the simulator, allow for what no replica can show.
+    """
     worse_motion = max(1.0, replicas.ratio(fit.misfit, "motion_px"))
     worse_picture = max(1.0, replicas.ratio(fit.misfit, "picture"))
     factor = replicas.inflation()
     is_moving = np.isin(np.arange(len(factor)), fit.moving)
     std = fit.std * factor * np.where(is_moving, worse_motion, worse_picture)
-    return replace(fit, std=np.maximum(std, _SMALLEST_STD))
+    gap = np.where(is_moving, *_DISCREPANCY) if not looks_alike else 0.0
+    return replace(fit, std=np.hypot(std, gap))
 
 
 def in_range(fit: Fit, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:

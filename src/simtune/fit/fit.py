@@ -23,6 +23,7 @@ from simtune.simulation import Simulator
 
 _NUM_PICTURES = 40
 _SURE = 0.8
+_SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fits end sometime
 _FEWEST_EPISODES_TO_HOLD_OUT = 3
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
 _POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of each one
@@ -118,7 +119,7 @@ class ReplayFit:
         deviation = np.sqrt(np.diag(motion.covariance))
         return Fit(
             space.from_unit(unit),
-            std,
+            np.maximum(std, _SMALLEST_STD),
             motion.covariance / np.outer(deviation, deviation),
             self._moving,
             Misfit(

@@ -59,8 +59,8 @@ class PosteriorSearchConfig:
     least_updates: int = 200  # of each, however late it is
     time_shares: tuple[float, ...] = (0.4, 0.6)  # of the time, for each iteration
     collect_share: float = 0.25  # of an iteration's time, at most, goes into simulating
-    sight_share: float = 0.5  # of an iteration's time
-    judge_share: float = 0.12
+    sight_share: float = 0.42  # of an iteration's time
+    judge_share: float = 0.08
     state_share: float = 0.1
     fit_share: float = 0.08  # of one fit, at most; fewer windows where physics is slow
     replicas: tuple[int, int] = (2, 8)  # worlds fitted as the real one is: at least, at most
@@ -265,7 +265,7 @@ class PosteriorSearch:
     ) -> tuple[Estimate, np.ndarray]:
         """The estimate and its (N, C) curves: those of the fit, with the judge's for tails."""
         names = self.simulator.space.names
-        mean, std = in_range(widened(found, replicas), self.searched)
+        mean, std = in_range(widened(found, replicas, self._camera is None), self.searched)
         prob_higher = with_fit(prob_higher, mean, std, self.config.move)
         estimate = replace(
             self._read(prob_higher),
