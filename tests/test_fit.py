@@ -13,10 +13,12 @@ from simtune.fit.pictures import fit_pictures
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks
+from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import random_actions
 from simtune.tasks import load_task
+from simtune.tuning.moves import MoveConfig, candidate_grid, read_curves, with_fit
 
 CARTPOLE = load_task("cartpole")
 SPACE = CARTPOLE.parameters
@@ -127,6 +129,28 @@ def test_one_experiment_that_claims_to_know_all_does_not_outweigh_the_others():
     )
     assert abs(change[0] - estimate[1:].mean()) < 0.005
     assert 0.001 < np.sqrt(covariance[0, 0]) < 0.01
+
+
+def test_what_nothing_tells_stays_as_unknown_as_it_was():
+    information = np.zeros((20, 2, 2))
+    information[:, 0, 0] = 1e4  # of the first parameter only
+    slope = np.zeros((20, 2))
+    slope[:, 0] = np.random.default_rng(0).normal(0, 100, 20)
+    change, covariance, _ = combine(information, slope, FIRST_VARIANCE, np.ones(20))
+    std = np.sqrt(np.diag(covariance))
+    assert change[1] == 0
+    assert std[0] < 0.02
+    assert std[1] > 0.9  # of the whole range, in unit coordinates
+    space = ParameterSpace([p for p in SPACE if not p.is_appearance])
+    first = Distribution.first(space, space.nominal)
+    flat = np.tile((1 - candidate_grid()).clip(0, 2) / 2, (2, 1))
+    local = 2 * std / (space.to_unit(first.high) - space.to_unit(first.low))
+    curves = with_fit(flat, np.zeros(2), local, MoveConfig())
+    told, untold = read_curves(curves, first, first, MoveConfig()).verdict
+    assert (told, untold) == ("identified", "not identifiable")
+    estimate = read_curves(curves, first, first, MoveConfig())
+    assert estimate.low[1] <= first.low[1]
+    assert estimate.high[1] >= first.high[1]
 
 
 def test_physics_is_found_from_landmarks(simulator, played):

@@ -2,7 +2,7 @@
 
 from simtune.fit.budget import affordable
 from simtune.fit.conclusions import correlations, doubts, in_range, ranks, widened
-from simtune.fit.fit import Fit, ReplayFit, Replicas
+from simtune.fit.fit import Fit, ReplayFit, Replicas, num_fitted
 from simtune.fit.shooting import ShootingConfig, Stage
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "correlations",
     "doubts",
     "in_range",
+    "num_fitted",
     "ranks",
     "widened",
 ]

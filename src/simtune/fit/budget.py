@@ -9,7 +9,7 @@ from simtune.fit.shooting import ShootingConfig
 from simtune.search_param_model.landmarks import Landmarks
 from simtune.simulation import Simulator
 
-_FEWEST_WINDOWS = 24
+_FEWEST_WINDOWS = 20
 _TRIED_WORLDS = 64
 
 

@@ -24,7 +24,7 @@ from simtune.simulation import Simulator
 _NUM_PICTURES = 40
 _SURE = 0.8
 _SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fits end sometime
-_FEWEST_EPISODES_TO_HOLD_OUT = 3
+_FEWEST_TO_FIT = 2  # episodes
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
 _POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of each one
 _USUAL = 0.85  # share of errors that are taken to be no accident
@@ -50,6 +50,11 @@ class Fit:
     moving: np.ndarray  # (P,) which those are
     misfit: Misfit
     lag: int  # steps by which the actions seem to come late
+
+
+def num_fitted(num_episodes: int) -> int:
+    """All but the last, which is kept to test the fit on, where that leaves two or more."""
+    return num_episodes - (num_episodes > _FEWEST_TO_FIT)
 
 
 class ReplayFit:
@@ -101,8 +106,7 @@ class ReplayFit:
             lag = self._find_lag(tracks, start)
         tracks = tracks.delayed(lag)
         states = self._estimator(tracks)
-        num = len(tracks.actions)
-        kept = num - 1 if num >= _FEWEST_EPISODES_TO_HOLD_OUT else num
+        num, kept = len(tracks.actions), num_fitted(len(tracks.actions))
         fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
         space = self._simulator.space
         motion = self._shooting(self._moving).fit(tracks.episodes(fitted), states[fitted], start)
@@ -178,7 +182,8 @@ class ReplayFit:
 
     def _find_lag(self, tracks: Tracks, start: np.ndarray) -> int:
         """The delay of the actions, of 0 to 2 steps, with which the motion fits best."""
-        quick = ShootingConfig(stages=(Stage(4, 4, 3.0), Stage(8, 3)), num_windows=40)
+        stages = (Stage(4, 3, 3.0), Stage(8, 3))
+        quick = ShootingConfig(stages=stages, num_windows=max(12, self._config.num_windows // 3))
         misfits = []
         for lag in range(3):
             late = tracks.delayed(lag)

@@ -17,6 +17,7 @@ from simtune.fit import (
     correlations,
     doubts,
     in_range,
+    num_fitted,
     ranks,
     widened,
 )
@@ -221,7 +222,7 @@ class PosteriorSearch:
     ) -> tuple[Estimate, np.ndarray]:
         """Judge and fit; with `end_s` replicas are made until then, to know what to think of it."""
         began_s = time.monotonic()
-        prob_higher = self._judge(trajectories)
+        prob_higher = self._judge(trajectories[: num_fitted(len(trajectories))])
         if not len(self._landmarks):
             return self._read(prob_higher), prob_higher
         steps = min(len(t) for t in trajectories)
