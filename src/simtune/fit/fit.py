@@ -5,13 +5,13 @@ estimate, are filmed and fitted in just the same way, and say how large errors a
 what a fit thinks of itself, and how well videos fit that the simulator did make.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from simtune.fit.estimator import StateEstimator
-from simtune.fit.pictures import PictureFit, fit_pictures
+from simtune.fit.pictures import PictureFit, aligned, fit_pictures
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
 from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks, track
@@ -25,6 +25,8 @@ _NUM_PICTURES = 40
 _SURE = 0.8
 _SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fits end sometime
 _FEWEST_TO_FIT = 2  # episodes
+_UNSEEN_PX = 0.2
+_PRIOR_SPREADS = 3.0  # as far as a first guess may be off, in terms of its usual error
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
 _POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of each one
 _USUAL = 0.85  # share of errors that are taken to be no accident
@@ -94,12 +96,17 @@ class ReplayFit:
         return self._estimator.train(tracks, states, progress)
 
     def fit(
-        self, frames: np.ndarray, actions: np.ndarray, start: np.ndarray, lag: int | None = 0
+        self,
+        frames: np.ndarray,
+        actions: np.ndarray,
+        start: np.ndarray,
+        start_std: np.ndarray,
+        lag: int | None = 0,
     ) -> Fit:
         """Fit (E, T + 1, H, W, 3) frames and (E, T, A) actions, from (N,) parameters.
 
-        With three episodes or more the last one is kept to test the fit on. `lag` is the
-        actions' delay in steps; None: find it.
+        `start_std`: (N,) of the start in unit coordinates. With three episodes or more the last
+        one is kept to test the fit on. `lag` is the actions' delay in steps; None: find it.
         """
         tracks = track(self._sight, frames, actions)
         if lag is None:
@@ -109,7 +116,7 @@ class ReplayFit:
         num, kept = len(tracks.actions), num_fitted(len(tracks.actions))
         fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
         space = self._simulator.space
-        motion = self._shooting(self._moving).fit(tracks.episodes(fitted), states[fitted], start)
+        motion = self._fit_motion(tracks.episodes(fitted), states[fitted], start, start_std)
         unit = space.to_unit(start)
         unit[self._moving] = motion.unit
         pictures = self._fit_pictures(motion, frames, space.from_unit(unit))
@@ -163,7 +170,7 @@ class ReplayFit:
             if camera is not None:
                 frames = camera.film(frames, rng)
             guess = space.from_unit(truth + guess_std * rng.normal(size=len(unit)))
-            found = self.fit(frames, actions, guess, fit.lag)
+            found = self.fit(frames, actions, guess, guess_std, fit.lag)
             errors.append((space.to_unit(found.parameters) - truth) / found.std)
             misfits.append(found.misfit)
         groups = np.isin(np.arange(len(unit)), self._appearance)
@@ -179,6 +186,21 @@ class ReplayFit:
             self._row,
             config or self._config,
         )
+
+    def _fit_motion(
+        self, tracks: Tracks, states: np.ndarray, start: np.ndarray, start_std: np.ndarray
+    ) -> ShootingFit:
+        """From below and from above; what they disagree by is part of what is not known."""
+        space, shooting = self._simulator.space, self._shooting(self._moving)
+        unit, fits = space.to_unit(start), []
+        for side in (-1, 1):
+            begin = space.from_unit(unit + side * np.clip(start_std, 0.01, 0.1))
+            fits.append(shooting.fit(tracks, states, begin))
+        better = min(fits, key=lambda fit: float(np.median(fit.misfit)))
+        apart = (fits[1].unit - fits[0].unit) / 2
+        covariance = better.covariance + np.outer(apart, apart)
+        middle = (fits[0].unit + fits[1].unit) / 2
+        return replace(better, unit=middle, covariance=covariance)
 
     def _find_lag(self, tracks: Tracks, start: np.ndarray) -> int:
         """The delay of the actions, of 0 to 2 steps, with which the motion fits best."""
@@ -199,9 +221,29 @@ class ReplayFit:
         good = np.flatnonzero(motion.misfit <= np.quantile(motion.misfit, 0.6))
         chosen = good[np.linspace(0, len(good) - 1, min(_NUM_PICTURES, len(good))).astype(int)]
         shown = frames[motion.episode[chosen], motion.step[chosen] + middle]
-        return fit_pictures(
-            self._simulator, shown, motion.rows[chosen, middle], parameters, self._appearance
-        )
+        rows = motion.rows[chosen, middle]
+        for tangent in self._unseen_by_landmarks():
+            rows = aligned(self._simulator, shown, rows, parameters, self._space, tangent)
+        return fit_pictures(self._simulator, shown, rows, parameters, self._appearance)
+
+    def _unseen_by_landmarks(self) -> np.ndarray:
+        """(D, 2 nv) changes of position, as large as is unknown, that move no landmark.
+
+        A camera that follows the robot, say: how far it went shows in the ground's texture only.
+        """
+        space, num = self._space, self._space.nv
+        changes = np.diag(_PRIOR_SPREADS * self._estimator.spread)[:num]
+        state = self._row[1 : 1 + space.nq + space.nv]
+        rows = np.repeat(self._row[None], 1 + num, 0)
+        rows[1:, 1 : 1 + len(state)] = space.move(state, changes)
+        parameters = np.repeat(self._simulator.space.nominal[None], 1 + num, 0)
+        still = np.zeros((1 + num, 1, self._simulator.num_actions))
+        rng = np.random.default_rng(0)  # starts are given: nothing is drawn
+        seen = self._simulator.roll_out(
+            parameters, still, rng, self._landmarks.record, rows, keep_diverged=True
+        ).recorded
+        assert seen is not None, "asked for above"
+        return changes[np.abs(seen[1:, 0] - seen[:1, 0]).max(-1) < _UNSEEN_PX]
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE, combine, trusted
+from simtune.fit.states import StateSpace
 from simtune.simulation import Simulator
 
 _DELTA = 0.03  # of a parameter, to derive by: several of a pixel's 256 levels
 _ROBUST = 3.0  # noise levels from which a pixel counts less: edges, what is not modelled
 _SMALLEST_NOISE = 1.0 / 255
 _LARGEST_STEP = 0.2
+_PLACES = 25  # tried for each picture
 _SQUARE_PX = 4  # neighbouring pixels tell the same: so many by so many count as one
 
 
@@ -64,6 +66,29 @@ def fit_pictures(
         unit[fitted] = np.clip(unit[fitted] + np.clip(change, -_LARGEST_STEP, _LARGEST_STEP), 0, 1)
     far = np.abs(residual).reshape(len(frames), -1, 3).max(-1) > 0.12
     return PictureFit(unit[fitted], covariance, noise, float(far.mean()))
+
+
+def aligned(
+    simulator: Simulator,
+    frames: np.ndarray,
+    rows: np.ndarray,
+    parameters: np.ndarray,
+    space: StateSpace,
+    tangent: np.ndarray,
+) -> np.ndarray:
+    """(M, S) rows, each moved along a (2 nv,) tangent to where it looks most like its frame."""
+    size = space.nq + space.nv
+    candidates = np.repeat(rows[None], _PLACES, 0)
+    shifts = np.linspace(-1, 1, _PLACES)[:, None, None] * tangent
+    states = np.broadcast_to(rows[:, 1 : 1 + size], (_PLACES, len(rows), size))
+    candidates[..., 1 : 1 + size] = space.move(states, shifts + np.zeros((_PLACES, len(rows), 1)))
+    worlds = np.repeat(parameters[None], _PLACES * len(rows), 0)
+    drawn = simulator.render(candidates.reshape(-1, rows.shape[-1]), worlds)
+    drawn = drawn.reshape(_PLACES, len(rows), -1)
+    real = frames.reshape(len(frames), -1).astype(np.float32)
+    # What looks alike may be of another brightness so far: compare the patterns.
+    alike = [[np.corrcoef(d, r)[0, 1] for d, r in zip(place, real, strict=True)] for place in drawn]
+    return candidates[np.argmax(alike, 0), np.arange(len(rows))]
 
 
 def _draw(simulator: Simulator, rows: np.ndarray, unit: np.ndarray, fitted: np.ndarray):

@@ -63,7 +63,7 @@ class PosteriorSearchConfig:
     sight_share: float = 0.42  # of an iteration's time
     judge_share: float = 0.08
     state_share: float = 0.1
-    fit_share: float = 0.08  # of one fit, at most; fewer windows where physics is slow
+    fit_share: float = 0.1  # of one fit, at most; fewer windows where physics is slow
     replicas: tuple[int, int] = (2, 8)  # worlds fitted as the real one is: at least, at most
 
 
@@ -210,7 +210,7 @@ class PosteriorSearch:
         if not len(self._landmarks):
             return  # nothing moves
         config, scene = self.config, (self.simulator, self._landmarks)
-        budget_s = seconds * config.fit_share
+        budget_s = seconds * config.fit_share / 2  # it is begun from two sides
         shooting = affordable(config.shooting, *scene, self.distribution.mean, budget_s)
         self._replay = ReplayFit(*scene, self.model.sight, self._seed, shooting)
         seconds *= config.state_share
@@ -230,7 +230,7 @@ class PosteriorSearch:
         actions = np.stack([t.actions[:steps] for t in trajectories]).astype(float)
         start, guess_std = guess(prob_higher, self.searched)
         self._now("fitting", 0.8)
-        found = self._replay.fit(frames, actions, start, self._lag)
+        found = self._replay.fit(frames, actions, start, guess_std, self._lag)
         if end_s is not None:
             num = self._affordable_replicas(end_s, time.monotonic() - began_s)
             self._now("fitting known worlds for comparison", 0.85)
