@@ -12,7 +12,7 @@ from simtune.errors import InputError
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
-from simtune.simulation import Simulator, opengl
+from simtune.simulation import Simulator, make_renderer, opengl
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 
@@ -134,6 +134,8 @@ def test_without_opengl_the_renderer_says_so(monkeypatch):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setattr(opengl, "find_library", lambda name: None)
+    # Other tests may have had renderers kept.
+    monkeypatch.setattr("simtune.simulation.simulator.make_renderer", make_renderer)
     with pytest.raises(InputError, match="the opengl renderer cannot be used"):
         choose_real("pseudo", TASK, image_size=SIZE, seed=0, real_gap=True)
 
