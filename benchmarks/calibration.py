@@ -22,7 +22,8 @@ from simtune.simulation import Simulator, random_actions
 from simtune.tasks import TASKS, Task, load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.moves import candidate_grid
-from simtune.tuning.posterior import PosteriorSearch, PosteriorSearchConfig
+from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _INSIDE = (0.05, 0.95)
 

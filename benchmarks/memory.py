@@ -31,7 +31,8 @@ def tune(
     from simtune.config import TuneConfig
     from simtune.search_param_model.paper import PaperConfig
     from simtune.tuning.paper import PaperSearch
-    from simtune.tuning.posterior import PosteriorSearch, PosteriorSearchConfig
+    from simtune.tuning.posterior import PosteriorSearch
+    from simtune.tuning.posterior_config import PosteriorSearchConfig
 
     peaks: list[float] = []
 

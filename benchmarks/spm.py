@@ -24,7 +24,8 @@ from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import TASKS, load_task
 from simtune.tuning import needed_image_size
 from simtune.tuning.paper import PaperSearch
-from simtune.tuning.posterior import PosteriorSearch, PosteriorSearchConfig
+from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _TARGET_PERCENT = 10.0
 # The paper's own schedule (2,500 updates before anything moves, α = .1) would spend most of the

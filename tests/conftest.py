@@ -11,7 +11,7 @@ from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.sight import SightConfig
 from simtune.simulation import make_renderer
 from simtune.tasks import load_task
-from simtune.tuning.posterior import PosteriorSearchConfig
+from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -8,8 +8,9 @@ import pytest
 
 from simtune.fit.combine import FIRST_VARIANCE, combine
 from simtune.fit.conclusions import correlations, doubts, widened
-from simtune.fit.fit import Fit, Misfit, Replicas
+from simtune.fit.found import Fit, Misfit
 from simtune.fit.pictures import fit_pictures
+from simtune.fit.replicas import Replicas
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks

@@ -15,7 +15,8 @@ from simtune.search_param_model import simulated
 from simtune.simulation import Rollouts, Simulator
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
-from simtune.tuning.posterior import PosteriorSearch, PosteriorSearchConfig
+from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 SIZE = 32  # pixels
 STEPS = 24

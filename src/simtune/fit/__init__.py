@@ -2,7 +2,9 @@
 
 from simtune.fit.budget import affordable
 from simtune.fit.conclusions import correlations, doubts, in_range, ranks, widened
-from simtune.fit.fit import Fit, ReplayFit, Replicas, num_fitted
+from simtune.fit.fit import ReplayFit, num_fitted
+from simtune.fit.found import Fit
+from simtune.fit.replicas import Replicas, make_replicas
 from simtune.fit.shooting import ShootingConfig, Stage
 
 __all__ = [
@@ -15,6 +17,7 @@ __all__ = [
     "correlations",
     "doubts",
     "in_range",
+    "make_replicas",
     "num_fitted",
     "ranks",
     "widened",

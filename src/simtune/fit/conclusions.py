@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from simtune.fit.fit import Fit, Replicas
+from simtune.fit.found import Fit
+from simtune.fit.replicas import Replicas
 from simtune.randomization import Distribution
 
 # Of physics and of appearance, in unit coordinates: 2 % of a value, and what shadows, highlights

@@ -52,7 +52,7 @@ def fit_pictures(
         residual = drawn[0] - real  # (M, pixels)
         # Most pixels may show what does not depend on anything: only the others are asked.
         slopes = (drawn[1:] - drawn[0]) / sign[:, None, None]  # (V, M, pixels)
-        shown = np.abs(slopes).max(0) > 0.05
+        shown = np.abs(slopes).max(0, initial=0) > 0.05
         noise = max(
             _SMALLEST_NOISE, 1.48 * float(np.median(np.abs(residual[shown]))) if shown.any() else 0
         )

@@ -6,6 +6,8 @@ import numpy as np
 
 from simtune.search_param_model.sight import Sight, look
 
+_SURE = 0.8
+
 
 @dataclass(frozen=True)
 class Tracks:
@@ -20,9 +22,14 @@ class Tracks:
 
     def delayed(self, steps: int) -> "Tracks":
         """The same, had the actions come so many steps later."""
-        late = np.zeros_like(self.actions)
-        late[:, steps:] = self.actions[:, : self.actions.shape[1] - steps]
-        return Tracks(self.places, self.probability, late)
+        return Tracks(self.places, self.probability, late(self.actions, steps))
+
+
+def late(actions: np.ndarray, steps: int) -> np.ndarray:
+    """(E, T, A) actions, so many steps later; zero before."""
+    delayed = np.zeros_like(actions)
+    delayed[:, steps:] = actions[:, : actions.shape[1] - steps]
+    return delayed
 
 
 def track(sight: Sight, frames: np.ndarray, actions: np.ndarray) -> Tracks:
@@ -32,3 +39,21 @@ def track(sight: Sight, frames: np.ndarray, actions: np.ndarray) -> Tracks:
     places = seen.places.reshape(*episodes, *seen.places.shape[1:])
     probability = seen.probability.reshape(*episodes, *seen.probability.shape[1:])
     return Tracks(places, probability, actions.astype(float))
+
+
+def noise_px(tracks: Tracks, truth: np.ndarray) -> np.ndarray:
+    """(L,) pixels: robust standard deviation of errors, where sight is sure.
+
+    `truth`: (E, T + 1, L, 2) where the landmarks really are.
+
+    Of the better place: that it may be the other one is no noise.
+    """
+    errors, probability = tracks.places - truth[:, :, None], tracks.probability.sum(2)
+    better = np.square(errors).sum(-1).argmin(2)[:, :, None, :, None]
+    errors = np.abs(np.take_along_axis(errors, better, 2)[:, :, 0])  # (W, F, L, 2)
+    noise = []
+    for landmark in range(errors.shape[2]):
+        known = probability[..., landmark]
+        sure = known >= min(_SURE, float(np.median(known)))
+        noise.append(1.48 * np.median(errors[:, :, landmark][sure]) + 0.05)
+    return np.array(noise)

@@ -1,0 +1,27 @@
+"""What a fit finds, and how well it fits."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """How badly videos fit a simulator; larger is worse."""
+
+    motion: float  # −log likelihood of a landmark's place, median over windows held out
+    motion_px: float  # distance between where sight is sure a landmark is and where it should be
+    picture: float  # noise of a pixel, of the full scale
+    outline: float  # share of pixels that are far off
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters (N,) as fitted, with their standard deviations in unit coordinates."""
+
+    parameters: np.ndarray
+    std: np.ndarray  # (N,)
+    correlation: np.ndarray  # (P, P) between the fitted parameters that are no mere appearance
+    moving: np.ndarray  # (P,) which those are
+    misfit: Misfit
+    lag: int  # steps by which the actions seem to come late

@@ -1,0 +1,103 @@
+"""Replicas: how far a fit can be trusted is measured, not assumed.
+
+Simulated worlds near the estimate are filmed and fitted in just the same way as the real one. They
+say how large errors are in terms of what a fit thinks of itself, and how well videos fit that the
+simulator did make.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from simtune.fit.fit import ReplayFit
+from simtune.fit.found import Fit, Misfit
+from simtune.fit.tracks import late
+from simtune.search_param_model.simulated import Camera
+from simtune.simulation import Simulator
+
+_UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
+_POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of each one
+_USUAL = 0.85  # share of errors that are taken to be no accident
+_SMALLEST_SPREAD = 0.01  # of replicas around the estimate, in unit coordinates
+_MARGIN = 0.002  # truths keep so far from the bounds
+
+
+@dataclass(frozen=True)
+class Replicas:
+    """What fits of known worlds showed."""
+
+    errors: np.ndarray  # (K, N) in terms of each fit's own standard deviations
+    groups: np.ndarray  # (N,) parameters of the same number are about as hard to find
+    misfits: list[Misfit] = field(default_factory=list)
+
+    def inflation(self) -> np.ndarray:
+        """(N,) by how much standard deviations have to be multiplied; at least 1."""
+        return _inflation(self.errors, self.groups)
+
+    def ranks(self) -> np.ndarray:
+        """(K, N) probability, by each replica's fit, of being below its truth: uniform if right.
+
+        Each is judged by an inflation that the others alone say.
+        """
+        others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
+        factors = np.array([_inflation(o, self.groups) for o in others])
+        return ndtr(-self.errors / factors.reshape(self.errors.shape))
+
+    def ratio(self, misfit: Misfit, name: str) -> float:
+        """A misfit over the largest of the replicas'."""
+        largest = max((getattr(m, name) for m in self.misfits), default=np.inf)
+        return getattr(misfit, name) / max(largest, 1e-9)
+
+
+def _inflation(errors: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """(N,) for (K, N) errors in terms of their standard deviations.
+
+    Few replicas say little of a single parameter: it leans on all of its group, (N,).
+    """
+    factors = np.full(len(groups), _UNKNOWN_INFLATION)
+    if not len(errors):
+        return factors
+    for group in np.unique(groups):
+        its = np.abs(errors[:, groups == group])  # (K, G)
+        # A single replica that went astray is no reason to widen everything.
+        pooled = max(1.0, float(np.quantile(its, _USUAL)) / ndtri((1 + _USUAL) / 2))
+        square = np.square(np.minimum(its, 3 * pooled)).sum(0) + _POOLED_COUNT * pooled**2
+        factors[groups == group] = np.sqrt(np.maximum(1, square / (len(its) + _POOLED_COUNT)))
+    return factors
+
+
+def make_replicas(
+    replay: ReplayFit,
+    simulator: Simulator,
+    fit: Fit,
+    actions: np.ndarray,
+    num: int,
+    guess_std: np.ndarray,
+    camera: Camera | None,
+    rng: np.random.Generator,
+) -> Replicas:
+    """Fit `num` worlds near `fit`, which play (E, T, A) actions, as the real one was fitted.
+
+    `guess_std`: (N,) in unit coordinates, of the guess that the real one's fit started from.
+    `camera`: what films them, where the real world does not look like the simulator.
+    """
+    space = simulator.space
+    unit = space.to_unit(fit.parameters)
+    spread = np.maximum(2 * fit.std, _SMALLEST_SPREAD)
+    errors, misfits = [], []
+    for _ in range(num):
+        truth = np.clip(unit + spread * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
+        worlds = np.repeat(space.from_unit(truth)[None], len(actions), 0)
+        rollouts = simulator.roll_out(worlds, late(actions, fit.lag), rng)
+        if len(rollouts) < len(actions):
+            continue  # its physics diverged
+        frames = simulator.film(rollouts)
+        if camera is not None:
+            frames = camera.film(frames, rng)
+        guess = space.from_unit(truth + guess_std * rng.normal(size=len(unit)))
+        found = replay.fit(frames, actions, guess, guess_std, fit.lag)
+        errors.append((space.to_unit(found.parameters) - truth) / found.std)
+        misfits.append(found.misfit)
+    is_moving = np.isin(np.arange(len(unit)), fit.moving)
+    return Replicas(np.array(errors).reshape(-1, len(unit)), is_moving, misfits)

@@ -1,0 +1,149 @@
+"""What a posterior search learns in an iteration: to see, to judge, to follow.
+
+Each lesson takes worlds of the range that is searched at present, and a share of the time.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from simtune.fit import ReplayFit, affordable
+from simtune.progress import Progress
+from simtune.randomization import Distribution
+from simtune.search_param_model.posterior import PosteriorSearchParamModel
+from simtune.search_param_model.simulated import (
+    PILOT_STEPS,
+    Camera,
+    SimulatedWorlds,
+    find_landmarks,
+    simulate,
+)
+from simtune.simulation import Simulator
+from simtune.trajectory import Trajectory
+from simtune.tuning.posterior_config import PosteriorSearchConfig
+
+_FEWEST_WORLDS = 64  # to learn anything from
+
+
+class Lessons:
+    """The simulator as a school of the SPM; keeps how long a simulated step takes."""
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        camera: str,
+        first: Distribution,
+        config: PosteriorSearchConfig,
+        seed: int,
+        now: Callable[[str, float], None],
+        looks_alike: bool,
+    ):
+        """`now(doing, share)` is told what is done, and how much of the iteration is over."""
+        self.simulator, self._config, self._now = simulator, config, now
+        self.camera = None if looks_alike else Camera()
+        self.rng = np.random.default_rng(seed)
+        began_s = time.monotonic()
+        self._seed = seed
+        self.landmarks = find_landmarks(simulator, camera, first, seed)
+        self._seconds_per_step = max(1e-9, (time.monotonic() - began_s) / PILOT_STEPS)
+        self.model = PosteriorSearchParamModel(
+            len(self.landmarks),
+            simulator.action_scale,
+            simulator.space.is_visible,
+            simulator.image_size,
+            config.model,
+            seed,
+        )
+
+    def teach(
+        self, real: list[Trajectory], distribution: Distribution, iteration: int, seconds: float
+    ) -> tuple[ReplayFit | None, dict[str, float]]:
+        """All of them: what follows motions from now on, where anything moves; and losses."""
+        config = self._config
+        self._now("simulating and filming", 0.0)
+        num_worlds = self._affordable_worlds(real, seconds * config.collect_share)
+        worlds = self._collect(
+            real, distribution, num_worlds, config.episodes_per_world, config.filmed_steps
+        )
+        losses = self._to_see(worlds, distribution, iteration, seconds * config.sight_share)
+        unseen = self._collect(real, distribution, config.unseen_worlds, 1, config.unseen_steps)
+        losses |= self._to_judge(worlds, unseen, distribution, seconds * config.judge_share)
+        return self._to_follow(unseen, distribution, seconds), losses
+
+    def _affordable_worlds(self, real: list[Trajectory], seconds: float) -> int:
+        """As many as the config says, or fewer where they would take longer than `seconds`."""
+        most = self._config.num_worlds
+        steps = min(len(t) for t in real) * min(self._config.episodes_per_world, len(real))
+        affordable_worlds = seconds / (self._seconds_per_step * steps)
+        return int(np.clip(affordable_worlds, min(_FEWEST_WORLDS, most), most))
+
+    def _collect(
+        self,
+        real: list[Trajectory],
+        distribution: Distribution,
+        num_worlds: int,
+        episodes: int,
+        filmed: int,
+    ) -> SimulatedWorlds:
+        """Worlds drawn from Ξ replay the real actions; a stretch of each is filmed."""
+        began_s = time.monotonic()
+        rng, steps = self.rng, min(len(t) for t in real)
+        played = np.stack([t.actions[:steps] for t in real])
+        episodes = min(episodes, len(real))
+        which = np.stack([rng.permutation(len(real))[:episodes] for _ in range(num_worlds)])
+        worlds = simulate(
+            self.simulator,
+            self.landmarks,
+            distribution.sample(num_worlds, rng),
+            played[which],
+            max(2, filmed // self.simulator.supersampling),  # which makes pictures dear
+            rng,
+            self.camera,
+        )
+        self._seconds_per_step = (time.monotonic() - began_s) / (num_worlds * episodes * steps)
+        return worlds
+
+    def _progress(
+        self, updates: int, seconds: float, doing: str, start: float, end: float
+    ) -> Progress:
+        def tell(fraction: float) -> None:
+            self._now(doing, start + (end - start) * fraction)
+
+        return Progress(updates, seconds, tell, self._config.least_updates)
+
+    def _to_see(
+        self, worlds: SimulatedWorlds, distribution: Distribution, iteration: int, seconds: float
+    ) -> dict[str, float]:
+        counts = self._config.sight_updates
+        updates = counts[min(iteration, len(counts) - 1)]
+        progress = self._progress(updates, seconds, "learning to see", 0.1, 0.6)
+        return {"loss/sight": self.model.train_sight(worlds, distribution, progress)}
+
+    def _to_judge(
+        self,
+        worlds: SimulatedWorlds,
+        unseen: SimulatedWorlds,
+        distribution: Distribution,
+        seconds: float,
+    ) -> dict[str, float]:
+        errors = self.model.sight_errors(unseen, distribution)
+        updates = self._config.judge_updates
+        progress = self._progress(updates, seconds, "learning to judge", 0.6, 0.7)
+        loss = self.model.train_judge(worlds, distribution, errors, progress)
+        error_px = float(np.median(np.abs(errors[0]))) if errors[0].size else 0.0
+        return {"loss/judge": loss, "sight/error_px": error_px}
+
+    def _to_follow(
+        self, unseen: SimulatedWorlds, distribution: Distribution, seconds: float
+    ) -> ReplayFit | None:
+        if not len(self.landmarks):
+            return None
+        config, scene = self._config, (self.simulator, self.landmarks)
+        budget_s = seconds * config.fit_share / 2  # it is begun from two sides
+        shooting = affordable(config.shooting, *scene, distribution.mean, budget_s)
+        replay = ReplayFit(*scene, self.model.sight, self._seed, shooting)
+        seconds *= config.state_share
+        progress = self._progress(config.state_updates, seconds, "learning to follow", 0.7, 0.8)
+        replay.learn(unseen, progress)
+        return replay

@@ -1,0 +1,31 @@
+"""The settings of search="posterior"."""
+
+from dataclasses import dataclass, field
+
+from simtune.fit import ShootingConfig
+from simtune.search_param_model.posterior import PosteriorConfig
+from simtune.tuning.moves import MoveConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosteriorSearchConfig:
+    model: PosteriorConfig = field(default_factory=PosteriorConfig)
+    move: MoveConfig = field(default_factory=MoveConfig)
+    shooting: ShootingConfig = field(default_factory=ShootingConfig)
+    num_worlds: int = 256  # simulated in an iteration
+    episodes_per_world: int = 4  # at most, of the real ones, whose actions they replay
+    filmed_steps: int = 32  # successive frames drawn of each world
+    unseen_worlds: int = 128  # of an iteration, that sight is not taught on but tested on
+    unseen_steps: int = 64  # of each, filmed
+    iterations: int = 2
+    sight_updates: tuple[int, ...] = (2500, 1500)  # first iteration, later ones
+    judge_updates: int = 800
+    state_updates: int = 600
+    least_updates: int = 200  # of each, however late it is
+    time_shares: tuple[float, ...] = (0.4, 0.6)  # of the time, for each iteration
+    collect_share: float = 0.25  # of an iteration's time, at most, goes into simulating
+    sight_share: float = 0.42  # of an iteration's time
+    judge_share: float = 0.08
+    state_share: float = 0.1
+    fit_share: float = 0.1  # of one fit, at most; fewer windows where physics is slow
+    replicas: tuple[int, int] = (2, 8)  # worlds fitted as the real one is: at least, at most
