@@ -3,9 +3,6 @@
 In each window the initial state is unknown as well, so that no error grows for long and no
 contact is followed for long. Gauss-Newton finds parameters and initial states together; finite
 differences are free, since all perturbed worlds run at once.
-
-What sight saw is a mixture: near the truth with the probability that sight itself gives, else
-anywhere.
 """
 
 from dataclasses import dataclass, replace
@@ -16,11 +13,10 @@ import numpy as np
 from simtune.fit.combine import FIRST_VARIANCE, combine, trusted
 from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks
+from simtune.fit.windows import Windows, cut
 from simtune.search_param_model.landmarks import Landmarks
 from simtune.simulation import Simulator
 
-_ELSEWHERE = 0.003  # density of a landmark that is not where sight is, in units of its noise
-_WIDE, _WIDE_SHARE = 4.0, 0.05  # the noise has wider tails than a normal distribution
 _PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
 _STATES_ONLY = 3.0  # with more blur than this, parameters wait for the states
 _LARGEST_STEP = 0.12  # of the whole range (unit coordinates)
@@ -35,7 +31,7 @@ class Stage(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class ShootingConfig:
     # Short and blurred first, which brings the states near from far away.
-    stages: tuple[Stage, ...] = (Stage(4, 6, 6.0), Stage(8, 3, 2.0), Stage(12, 7))
+    stages: tuple[Stage, ...] = (Stage(4, 6, 6.0), Stage(8, 3, 2.0), Stage(12, 6))
     num_windows: int = 90  # at most; spread evenly
 
 
@@ -74,7 +70,7 @@ class Shooting:
 
     def fit(self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
         """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
-        whole = windows = _cut(tracks, states, self.config)
+        whole = windows = self._cut(tracks, states)
         unit = self._simulator.space.to_unit(parameters)
         guess = _Guess(
             windows.states.copy(), unit, np.full(len(windows.states), 1e-2), FIRST_VARIANCE
@@ -89,7 +85,7 @@ class Shooting:
                 guess, covariance = self._step(windows, guess, step_size)
         rows, seen = self._play(windows, guess.states[None], guess.unit[None])
         residual = self._residual(windows, seen)
-        nearest = self._nearest(windows, residual[0])  # (W, K, L, 2)
+        nearest = windows.nearest(residual[0])  # (W, K, L, 2)
         distance = np.linalg.norm(nearest, axis=-1) * self._noise
         sure = windows.probability.sum(2) > 0.9
         return ShootingFit(
@@ -98,7 +94,7 @@ class Shooting:
             rows[0],
             windows.episode,
             windows.step,
-            self._cost(windows, residual)[0] / distance[0].size,
+            windows.cost(residual)[0] / distance[0].size,
             float(np.median(distance[sure])) if sure.any() else float("nan"),
         )
 
@@ -108,54 +104,37 @@ class Shooting:
         By Fisher information where the (N,) parameters and the states, as in `fit`, are the true
         ones. The windows' initial states count as unknown, and FIRST_VARIANCE lies between windows.
         """
-        windows = _cut(tracks, states, self.config)
+        windows = self._cut(tracks, states)
         unit = self._simulator.space.to_unit(parameters)
         guess = _Guess(windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE)
-        residual, by_state, by_parameter = self._linearise(windows, guess)
-        weight = self._weight(windows, residual)  # (W, M)
-        of_state = np.einsum("wsm,wm,wtm->wst", by_state, weight, by_state, optimize=True)
-        of_state += np.diag(self._spread**-2)
-        cross = np.einsum("wsm,wm,wpm->wsp", by_state, weight, by_parameter, optimize=True)
-        information = np.einsum("wpm,wm,wqm->wpq", by_parameter, weight, by_parameter)
-        information -= np.einsum("wsp,wsq->wpq", cross, np.linalg.solve(of_state, cross))
+        residual, *slopes = self._linearise(windows, guess)
+        information = self._eliminate(*slopes, windows.weight(residual))[-1]
         eye = np.eye(len(self.fitted))
         # As `combine` weighs windows: none tells more than the variance between them allows.
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
         return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)
 
-    def _step(self, windows: "_Windows", guess: "_Guess", step_size: float):
+    def _step(self, windows: Windows, guess: "_Guess", step_size: float):
         """One step of Gauss-Newton; the guess after it, and the parameters' covariance."""
         residual, by_state, by_parameter = self._linearise(windows, guess)
-        weight = self._weight(windows, residual)  # (W, M)
-        flat = self._nearest(windows, residual).reshape(len(weight), -1)
+        weight = windows.weight(residual)  # (W, M)
+        flat = windows.nearest(residual).reshape(len(weight), -1)
+        hessian, cross, to_parameters, information = self._eliminate(by_state, by_parameter, weight)
         pull = self._space.difference(guess.states, windows.states) / self._spread
-        precision = np.diag(self._spread**-2)
-        hessian = (
-            np.einsum("wsm,wm,wtm->wst", by_state, weight, by_state, optimize=True) + precision
-        )
         slope = np.einsum("wsm,wm,wm->ws", by_state, weight, flat) + pull / self._spread
-        cross = np.einsum("wsm,wm,wpm->wsp", by_state, weight, by_parameter, optimize=True)
-        diagonal = np.einsum("wss->ws", hessian)[:, None] * np.eye(hessian.shape[1])
-        # Undamped: a window whose states cannot move would seem to know the parameters well.
-        to_parameters = np.linalg.solve(hessian + 1e-6 * diagonal, cross)  # (W, 2 nv, P)
-        trust = trusted(self._cost(windows, residual[None])[0]) / (1 + guess.damping)
-        change, covariance, variance = combine(
-            np.einsum("wpm,wm,wqm->wpq", by_parameter, weight, by_parameter)
-            - np.einsum("wsp,wsq->wpq", cross, to_parameters),
-            np.einsum("wpm,wm,wm->wp", by_parameter, weight, flat)
-            - np.einsum("wsp,ws->wp", to_parameters, slope),
-            guess.variance,
-            trust,
-        )
+        of_parameters = np.einsum("wpm,wm,wm->wp", by_parameter, weight, flat)
+        of_parameters -= np.einsum("wsp,ws->wp", to_parameters, slope)
+        trust = trusted(windows.cost(residual[None])[0]) / (1 + guess.damping)
+        change, covariance, variance = combine(information, of_parameters, guess.variance, trust)
         change = np.clip(step_size * change, -_LARGEST_STEP, _LARGEST_STEP)
         unit = guess.unit.copy()
         unit[self.fitted] = np.clip(unit[self.fitted] + change, 0, 1)
-        damped = hessian + guess.damping[:, None, None] * diagonal
+        damped = hessian + guess.damping[:, None, None] * _diagonal(hessian)
         tangent = -np.linalg.solve(damped, (slope + cross @ change)[..., None])[..., 0]
         tangent = np.clip(tangent, -4 * self._spread, 4 * self._spread)
         moved = self._space.move(guess.states, tangent)
         _, seen = self._play(windows, np.stack([moved, guess.states]), np.stack([unit, unit]))
-        costs = self._cost(windows, self._residual(windows, seen))
+        costs = windows.cost(self._residual(windows, seen))
         costs += 0.5 * np.square(
             self._space.difference(np.stack([moved, guess.states]), windows.states) / self._spread
         ).sum(-1)
@@ -164,7 +143,24 @@ class Shooting:
         damping = np.where(better, guess.damping / 4, guess.damping * 8).clip(1e-6, 1e4)
         return _Guess(states, unit, damping, variance), covariance
 
-    def _linearise(self, windows: "_Windows", guess: "_Guess"):
+    def _eliminate(self, by_state: np.ndarray, by_parameter: np.ndarray, weight: np.ndarray):
+        """The windows' unknown initial states out of the equations.
+
+        (W, 2 nv, 2 nv) curvature in the states, (W, 2 nv, P) in both, (W, 2 nv, P) how the best
+        states follow the parameters, (W, P, P) what is left to know the parameters by.
+        """
+        hessian = np.einsum("wsm,wm,wtm->wst", by_state, weight, by_state, optimize=True)
+        hessian += np.diag(self._spread**-2)
+        cross = np.einsum("wsm,wm,wpm->wsp", by_state, weight, by_parameter, optimize=True)
+        # Undamped: a window whose states cannot move would seem to know the parameters well.
+        to_parameters = np.linalg.solve(hessian + 1e-6 * _diagonal(hessian), cross)
+        information = np.einsum("wpm,wm,wqm->wpq", by_parameter, weight, by_parameter)
+        return hessian, cross, to_parameters, information - cross.swapaxes(1, 2) @ to_parameters
+
+    def _cut(self, tracks: Tracks, states: np.ndarray) -> Windows:
+        return cut(tracks, states, self.config.stages[-1].window, self.config.num_windows)
+
+    def _linearise(self, windows: Windows, guess: "_Guess"):
         """Residuals (W, K, 2, L, 2) and derivatives (W, 2 nv, M), (W, P, M) at a guess.
 
         The derivatives are the same for both places of a landmark: M = K · L · 2.
@@ -185,7 +181,7 @@ class Shooting:
         by_parameter = change[:, num_states:] / sign[:, None]
         return self._residual(windows, seen[:1])[0], by_state, by_parameter
 
-    def _play(self, windows: "_Windows", states: np.ndarray, units: np.ndarray):
+    def _play(self, windows: Windows, states: np.ndarray, units: np.ndarray):
         """(G, W, nq + nv) initial states, (G, N) parameters to rows and landmarks of all steps."""
         groups, num_windows, _ = states.shape
         rows = np.repeat(self._row[None], groups * num_windows, 0)
@@ -200,50 +196,14 @@ class Shooting:
         seen = np.nan_to_num(played.recorded.reshape(*shape, -1, 2), nan=-1e3)
         return played.states.reshape(*shape, -1), seen
 
-    def _residual(self, windows: "_Windows", seen: np.ndarray) -> np.ndarray:
+    def _residual(self, windows: Windows, seen: np.ndarray) -> np.ndarray:
         """(G, W, K, 2, L, 2) to each place, in units of sight's noise."""
         return (seen[:, :, :, None] - windows.places) / self._noise[:, None]
 
-    def _terms(self, windows: "_Windows", residual: np.ndarray):
-        """(..., K, 2, L) near and wide, (..., K, L) elsewhere: densities that add up."""
-        square = np.minimum(np.square(residual).sum(-1), 1e3)
-        near = windows.probability * np.exp(-0.5 * square)
-        wide = windows.probability * _WIDE_SHARE * np.exp(-0.5 * square / _WIDE**2)
-        return near, wide, (1 - windows.probability.sum(2)) * _ELSEWHERE + 1e-12
 
-    def _cost(self, windows: "_Windows", residual: np.ndarray) -> np.ndarray:
-        """(G, W) −log likelihood."""
-        near, wide, elsewhere = self._terms(windows, residual)
-        return -np.log((near + wide).sum(-2) + elsewhere).sum((-1, -2))
-
-    def _weight(self, windows: "_Windows", residual: np.ndarray) -> np.ndarray:
-        """(W, M) how much each coordinate counts: the mixture as if it were normal just here."""
-        near, wide, elsewhere = self._terms(windows, residual)
-        total = (near + wide).sum(-2) + elsewhere
-        weight = (near + wide / _WIDE**2).max(-2) / total  # (W, K, L)
-        return np.repeat(weight[..., None], 2, -1).reshape(len(weight), -1)
-
-    def _nearest(self, windows: "_Windows", residual: np.ndarray) -> np.ndarray:
-        """(W, K, L, 2) residuals to the place that explains best."""
-        near, wide, _ = self._terms(windows, residual)
-        best = (near + wide).argmax(-2)[..., None, :, None]
-        return np.take_along_axis(residual, best, -3)[..., 0, :, :]
-
-
-@dataclass(frozen=True)
-class _Windows:
-    places: np.ndarray  # (W, K, 2, L, 2)
-    probability: np.ndarray  # (W, K, 2, L)
-    actions: np.ndarray  # (W, K - 1, A)
-    states: np.ndarray  # (W, nq + nv) first guess at the initial ones
-    episode: np.ndarray  # (W,)
-    step: np.ndarray  # (W,)
-
-    def first(self, steps: int) -> "_Windows":
-        """Only the windows' first so many steps."""
-        cut = {"places": self.places, "probability": self.probability}
-        cut = {name: values[:, : steps + 1] for name, values in cut.items()}
-        return replace(self, **cut, actions=self.actions[:, :steps])
+def _diagonal(matrices: np.ndarray) -> np.ndarray:
+    """(W, S, S) with all but the diagonals zero."""
+    return np.einsum("wss->ws", matrices)[:, None] * np.eye(matrices.shape[1])
 
 
 @dataclass(frozen=True)
@@ -252,19 +212,3 @@ class _Guess:
     unit: np.ndarray  # (N,)
     damping: np.ndarray  # (W,) of the states' steps
     variance: float  # of the parameters between windows
-
-
-def _cut(tracks: Tracks, states: np.ndarray, config: ShootingConfig) -> _Windows:
-    """Windows that do not overlap; at most so many, evenly spread."""
-    num_episodes, num_steps, _ = tracks.actions.shape
-    length = min(config.stages[-1].window, num_steps)
-    starts = np.arange(0, num_steps - length + 1, length)
-    episode, step = np.repeat(np.arange(num_episodes), len(starts)), np.tile(starts, num_episodes)
-    if len(step) > config.num_windows:
-        kept = np.linspace(0, len(step) - 1, config.num_windows).round().astype(int)
-        episode, step = episode[kept], step[kept]
-    frames = step[:, None] + np.arange(length + 1)
-    at = (episode[:, None], frames)
-    probability = tracks.probability[at] * 0.99  # sight is never all that sure
-    actions = tracks.actions[episode[:, None], frames[:, :-1]]
-    return _Windows(tracks.places[at], probability, actions, states[episode, step], episode, step)
