@@ -12,7 +12,8 @@ from simtune.randomization import Distribution
 # and another renderer's light make of a colour. Assumed, as no simulator can tell them.
 _DISCREPANCY = (0.005, 0.035)
 _WORTH_TELLING = 0.6  # correlation
-_DOUBTFUL = 1.6  # times as far off as the worst replica's
+# Times as far off as the worst replica's: with few of them, the worst one is not very bad yet.
+_DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
 
 
 def widened(fit: Fit, replicas: Replicas, looks_alike: bool) -> Fit:
@@ -56,7 +57,8 @@ def ranks(replicas: Replicas, names: tuple[str, ...]) -> dict[str, list[float]]:
 def doubts(fit: Fit, replicas: Replicas) -> list[str]:
     """What to tell a user who would trust the estimates."""
     given = []
-    if (ratio := replicas.ratio(fit.misfit, "motion_px")) > _DOUBTFUL:
+    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / max(1, len(replicas.misfits))
+    if (ratio := replicas.ratio(fit.misfit, "motion_px")) > limit:
         given.append(
             "No setting of the parameters makes the simulator move as the videos do: in an "
             f"episode kept for this test landmarks are {fit.misfit.motion_px:.2f} px off, "

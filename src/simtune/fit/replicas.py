@@ -20,6 +20,7 @@ _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
 _POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of each one
 _USUAL = 0.85  # share of errors that are taken to be no accident
 _SMALLEST_SPREAD = 0.01  # of replicas around the estimate, in unit coordinates
+_FEW_EPISODES = 3  # are enough to compare errors with what a fit thinks of itself
 _MARGIN = 0.002  # truths keep so far from the bounds
 
 
@@ -82,7 +83,7 @@ def make_replicas(
     `guess_std`: (N,) in unit coordinates, of the guess that the real one's fit started from.
     `camera`: what films them, where the real world does not look like the simulator.
     """
-    space = simulator.space
+    space, actions = simulator.space, actions[:_FEW_EPISODES]
     unit = space.to_unit(fit.parameters)
     spread = np.maximum(2 * fit.std, _SMALLEST_SPREAD)
     errors, misfits = [], []
