@@ -107,8 +107,9 @@ class Shooting:
         windows = self._cut(tracks, states)
         unit = self._simulator.space.to_unit(parameters)
         guess = _Guess(windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE)
-        residual, *slopes = self._linearise(windows, guess)
-        information = self._eliminate(*slopes, windows.weight(residual))[-1]
+        residual, by_state, by_parameter = self._linearise(windows, guess)
+        weight = windows.weight(residual)
+        information = self._eliminate(by_state, by_parameter, weight)[-1]
         eye = np.eye(len(self.fitted))
         # As `combine` weighs windows: none tells more than the variance between them allows.
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
