@@ -49,6 +49,7 @@ def draw(results: Results, path: Path, title: str) -> None:
         panel.spines[["top", "right"]].set_visible(False)
     axes[0][0].set_yscale("log")
     axes[0][0].yaxis.set_major_formatter(FuncFormatter(_say))
+    axes[0][0].yaxis.set_minor_formatter(FuncFormatter(_say))
     axes[0][0].set_ylabel("mean error over parameters")
     figure.suptitle(title, fontsize=10)
     figure.savefig(path, dpi=150)
