@@ -10,6 +10,7 @@ Worlds that are done already, in OUT, are not done again. The last line is one J
 
 import json
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -26,6 +27,9 @@ from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _INSIDE = (0.05, 0.95)
+_QUICK = PosteriorSearchConfig(
+    num_worlds=64, unseen_worlds=32, sight_updates=(30,), judge_updates=20, state_updates=20
+)
 
 
 def main(
@@ -46,15 +50,17 @@ def main(
         real_episodes: Of each world, 200 steps each.
         at_most_minutes: For each range's worlds.
         out: Folder for the ranks, a JSON lines file for each task and range.
-        quick: Two worlds, no time to learn.
+        quick: A world of each range, no time to learn, nothing kept.
     """
+    config = PosteriorSearchConfig()
     if quick:
-        tasks, worlds, minutes, real_episodes = tasks[-1:], 2, 0.1, 1
+        tasks, worlds, minutes, real_episodes = tasks[-1:], 1, 0.1, 1
+        out, config = Path(tempfile.mkdtemp()), _QUICK
     out.mkdir(parents=True, exist_ok=True)
     found = {}
     for name in tasks:
         task = load_task(name)
-        calibrate(task, worlds, minutes, real_episodes, at_most_minutes, out)
+        calibrate(task, config, worlds, minutes, real_episodes, at_most_minutes, out)
         for path in sorted(out.glob(f"{name}-*.jsonl")):
             found[path.stem] = summary(path)
             print(f"{path.stem}: {found[path.stem]}", file=sys.stderr)
@@ -62,7 +68,13 @@ def main(
 
 
 def calibrate(
-    task: Task, worlds: int, minutes: float, episodes: int, at_most_minutes: float, out: Path
+    task: Task,
+    config: PosteriorSearchConfig,
+    worlds: int,
+    minutes: float,
+    episodes: int,
+    at_most_minutes: float,
+    out: Path,
 ) -> None:
     """Append ranks to OUT/TASK-first.jsonl and OUT/TASK-narrowed.jsonl."""
     rng = np.random.default_rng(0)
@@ -78,9 +90,7 @@ def calibrate(
     known = Truth(space, truth)
     world = known.make_real(simulator, episode_steps=task.episode_steps, seed=0)
     real = world.collect(episodes)
-    search = PosteriorSearch(
-        simulator, task.camera, known.wrong_start(0), PosteriorSearchConfig(), seed=0
-    )
+    search = PosteriorSearch(simulator, task.camera, known.wrong_start(0), config, seed=0)
     for label, share in (("first", 0.4), ("narrowed", 0.6)):
         path = out / f"{task.name}-{label}.jsonl"
         searched = search.distribution
