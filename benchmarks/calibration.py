@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from baselines.one_run import true_parameters
 from common import machine
 
 from simtune.real.truth import Truth
-from simtune.simulation import Simulator, random_actions
 from simtune.tasks import TASKS, Task, load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.moves import candidate_grid
@@ -52,18 +52,18 @@ def main(
         out: Folder for the ranks, a JSON lines file for each task and range.
         quick: A world of each range, no time to learn, nothing kept.
     """
-    config = PosteriorSearchConfig()
-    if quick:
-        tasks, worlds, minutes, real_episodes = tasks[-1:], 1, 0.1, 1
-        out, config = Path(tempfile.mkdtemp()), _QUICK
-    out.mkdir(parents=True, exist_ok=True)
-    found = {}
-    for name in tasks:
-        task = load_task(name)
-        calibrate(task, config, worlds, minutes, real_episodes, at_most_minutes, out)
-        for path in sorted(out.glob(f"{name}-*.jsonl")):
-            found[path.stem] = summary(path)
-            print(f"{path.stem}: {found[path.stem]}", file=sys.stderr)
+    config, found = PosteriorSearchConfig(), {}
+    with tempfile.TemporaryDirectory() as temporary:
+        if quick:
+            tasks, worlds, minutes, real_episodes = tasks[-1:], 1, 0.1, 1
+            out, config = Path(temporary), _QUICK
+        out.mkdir(parents=True, exist_ok=True)
+        for name in tasks:
+            task = load_task(name)
+            calibrate(task, config, worlds, minutes, real_episodes, at_most_minutes, out)
+            for path in sorted(out.glob(f"{name}-*.jsonl")):
+                found[path.stem] = summary(path)
+                print(f"{path.stem}: {found[path.stem]}", file=sys.stderr)
     print(json.dumps({"benchmark": "calibration", "quick": quick, **machine(), "ranges": found}))
 
 
@@ -77,36 +77,29 @@ def calibrate(
     out: Path,
 ) -> None:
     """Append ranks to OUT/TASK-first.jsonl and OUT/TASK-narrowed.jsonl."""
-    rng = np.random.default_rng(0)
-    simulator = task.simulator(image_size=64)
-    space = task.parameters
-    truth = space.clip(
-        np.where(
-            space.is_colour,
-            rng.uniform(0.25, 1, len(space)),
-            space.nominal * 2 ** rng.uniform(-1, 1, len(space)),
-        )
-    )
+    simulator, space = task.simulator(image_size=64), task.parameters
+    truth = space.from_dict(true_parameters(task.name, space, 0))
     known = Truth(space, truth)
     world = known.make_real(simulator, episode_steps=task.episode_steps, seed=0)
     real = world.collect(episodes)
     search = PosteriorSearch(simulator, task.camera, known.wrong_start(0), config, seed=0)
-    for label, share in (("first", 0.4), ("narrowed", 0.6)):
+    left_s = 60 * minutes  # for the search, which shares it out among its iterations
+    for label in ("first", "narrowed"):
         path = out / f"{task.name}-{label}.jsonl"
-        searched = search.distribution
-        search.iterate(real, time.monotonic() + 60 * minutes * share)
+        began_s = time.monotonic()
+        search.iterate(real, began_s + left_s)
+        left_s -= time.monotonic() - began_s
         done = len(path.read_text().splitlines()) if path.exists() else 0
         end_s = time.monotonic() + 60 * at_most_minutes
         while done < worlds and time.monotonic() < end_s:
-            parameters = searched.sample(1, rng)
-            filmed = film(simulator, parameters, episodes, task.episode_steps, rng)
-            if filmed is None:
-                continue
-            ranks = ranks_of(search, filmed, parameters[0])
+            # By its number, so that a run that goes on draws others than those it has.
+            drawn = search.searched.sample(1, np.random.default_rng((1, done)))[0]
+            other = Truth(space, drawn).make_real(
+                simulator, episode_steps=task.episode_steps, seed=done
+            )
+            ranks = space.to_dict(ranks_of(search, other.collect(episodes), drawn).round(4))
             with path.open("a") as lines:
-                lines.write(
-                    json.dumps(dict(zip(space.names, ranks.round(4).tolist(), strict=True))) + "\n"
-                )
+                lines.write(json.dumps(ranks) + "\n")
             done += 1
 
 
@@ -119,21 +112,6 @@ def ranks_of(
     grid = candidate_grid()
     curves = zip(at, prob_higher, strict=True)
     return np.array([1 - np.interp(place, grid, curve) for place, curve in curves])
-
-
-def film(
-    simulator: Simulator, parameters: np.ndarray, episodes: int, steps: int, rng
-) -> list[Trajectory] | None:
-    """Episodes of one world with random actions; None if its physics diverges."""
-    actions = random_actions(episodes, steps, simulator.model, rng)
-    rollouts = simulator.roll_out(np.repeat(parameters, episodes, 0), actions, rng)
-    if len(rollouts) < episodes:
-        return None
-    frames = simulator.film(rollouts)
-    return [
-        Trajectory(f, a.astype(np.float32), simulator.step_s)
-        for f, a in zip(frames, actions, strict=True)
-    ]
 
 
 def summary(path: Path) -> dict[str, object]:

@@ -80,12 +80,18 @@ def rough_states(rollouts, rng) -> np.ndarray:
     return states + rng.normal(size=states.shape) * [0.05, 0.05, 0.3, 0.3]
 
 
-def test_a_change_of_state_and_the_difference_are_inverse():
+def some_states(seed: int):
+    """20 states of a model that has joints of all kinds."""
     model = mujoco.MjModel.from_xml_string(ALL_JOINTS)
-    space, rng = StateSpace(model), np.random.default_rng(0)
+    space, rng = StateSpace(model), np.random.default_rng(seed)
     states = np.zeros((20, model.nq + model.nv))
     states[:, : model.nq] = model.qpos0
     states = space.move(states, rng.normal(size=(20, space.num_tangent)))
+    return model, space, states, rng
+
+
+def test_a_change_of_state_and_the_difference_are_inverse():
+    model, space, states, rng = some_states(0)
     tangent = 0.3 * rng.normal(size=(20, space.num_tangent))
     moved = space.move(states, tangent)
     np.testing.assert_allclose(space.difference(moved, states), tangent, atol=1e-9)
@@ -95,11 +101,7 @@ def test_a_change_of_state_and_the_difference_are_inverse():
 
 
 def test_features_describe_the_state():
-    model = mujoco.MjModel.from_xml_string(ALL_JOINTS)
-    space, rng = StateSpace(model), np.random.default_rng(1)
-    states = np.zeros((20, model.nq + model.nv))
-    states[:, : model.nq] = model.qpos0
-    states = space.move(states, rng.normal(size=(20, space.num_tangent)))
+    _, space, states, _ = some_states(1)
     again = space.from_features(space.features(states))
     np.testing.assert_allclose(space.difference(again, states), 0, atol=1e-6)
     turned = states.copy()
