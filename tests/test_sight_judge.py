@@ -153,7 +153,8 @@ def test_sight_learns_to_find_a_dot_and_a_grey():
 
     loss = model.train_sight(worlds(0), distribution, Progress(250, math.inf))
     assert np.isfinite(loss)
-    error_px, error_range = model.sight_errors(worlds(1), distribution)
+    others = worlds(1)
+    error_px, error_range = model.sight_errors(others, model.look_at(others), distribution)
     assert error_px.shape == (300, 1, 1, 2)
     assert error_range.shape == (300, 1)
     assert np.median(np.abs(error_px)) < 0.5
@@ -474,7 +475,7 @@ def test_the_judge_learns_from_sets_spoilt_by_errors_of_one_world_each():
 def test_training_and_reading_the_whole_model():
     model, worlds, distribution = a_model_and_worlds()
     assert np.isfinite(model.train_sight(worlds, distribution, Progress(3, math.inf)))
-    errors = model.sight_errors(worlds, distribution)
+    errors = model.sight_errors(worlds, model.look_at(worlds), distribution)
     assert np.isfinite(model.train_judge(worlds, distribution, errors, Progress(3, math.inf)))
     rng = np.random.default_rng(0)
     real = [

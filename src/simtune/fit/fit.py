@@ -9,10 +9,10 @@ from simtune.fit.found import Fit, Misfit
 from simtune.fit.pictures import PictureFit, aligned, fit_pictures
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
 from simtune.fit.states import StateSpace
-from simtune.fit.tracks import Tracks, noise_px, track
+from simtune.fit.tracks import Tracks, noise_px, to_tracks, track
 from simtune.progress import Progress
 from simtune.search_param_model.landmarks import Landmarks
-from simtune.search_param_model.sight import Sight
+from simtune.search_param_model.sight import Seen, Sight
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.simulation import Simulator
 
@@ -48,11 +48,14 @@ class ReplayFit:
         self._seed = seed
         self._config = config or ShootingConfig()
 
-    def learn(self, worlds: SimulatedWorlds, progress: Progress) -> float:
-        """From filmed worlds that sight was not taught on: its noise, and to guess states."""
+    def learn(self, worlds: SimulatedWorlds, seen: Seen, progress: Progress) -> float:
+        """From filmed worlds that sight was not taught on: its noise, and to guess states.
+
+        `seen`: what sight made of their frames.
+        """
         at = worlds.filmed_from[:, None] + np.arange(worlds.frames.shape[1] - 1)
         actions = worlds.actions[np.arange(len(at))[:, None], 0, at]
-        tracks = track(self._sight, worlds.frames, actions)
+        tracks = to_tracks(seen, actions)
         self._noise_px = noise_px(tracks, worlds.filmed_landmarks())
         self._row = worlds.states[0, 0]
         self._estimator = StateEstimator(

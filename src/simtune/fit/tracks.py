@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simtune.search_param_model.sight import Sight, look
+from simtune.search_param_model.sight import Seen, Sight, look
 
 _SURE = 0.8
 
@@ -34,8 +34,12 @@ def late(actions: np.ndarray, steps: int) -> np.ndarray:
 
 def track(sight: Sight, frames: np.ndarray, actions: np.ndarray) -> Tracks:
     """What sight makes of (E, T + 1, H, W, 3) frames; (E, T, A) actions go with them."""
-    seen = look(sight, frames.reshape(-1, *frames.shape[2:]))
-    episodes = frames.shape[:2]
+    return to_tracks(look(sight, frames.reshape(-1, *frames.shape[2:])), actions)
+
+
+def to_tracks(seen: Seen, actions: np.ndarray) -> Tracks:
+    """What sight made of the frames of (E, T, A) actions' episodes, one after the other."""
+    episodes = (len(actions), actions.shape[1] + 1)
     places = seen.places.reshape(*episodes, *seen.places.shape[1:])
     probability = seen.probability.reshape(*episodes, *seen.probability.shape[1:])
     return Tracks(places, probability, actions.astype(float))

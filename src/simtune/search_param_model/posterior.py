@@ -17,7 +17,7 @@ from simtune.networks import seeded
 from simtune.progress import Progress
 from simtune.randomization import Distribution
 from simtune.search_param_model.judge import Curves, Judge, JudgeConfig, judge_loss
-from simtune.search_param_model.sight import Sight, SightConfig, look, to_input
+from simtune.search_param_model.sight import Seen, Sight, SightConfig, look, to_input
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.trajectory import Trajectory
 
@@ -80,12 +80,18 @@ class PosteriorSearchParamModel:
             progress.step()
         return float(np.mean(losses[-50:]))
 
+    def look_at(self, worlds: SimulatedWorlds) -> Seen:
+        """What sight makes of all of the worlds' frames, one world after the other."""
+        return look(self.sight, worlds.frames.reshape(-1, *worlds.frames.shape[2:]))
+
     def sight_errors(
-        self, worlds: SimulatedWorlds, distribution: Distribution
+        self, worlds: SimulatedWorlds, seen: Seen, distribution: Distribution
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What sight gets wrong: (W, F, L, 2) pixels and (W, V) in coordinates of the range."""
+        """What it got wrong: (W, F, L, 2) pixels and (W, V) in coordinates of the range.
+
+        `seen`: by `look_at` these worlds.
+        """
         num_worlds, num_filmed = worlds.frames.shape[:2]
-        seen = look(self.sight, worlds.frames.reshape(-1, *worlds.frames.shape[2:]))
         found = seen.landmarks.reshape(num_worlds, num_filmed, -1, 2)
         estimated = seen.visible.reshape(num_worlds, num_filmed, -1).mean(1)
         truth = self._to_range(worlds.parameters, distribution)[:, self.visible]

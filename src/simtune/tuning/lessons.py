@@ -12,6 +12,7 @@ from simtune.fit import ReplayFit, affordable
 from simtune.progress import Progress
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
+from simtune.search_param_model.sight import Seen
 from simtune.search_param_model.simulated import (
     PILOT_STEPS,
     Camera,
@@ -68,8 +69,10 @@ class Lessons:
         )
         losses = self._to_see(worlds, distribution, iteration, seconds * config.sight_share)
         unseen = self._collect(real, distribution, config.unseen_worlds, 1, config.unseen_steps)
-        losses |= self._to_judge(worlds, unseen, distribution, seconds * config.judge_share)
-        return self._to_follow(unseen, distribution, seconds), losses
+        seen = self.model.look_at(unseen)
+        errors = self.model.sight_errors(unseen, seen, distribution)
+        losses |= self._to_judge(worlds, errors, distribution, seconds * config.judge_share)
+        return self._to_follow(unseen, seen, distribution, seconds), losses
 
     def _affordable_worlds(self, real: list[Trajectory], seconds: float) -> int:
         """As many as the config says, or fewer where they would take longer than `seconds`."""
@@ -123,11 +126,10 @@ class Lessons:
     def _to_judge(
         self,
         worlds: SimulatedWorlds,
-        unseen: SimulatedWorlds,
+        errors: tuple[np.ndarray, np.ndarray],
         distribution: Distribution,
         seconds: float,
     ) -> dict[str, float]:
-        errors = self.model.sight_errors(unseen, distribution)
         updates = self._config.judge_updates
         progress = self._progress(updates, seconds, "learning to judge", 0.6, 0.7)
         loss = self.model.train_judge(worlds, distribution, errors, progress)
@@ -135,7 +137,7 @@ class Lessons:
         return {"loss/judge": loss, "sight/error_px": error_px}
 
     def _to_follow(
-        self, unseen: SimulatedWorlds, distribution: Distribution, seconds: float
+        self, unseen: SimulatedWorlds, seen: Seen, distribution: Distribution, seconds: float
     ) -> ReplayFit | None:
         if not len(self.landmarks):
             return None
@@ -145,5 +147,5 @@ class Lessons:
         replay = ReplayFit(*scene, self.model.sight, self._seed, shooting)
         seconds *= config.state_share
         progress = self._progress(config.state_updates, seconds, "learning to follow", 0.7, 0.8)
-        replay.learn(unseen, progress)
+        replay.learn(unseen, seen, progress)
         return replay
