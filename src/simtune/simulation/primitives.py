@@ -63,8 +63,8 @@ class Primitives:
                 data.cam_xpos,
                 data.cam_xmat,
                 self._camera,
-                wp.array(geoms, dtype=Geom, device="cpu", copy=False),
-                wp.array(lights, dtype=Light, device="cpu", copy=False),
+                _shared(geoms, Geom),
+                _shared(lights, Light),
                 self._texels,
                 context.textures,
                 int(context.skybox_tex_id.numpy()[0]),
@@ -141,6 +141,15 @@ class Primitives:
         headlight["diffuse"] = self._headlight.diffuse * bool(self._headlight.active)
         headlight["specular"] = self._headlight.specular * bool(self._headlight.active)
         return lights
+
+
+def _shared(structs: np.ndarray, dtype) -> wp.array:
+    """As Warp sees them, where they lie: valid while `structs` lives.
+
+    By its pointer, since given the array itself Warp compares dtypes at every call, which is
+    slow, and once failed when two threads did so at the same time.
+    """
+    return wp.array(ptr=structs.ctypes.data, shape=structs.shape, dtype=dtype, device="cpu")
 
 
 def _half_height(fovy_deg: np.ndarray) -> np.ndarray:
