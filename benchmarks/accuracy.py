@@ -123,7 +123,8 @@ def run_one(run: OneRun, core: int | None) -> bool:
     """Carry it out in a process of its own, on one core if that is given; whether it went well."""
     print(f"running {run.folder}", file=sys.stderr, flush=True)
     environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
-    environment["PYTHONPATH"] = str(Path(__file__).parent)  # where the baselines are
+    paths = [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]  # where the baselines are
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
     if core is not None:
         environment["OMP_NUM_THREADS"] = "1"
     asked = json.dumps({**asdict(run), "core": core})
