@@ -12,12 +12,11 @@ from simtune.fit.found import Fit, Misfit
 from simtune.fit.pictures import fit_pictures
 from simtune.fit.replicas import Replicas
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
-from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import find_landmarks
-from simtune.simulation import random_actions
+from simtune.simulation import StateSpace, random_actions
 from simtune.tasks import load_task
 from simtune.tuning.moves import MoveConfig, candidate_grid, read_curves, with_fit
 

@@ -26,7 +26,7 @@ def check(config: CheckConfig) -> dict[str, Any]:
     image_size = needed_image_size("posterior")
     facts: dict[str, Any] = {"task": task.name, "seed": config.seed}
     if config.real:
-        num_actions = task.load_model().nu
+        num_actions = len(task.load_actions().names)
         real = RecordedReal(
             config.real, camera=config.camera, image_size=image_size, num_actions=num_actions
         )
@@ -39,7 +39,7 @@ def check(config: CheckConfig) -> dict[str, Any]:
     else:
         simulator = task.simulator(image_size=image_size)
         num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
-        actions = random_actions(num, task.episode_steps, simulator.model, rng)
+        actions = random_actions(num, task.episode_steps, simulator.action_mapping, rng)
     looks_alike = config.real is None
     information = examine(simulator, task.camera, actions, config.seed, looks_alike)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}

@@ -32,12 +32,11 @@ def warnings(task: Task, trajectories: list[Trajectory]) -> list[str]:
 
 def _of_actions(task: Task, actions: np.ndarray) -> list[str]:
     """Of (steps, A) actions that the model cuts off, or that tell nothing."""
-    found, model = [], task.load_model()
+    found, mapping = [], task.load_actions()
     for i, (low, high) in enumerate(zip(actions.min(0), actions.max(0), strict=True)):
-        name = model.actuator(i).name or f"actuator {i}"
-        least, most = model.actuator_ctrlrange[i]
+        name, (least, most) = mapping.names[i], mapping.range[i]
         slack = 1e-3 * (most - least)
-        if model.actuator_ctrllimited[i] and (low < least - slack or high > most + slack):
+        if mapping.is_limited[i] and (low < least - slack or high > most + slack):
             found.append(
                 f"actions of {name} go from {low:.4g} to {high:.4g}, beyond the model's range of "
                 f"{least:g} to {most:g}, which cuts them off; are they in other units?"

@@ -5,10 +5,10 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks
 from simtune.networks import seeded
 from simtune.progress import Progress
+from simtune.simulation.states import StateSpace
 
 _CHANNELS = 96
 _DILATIONS = (1, 2, 4)  # with kernels of 5: 14 frames to either side

@@ -8,13 +8,13 @@ from simtune.fit.estimator import StateEstimator
 from simtune.fit.found import Fit, Misfit
 from simtune.fit.pictures import PictureFit, aligned, fit_pictures
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
-from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks, noise_px, to_tracks, track
 from simtune.progress import Progress
 from simtune.search_param_model.landmarks import Landmarks
 from simtune.search_param_model.sight import Seen, Sight
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.simulation import Simulator
+from simtune.simulation.states import StateSpace
 
 _NUM_PICTURES = 40
 _SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fits end sometime

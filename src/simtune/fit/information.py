@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
-from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.search_param_model.landmarks import Landmarks
 from simtune.search_param_model.simulated import Camera, find_landmarks
 from simtune.simulation import Rollouts, Simulator
+from simtune.simulation.states import StateSpace
 
 WINDOW_STEPS = 12  # chaotic motion diverges anyway: no fit follows it for longer
 _FACTOR, _TENTH = 1.2, 0.1  # what a parameter is changed by: on a log scale, on a linear one

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE, combine, trusted
-from simtune.fit.states import StateSpace
 from simtune.simulation import Simulator
+from simtune.simulation.states import StateSpace
 
 _DELTA = 0.03  # of a parameter, to derive by: several of a pixel's 256 levels
 _ROBUST = 3.0  # noise levels from which a pixel counts less: edges, what is not modelled

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE, combine, trusted
-from simtune.fit.states import StateSpace
 from simtune.fit.tracks import Tracks
 from simtune.fit.windows import Windows, cut
 from simtune.search_param_model.landmarks import Landmarks
 from simtune.simulation import Simulator
+from simtune.simulation.states import StateSpace
 
 _PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
 _STATES_ONLY = 3.0  # with more blur than this, parameters wait for the states

@@ -14,6 +14,7 @@ from simtune.parameters.space import ParameterSpace
 
 # Objects of exactly this rgba are drawn in their material's colour instead of their own.
 _DEFAULT_GREY = np.array([0.5, 0.5, 0.5, 1], np.float32)
+_CARRIED = {"body_mass": "body_inertia", "actuator_gainprm": "actuator_biasprm"}
 _MATERIAL_OF = {
     "geom_rgba": "geom_matid",
     "site_rgba": "site_matid",
@@ -25,9 +26,9 @@ class ModelWriter:
     """Writes vectors of a ParameterSpace into models compiled like `model`.
 
     Every write starts from the nominal values, so writing twice equals writing once. Mass
-    carries the inertia along (an inertia that is a parameter itself is taken from there), and
-    derived constants follow (mj_setConst). Turns about several axes of one object are made in the
-    order x, y, z, each about the axis as the one before left it.
+    carries the inertia along, a servo's gain the bias that holds against it (what is a parameter
+    itself is taken from there), and derived constants follow (mj_setConst). Turns about several
+    axes of one object are made in the order x, y, z, each about the axis as the one before left it.
     Raises UnknownName for a field or an object that the model lacks, and InputError for a
     component that the field lacks, a number that two parameters would write, or a delay that is
     longer than the model remembers its controls.
@@ -91,10 +92,10 @@ class ModelWriter:
 def _rank(parameter: Parameter) -> tuple[bool, int]:
     """What to sort parameters by before writing them.
 
-    Masses come first, so that an inertia that is a parameter itself is written over theirs;
-    turns about x come before those about y and z.
+    Masses and gains come first, so that an inertia or a bias that is a parameter itself is written
+    over theirs; turns about x come before those about y and z.
     """
-    return parameter.field != "body_mass", parameter.component or 0
+    return parameter.field not in _CARRIED, parameter.component or 0
 
 
 def _write_one(fields, parameter: Parameter, place: tuple, nominal, values: np.ndarray) -> None:
@@ -111,10 +112,21 @@ def _write_one(fields, parameter: Parameter, place: tuple, nominal, values: np.n
         else np.broadcast_to(shaped, (len(values), *before.shape))
     )
     fields[parameter.field][(slice(None), *place)] = after
+    if parameter.field in _CARRIED:
+        _carry(fields, parameter, place[0], nominal, after / np.where(before > 0, before, 1))
+
+
+def _carry(fields, parameter: Parameter, rows: np.ndarray, nominal, ratio: np.ndarray) -> None:
+    """Write what goes along with a mass, or a gain, that is `ratio` (n, objects) times nominal."""
     if parameter.field == "body_mass":
-        ratio = after / np.where(before > 0, before, 1)  # (n, objects)
-        inertia = nominal["body_inertia"][place[0]]  # (objects, 3)
-        fields["body_inertia"][:, place[0]] = inertia * ratio[..., None]
+        inertia = nominal["body_inertia"][rows]  # (objects, 3)
+        fields["body_inertia"][:, rows] = inertia * ratio[..., None]
+    elif parameter.component == 0:
+        # A servo's force is gain · control − gain · position (velocity): both, or its target moves.
+        gain, bias = nominal["actuator_gainprm"][rows, 0], nominal["actuator_biasprm"][rows]
+        for i in np.flatnonzero((bias[:, 1:3] == -gain[:, None]).any(1) & (gain > 0)):
+            column = 1 if bias[i, 1] == -gain[i] else 2
+            fields["actuator_biasprm"][:, rows[i], column] = bias[i, column] * ratio[:, i]
 
 
 def _turned(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:
@@ -129,8 +141,7 @@ def _turned(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:
 
 def _fields_to_write(space: ParameterSpace) -> list[str]:
     fields = dict.fromkeys(parameter.field for parameter in space)
-    if "body_mass" in fields:
-        fields["body_inertia"] = None
+    fields |= {_CARRIED[field]: None for field in fields if field in _CARRIED}
     return list(fields)
 
 

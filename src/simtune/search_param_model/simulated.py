@@ -129,7 +129,8 @@ def find_landmarks(
     every = candidate_landmarks(simulator.model, camera, simulator.image_size)
     if not len(every):
         return every
-    actions = random_actions(_PILOTS, PILOT_STEPS // _PILOTS, simulator.model, rng)
+    steps = PILOT_STEPS // _PILOTS
+    actions = random_actions(_PILOTS, steps, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(distribution.sample(_PILOTS, rng), actions, rng, every.record)
     assert rollouts.recorded is not None, "asked for above"
     return every.select(choose_landmarks(rollouts.recorded.reshape(-1, len(every), 2)))

@@ -1,21 +1,40 @@
 """Simulated worlds: batched physics, and two renderers behind one interface."""
 
+from simtune.simulation.acting import Projector, to_controls
+from simtune.simulation.actions import (
+    ActionMapping,
+    DirectActions,
+    MapActions,
+    MocapActions,
+    ScaledActions,
+)
 from simtune.simulation.delays import remember_controls
 from simtune.simulation.quality import OPENGL_DM_CONTROL, OPENGL_FAST, OpenGLQuality
 from simtune.simulation.renderer import Renderer, RendererName, make_renderer
-from simtune.simulation.simulator import Rollouts, Simulator, random_actions
+from simtune.simulation.simulator import Act, Played, Rollouts, Simulator, random_actions
+from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 
 __all__ = [
     "OPENGL_DM_CONTROL",
     "OPENGL_FAST",
+    "Act",
+    "ActionMapping",
+    "DirectActions",
+    "MapActions",
+    "MocapActions",
     "OpenGLQuality",
+    "Played",
+    "Projector",
     "Renderer",
     "RendererName",
     "Rollouts",
+    "ScaledActions",
     "Simulator",
+    "StateSpace",
     "Worlds",
     "make_renderer",
     "random_actions",
     "remember_controls",
+    "to_controls",
 ]

@@ -9,12 +9,26 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.parameters import ParameterSpace
+from simtune.simulation.actions import ActionMapping, DirectActions, MapActions
 from simtune.simulation.delays import count_substeps
 from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
 from simtune.simulation.renderer import RendererName, make_renderer
 from simtune.simulation.worlds import Worlds
 
 _CHUNK = 256  # supersampled pictures drawn at a time
+
+
+Act = Callable[[int, np.ndarray], np.ndarray]  # step t and (n, S) states to (n, A) actions
+
+
+@dataclass(frozen=True)
+class Played:
+    """What came of acting in n worlds for T steps."""
+
+    states: np.ndarray  # (n, T + 1, S) rows that a renderer draws
+    actions: np.ndarray  # (n, T, A)
+    lengths: np.ndarray  # (n,) steps after which the physics was still finite
+    watched: np.ndarray | None  # (n, 1 + T·watches_per_step, D)
 
 
 @dataclass(frozen=True)
@@ -34,7 +48,8 @@ class Rollouts:
 class Simulator:
     """Rolls worlds of one model out, and draws their states.
 
-    An action is held for `step_s` seconds; `initialize(batch, rng)` starts the worlds.
+    An action is held for `step_s` seconds; `initialize(batch, rng)` starts the worlds; what actions
+    do, `action_mapping` says, which `map_actions` makes for the model.
     With `supersampling` k, k × k points of each pixel are averaged, as a camera's sensor does:
     thin things blend with what is behind them instead of vanishing between the points.
     """
@@ -51,6 +66,7 @@ class Simulator:
         renderer: RendererName = "raycaster",
         quality: OpenGLQuality = OPENGL_FAST,
         supersampling: int = 1,
+        map_actions: MapActions = DirectActions,
     ):
         self.num_substeps = count_substeps(step_s, model.opt.timestep)
         self.model = _with_timestep(model, step_s / self.num_substeps)
@@ -62,18 +78,60 @@ class Simulator:
         self.supersampling = supersampling
         drawn_size = image_size * supersampling
         self.renderer = make_renderer(renderer, self.model, space, camera, drawn_size, quality)
+        self.action_mapping: ActionMapping = map_actions(self.model)
         self._initialize = initialize
         self._worlds: dict[int, Worlds] = {}
 
     @property
     def num_actions(self) -> int:
-        return self.model.nu
+        return len(self.action_mapping.names)
 
     @property
     def action_scale(self) -> np.ndarray:
-        """(A,) the largest magnitude of each action: 1 where the model sets no limit."""
-        limited = np.asarray(self.model.actuator_ctrllimited, bool)
-        return np.where(limited, np.abs(self.model.actuator_ctrlrange).max(-1), 1.0)
+        """(A,) the largest magnitude of each action: 1 where there is no limit."""
+        return np.abs(self.action_mapping.range).max(-1)
+
+    def play(
+        self,
+        parameters: np.ndarray,
+        act: Act,
+        num_steps: int,
+        rng: np.random.Generator,
+        *,
+        starts: np.ndarray | None = None,
+        watch: Callable[[Batch], np.ndarray] | None = None,
+        watches_per_step: int = 1,
+    ) -> Played:
+        """Act in n worlds of (n, N) parameters, each from its own start. Nothing else steps any.
+
+        `starts`, (n, S), are states to start from instead of the task's own. `watch(batch)`,
+        (n, D), is asked of the first state, and so many times within each step.
+        Worlds that diverge are counted in `num_diverged`, and stay where their physics stopped.
+        """
+        n = len(parameters)
+        worlds = self._worlds_for(n)
+        if watch:
+            watch(worlds.batch)  # binds the fields it reads, so that they are computed
+        worlds.reset(parameters, self._initialize, rng)
+        if starts is not None:
+            worlds.start_from(starts)
+        self.action_mapping.settle(worlds.batch)
+        states = np.empty((n, num_steps + 1, worlds.state.shape[1]))
+        states[:, 0] = worlds.state
+        actions = np.empty((n, num_steps, self.num_actions))
+        watched, lengths = [watch(worlds.batch)] if watch else [], np.zeros(n, int)
+        for t in range(num_steps):
+            actions[:, t] = act(t, worlds.state)
+            controls = self.action_mapping.apply(worlds.batch, actions[:, t])
+            for _ in range(watches_per_step):
+                worlds.step(controls, self.num_substeps // watches_per_step)
+                if watch:
+                    watched.append(watch(worlds.batch))
+            states[:, t + 1] = worlds.state
+            lengths += worlds.alive
+        self.num_diverged += int((lengths < num_steps).sum())
+        self.num_steps += n * num_steps
+        return Played(states, actions, lengths, np.stack(watched, 1) if watch else None)
 
     def roll_out(
         self,
@@ -87,33 +145,17 @@ class Simulator:
         """Play (n, T, A) actions in n worlds of (n, N) parameters, each from its own start.
 
         `record(batch)`, (n, D), is kept of every state, as only a simulator knows it.
-        `starts`, (n, S), are states to start from instead of the task's own.
-        Worlds that diverge are left out of the result and counted in `num_diverged`; with
-        `keep_diverged` they stay in it, where their physics stopped.
+        Worlds that diverge are left out of the result; with `keep_diverged` they stay in it,
+        where their physics stopped. See `play`.
         """
-        n, num_steps, _ = actions.shape
-        worlds = self._worlds_for(n)
-        if record:
-            record(worlds.batch)  # binds the fields it reads, so that they are computed
-        worlds.reset(parameters, self._initialize, rng)
-        if starts is not None:
-            worlds.start_from(starts)
-        states = np.empty((n, num_steps + 1, worlds.state.shape[1]))
-        states[:, 0] = worlds.state
-        recorded = [record(worlds.batch)] if record else []
-        for t in range(num_steps):
-            worlds.step(actions[:, t], self.num_substeps)
-            states[:, t + 1] = worlds.state
-            if record:
-                recorded.append(record(worlds.batch))
-        alive = worlds.alive
-        self.num_diverged += int((~alive).sum())
-        self.num_steps += n * num_steps
-        if keep_diverged:
-            alive = np.ones(n, bool)
-        kept = np.stack(recorded, axis=1)[alive] if record else None
-        index = np.flatnonzero(alive)
-        return Rollouts(parameters[alive], states[alive], actions[alive], kept, index)
+        num_steps = actions.shape[1]
+        played = self.play(
+            parameters, lambda t, _: actions[:, t], num_steps, rng, starts=starts, watch=record
+        )
+        kept = np.full(len(actions), True) if keep_diverged else played.lengths == num_steps
+        recorded = None if played.watched is None else played.watched[kept]
+        index = np.flatnonzero(kept)
+        return Rollouts(parameters[kept], played.states[kept], actions[kept], recorded, index)
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
@@ -153,14 +195,15 @@ def _with_timestep(model: mujoco.MjModel, timestep_s: float) -> mujoco.MjModel:
 def random_actions(
     num_episodes: int,
     num_steps: int,
-    model: mujoco.MjModel,
+    of: ActionMapping | mujoco.MjModel,
     rng: np.random.Generator,
     hold: int = 4,
 ) -> np.ndarray:
-    """(num_episodes, num_steps, A) uniform in the controls' ranges, each held for `hold` steps.
+    """(num_episodes, num_steps, A) uniform in the actions' ranges, each held for `hold` steps.
 
-    Held, they move the robot; drawn anew every step, their effects would average out.
+    `of`: a mapping, or a model whose controls are the actions. Held, they move the robot; drawn
+    anew every step, their effects would average out.
     """
-    low, high = np.where(model.actuator_ctrllimited[:, None], model.actuator_ctrlrange, [-1, 1]).T
-    drawn = rng.uniform(low, high, (num_episodes, -(-num_steps // hold), model.nu))
+    low, high = (DirectActions(of) if isinstance(of, mujoco.MjModel) else of).range.T
+    drawn = rng.uniform(low, high, (num_episodes, -(-num_steps // hold), len(low)))
     return np.repeat(drawn, hold, axis=1)[:, :num_steps]

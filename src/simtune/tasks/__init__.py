@@ -1,10 +1,12 @@
-"""The built-in tasks by name; add one by a file here and a line in TASKS."""
+"""The built-in tasks by name; add one by a file here and a line in TASKS. Users' own are files."""
 
 from collections.abc import Callable
+from pathlib import Path
 
-from simtune.errors import UnknownName
+from simtune.errors import InputError, UnknownName
 from simtune.tasks import ball_in_cup, cartpole, cheetah, finger, walker
 from simtune.tasks.task import Task
+from simtune.tasks.tuning_file import load_tuning_file
 
 TASKS: dict[str, Callable[[], Task]] = {
     "ball_in_cup": ball_in_cup.catch,
@@ -16,7 +18,11 @@ TASKS: dict[str, Callable[[], Task]] = {
 
 
 def load_task(name: str) -> Task:
-    """A built-in task. Raises UnknownName."""
+    """A built-in task, or the one that a tuning file declares. Raises InputError."""
+    if name.endswith(".toml"):
+        return load_tuning_file(Path(name))
+    if name.endswith((".xml", ".mjcf", ".urdf")):
+        raise InputError(f"{name} is a model: give a tuning file that names it, as NAME.toml")
     if name not in TASKS:
         raise UnknownName("task", name, "simtune", TASKS)
     return TASKS[name]()

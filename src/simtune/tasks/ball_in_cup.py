@@ -33,6 +33,7 @@ def catch() -> Task:
         action_repeat=4,
         initialize=_initialize,
         reward=_reward,
+        policy_steps=96_000,
     )
 
 

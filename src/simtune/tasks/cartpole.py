@@ -37,6 +37,7 @@ def balance() -> Task:
         action_repeat=8,
         initialize=_initialize,
         reward=_reward,
+        policy_steps=48_000,
     )
 
 

@@ -10,6 +10,9 @@ from mujoco.batch import Batch
 from simtune.parameters import ParameterSpace
 from simtune.simulation import (
     OPENGL_FAST,
+    ActionMapping,
+    DirectActions,
+    MapActions,
     OpenGLQuality,
     RendererName,
     Simulator,
@@ -29,12 +32,16 @@ class Task:
     control_timestep_s: float  # an action is held for action_repeat of these
     action_repeat: int
     episode_steps: int = 200  # policy steps
+    policy_steps: int = 100_000  # in simulation, after which the fast preset has learnt to act
     # Starts every simulation of the batch anew, whose parameters are written already.
     initialize: Callable[[Batch, np.random.Generator], None]
+    map_actions: MapActions = DirectActions  # what actions do, made for a model
     # (nsim,) reward of the batch's present state, after step(stage=mjSTAGE_VEL), which is one
     # control timestep; a policy step's reward is the sum over its action_repeat of them.
     # Tuning looks at no reward: None where no policy is to be trained.
     reward: Callable[[Batch], np.ndarray] | None = None
+    # Joints whose position makes no difference, such as how far a robot went; `observe` drops it.
+    free_joints: tuple[str, ...] = ()
 
     def load_model(self, step_s: float | None = None) -> mujoco.MjModel:
         """The nominal model, compiled anew, for actions of `step_s` s, by default a policy step.
@@ -44,6 +51,10 @@ class Task:
         spec = self.load_spec()
         remember_controls(spec, self.parameters, step_s or self.step_s)
         return spec.compile()
+
+    def load_actions(self) -> ActionMapping:
+        """What actions do in the nominal model."""
+        return self.map_actions(self.load_model())
 
     @property
     def step_s(self) -> float:
@@ -70,4 +81,5 @@ class Task:
             renderer=renderer,
             quality=quality,
             supersampling=supersampling,
+            map_actions=self.map_actions,
         )

@@ -40,6 +40,8 @@ def walk() -> Task:
         action_repeat=2,
         initialize=_initialize,
         reward=_reward,
+        policy_steps=240_000,
+        free_joints=("rootx",),
     )
 
 

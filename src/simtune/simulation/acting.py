@@ -1,0 +1,30 @@
+"""What it takes to act on pictures: to see them as they come, and to move the robot."""
+
+import numpy as np
+
+from simtune.simulation.simulator import Simulator
+
+
+class Projector:
+    """Films n worlds while they are acted in, and shows the latest frames as a stack."""
+
+    def __init__(
+        self, simulator: Simulator, parameters: np.ndarray, num_steps: int, num_stacked: int
+    ):
+        size = simulator.image_size
+        self.frames = np.empty((len(parameters), num_steps + 1, size, size, 3), np.uint8)
+        self._simulator, self._parameters = simulator, parameters
+        self._offsets = np.arange(1 - num_stacked, 1)
+
+    def show(self, t: int, states: np.ndarray) -> np.ndarray:
+        """Draw the (n, S) states of step t: (n, K, H, W, 3), where need be the first repeated."""
+        self.frames[:, t] = self._simulator.render(states, self._parameters)
+        return self.frames[:, np.maximum(t + self._offsets, 0)]
+
+
+def to_controls(simulator: Simulator, actions: np.ndarray) -> np.ndarray:
+    """(n, A) actions in [−1, 1] to controls; those without limits are taken as they are."""
+    model = simulator.model
+    limits = np.where(model.actuator_ctrllimited[:, None], model.actuator_ctrlrange, [-1.0, 1.0])
+    low, high = limits.T
+    return low + (np.clip(actions, -1, 1) + 1) / 2 * (high - low)

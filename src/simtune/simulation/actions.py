@@ -1,0 +1,209 @@
+"""What actions do to a model: they are its controls, scaled ones, or displace a mocap body.
+
+Actions are what a recording holds and a policy gives. `Simulator.play` hands them to a mapping,
+once a policy step; nobody else needs to know of controls. A mapping is made for a model, so a task
+holds what makes one: `DirectActions`, or `functools.partial(MocapActions, body="hand", ...)`.
+
+A mapping remembers nothing: what an action does depends on the present state only, because a fit
+replays stretches from the middle of episodes.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.errors import InputError, UnknownName
+from simtune.simulation.mocap import Held, find_held
+
+_AXES = "xyz"
+
+
+class ActionMapping(Protocol):
+    """(n, A) actions to what moves n worlds."""
+
+    names: tuple[str, ...]  # (A,) what each moves
+    range: np.ndarray  # (A, 2) lowest and highest: where random ones are drawn, what policies use
+    is_limited: np.ndarray  # (A,) bool: beyond its range an action is cut off
+
+    def settle(self, batch: Batch) -> None:
+        """Put what the actions move to where fresh starts have it."""
+        ...
+
+    def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
+        """The (n, nu) controls for the next policy step; what is no control is moved at once."""
+        ...
+
+
+MapActions = Callable[[mujoco.MjModel], ActionMapping]
+
+
+class DirectActions:
+    """An action is a control."""
+
+    def __init__(self, model: mujoco.MjModel, *, actuators: Sequence[str] | None = None):
+        """`actuators`: whose controls, in the actions' order; None: all, in the model's order.
+
+        The other actuators keep the control that they start with. Raises UnknownName, InputError.
+        """
+        self._chosen = None if actuators is None else _actuator_ids(model, actuators)
+        ids = np.arange(model.nu) if self._chosen is None else self._chosen
+        self.names = _actuator_names(model, ids)
+        self.range, self.is_limited = _control_range(model, ids)
+
+    def settle(self, batch: Batch) -> None:
+        """Controls need no start."""
+
+    def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
+        return actions if self._chosen is None else _among_others(batch, self._chosen, actions)
+
+
+class ScaledActions:
+    """A control is offset + gain · action; without a gain, actions' ranges cover the controls'."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        actuators: Sequence[str] | None = None,
+        action_range: np.ndarray | Sequence | None = None,
+        gain: np.ndarray | Sequence[float] | float | None = None,
+        offset: np.ndarray | Sequence[float] | float = 0.0,
+    ):
+        """`action_range`: (2,) or (A, 2); `gain`, `offset`: numbers or (A,). Actuators as above.
+
+        By default the range is [−1, 1], or, with a gain, what covers the control's range if that
+        is limited. Raises UnknownName, InputError.
+        """
+        ids = np.arange(model.nu) if actuators is None else _actuator_ids(model, actuators)
+        self._ids, self.names = ids, _actuator_names(model, ids)
+        controls, limited = _control_range(model, ids)
+        if gain is None:
+            if not limited.all():
+                name = self.names[int(np.flatnonzero(~limited)[0])]
+                raise InputError(f"{name} has no ctrlrange for the actions to cover: give a gain")
+            self.range = _checked_range(action_range, len(ids))
+            self._gain = np.ptp(controls, axis=1) / np.ptp(self.range, axis=1)
+            self._offset = controls[:, 0] - self._gain * self.range[:, 0]
+            self.is_limited = limited
+        else:
+            self._gain, self._offset = _each("gain", gain, ids), _each("offset", offset, ids)
+            if not self._gain.all():
+                raise InputError("a gain of 0 moves nothing: leave that actuator out")
+            covering = np.sort((controls - self._offset[:, None]) / self._gain[:, None], axis=1)
+            usual = np.where(limited[:, None], covering, [-1.0, 1.0])
+            is_given = action_range is not None
+            self.range = _checked_range(action_range, len(ids)) if is_given else usual
+            self.is_limited = limited & (not is_given)
+
+    def settle(self, batch: Batch) -> None:
+        """Controls need no start."""
+
+    def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
+        return _among_others(batch, self._ids, self._offset + self._gain * actions)
+
+
+class MocapActions:
+    """An action displaces a mocap body that something is welded to, such as a robot's hand.
+
+    The target is where the welded body really is, plus the displacement, within the workspace; the
+    mocap body keeps its orientation and the coordinates along other axes. It jumps there at once,
+    and the weld pulls. Gravity pulls, too: a robot that carries itself needs gravcomp="1".
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        body: str,
+        metres_per_unit: float = 1.0,
+        axes: str = _AXES,
+        action_range: np.ndarray | Sequence | None = None,
+        workspace_m: np.ndarray | Sequence | None = None,
+    ):
+        """`axes` of the world, one an action; `action_range`: (2,) or (A, 2), by default [−1, 1].
+
+        `workspace_m`: (A, 2) lowest and highest place of the mocap body, infinite by default.
+        Raises UnknownName, InputError.
+        """
+        if not axes or len(set(axes)) < len(axes) or not set(axes) <= set(_AXES):
+            raise InputError(f"axes must be some of x, y and z, each once, got {axes!r}")
+        self._held: Held = find_held(model, body)
+        self._axes = [_AXES.index(axis) for axis in axes]
+        self._metres_per_unit = metres_per_unit
+        self.names = tuple(f"{body} {axis}" for axis in axes)
+        self.range = _checked_range(action_range, len(axes))
+        self.is_limited = np.full(len(axes), True)
+        unlimited = np.tile([-np.inf, np.inf], (len(axes), 1))
+        given = workspace_m is not None
+        self._workspace = _checked_range(workspace_m, len(axes)) if given else unlimited
+
+    def settle(self, batch: Batch) -> None:
+        """The mocap body to what it holds, which would be pulled away from its start otherwise."""
+        self._held.compute(batch)
+        batch.mocap_pos[:, self._held.mocap] = self._held.place(batch)
+        batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+
+    def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
+        step_m = self._metres_per_unit * np.clip(actions, *self.range.T)
+        target = self._held.place(batch)[:, self._axes] + step_m
+        batch.mocap_pos[:, self._held.mocap, self._axes] = np.clip(target, *self._workspace.T)
+        return batch.ctrl.copy()
+
+
+def _actuator_ids(model: mujoco.MjModel, names: Sequence[str]) -> np.ndarray:
+    """(A,) ids. Raises UnknownName for one that the model lacks, InputError for one named twice."""
+    known = [model.actuator(i).name for i in range(model.nu)]
+    for i, name in enumerate(names):
+        if name not in known:
+            raise UnknownName("actuator", name, "the model", [k for k in known if k])
+        if name in names[:i]:
+            raise InputError(f"actuator {name!r} is named twice")
+    return np.array([known.index(name) for name in names], int)
+
+
+def _actuator_names(model: mujoco.MjModel, ids: np.ndarray) -> tuple[str, ...]:
+    return tuple(model.actuator(i).name or f"actuator {i}" for i in ids)
+
+
+def _control_range(model: mujoco.MjModel, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(A, 2) of the controls, [−1, 1] where there are no limits; (A,) whether there are."""
+    limited = np.asarray(model.actuator_ctrllimited, bool)[ids]
+    return np.where(limited[:, None], model.actuator_ctrlrange[ids], [-1.0, 1.0]), limited
+
+
+def _among_others(batch: Batch, ids: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    """(n, nu): (n, A) controls of some actuators, and those that the others have."""
+    every = batch.ctrl.copy()
+    every[:, ids] = controls
+    return every
+
+
+def _each(what: str, given: np.ndarray | Sequence[float] | float, ids: np.ndarray) -> np.ndarray:
+    """(A,) a number for each action, from one or from as many."""
+    values = _numbers(given)
+    if values.ndim and values.shape != ids.shape:
+        raise InputError(f"{what} must be a number or {len(ids)}, one an action, got {given}")
+    return np.broadcast_to(values, ids.shape)
+
+
+def _numbers(given: np.ndarray | Sequence | float) -> np.ndarray:
+    """An array; of lists that make none an empty one, which nobody expects."""
+    try:
+        return np.array(given, float)
+    except ValueError:
+        return np.empty((0, 0))
+
+
+def _checked_range(given: np.ndarray | Sequence | None, num: int) -> np.ndarray:
+    """(num, 2) from None, one pair or as many. Raises InputError."""
+    pairs = _numbers([-1.0, 1.0] if given is None else given)
+    if pairs.shape not in ((2,), (num, 2)):
+        raise InputError(
+            f"expected a pair [low, high] or {num} of them, one an action, got {given}"
+        )
+    if not (pairs[..., 0] < pairs[..., 1]).all():
+        raise InputError(f"low must be below high, got {given}")
+    return np.broadcast_to(pairs, (num, 2))

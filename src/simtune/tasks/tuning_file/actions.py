@@ -1,0 +1,43 @@
+"""The table [actions] of a tuning file."""
+
+from functools import partial
+
+import mujoco
+
+from simtune.simulation import DirectActions, MapActions, MocapActions, ScaledActions
+from simtune.tasks.tuning_file.toml_table import TomlTable
+
+_MAPPINGS = ("direct", "scaled", "mocap")
+
+
+def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
+    """What makes the mapping for a model. Raises InputError for what does not go with this one."""
+    mapping = table.choice("mapping", _MAPPINGS, "direct")
+    map_actions: MapActions
+    if mapping == "direct":
+        table.allow("mapping", "actuators")
+        map_actions = partial(DirectActions, actuators=table.names("actuators", None))
+    elif mapping == "scaled":
+        table.allow("mapping", "actuators", "range", "gain", "offset")
+        if "offset" in table and "gain" not in table:
+            raise table.error("offset needs gain: a control is offset + gain · action", "offset")
+        map_actions = partial(
+            ScaledActions,
+            actuators=table.names("actuators", None),
+            action_range=table.array("range", None),
+            gain=table.array("gain", None),
+            offset=table.array("offset", 0.0),
+        )
+    else:
+        table.allow("mapping", "body", "axes", "metres_per_unit", "range", "workspace_m")
+        map_actions = partial(
+            MocapActions,
+            body=table.text("body"),
+            axes=table.text("axes", "xyz"),
+            metres_per_unit=table.number("metres_per_unit", 1.0, above=0),
+            action_range=table.array("range", None),
+            workspace_m=table.array("workspace_m", None),
+        )
+    with table.at():
+        map_actions(model)
+    return map_actions

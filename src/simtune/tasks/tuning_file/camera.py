@@ -1,0 +1,91 @@
+"""The camera of a tuning file: one of the model's by name, or one of a pose of its own."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from simtune.errors import UnknownName
+from simtune.tasks.tuning_file.toml_table import TomlTable
+
+_ADDED = "simtune_camera"  # what a camera of its own is called in the model
+
+
+@dataclass(frozen=True)
+class FilmingCamera:
+    """A camera by name, and where to put it if the model has none of that name."""
+
+    name: str
+    position_m: tuple[float, ...] = ()  # (3,), empty where the model has it
+    quaternion: tuple[float, ...] = ()  # (4,) w, x, y, z: looks along −z, y is up
+    fovy_deg: float = 0.0
+
+    def add_to(self, spec: mujoco.MjSpec) -> None:
+        if self.position_m:
+            spec.worldbody.add_camera(
+                name=self.name, pos=self.position_m, quat=self.quaternion, fovy=self.fovy_deg
+            )
+
+
+def read_camera(file: TomlTable, spec: mujoco.MjSpec) -> FilmingCamera:
+    """`camera = "NAME"`, a table [camera], or nothing where the model has just one.
+
+    Raises InputError.
+    """
+    known = [camera.name for camera in spec.cameras if camera.name]
+    if "camera" not in file:
+        if len(known) == 1:
+            return FilmingCamera(known[0])
+        there = (
+            f"name one of {', '.join(known)}" if known else "the model has no camera with a name"
+        )
+        raise file.error(f"which camera films? {there}, or give a pose in a table [camera]")
+    if not file.is_table("camera"):
+        name = file.text("camera")
+        if name not in known:
+            if not known:
+                message = f"no camera {name!r} in the model, which has none; give a table [camera]"
+                raise file.error(message, "camera")
+            raise file.error(UnknownName("camera", name, "the model", known), "camera")
+        return FilmingCamera(name)
+    return _posed(file.table("camera"))
+
+
+def _posed(table: TomlTable) -> FilmingCamera:
+    table.allow("position_m", "look_at_m", "up", "quat", "field_of_view_deg")
+    position = table.numbers("position_m", 3)
+    if "quat" in table:
+        if "look_at_m" in table or "up" in table:
+            raise table.error("give look_at_m (and up) or quat, not both", "quat")
+        quaternion = table.numbers("quat", 4)
+        if not any(quaternion):
+            raise table.error("quat must not be zero", "quat")
+    else:
+        target, up = table.numbers("look_at_m", 3), table.numbers("up", 3, (0.0, 0.0, 1.0))
+        if target == position:
+            raise table.error("the camera cannot look at where it is", "look_at_m")
+        quaternion = _looking(np.array(position), np.array(target), np.array(up))
+        if quaternion is None:
+            key = "up" if "up" in table else "look_at_m"
+            raise table.error(
+                f"the camera looks along up = {list(up)}: give the up of its picture", key
+            )
+    fovy_deg = table.number("field_of_view_deg", 45.0, above=0)
+    if fovy_deg >= 180:
+        raise table.error(
+            f"field_of_view_deg must be below 180, got {fovy_deg:g}", "field_of_view_deg"
+        )
+    return FilmingCamera(_ADDED, position, quaternion, fovy_deg)
+
+
+def _looking(position: np.ndarray, target: np.ndarray, up: np.ndarray) -> tuple[float, ...] | None:
+    """The orientation of a camera that looks at a point; None where `up` says no way up."""
+    backward = (position - target) / np.linalg.norm(position - target)
+    right = np.cross(up, backward)
+    if np.linalg.norm(right) < 1e-6 * max(1e-9, float(np.linalg.norm(up))):
+        return None
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(backward, right), backward], axis=1)
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    return tuple(map(float, quaternion))

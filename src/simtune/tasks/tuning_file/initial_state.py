@@ -1,0 +1,106 @@
+"""The table [initial_state] of a tuning file."""
+
+import mujoco
+import numpy as np
+
+from simtune.errors import UnknownName
+from simtune.tasks.tuning_file.start import Spread, Start
+from simtune.tasks.tuning_file.toml_table import TomlTable
+
+_SLIDE = mujoco.mjtJoint.mjJNT_SLIDE.value
+_HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
+_FREE = mujoco.mjtJoint.mjJNT_FREE.value
+_KINDS = ("recording", "distribution", "keyframe")
+_NEAR = 0.1  # of the model's extent: how far off what slides without limits may start
+
+
+def read_initial_state(table: TomlTable, model: mujoco.MjModel) -> Start:
+    """Raises InputError for what is wrong with it, or does not go with the model."""
+    table.allow("kind", "keyframe", "joints", "may_touch")
+    kind = table.choice("kind", _KINDS, "recording")
+    if "joints" in table and kind != "distribution":
+        raise table.error(f'joints go with kind = "distribution" only, got "{kind}"', "joints")
+    keyframe = _keyframe(table, model, is_needed=kind == "keyframe")
+    pose = model.qpos0 if keyframe < 0 else model.key_qpos[keyframe]
+    if kind == "recording":
+        drawn = _as_wide_as_joints_go(model, pose)
+    elif kind == "distribution":
+        drawn = _declared(table, model)
+    else:
+        drawn = {}
+    may_touch = table.flag("may_touch", default=False)
+    return Start(where=table.where(), keyframe=keyframe, may_touch=may_touch, **drawn)
+
+
+def _keyframe(table: TomlTable, model: mujoco.MjModel, is_needed: bool) -> int:
+    if "keyframe" not in table and not is_needed:
+        return -1
+    name = table.text("keyframe")
+    known = [model.key(i).name for i in range(model.nkey)]
+    if name not in known:
+        named = [k for k in known if k]
+        if not named:
+            raise table.error(f"the model has no named keyframe, so none {name!r}", "keyframe")
+        raise table.error(UnknownName("keyframe", name, "the model", named), "keyframe")
+    return known.index(name)
+
+
+def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, tuple[Spread, ...]]:
+    """For recordings that say nothing of their start: what a fit can find it among."""
+    near = _NEAR * model.stat.extent
+    positions, turns = [], []
+    for joint in range(model.njnt):
+        kind, at = model.jnt_type[joint], int(model.jnt_qposadr[joint])
+        if kind in (_HINGE, _SLIDE) and model.jnt_limited[joint]:
+            positions.append(Spread(at, *map(float, model.jnt_range[joint])))
+        elif kind in (_HINGE, _SLIDE):
+            width = np.pi if kind == _HINGE else near
+            positions.append(Spread(at, pose[at] - width, pose[at] + width))
+        elif kind == _FREE:  # lies or stands somewhere: only its height is kept
+            positions += [Spread(i, pose[i] - near, pose[i] + near) for i in (at, at + 1)]
+            turns.append(Spread(at + 3, -np.pi, np.pi))
+    return {"positions": tuple(positions), "turns": tuple(turns)}
+
+
+def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, tuple[Spread, ...]]:
+    joints = table.table("joints")
+    known = {model.joint(i).name: i for i in range(model.njnt) if model.joint(i).name}
+    positions, turns, velocities = [], [], []
+    for name in joints:
+        if name not in known:
+            raise joints.error(UnknownName("joint", name, "the model", known), name)
+        joint, given = known[name], joints.table(name)
+        at, velocity_at = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+        kind = model.jnt_type[joint]
+        if kind == _FREE:
+            given.allow("position", "turn")
+            if "position" in given:
+                triple = given.pairs("position", 3)
+                positions += [Spread(at + i, *pair) for i, pair in enumerate(triple)]
+            if "turn" in given:
+                turns.append(Spread(at + 3, *given.pair("turn")))
+        elif kind in (_HINGE, _SLIDE):
+            given.allow("position", "velocity")
+            if "position" in given:
+                positions.append(Spread(at, *_within_limits(given, model, joint)))
+            if "velocity" in given:
+                velocities.append(Spread(velocity_at, *given.pair("velocity")))
+        else:
+            raise joints.error(f"{name} is a ball joint, which cannot be drawn: leave it out", name)
+    return {
+        "positions": tuple(positions),
+        "turns": tuple(turns),
+        "velocities": tuple(velocities),
+    }
+
+
+def _within_limits(given: TomlTable, model: mujoco.MjModel, joint: int) -> tuple[float, float]:
+    low, high = given.pair("position")
+    least, most = model.jnt_range[joint]
+    if model.jnt_limited[joint] and not least - 1e-6 <= low <= high <= most + 1e-6:
+        raise given.error(
+            f"position must lie in the joint's range, {least:.4g} to {most:.4g} (rad or m), "
+            f"got {low:g} to {high:g}",
+            "position",
+        )
+    return low, high

@@ -1,0 +1,71 @@
+"""A tuning file: a user's own model as a task, without any Python (docs/tuning-file.md)."""
+
+from pathlib import Path
+
+import mujoco
+
+from simtune.tasks.task import Task
+from simtune.tasks.tuning_file.actions import read_actions
+from simtune.tasks.tuning_file.camera import read_camera
+from simtune.tasks.tuning_file.initial_state import read_initial_state
+from simtune.tasks.tuning_file.parameters import read_parameters
+from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
+
+_KEYS = ("model", "name", "description", "camera", "control_timestep_s", "action_repeat")
+_KEYS += ("episode_steps", "actions", "initial_state", "parameters")
+
+
+def load_tuning_file(path: Path) -> Task:
+    """The task that a TOML file declares.
+
+    Raises InputError "FILE:LINE: ..." for whatever is wrong with the file, or does not go with the
+    model that it names.
+    """
+    file = read_toml(path)
+    file.allow(*_KEYS)
+    camera = read_camera(file, _read_spec(file))
+
+    def load_spec() -> mujoco.MjSpec:
+        spec = _read_spec(file)
+        camera.add_to(spec)
+        return spec
+
+    model = _compiled(file, load_spec())
+    control_timestep_s = file.number("control_timestep_s", above=0)
+    action_repeat = file.whole("action_repeat", 1)
+    step_s = control_timestep_s * action_repeat
+    return Task(
+        name=file.text("name", path.stem),
+        description=file.text("description", f"{file.text('model')}, of {path.name}"),
+        load_spec=load_spec,
+        parameters=read_parameters(file, load_spec(), camera.name, step_s),
+        camera=camera.name,
+        control_timestep_s=control_timestep_s,
+        action_repeat=action_repeat,
+        episode_steps=file.whole("episode_steps", 200),
+        initialize=read_initial_state(file.table("initial_state"), model),
+        map_actions=read_actions(file.table("actions"), model),
+    )
+
+
+def _read_spec(file: TomlTable) -> mujoco.MjSpec:
+    """The model file that `file` names, beside it."""
+    model = file.file.parent / file.text("model")
+    if not model.is_file():
+        raise file.error(f"there is no model file {model}", "model")
+    try:
+        return mujoco.MjSpec.from_file(str(model))
+    except ValueError as error:
+        raise file.error(f"MuJoCo cannot read {model}: {_one_line(error)}", "model") from None
+
+
+def _compiled(file: TomlTable, spec: mujoco.MjSpec) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        model = file.text("model")
+        raise file.error(f"MuJoCo cannot compile {model}: {_one_line(error)}", "model") from None
+
+
+def _one_line(error: ValueError) -> str:
+    return " ".join(str(error).split())

@@ -1,0 +1,155 @@
+"""The tables [[parameters]] of a tuning file."""
+
+import re
+from dataclasses import replace
+
+import mujoco
+
+from simtune.parameters import ModelWriter, Parameter, ParameterSpace, camera_pose, colour
+from simtune.simulation import remember_controls
+from simtune.tasks.tuning_file.field_defaults import (
+    KINDS,
+    check_component,
+    check_field,
+    own_nominal,
+    own_values,
+    usual_range,
+    usual_unit,
+)
+from simtune.tasks.tuning_file.toml_table import TomlTable
+
+_COLOURS = {"colour": "geom_rgba", "material_colour": "mat_rgba"}
+_ALL_KINDS = (*_COLOURS, "camera_pose", *KINDS)
+_NUMBERS = ("nominal", "low", "high", "scale", "unit")
+
+
+def read_parameters(
+    file: TomlTable, spec: mujoco.MjSpec, camera: str, step_s: float
+) -> ParameterSpace:
+    """All of them, in the file's order, checked against the model, which may be changed.
+
+    `camera`: the name of the one that films; `step_s`: of a policy step.
+    Raises InputError for what is wrong with one, or does not go with the model.
+    """
+    entries = file.tables("parameters")
+    if not entries:
+        raise file.error("nothing to tune: declare parameters, each after a line [[parameters]]")
+    model, space = spec.compile(), ParameterSpace([])
+    for entry in entries:
+        with entry.at():
+            new = _read(entry, model, camera)
+            space = ParameterSpace([*space, *new], where=file.file.name)
+            if any(parameter.is_delay for parameter in new):
+                remember_controls(spec, space, step_s)
+                model = spec.compile()
+            ModelWriter(space, model)
+    return space
+
+
+def _read(entry: TomlTable, model: mujoco.MjModel, camera: str) -> list[Parameter]:
+    name = entry.text("name")
+    if not re.fullmatch(r"[A-Za-z0-9_\-]+", name):
+        raise entry.error(f"name must be letters, digits, _ and - only, got {name!r}", "name")
+    if "field" in entry:
+        entry.allow("name", "field", "objects", "component", *_NUMBERS)
+        field = entry.text("field")
+        component = entry.whole("component", None, least=0)
+        return [_number(entry, model, field, entry.names("objects", ()), component)]
+    if "kind" not in entry:
+        raise entry.error(f"{name} has neither kind nor field: expected one of them")
+    kind = entry.choice("kind", _ALL_KINDS)
+    if kind in _COLOURS:
+        return _colour(entry, model, _COLOURS[kind])
+    if kind == "camera_pose":
+        return _camera_pose(entry, model, camera)
+    field, component = KINDS[kind]
+    if kind == "size":
+        component = entry.whole("component", None, least=0)
+    entry.allow("name", "kind", "objects", *["component"] * (kind == "size"), *_NUMBERS)
+    films = (camera,) if kind == "field_of_view" else None
+    objects = entry.names("objects", films) if films else entry.names("objects")
+    return [_number(entry, model, field, objects, component)]
+
+
+def _number(
+    entry: TomlTable,
+    model: mujoco.MjModel,
+    field: str,
+    objects: tuple[str, ...],
+    component: int | None,
+) -> Parameter:
+    """One parameter; what is not said is the model's own, or what is usual for the field."""
+    some = _some_parameter(entry, model, field, objects, component)
+    nominal = entry.number("nominal", None)
+    if nominal is None:
+        nominal = own_nominal(model, some)
+    low, high, scale = usual_range(some, nominal)
+    low, high = entry.number("low", low), entry.number("high", high)
+    if low is None or high is None:
+        raise entry.error(
+            f"{some.name}: nothing is usual for {field} around {nominal:g}: say low and high"
+        )
+    return replace(
+        some,
+        nominal=nominal,
+        low=low,
+        high=high,
+        scale=entry.choice("scale", ("log", "linear"), scale if low > 0 else "linear"),
+        unit=entry.text("unit", usual_unit(model, some)),
+    )
+
+
+def _some_parameter(
+    entry: TomlTable,
+    model: mujoco.MjModel,
+    field: str,
+    objects: tuple[str, ...],
+    component: int | None = None,
+) -> Parameter:
+    """The parameter but for its numbers, which stand for any; the model has it."""
+    if twice := next((name for name in objects if objects.count(name) > 1), None):
+        raise entry.error(f"{twice!r} is named twice", "objects")
+    with entry.at("field"):
+        check_field(model, field)
+    some = Parameter(
+        name=entry.text("name"),
+        field=field,
+        objects=objects,
+        component=component,
+        nominal=0.0,
+        low=0.0,
+        high=1.0,
+        scale="linear",
+        unit="1",
+    )
+    with entry.at("component" if component is not None else "objects"):
+        check_component(model, some)
+    with entry.at("objects"):
+        own_values(model, some)
+    return some
+
+
+def _colour(entry: TomlTable, model: mujoco.MjModel, field: str) -> list[Parameter]:
+    """NAME_r, NAME_g and NAME_b."""
+    entry.allow("name", "kind", "objects", "nominal")
+    objects = entry.names("objects")
+    channels = [_some_parameter(entry, model, field, objects, i) for i in range(3)]
+    given = entry.numbers("nominal", 3, None)
+    red, green, blue = given or (own_nominal(model, channel) for channel in channels)
+    declared = colour(entry.text("name"), objects, (red, green, blue))
+    return [replace(parameter, field=field) for parameter in declared]
+
+
+def _camera_pose(entry: TomlTable, model: mujoco.MjModel, camera: str) -> list[Parameter]:
+    """NAME_x, NAME_y, NAME_z, NAME_pitch, NAME_yaw and NAME_roll."""
+    entry.allow("name", "kind", "objects", "within_m", "within_rad")
+    cameras = entry.names("objects", (camera,))
+    if len(cameras) > 1:
+        raise entry.error("a camera_pose is of one camera", "objects")
+    position = own_values(model, _some_parameter(entry, model, "cam_pos", cameras))[0]
+    within_m = entry.number("within_m", 0.1, above=0)
+    within_rad = entry.number("within_rad", 0.1, above=0)
+    x, y, z = map(float, position)
+    return camera_pose(
+        entry.text("name"), cameras[0], (x, y, z), within_m=within_m, within_rad=within_rad
+    )

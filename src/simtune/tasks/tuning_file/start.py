@@ -1,0 +1,74 @@
+"""Where episodes of a user's own model start: a pose, and what is drawn around it."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.errors import InputError
+
+_MAX_ATTEMPTS = 300
+_POS = mujoco.mjtStage.mjSTAGE_POS.value
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A number of qpos or qvel, uniform between low and high."""
+
+    index: int
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start:
+    """Starts the worlds of a batch anew; a task's `initialize`.
+
+    What is drawn inside something else would be thrown out of it, so positions are drawn until
+    there are no more contacts than in the pose itself, unless things `may_touch`.
+    Raises InputError where that cannot be had.
+    """
+
+    where: str  # in the user's file, for messages
+    keyframe: int = -1  # -1: the model's default state
+    positions: tuple[Spread, ...] = ()
+    # By what free joints are turned about the world's z, rad; the index is their quaternion's.
+    turns: tuple[Spread, ...] = ()
+    velocities: tuple[Spread, ...] = ()
+    may_touch: bool = False
+
+    def __call__(self, batch: Batch, rng: np.random.Generator) -> None:
+        batch.reset(keyframe=self.keyframe, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        if self.positions or self.turns:
+            self._draw_positions(batch, rng)
+        for spread in self.velocities:
+            batch.qvel[:, spread.index] = rng.uniform(spread.low, spread.high, batch.nsim)
+        batch.forward()
+
+    def _draw_positions(self, batch: Batch, rng: np.random.Generator) -> None:
+        num_contacts, pose = batch.bind("ncon"), batch.qpos.copy()
+        batch.forward(stage=_POS)
+        allowed, ids = num_contacts.copy(), np.arange(batch.nsim)
+        for _ in range(_MAX_ATTEMPTS):
+            for spread in self.positions:
+                batch.qpos[ids, spread.index] = rng.uniform(spread.low, spread.high, len(ids))
+            for spread in self.turns:
+                angle = rng.uniform(spread.low, spread.high, len(ids))
+                quaternion = slice(spread.index, spread.index + 4)
+                batch.qpos[ids, quaternion] = _turned(pose[ids, quaternion], angle)
+            batch.forward(ids, stage=_POS)
+            ids = ids[num_contacts[ids] > allowed[ids]]
+            if self.may_touch or not ids.size:
+                return
+        raise InputError(
+            f"{self.where}: in each of {_MAX_ATTEMPTS} starts drawn, things touch that do not in "
+            "the pose drawn around: narrow [initial_state.joints], or say may_touch = true"
+        )
+
+
+def _turned(quaternions: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """(n, 4) w, x, y, z after turns of (n,) rad about the world's z axis."""
+    cos, sin = np.cos(angle / 2), np.sin(angle / 2)
+    w, x, y, z = quaternions.T
+    return np.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], 1)

@@ -1,0 +1,70 @@
+"""In which line of a TOML file each key is, which Python's parser does not tell.
+
+Each statement of a TOML file, a table's header or a key with its value, is a TOML file by itself.
+So lines are collected until they parse, and what they parse to says what they are about.
+"""
+
+import tomllib
+from typing import Any
+
+KeyPath = tuple[str | int, ...]  # ("parameters", 2, "name"): of the third of [[parameters]]
+
+
+def key_lines(text: str) -> dict[KeyPath, int]:
+    """{path: line, from 1} of all tables and keys of a valid file."""
+    lines: dict[KeyPath, int] = {}
+    table: KeyPath = ()
+    collected, begun = "", 1
+    for number, line in enumerate(text.split("\n"), 1):
+        collected += line + "\n"
+        try:
+            statement = tomllib.loads(collected)
+        except tomllib.TOMLDecodeError:
+            continue  # an array or a text goes on in the next line
+        if collected.lstrip().startswith("["):
+            table = _header(statement, lines)
+            lines.setdefault(table, begun)
+        else:
+            _note(statement, table, begun, lines)
+        collected, begun = "", number + 1
+    return lines
+
+
+def line_of(path: KeyPath, lines: dict[KeyPath, int]) -> int:
+    """Of a key, or of the nearest table around it; 1 for what is missing altogether."""
+    while path and path not in lines:
+        path = path[:-1]
+    return lines.get(path, 1)
+
+
+def _header(statement: dict[str, Any], known: dict[KeyPath, int]) -> KeyPath:
+    """The path of the table that a header begins; of [[...]] the next one."""
+    path: KeyPath = ()
+    value: Any = statement
+    while value:
+        if isinstance(value, list):
+            return (*path, _count(path, known))
+        ((name, value),) = value.items()
+        path = (*path, name)
+        if value and isinstance(value, dict) and (count := _count(path, known)):
+            path = (*path, count - 1)
+    return path
+
+
+def _count(path: KeyPath, known: dict[KeyPath, int]) -> int:
+    """How many tables of the array at `path` have begun."""
+    count = 0
+    while (*path, count) in known:
+        count += 1
+    return count
+
+
+def _note(value: Any, path: KeyPath, line: int, lines: dict[KeyPath, int]) -> None:
+    """Everything within one statement is said to be in its first line."""
+    if path:
+        lines.setdefault(path, line)
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, inner in items:
+        lines.setdefault((*path, key), line)
+        if isinstance(inner, dict | list):
+            _note(inner, (*path, key), line, lines)

@@ -1,0 +1,199 @@
+"""A TOML file read with care: what is wrong is told with its line and the nearest valid name."""
+
+import math
+import re
+import tomllib
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from simtune.errors import InputError, UnknownName
+from simtune.tasks.tuning_file.toml_lines import KeyPath, key_lines, line_of
+
+_REQUIRED: Any = object()
+
+
+def read_toml(file: Path) -> "TomlTable":
+    """The whole of a file. Raises InputError for one that cannot be read or is no TOML."""
+    try:
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{file} is no text in UTF-8, so no TOML") from None
+    try:
+        return TomlTable(tomllib.loads(text), file, key_lines(text))
+    except tomllib.TOMLDecodeError as error:
+        # The message ends in where the parser stopped.
+        what, _, at = str(error).removesuffix(")").rpartition(" (at ")
+        number = re.match(r"line (\d+)", at)
+        line = number[1] if number else text.rstrip().count("\n") + 1
+        raise InputError(f"{file}:{line}: not valid TOML: {what}") from None
+
+
+class LocatedError(InputError):
+    """What is wrong, with the file and the line in front."""
+
+
+class TomlTable:
+    """A table of a file. What is asked of it raises InputError "FILE:LINE: what is wrong".
+
+    A key that is asked for without a default has to be there.
+    """
+
+    def __init__(
+        self, values: dict[str, Any], file: Path, lines: dict[KeyPath, int], path: KeyPath = ()
+    ):
+        self._values, self.file, self._lines, self._path = values, file, lines, path
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    @property
+    def name(self) -> str:
+        """As messages call it."""
+        names = ".".join(part for part in self._path if isinstance(part, str))
+        if not names:
+            return "the file"
+        return f"[[{names}]]" if isinstance(self._path[-1], int) else f"[{names}]"
+
+    def where(self, key: str | None = None) -> str:
+        """FILE:LINE of a key, or of the table."""
+        path = self._path if key is None else (*self._path, key)
+        return f"{self.file}:{line_of(path, self._lines)}"
+
+    def error(self, message: object, key: str | None = None) -> LocatedError:
+        """What to raise for what is wrong with a key, or with the table."""
+        return LocatedError(f"{self.where(key)}: {message}")
+
+    @contextmanager
+    def at(self, key: str | None = None) -> Iterator[None]:
+        """Put its place before what others complain of, unless it has one."""
+        try:
+            yield
+        except LocatedError:
+            raise
+        except InputError as error:
+            raise self.error(error, key) from None
+
+    def allow(self, *keys: str) -> None:
+        """Refuse all other keys."""
+        for key in self._values:
+            if key not in keys:
+                raise self.error(UnknownName("key", key, self.name, keys), key)
+
+    def text(self, key: str, default: Any = _REQUIRED) -> Any:
+        return self._checked(key, "a text", default, lambda v: isinstance(v, str) and v != "")
+
+    def choice(self, key: str, options: Collection[str], default: Any = _REQUIRED) -> Any:
+        """One of some texts."""
+        value = self.text(key, default)
+        if key in self and value not in options:
+            raise self.error(UnknownName(key, value, self.name, options), key)
+        return value
+
+    def flag(self, key: str, default: bool) -> bool:
+        return self._checked(key, "true or false", default, lambda v: isinstance(v, bool))
+
+    def number(self, key: str, default: Any = _REQUIRED, *, above: float = -math.inf) -> Any:
+        what = "a finite number" if above == -math.inf else f"a finite number above {above:g}"
+        return self._checked(key, what, default, lambda v: _is_finite(v) and v > above)
+
+    def whole(self, key: str, default: Any = _REQUIRED, *, least: int = 1) -> Any:
+        what = f"a whole number of at least {least}"
+        return self._checked(
+            key, what, default, lambda v: _is_finite(v) and isinstance(v, int) and v >= least
+        )
+
+    def names(self, key: str, default: Any = _REQUIRED) -> Any:
+        """A tuple of one or more texts; one alone may stand without brackets."""
+        value = self._checked(key, "a name or a list of names", default, _are_names)
+        return (value,) if isinstance(value, str) else value and tuple(value)
+
+    def numbers(self, key: str, count: int, default: Any = _REQUIRED) -> Any:
+        """A tuple of so many."""
+        return self._checked(key, f"{count} finite numbers", default, lambda v: _are(v, count))
+
+    def pair(self, key: str) -> tuple[float, float]:
+        """The ends of a range."""
+        value = self._checked(key, "two numbers, low and high", _REQUIRED, _is_pair)
+        return value[0], value[1]
+
+    def pairs(self, key: str, count: int) -> list[tuple[float, float]]:
+        value = self._checked(
+            key,
+            f"{count} pairs of low and high",
+            _REQUIRED,
+            lambda v: isinstance(v, list) and len(v) == count and all(map(_is_pair, v)),
+        )
+        return [(low, high) for low, high in value]
+
+    def array(self, key: str, default: Any = _REQUIRED) -> Any:
+        """A number, or a list of numbers or of such lists, whose shape others check."""
+        return self._checked(key, "a number or a list of numbers", default, _is_array)
+
+    def is_table(self, key: str) -> bool:
+        return isinstance(self._values.get(key), dict)
+
+    def table(self, key: str) -> "TomlTable":
+        """An empty one where there is none."""
+        values = self._checked(key, "a table", {}, lambda v: isinstance(v, dict))
+        return TomlTable(values, self.file, self._lines, (*self._path, key))
+
+    def tables(self, key: str) -> list["TomlTable"]:
+        """Those of [[key]]; an empty list where there are none."""
+        what = f"tables, each after a line [[{key}]]"
+        values = self._checked(key, what, [], _are_tables)
+        path = (*self._path, key)
+        return [TomlTable(v, self.file, self._lines, (*path, i)) for i, v in enumerate(values)]
+
+    def _checked(self, key: str, what: str, default: Any, is_right: Any) -> Any:
+        if key not in self._values:
+            if default is _REQUIRED:
+                raise self.error(f"{self.name} has no {key}: expected {what}")
+            return default
+        value = self._values[key]
+        if not is_right(value):
+            raise self.error(f"{key} must be {what}, got {_shown(value)}", key)
+        return value
+
+
+def _is_finite(value: Any) -> bool:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and math.isfinite(value)
+
+
+def _are(value: Any, count: int) -> bool:
+    return isinstance(value, list) and len(value) == count and all(map(_is_finite, value))
+
+
+def _is_pair(value: Any) -> bool:
+    return _are(value, 2) and value[0] <= value[1]
+
+
+def _are_names(value: Any) -> bool:
+    names = [value] if isinstance(value, str) else value
+    return isinstance(names, list) and bool(names) and all(n and isinstance(n, str) for n in names)
+
+
+def _are_tables(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(v, dict) for v in value)
+
+
+def _is_array(value: Any) -> bool:
+    if isinstance(value, list):
+        return bool(value) and all(map(_is_array, value))
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and not math.isnan(value)
+
+
+def _shown(value: Any) -> str:
+    """As TOML has it, short enough for a line."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    shown = "a table" if isinstance(value, dict) else repr(value)
+    return shown if len(shown) <= 60 else f"{shown[:57]}..."

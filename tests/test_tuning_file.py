@@ -1,0 +1,713 @@
+"""Tuning files: the documentation's examples, what is made of each table, and every complaint."""
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco.batch import Batch
+
+from simtune.errors import InputError, UnknownName
+from simtune.parameters import ModelWriter, Parameter, ParameterSpace
+from simtune.simulation import DirectActions, MocapActions, ScaledActions, random_actions
+from simtune.tasks import Task, load_task
+from simtune.tasks.tuning_file.toml_lines import key_lines
+
+ROOT = Path(__file__).parent.parent
+EXAMPLE = ROOT / "examples" / "cart_pendulum" / "tune.toml"
+SCENE = """
+<mujoco>
+  <option timestep="0.005"/>
+  <asset>
+    <material name="blue" rgba="0.1 0.2 0.7 1"/>
+  </asset>
+  <worldbody>
+    <light name="lamp" diffuse="0.4 0.4 0.4"/>
+    <light name="bulb" diffuse="0.4 0.4 0.4"/>
+    <light name="red" diffuse="0.9 0.1 0.1"/>
+    <camera name="front" pos="0.1 -2 0.5" xyaxes="1 0 0 0 0 1" fovy="50"/>
+    <geom name="ground" type="plane" size="2 2 0.1" material="blue"/>
+    <body name="target" mocap="true" pos="0.7 0 0.5"/>
+    <body name="upper" pos="0 0 0.5">
+      <joint name="shoulder" axis="0 1 0" damping="0.5" range="-90 90" limited="true"/>
+      <geom name="upper" type="capsule" size="0.03" fromto="0 0 0 0.3 0 0" mass="1"/>
+      <body name="lower" pos="0.3 0 0">
+        <joint name="elbow" axis="0 1 0" damping="0.2"/>
+        <geom name="lower" type="capsule" size="0.02" fromto="0 0 0 0.4 0 0" mass="0.5"
+              rgba="0.7 0.1 0.2 1"/>
+        <body name="bob" pos="0.4 0 0">
+          <geom name="bob" size="0.04" mass="0.2" rgba="0.7 0.1 0.2 1"/>
+        </body>
+      </body>
+    </body>
+    <body name="block" pos="0 0.25 0.05">
+      <freejoint name="block"/>
+      <geom name="block" type="box" size="0.05 0.05 0.05" mass="0.3" material="blue"/>
+    </body>
+    <body name="sled" pos="0 -0.4 0.3">
+      <joint name="sled" type="slide" axis="1 0 0" armature="0.1"/>
+      <geom name="sled" type="box" size="0.02 0.03 0.04" mass="0.3"/>
+      <body pos="0 0 -0.1">
+        <joint name="ball" type="ball"/>
+        <geom size="0.02" mass="0.1"/>
+      </body>
+    </body>
+  </worldbody>
+  <equality><weld body1="target" body2="bob"/></equality>
+  <actuator>
+    <position name="shoulder" joint="shoulder" kp="20" kv="1" ctrllimited="true" ctrlrange="-1 2"/>
+    <velocity name="elbow" joint="elbow" kv="3" ctrllimited="true" ctrlrange="-1 1"/>
+    <motor name="sled" joint="sled" gear="4"/>
+  </actuator>
+  <keyframe>
+    <key name="home" qpos="0.3 0.2  0 0.25 0.05 1 0 0 0  0.1  1 0 0 0" ctrl="0.3 0 0.5"
+         mpos="0.7 0 0.5"/>
+    <key name="away" qpos="0 0  0 0.25 0.05 1 0 0 0  0  1 0 0 0"/>
+  </keyframe>
+</mujoco>
+"""
+HEAD = 'model = "scene.xml"\ncontrol_timestep_s = 0.05\n'
+MASS = '[[parameters]]\nname = "m"\nkind = "mass"\nobjects = "bob"\n'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "scene.xml").write_text(SCENE)
+    return tmp_path
+
+
+@pytest.fixture
+def load(folder):
+    """Loads a file of some text."""
+
+    def load(text: str) -> Task:
+        (folder / "tune.toml").write_text(text, encoding="utf-8")
+        return load_task(str(folder / "tune.toml"))
+
+    return load
+
+
+@pytest.fixture
+def declare(load):
+    """The parameters of a file with some tables [[parameters]]."""
+
+    def declare(text: str) -> ParameterSpace:
+        return load(f"{HEAD}[[parameters]]\n{text}").parameters
+
+    return declare
+
+
+@pytest.fixture
+def refuses(folder, load):
+    """A file must end in one clear line that names its place."""
+
+    def refuses(text: str, line: int, message: str) -> None:
+        with pytest.raises(InputError) as caught:
+            load(text)
+        said = str(caught.value)
+        assert said.startswith(f"{folder / 'tune.toml'}:{line}: "), said
+        assert re.search(message, said), said
+        assert "\n" not in said
+
+    return refuses
+
+
+# --- examples -------------------------------------------------------------------------------
+
+
+def documented() -> list[str]:
+    text = (ROOT / "docs" / "tuning-file.md").read_text(encoding="utf-8")
+    return re.findall(r"^```toml\n(.*?)^```", text, re.S | re.M)
+
+
+@pytest.mark.parametrize("block", documented())
+def test_every_example_in_the_documentation_loads(load, block):
+    head = "" if "model =" in block else HEAD
+    task = load(head + block + ("" if "[[parameters]]" in block else MASS))
+    assert len(task.parameters) >= 1
+    batch = Batch(task.load_model(), 8, 1)
+    task.initialize(batch, np.random.default_rng(0))
+    assert np.isfinite(batch.state).all()
+
+
+def test_all_kinds_and_keys_are_documented():
+    from simtune.tasks.tuning_file import load, parameters
+
+    text = (ROOT / "docs" / "tuning-file.md").read_text(encoding="utf-8")
+    for word in (*parameters._ALL_KINDS, *parameters._NUMBERS, *load._KEYS):
+        assert f"`{word}`" in text or f"[[{word}]]" in text or f"`[{word}]`" in text, word
+
+
+def test_the_example_scene_moves_and_is_lit():
+    task = load_task(str(EXAMPLE))
+    assert (task.name, task.camera, task.step_s) == ("cart_pendulum", "front", 0.05)
+    simulator = task.simulator(image_size=64)
+    rng = np.random.default_rng(0)
+    actions = random_actions(4, 100, simulator.action_mapping, rng)
+    worlds = np.tile(task.parameters.nominal, (4, 1))
+    rollouts = simulator.roll_out(worlds, actions, rng)
+    assert len(rollouts) == 4
+    moved = rollouts.states[:, :, 1 : 1 + simulator.model.nq].std((0, 1))
+    assert (moved > 0.05).all()
+    frames = simulator.render(rollouts.states[:, 0], worlds)
+    assert 60 < frames.mean() < 200
+
+
+# --- the file itself ------------------------------------------------------------------------
+
+
+def test_a_short_file_has_usual_values(load):
+    task = load(HEAD + MASS)
+    assert (task.name, task.camera, task.episode_steps) == ("tune", "front", 200)
+    assert (task.control_timestep_s, task.action_repeat) == (0.05, 1)
+    assert task.reward is None
+    assert isinstance(task.load_actions(), DirectActions)
+    simulator = task.simulator(image_size=16)
+    assert (simulator.step_s, simulator.num_substeps, simulator.num_actions) == (0.05, 10, 3)
+
+
+def test_a_long_file_says_it_all(load):
+    top = 'name = "bench"\ndescription = "d"\naction_repeat = 2\nepisode_steps = 40\n'
+    task = load(HEAD + top + MASS)
+    assert (task.name, task.description, task.step_s) == ("bench", "d", 0.1)
+    assert task.episode_steps == 40
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("model = 'scene.xml'\ncontrol = \n", 2, "not valid TOML: Invalid value"),
+        ("a = 1\n[x\n", 2, "not valid TOML"),
+        ("a = 1\nb = 'x\n\n", 2, "not valid TOML"),
+        ("a = 1\na = 2\n", 2, "not valid TOML: Cannot overwrite"),
+        (HEAD + "modl = 3\n" + MASS, 3, "no key 'modl' in the file; did you mean 'model'?"),
+        ("control_timestep_s = 1\n" + MASS, 1, "the file has no model: expected a text"),
+        ("model = 'scene.xml'\n" + MASS, 1, "no control_timestep_s: expected a finite number"),
+        ("\nmodel = 'no.xml'\n", 2, r"there is no model file .*no\.xml"),
+        ("model = 3\n", 1, "model must be a text, got 3"),
+        ("model = 'scene.xml'\ncontrol_timestep_s = 0\n" + MASS, 2, "number above 0, got 0"),
+        ("model = 'scene.xml'\ncontrol_timestep_s = true\n" + MASS, 2, "number .*got true"),
+        ("model = 'scene.xml'\ncontrol_timestep_s = nan\n" + MASS, 2, "finite number .*got nan"),
+        (HEAD + "action_repeat = 1.5\n" + MASS, 3, "action_repeat must be a whole number .*1.5"),
+        (HEAD + "episode_steps = 0\n" + MASS, 3, "episode_steps must be a whole number of at"),
+        (HEAD, 1, r"nothing to tune.*\[\[parameters\]\]"),
+        (HEAD + "parameters = 3\n", 3, r"tables, each after a line \[\[parameters\]\], got 3"),
+        (HEAD + "[parameters]\nname = 'x'\n", 3, r"tables, each after .*got a table"),
+        (HEAD + "actions = 3\n" + MASS, 3, "actions must be a table, got 3"),
+    ],
+)
+def test_what_is_wrong_with_the_file(refuses, text, line, message):
+    refuses(text, line, message)
+
+
+@pytest.mark.parametrize(
+    ("xml", "message"),
+    [
+        ("<mujoco><worldbod/></mujoco>", "cannot read .*bad.xml: .*'worldbod', line 1"),
+        ("hello", "cannot read .*bad.xml: XML parse error"),
+        (
+            "<mujoco><worldbody><body name='b'><joint/></body></worldbody></mujoco>",
+            "cannot compile bad.xml: .*mass and inertia of moving bodies",
+        ),
+        (
+            "<mujoco><asset><mesh name='a' file='no.obj'/></asset><worldbody>"
+            "<geom type='mesh' mesh='a'/><camera name='c'/></worldbody></mujoco>",
+            "cannot compile bad.xml: .*no.obj",
+        ),
+    ],
+)
+def test_a_model_that_mujoco_refuses(folder, refuses, xml, message):
+    camera = "<camera name='c'/></worldbody>"
+    (folder / "bad.xml").write_text(
+        xml.replace("</worldbody>", camera) if "camera" not in xml else xml
+    )
+    refuses('control_timestep_s = 0.05\nmodel = "bad.xml"\n' + MASS, 2, message)
+
+
+def test_files_that_cannot_be_read(folder):
+    with pytest.raises(InputError, match=r"^cannot read .*no\.toml: No such file"):
+        load_task(str(folder / "no.toml"))
+    (folder / "bad.toml").write_bytes(b"a = '\xff'")
+    with pytest.raises(InputError, match=r"bad\.toml is no text in UTF-8"):
+        load_task(str(folder / "bad.toml"))
+    with pytest.raises(InputError, match=r"scene\.xml is a model: give a tuning file"):
+        load_task(str(folder / "scene.xml"))
+    with pytest.raises(UnknownName, match="no task 'walkr'"):
+        load_task("walkr")
+
+
+def test_lines_of_keys():
+    text = """a = [
+  1,
+]
+# [[no]]
+s = '''
+[[fake]]
+k = 1
+'''
+b.c = { d = 1 }
+
+[[p]]
+name = "x"
+[p.sub]
+k = 2
+[[p]]
+[[p.list]]
+[[p.list]]
+k = 3
+"""
+    lines = key_lines(text)
+    expected = {
+        ("a",): 1,
+        ("s",): 5,
+        ("b", "c", "d"): 9,
+        ("p", 0): 11,
+        ("p", 0, "name"): 12,
+        ("p", 0, "sub", "k"): 14,
+        ("p", 1): 15,
+        ("p", 1, "list", 0): 16,
+        ("p", 1, "list", 1, "k"): 18,
+    }
+    assert {path: lines[path] for path in expected} == expected
+    assert ("fake", 0) not in lines
+
+
+# --- camera ---------------------------------------------------------------------------------
+
+
+def camera_of(task: Task) -> tuple[np.ndarray, np.ndarray, float]:
+    """Place, axes (right, up, backward) in rows, field of view."""
+    model = task.load_model()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    camera = model.camera(task.camera).id
+    return data.cam_xpos[camera], data.cam_xmat[camera].reshape(3, 3).T, model.cam_fovy[camera]
+
+
+def test_a_camera_of_its_own(load):
+    pose = "[camera]\nposition_m = [1, -2, 3]\nlook_at_m = [0, 0, 1]\nfield_of_view_deg = 30\n"
+    place, (right, up, backward), fovy = camera_of(load(HEAD + pose + MASS))
+    np.testing.assert_allclose(place, [1, -2, 3])
+    np.testing.assert_allclose(backward, np.array([1, -2, 2]) / 3, atol=1e-12)
+    assert fovy == 30
+    assert right[2] == pytest.approx(0)
+    assert up[2] > 0
+
+
+def test_a_camera_that_was_turned_or_looks_down(load):
+    pose = "[camera]\nposition_m = [0, 0, 3]\nlook_at_m = [0, 0, 0]\nup = [1, 0, 0]\n"
+    _, axes, fovy = camera_of(load(HEAD + pose + MASS))
+    np.testing.assert_allclose(axes, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    assert fovy == 45
+    quat = "[camera]\nposition_m = [0, 0, 3]\nquat = [2, 0, 0, 0]\n"
+    _, axes, _ = camera_of(load(HEAD + quat + MASS))
+    np.testing.assert_allclose(axes, np.eye(3), atol=1e-12)
+
+
+def test_the_pose_of_a_camera_of_its_own_can_be_a_parameter(load):
+    pose = "[camera]\nposition_m = [0, -2, 1]\nlook_at_m = [0, 0, 0.5]\n"
+    tuned = '[[parameters]]\nname = "c"\nkind = "camera_pose"\nwithin_m = 0.2\nwithin_rad = 0.3\n'
+    tuned += '[[parameters]]\nname = "f"\nkind = "field_of_view"\n'
+    space = load(HEAD + pose + tuned).parameters
+    axes = ("x", "y", "z", "pitch", "yaw", "roll")
+    assert space.names == (*(f"c_{axis}" for axis in axes), "f")
+    np.testing.assert_allclose(space.nominal, [0, -2, 1, 0, 0, 0, 45])
+    np.testing.assert_allclose(space.high - space.nominal, [0.2] * 3 + [0.3] * 3 + [10])
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ('camera = "frnt"\n', 3, "no camera 'frnt' in the model; did you mean 'front'?"),
+        ("camera = 3\n", 3, "camera must be a text, got 3"),
+        ("[camera]\nlook_at_m = [0, 0, 0]\n", 3, r"\[camera\] has no position_m: expected 3 fin"),
+        ("[camera]\nposition_m = [0, 0, 1]\n", 3, r"\[camera\] has no look_at_m"),
+        ("[camera]\nposition_m = [0, 0]\n", 4, r"position_m must be 3 finite numbers.*\[0, 0\]"),
+        ("[camera]\npos = [0, 0, 1]\n", 4, "no key .pos. in?"),
+        (
+            "[camera]\nposition_m = [0, 0, 1]\nlook_at_m = [0, 0, 1]\n",
+            5,
+            "cannot look at where it is",
+        ),
+        ("[camera]\nposition_m = [0, 0, 1]\nlook_at_m = [0, 0, 0]\n", 5, "looks along up"),
+        (
+            "[camera]\nposition_m = [0, 0, 1]\nlook_at_m = [1, 0, 0]\nup = [0, 0, 0]\n",
+            6,
+            "looks along up",
+        ),
+        (
+            "[camera]\nposition_m = [0, 0, 1]\nlook_at_m = [1, 0, 0]\nfield_of_view_deg = 180\n",
+            6,
+            "must be below 180",
+        ),
+        ("[camera]\nposition_m = [0, 0, 1]\nquat = [0, 0, 0, 0]\n", 5, "must not be zero"),
+        (
+            "[camera]\nposition_m = [0, 0, 1]\nquat = [1, 0, 0, 0]\nup = [1, 0, 0]\n",
+            5,
+            "not both",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_camera(refuses, text, line, message):
+    refuses(HEAD + text + MASS, line, message)
+
+
+def test_models_with_other_numbers_of_cameras(folder, refuses):
+    for count, message in ((0, "the model has no camera with a name"), (2, "name one of c0, c1")):
+        cameras = "".join(f'<camera name="c{i}"/>' for i in range(count))
+        xml = f"<mujoco><worldbody>{cameras}</worldbody></mujoco>"
+        (folder / "scene.xml").write_text(xml)
+        refuses(HEAD + MASS, 1, f"which camera films.*{message}")
+    (folder / "scene.xml").write_text("<mujoco/>")
+    refuses(HEAD + "camera = 'c'\n" + MASS, 3, "no camera 'c' in the model, which has none")
+
+
+# --- actions --------------------------------------------------------------------------------
+
+
+def test_actions_are_made_for_the_model(load):
+    text = "[actions]\nmapping = 'scaled'\nactuators = ['shoulder', 'elbow']\nrange = [-100, 100]\n"
+    mapping = load(HEAD + text + MASS).load_actions()
+    assert isinstance(mapping, ScaledActions)
+    batch = Batch(mujoco.MjModel.from_xml_string(SCENE), 1, 1)
+    controls = mapping.apply(batch, np.array([[-100.0, 50.0]]))
+    np.testing.assert_allclose(controls, [[-1, 0.5, 0]])
+    text = "[actions]\nmapping = 'mocap'\nbody = 'target'\naxes = 'xz'\nmetres_per_unit = 0.02\n"
+    mapping = load(HEAD + text + MASS).load_actions()
+    assert isinstance(mapping, MocapActions)
+    assert mapping.names == ("target x", "target z")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("mapping = 'scale'\n", 4, r"no mapping 'scale' in \[actions\]; did you mean 'scaled'?"),
+        ("gain = 3\n", 4, r"no key 'gain' in \[actions\]"),
+        ("actuators = ['elbo']\n", 3, "no actuator 'elbo' in the model; did you mean 'elbow'?"),
+        ("actuators = []\n", 4, "actuators must be a name or a list of names"),
+        ("actuators = ['elbow', 3]\n", 4, "actuators must be a name or a list of names"),
+        ("mapping = 'scaled'\n", 3, "sled has no ctrlrange"),
+        ("mapping = 'scaled'\ngain = [1, 2]\n", 3, "gain must be a number or 3, one an action"),
+        ("mapping = 'scaled'\ngain = 'x'\n", 5, "gain must be a number or a list of numbers"),
+        ("mapping = 'scaled'\ngain = []\n", 5, "gain must be a number or a list of numbers"),
+        ("mapping = 'scaled'\noffset = 1\n", 5, "offset needs gain"),
+        ("mapping = 'scaled'\ngain = 1\nrange = [[0, 1], [0]]\n", 3, r"pair \[low, high\]"),
+        ("mapping = 'mocap'\n", 3, r"\[actions\] has no body"),
+        ("mapping = 'mocap'\nbody = 'targt'\n", 3, "no mocap body 'targt'.*'target'"),
+        ("mapping = 'mocap'\nbody = 'target'\naxes = 'xw'\n", 3, "axes must be some of x, y and z"),
+        ("mapping = 'mocap'\nbody = 'target'\nworkspace_m = [0, 1, 2]\n", 3, "or 3 of them"),
+    ],
+)
+def test_what_is_wrong_with_actions(refuses, text, line, message):
+    refuses(HEAD + "[actions]\n" + text + MASS, line, message)
+
+
+# --- initial state --------------------------------------------------------------------------
+
+
+def starts(task: Task, num: int = 400) -> Batch:
+    batch = Batch(task.load_model(), num, 1)
+    batch.qpos[:], batch.qvel[:], batch.time[:] = 1, 1, 7  # of an episode before
+    task.initialize(batch, np.random.default_rng(0))
+    assert (batch.time == 0).all()
+    return batch
+
+
+def spans(batch: Batch, joint: str, count: int = 1) -> np.ndarray:
+    """(count, 2) the least and the largest of a joint's first numbers."""
+    at = int(batch.model.joint(joint).qposadr[0])
+    values = batch.qpos[:, at : at + count]
+    return np.stack([values.min(0), values.max(0)], axis=1)
+
+
+def test_recordings_may_start_wherever_joints_go(load):
+    batch = starts(load(HEAD + "[initial_state]\nkeyframe = 'home'\n" + MASS))
+    np.testing.assert_allclose(spans(batch, "shoulder"), [[-np.pi / 2, np.pi / 2]], atol=0.1)
+    np.testing.assert_allclose(spans(batch, "elbow"), [[0.2 - np.pi, 0.2 + np.pi]], atol=0.1)
+    near = 0.1 * batch.model.stat.extent
+    np.testing.assert_allclose(spans(batch, "sled"), [[0.1 - near, 0.1 + near]], atol=0.05 * near)
+    block = spans(batch, "block", 3)
+    np.testing.assert_allclose(
+        block, [[-near, near], [0.25 - near, 0.25 + near], [0.05, 0.05]], atol=0.05 * near
+    )
+    assert (batch.qvel == 0).all()
+    np.testing.assert_array_equal(batch.ctrl, np.tile([0.3, 0, 0.5], (400, 1)))
+
+
+def test_starts_have_no_new_contacts(load):
+    task = load(HEAD + MASS)
+    batch = starts(task)
+    pose = mujoco.MjData(batch.model)
+    mujoco.mj_forward(batch.model, pose)
+    assert pose.ncon > 0  # the block lies on the ground
+    assert (batch.bind("ncon") <= pose.ncon).all()
+
+
+def test_a_distribution(load):
+    text = """[initial_state]
+kind = "distribution"
+keyframe = "home"
+[initial_state.joints]
+shoulder = { position = [-0.5, -0.4], velocity = [1, 2] }
+block = { position = [[0.1, 0.2], [0.25, 0.25], [0.05, 0.06]], turn = [-0.1, 0.3] }
+"""
+    batch = starts(load(HEAD + text + MASS))
+    np.testing.assert_allclose(spans(batch, "shoulder"), [[-0.5, -0.4]], atol=0.002)
+    np.testing.assert_array_equal(spans(batch, "elbow"), [[0.2, 0.2]])
+    expected = [[0.1, 0.2], [0.25, 0.25], [0.05, 0.06]]
+    np.testing.assert_allclose(spans(batch, "block", 3), expected, atol=0.002)
+    quaternions = batch.qpos[:, 5:9]
+    angle = 2 * np.arctan2(quaternions[:, 3], quaternions[:, 0])
+    assert (angle.min(), angle.max()) == (
+        pytest.approx(-0.1, abs=0.01),
+        pytest.approx(0.3, abs=0.01),
+    )
+    np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1)
+    speed = batch.qvel[:, 0]
+    assert (speed.min(), speed.max()) == (pytest.approx(1, abs=0.01), pytest.approx(2, abs=0.01))
+    assert (batch.qvel[:, 1:] == 0).all()
+
+
+def test_a_keyframe(load):
+    task = load(HEAD + "[initial_state]\nkind = 'keyframe'\nkeyframe = 'home'\n" + MASS)
+    batch = starts(task, 5)
+    np.testing.assert_array_equal(batch.qpos, np.tile(task.load_model().key("home").qpos, (5, 1)))
+    assert (batch.qvel == 0).all()
+
+
+def test_starts_that_always_touch(folder, load):
+    text = """[initial_state]
+kind = "distribution"
+[initial_state.joints]
+block = { position = [[0.0, 0.0], [0.25, 0.25], [0.01, 0.02]], turn = [0, 0] }
+sled = { position = [0.0, 0.0] }
+shoulder = { position = [1.5, 1.57] }
+"""
+    task = load(HEAD + text + MASS)
+    batch = Batch(task.load_model(), 3, 1)
+    place = re.escape(f"{folder / 'tune.toml'}:3: ")
+    with pytest.raises(InputError, match=f"^{place}.*touch.*may_touch = true"):
+        task.initialize(batch, np.random.default_rng(0))
+    task = load(
+        HEAD + text.replace("[initial_state]\n", "[initial_state]\nmay_touch = true\n") + MASS
+    )
+    task.initialize(batch, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("kind = 'recoding'\n", 4, r"no kind 'recoding' in \[initial_state\].*'recording'"),
+        ("kind = 'keyframe'\n", 3, r"\[initial_state\] has no keyframe"),
+        ("keyframe = 'hom'\n", 4, "no keyframe 'hom' in the model; did you mean 'home'?"),
+        ("may_touch = 1\n", 4, "may_touch must be true or false, got 1"),
+        ("joints.shoulder.position = [0, 1]\n", 4, 'joints go with kind = "distribution" only'),
+        ("kind = 'distribution'\njoints.shoudler.position = [0, 1]\n", 5, "no joint 'shoudler'"),
+        ("kind = 'distribution'\njoints.shoulder = 3\n", 5, "shoulder must be a table, got 3"),
+        ("kind = 'distribution'\njoints.elbow.position = [1, 0]\n", 5, "two numbers, low and high"),
+        ("kind = 'distribution'\njoints.elbow.turn = [0, 1]\n", 5, "no key 'turn' in"),
+        (
+            "kind = 'distribution'\njoints.shoulder.position = [-90, 90]\n",
+            5,
+            r"joint's range, -1.571 to 1.571 \(rad or m\), got -90 to 90",
+        ),
+        ("kind = 'distribution'\njoints.block.position = [0, 1]\n", 5, "3 pairs of low and high"),
+        ("kind = 'distribution'\njoints.ball.position = [0, 1]\n", 5, "ball is a ball joint"),
+    ],
+)
+def test_what_is_wrong_with_an_initial_state(refuses, text, line, message):
+    refuses(HEAD + "[initial_state]\n" + text + MASS, line, message)
+
+
+# --- parameters -----------------------------------------------------------------------------
+
+
+def numbers(parameter: Parameter) -> tuple:
+    return parameter.nominal, parameter.low, parameter.high, parameter.scale, parameter.unit
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("kind = 'mass'\nobjects = 'bob'", (0.2, 0.02, 2.0, "log", "kg")),
+        ("kind = 'mass'\nobjects = ['upper', 'lower']", (1.0, 0.1, 10.0, "log", "×")),
+        ("kind = 'damping'\nobjects = 'elbow'", (0.2, 0.02, 2.0, "log", "N·m·s/rad")),
+        ("kind = 'armature'\nobjects = 'sled'", (0.1, 0.01, 1.0, "log", "kg")),
+        ("kind = 'friction'\nobjects = 'block'", (1.0, 0.1, 10.0, "log", "1")),
+        ("kind = 'size'\nobjects = 'bob'\ncomponent = 0", (0.04, 0.004, 0.4, "log", "m")),
+        ("kind = 'gain'\nobjects = 'shoulder'", (20.0, 2.0, 200.0, "log", "1")),
+        ("kind = 'gear'\nobjects = 'sled'\nunit = 'N'", (4.0, 0.4, 40.0, "log", "N")),
+        ("kind = 'delay'\nobjects = 'sled'\nhigh = 0.1", (0.0, 0.0, 0.1, "linear", "s")),
+        ("kind = 'light'\nobjects = ['lamp', 'bulb']", (0.4, 0.0, 1.0, "linear", "1")),
+        ("kind = 'light'\nobjects = 'red'\nnominal = 0.4", (0.4, 0.0, 1.0, "linear", "1")),
+        ("kind = 'field_of_view'", (50.0, 40.0, 60.0, "linear", "°")),
+        (
+            "kind = 'mass'\nobjects = 'bob'\nnominal = 1\nlow = 0.5\nhigh = 3",
+            (1, 0.5, 3, "log", "kg"),
+        ),
+        (
+            "kind = 'stiffness'\nobjects = 'elbow'\nlow = 0\nhigh = 3",
+            (0.0, 0.0, 3.0, "linear", "N·m/rad"),
+        ),
+        (
+            "kind = 'mass'\nobjects = 'bob'\nscale = 'linear'",
+            (0.2, 0.02, 2.0, "linear", "kg"),
+        ),
+        (
+            "field = 'opt.gravity'\ncomponent = 2\nlow = -10\nhigh = -9",
+            (-9.81, -10.0, -9.0, "linear", "m/s²"),
+        ),
+        ("field = 'cam_pos'\nobjects = 'front'\ncomponent = 0", (0.1, 0.0, 0.2, "linear", "m")),
+        (
+            "field = 'body_quat'\nobjects = 'sled'\ncomponent = 1",
+            (0.0, -0.1, 0.1, "linear", "rad"),
+        ),
+        (
+            "field = 'body_pos'\nobjects = 'lower'\ncomponent = 0\nlow = 0.2\nhigh = 0.4",
+            (0.3, 0.2, 0.4, "linear", "m"),
+        ),
+    ],
+)
+def test_a_parameter_in_few_words(declare, text, expected):
+    space = declare(f"name = 'p'\n{text}\n")
+    assert space.names == ("p",)
+    got = numbers(space["p"])
+    assert got[3:] == expected[3:]
+    np.testing.assert_allclose(got[:3], expected[:3], rtol=1e-9)
+
+
+def test_colours(declare):
+    space = declare("name = 'c'\nkind = 'colour'\nobjects = ['lower', 'bob']\n")
+    assert space.names == ("c_r", "c_g", "c_b")
+    np.testing.assert_array_equal(space.nominal, [0.7, 0.1, 0.2])
+    painted = declare("name = 'c'\nkind = 'colour'\nobjects = ['block', 'ground']\n")
+    np.testing.assert_array_equal(painted.nominal, [0.1, 0.2, 0.7])  # the material's
+    material = declare("name = 'c'\nkind = 'material_colour'\nobjects = 'blue'\n")
+    np.testing.assert_array_equal(material.nominal, [0.1, 0.2, 0.7])
+    assert {p.field for p in material} == {"mat_rgba"}
+    text = "name = 'c'\nkind = 'colour'\nobjects = ['bob', 'block']\nnominal = [0, 0.5, 1]\n"
+    np.testing.assert_array_equal(declare(text).nominal, [0, 0.5, 1])
+
+
+def test_nominal_is_the_models_own(load):
+    """Written back, nothing changes."""
+    text = MASS
+    for name, kind, objects in (
+        ("damping", "damping", ["shoulder", "elbow"]),
+        ("gain", "gain", ["shoulder", "elbow"]),
+        ("colour", "colour", ["block"]),
+        ("light", "light", ["lamp", "bulb"]),
+        ("view", "camera_pose", ["front"]),
+    ):
+        text += f'[[parameters]]\nname = "{name}"\nkind = "{kind}"\nobjects = {objects}\n'
+    task = load(HEAD + text)
+    before, after = task.load_model(), task.load_model()
+    ModelWriter(task.parameters, after).write(after, task.parameters.nominal)
+    for field in ("body_mass", "dof_damping", "actuator_gainprm", "actuator_biasprm"):
+        np.testing.assert_array_equal(getattr(after, field), getattr(before, field), err_msg=field)
+    for field in ("light_diffuse", "cam_pos", "cam_quat"):
+        a, b = getattr(after, field), getattr(before, field)
+        np.testing.assert_allclose(a, b, atol=1e-7, err_msg=field)
+
+
+def test_a_servos_gain_takes_along_what_holds_against_it(declare):
+    """So that a stiffer servo still goes to the same place."""
+    space = declare("name = 'g'\nkind = 'gain'\nobjects = ['shoulder', 'elbow', 'sled']\n")
+    model = mujoco.MjModel.from_xml_string(SCENE)
+    before = model.actuator_biasprm.copy()
+    writer = ModelWriter(space, model)
+    for _ in range(2):
+        writer.write(model, np.array([3.0]))
+    np.testing.assert_allclose(model.actuator_gainprm[:, 0], [60, 9, 3])
+    np.testing.assert_allclose(model.actuator_biasprm[0, :3], [0, -60, -1])
+    np.testing.assert_allclose(model.actuator_biasprm[1, :3], [0, 0, -9])
+    np.testing.assert_array_equal(model.actuator_biasprm[2], before[2])
+    batch = Batch(mujoco.MjModel.from_xml_string(SCENE), 2, 1)
+    writer.write_batch(batch, np.array([[3.0], [0.5]]))
+    np.testing.assert_allclose(batch.expand("actuator_biasprm")[:, 0, 1], [-60, -10])
+
+
+def test_a_delay_is_remembered(load):
+    text = '[[parameters]]\nname = "late"\nkind = "delay"\nobjects = "sled"\nhigh = 0.1\n'
+    task = load(HEAD + text)
+    simulator = task.simulator(image_size=16, step_s=1 / 30)
+    num_samples = simulator.model.actuator_history[2, 0]
+    assert num_samples * simulator.model.opt.timestep >= 0.1 * (1 - 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("kind = 'mass'\nobjects = 'bob'\n", 3, r"\[\[parameters\]\] has no name"),
+        ("name = 'a b'\nkind = 'mass'\nobjects = 'bob'\n", 4, "name must be letters.*'a b'"),
+        ("name = 'p'\nobjects = 'bob'\n", 3, "p has neither kind nor field"),
+        ("name = 'p'\nkind = 'mas'\nobjects = 'bob'\n", 5, "no kind 'mas'.*did you mean 'mass'?"),
+        ("name = 'p'\nkind = 'mass'\n", 3, r"\[\[parameters\]\] has no objects"),
+        ("name = 'p'\nkind = 'mass'\nobject = 'bob'\n", 6, "no key 'object'.*mean 'objects'?"),
+        ("name = 'p'\nkind = 'mass'\nobjects = 'bobb'\n", 6, "no body 'bobb'.*mean 'bob'?"),
+        ("name = 'p'\nkind = 'mass'\nobjects = 3\n", 6, "objects must be a name or a list"),
+        ("name = 'p'\nkind = 'mass'\nobjects = ['bob', 'bob']\n", 6, "'bob' is named twice"),
+        ("name = 'p'\nkind = 'mass'\nfield = 'body_mass'\nobjects = 'bob'\n", 5, "no key 'kind'"),
+        ("name = 'p'\nfield = 'body_mas'\nobjects = 'bob'\n", 5, "no field.*mean 'body_mass'?"),
+        ("name = 'p'\nfield = 'xyzzy'\nobjects = 'bob'\n", 5, "no field 'xyzzy'.*body_mass"),
+        ("name = 'p'\nfield = 'geom_type'\nobjects = 'bob'\n", 5, "holds no real numbers"),
+        ("name = 'p'\nfield = 'qpos0'\nobjects = 'bob'\n", 6, "qpos0 cannot be written"),
+        ("name = 'p'\nfield = 'body_mass'\n", 3, "body_mass needs the names of its objects"),
+        ("name = 'p'\nfield = 'opt.timestep'\nobjects = 'bob'\n", 6, "opt.timestep has no objects"),
+        ("name = 'p'\nfield = 'geom_friction'\nobjects = 'bob'\n", 3, "3 numbers: say which by"),
+        ("name = 'p'\nkind = 'size'\nobjects = 'sled'\n", 3, "geom_size has 3 numbers.*0 to 2"),
+        (
+            "name = 'p'\nkind = 'size'\nobjects = 'sled'\ncomponent = 3\n",
+            7,
+            "components 0 to 2, got component = 3",
+        ),
+        (
+            "name = 'p'\nkind = 'size'\nobjects = 'sled'\ncomponent = -1\n",
+            7,
+            "component must be a whole number of at least 0, got -1",
+        ),
+        (
+            "name = 'p'\nfield = 'body_mass'\nobjects = 'bob'\ncomponent = 0\n",
+            7,
+            "body_mass has no components",
+        ),
+        ("name = 'p'\nkind = 'mass'\nobjects = 'bob'\nlow = 'x'\n", 7, "low must be a finite numb"),
+        ("name = 'p'\nkind = 'mass'\nobjects = 'bob'\nlow = inf\n", 7, "low must be a finite numb"),
+        ("name = 'p'\nkind = 'mass'\nobjects = 'bob'\nlow = 3\nhigh = 2\n", 3, "low must be below"),
+        ("name = 'p'\nkind = 'mass'\nobjects = 'bob'\nlow = 0.3\n", 3, "nominal 0.2 lies outside"),
+        ("name = 'p'\nkind = 'mass'\nobjects = 'bob'\nscale = 'lg'\n", 7, "no scale 'lg'.*'log'"),
+        (
+            "name = 'p'\nkind = 'mass'\nobjects = 'bob'\nscale = 'log'\nlow = 0\n",
+            3,
+            "log scale needs low > 0",
+        ),
+        ("name = 'p'\nkind = 'stiffness'\nobjects = 'elbow'\n", 3, "around 0: say low and high"),
+        ("name = 'p'\nkind = 'stiffness'\nobjects = ['elbow', 'sled']\n", 3, "is 0 there"),
+        ("name = 'p'\nkind = 'delay'\nobjects = 'sled'\n", 3, "say low and high"),
+        ("name = 'p'\nkind = 'light'\nobjects = 'red'\n", 3, r"not one number .*: say nominal"),
+        ("name = 'p'\nkind = 'colour'\nobjects = ['bob', 'block']\n", 3, "say nominal"),
+        ("name = 'p'\nkind = 'colour'\nobjects = 'bob'\nnominal = 0.3\n", 7, "3 finite numbers"),
+        (
+            "name = 'p'\nkind = 'colour'\nobjects = 'bob'\nnominal = [0, 0, 2]\n",
+            3,
+            r"nominal 2 lies outside \[0.0, 1.0\]",
+        ),
+        ("name = 'p'\nkind = 'colour'\nobjects = 'bob'\nlow = 0\n", 7, "no key 'low'"),
+        ("name = 'p'\nfield = 'cam_quat'\nobjects = 'front'\n", 3, "needs a component, the axis"),
+        ("name = 'p'\nkind = 'camera_pose'\nobjects = 'frnt'\n", 6, "no camera 'frnt'"),
+        ("name = 'p'\nkind = 'camera_pose'\nwithin_m = 0\n", 6, "number above 0, got 0"),
+        (
+            f"name = 'p'\nkind = 'damping'\nobjects = 'elbow'\n{MASS}{MASS}",
+            11,
+            "'m' is declared twice",
+        ),
+        (
+            f"name = 'p'\nkind = 'mass'\nobjects = ['upper', 'bob']\n{MASS}",
+            7,
+            "p and m write the same body_mass",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_parameter(refuses, text, line, message):
+    refuses(f"{HEAD}[[parameters]]\n{text}", line, message)
