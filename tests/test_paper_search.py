@@ -13,7 +13,7 @@ from simtune.errors import InputError
 from simtune.networks import PixelEncoder, positional_encoding, predicting, stack_frames
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.search_param_model.paper import PaperConfig, PaperSearchParamModel, count_votes
-from simtune.search_param_model.windows import SpmBuffer, Windows, split
+from simtune.search_param_model.windows import Windows, split
 from simtune.simulation import Rollouts, Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.paper import PaperSearch, approach, shift_mean
@@ -54,11 +54,7 @@ class FakeSimulator:
         self.space = SPACE
         self.image_size = SIZE
         self.num_steps = 0
-        self.model = SimpleNamespace(
-            nu=2,
-            actuator_ctrllimited=np.array([1, 0]),
-            actuator_ctrlrange=np.array([[-4.0, 2.0], [0.0, 0.0]]),
-        )
+        self.action_mapping = SimpleNamespace(range=np.array([[-4.0, 2.0], [-1.0, 1.0]]))
 
     action_scale = Simulator.action_scale
 
@@ -67,14 +63,15 @@ class FakeSimulator:
         self.num_steps += n * num_steps
         return Rollouts(parameters, rng.normal(size=(n, num_steps + 1, 1)), actions)
 
-    def film(self, rollouts: Rollouts) -> np.ndarray:
-        n, num_frames, _ = rollouts.states.shape
-        left, right = SPACE.to_unit(rollouts.parameters).T
-        frames = np.empty((n, num_frames, SIZE, SIZE, 3))
-        frames[..., : SIZE // 2, :] = left[:, None, None, None, None]
-        frames[..., SIZE // 2 :, :] = right[:, None, None, None, None]
-        noise = 0.02 * np.sin(rollouts.states)[..., None, None]
+    def render(self, states, parameters) -> np.ndarray:
+        left, right = SPACE.to_unit(parameters).T
+        frames = np.empty((len(states), SIZE, SIZE, 3))
+        frames[:, :, : SIZE // 2] = left[:, None, None, None]
+        frames[:, :, SIZE // 2 :] = right[:, None, None, None]
+        noise = 0.02 * np.sin(states)[..., None, None]
         return (np.clip(frames + noise, 0, 1) * 255).astype(np.uint8)
+
+    film = Simulator.film
 
 
 def real_of(parameters: np.ndarray, num: int = 2) -> list[Trajectory]:
@@ -90,7 +87,9 @@ def some_windows(num: int, config: PaperConfig = SMALL) -> Windows:
     rng = np.random.default_rng(0)
     frames = rng.integers(256, size=(num, config.window, config.crop_size, config.crop_size, 3))
     actions = rng.uniform(-1, 1, (num, config.window, 2))
-    return Windows(frames.astype(np.uint8), actions.astype(np.float32))
+    return Windows(
+        torch.as_tensor(frames, dtype=torch.uint8), torch.as_tensor(actions, dtype=torch.float32)
+    )
 
 
 def a_model(method="paper", config: PaperConfig = SMALL) -> PaperSearchParamModel:
@@ -165,41 +164,6 @@ def test_encoder_is_the_agents():
     np.testing.assert_allclose(features.mean(1).detach(), 0, atol=1e-4)  # LayerNorm comes last
 
 
-def test_windows_never_span_two_episodes():
-    buffer = SpmBuffer(capacity=4, num_steps=12, image_size=SIZE)
-    rng = np.random.default_rng(0)
-    for first in (0, 3):  # the last two take the places of the first two
-        ids = np.arange(first, first + 3.0)
-        frames = np.empty((3, 13, SIZE, SIZE, 3), np.uint8)
-        frames[..., 0] = ids[:, None, None, None]
-        frames[..., 1] = np.arange(13)[:, None, None]
-        steps = np.tile(np.arange(12.0)[:, None], (3, 1, 1)) + 100 * ids[:, None, None]
-        buffer.add(Rollouts(ids[:, None], np.zeros((3, 13, 1)), steps), frames)
-    assert len(buffer) == 4
-    windows, truth = buffer.sample(500, 5, 16, rng)
-    ids, times = windows.frames[..., 0], windows.frames[..., 1]
-    assert set(truth[:, 0]) == {2, 3, 4, 5}
-    assert (ids == truth[:, :, None, None]).all()
-    start = times[:, :1, :1, :1]
-    assert set(start.ravel()) == set(range(8))  # every start that leaves five steps
-    assert (times == start + np.arange(5)[:, None, None]).all()
-    np.testing.assert_array_equal(
-        windows.actions[..., 0], times[:, :, 0, 0] + 100 * ids[:, :, 0, 0].astype(float)
-    )
-
-
-def test_crops_are_random_but_the_same_within_a_window():
-    buffer = SpmBuffer(capacity=1, num_steps=5, image_size=SIZE)
-    picture = np.arange(SIZE * SIZE, dtype=np.uint32).reshape(SIZE, SIZE)
-    frames = np.stack([picture % 256, picture // 256, picture * 0], -1).astype(np.uint8)
-    still = np.tile(frames, (1, 6, 1, 1, 1))
-    buffer.add(Rollouts(np.zeros((1, 1)), np.zeros((1, 6, 1)), np.zeros((1, 5, 1))), still)
-    windows, _ = buffer.sample(400, 3, 16, np.random.default_rng(0))
-    assert (windows.frames == windows.frames[:, :1]).all()
-    corners = windows.frames[:, 0, 0, 0].astype(int)
-    assert len(set(corners[:, 0] + 256 * corners[:, 1])) == 25
-
-
 def test_split_gives_all_whole_windows_from_the_centre():
     (trajectory, _) = real_of(np.array([0.5, 0.5]))
     windows = split(trajectory, 4, 16)
@@ -231,11 +195,10 @@ def test_candidates_at_once_equal_the_plain_loop():
     candidates = SPACE.from_unit(np.random.default_rng(1).uniform(size=(5, 2)))
     logits = model(windows, candidates)
     assert logits.shape == (3, 5, 2)
-    frames, actions = torch.as_tensor(windows.frames), torch.as_tensor(windows.actions)
-    scaled = actions / torch.tensor([4.0, 1.0])
+    scaled = windows.actions / torch.tensor([4.0, 1.0])
     for b in range(3):
         for c in range(5):
-            features = model.encoder(stack_frames(frames[b : b + 1]))
+            features = model.encoder(stack_frames(windows.frames[b : b + 1]))
             unit = torch.as_tensor(SPACE.to_unit(candidates[c]), dtype=torch.float32)
             encoded = positional_encoding(unit[None], SMALL.octaves)
             plain = model.head(torch.cat([features, scaled[b : b + 1].flatten(1), encoded], 1))
@@ -250,7 +213,7 @@ def test_finds_the_truth_of_a_tiny_world(method):
         estimate, _, scalars = search.iterate(real_of(truth), math.inf)
     np.testing.assert_array_less(np.abs(np.log(estimate.mean / truth)), np.log(2) / 2)
     assert np.isfinite(list(scalars.values())).all()
-    assert search._simulator.num_steps == 12 * search._buffer.num_added
+    assert search._simulator.num_steps == 12 * search._store.num_added
 
 
 def test_pretraining_leaves_the_mean_where_it_is():
@@ -280,9 +243,7 @@ def test_deadline_is_kept():
     search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
     started = time.monotonic()
     search.iterate(real_of(SPACE.nominal), started)
-    assert (
-        search._buffer.num_added == 10
-    )  # one helping of the first collection, and the iteration's
+    assert search._store.num_added == 10  # one helping of the first collection, and the iteration's
     assert time.monotonic() - started < 2
 
 
@@ -322,7 +283,8 @@ def test_recorded_actions_are_replayed():
     real = real_of(SPACE.nominal)
     search.iterate(real, math.inf)
     allowed = {t.actions[:12].tobytes() for t in real}
-    assert {a.astype(np.float32).tobytes() for a in search._buffer.rollouts.actions} == allowed
+    stored = search._store.actions[: len(search._store)] * torch.tensor([4.0, 1.0])
+    assert {a.numpy().tobytes() for a in stored} == allowed
 
 
 def test_unusable_input_is_refused():

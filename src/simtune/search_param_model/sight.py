@@ -13,6 +13,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
+from simtune.networks import mlp
+
 _STRIDE = 2  # pixels per cell of the heatmaps
 _NEAR_CELLS = 2  # a landmark's position is averaged over the cells this near to the peak
 
@@ -51,12 +53,9 @@ class Sight(nn.Module):
         self.to_middle, self.to_fine = nn.Conv2d(2 * c, 2 * c, 1), nn.Conv2d(2 * c, c, 1)
         self.mix = nn.Conv2d(c, c, 3, 1, 1)
         self.maps = nn.Conv2d(c, num_maps, 1)
-        self.head = nn.Sequential(
-            nn.Linear(num_maps * 5 + 2 * c, config.hidden),
-            nn.ELU(),
-            nn.Linear(config.hidden, config.hidden),
-            nn.ELU(),
-            nn.Linear(config.hidden, num_visible),
+        hidden = (config.hidden, config.hidden)
+        self.head = (
+            mlp((num_maps * 5 + 2 * c, *hidden, num_visible), nn.ELU) if num_visible else None
         )
         self.cells = -(-image_size // _STRIDE)
         axis = torch.arange(self.cells) * _STRIDE + (_STRIDE - 1) / 2
@@ -67,11 +66,13 @@ class Sight(nn.Module):
         """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells²), landmarks, visible."""
         fine, coarse = self._features(pictures)
         logits = self.maps(fine).flatten(2)  # (B, maps, cells²)
+        heatmaps = logits[:, : self.num_landmarks]
+        if self.head is None:
+            return heatmaps, self._peaks(heatmaps), logits.new_empty(len(pictures), 0)
         colours = F.avg_pool2d(pictures, _STRIDE, ceil_mode=True).flatten(2).transpose(1, 2)
         place = (self.grid / self.grid.max() * 2 - 1).expand(len(pictures), -1, -1)
         read = torch.bmm(logits.softmax(-1), torch.cat([place, colours], -1)).flatten(1)
         visible = self.head(torch.cat([read, coarse.mean((2, 3))], -1))
-        heatmaps = logits[:, : self.num_landmarks]
         return heatmaps, self._peaks(heatmaps), visible
 
     def _features(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -135,7 +136,7 @@ def splat(landmarks: torch.Tensor, cells: int) -> torch.Tensor:
     place = ((landmarks - (_STRIDE - 1) / 2) / _STRIDE).clamp(0, cells - 1)
     corner = place.floor().clamp(max=cells - 2)
     part = place - corner
-    weights = torch.zeros(*landmarks.shape[:-1], cells * cells)
+    weights = landmarks.new_zeros(*landmarks.shape[:-1], cells * cells)
     for step_x in (0, 1):
         for step_y in (0, 1):
             x, y = part[..., 0], part[..., 1]

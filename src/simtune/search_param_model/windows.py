@@ -1,11 +1,11 @@
 """D_sp, the simulated episodes that an SPM learns from, and windows of them."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
-from simtune.simulation import Rollouts
+from simtune.replay import EpisodeStore
 from simtune.trajectory import Trajectory
 
 
@@ -13,8 +13,8 @@ from simtune.trajectory import Trajectory
 class Windows:
     """B windows of W consecutive steps; none spans two episodes."""
 
-    frames: np.ndarray  # (B, W, H, W', 3) uint8
-    actions: np.ndarray  # (B, W, A) float32
+    frames: torch.Tensor  # (B, W, H, W', 3) uint8
+    actions: torch.Tensor  # (B, W, A) float32, in the units of the action space
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -32,58 +32,20 @@ def split(trajectory: Trajectory, length: int, size: int) -> Windows:
         )
     top, left = (height - size) // 2, (width - size) // 2
     frames = trajectory.frames[:steps, top : top + size, left : left + size]
+    actions = trajectory.actions[:steps].astype(np.float32)
     return Windows(
-        frames.reshape(num_windows, length, size, size, 3),
-        trajectory.actions[:steps].reshape(num_windows, length, -1),
+        torch.as_tensor(frames.reshape(num_windows, length, size, size, 3)),
+        torch.as_tensor(actions.reshape(num_windows, length, -1)),
     )
 
 
 class SpmBuffer:
-    """The latest `capacity` simulated episodes, each frame stored once, as uint8.
+    """The filmed episodes of a store, which an agent may learn from as well, in windows."""
 
-    A slot is `num_steps + 1` pictures; its memory is taken when it is first filled.
-    """
-
-    def __init__(self, capacity: int, num_steps: int, image_size: int):
-        shape = (capacity, num_steps + 1, image_size, image_size, 3)
-        self._frames = np.empty(shape, np.uint8)
-        self._rollouts: Rollouts | None = None  # as many slots; frames can be drawn from them
-        self.num_added = 0
-
-    def __len__(self) -> int:
-        return min(self.num_added, len(self._frames))
-
-    @property
-    def rollouts(self) -> Rollouts:
-        """The stored episodes, slot by slot: enough to draw their frames again."""
-        assert self._rollouts is not None, "nothing was added yet"
-        stored, n = self._rollouts, len(self)
-        return Rollouts(stored.parameters[:n], stored.states[:n], stored.actions[:n])
-
-    def add(self, rollouts: Rollouts, frames: np.ndarray) -> None:
-        """Store n episodes and their (n, T + 1, H, W, 3) frames in the place of the oldest."""
-        if self._rollouts is None:
-            arrays = (rollouts.parameters, rollouts.states, rollouts.actions)
-            capacity = len(self._frames)
-            self._rollouts = Rollouts(*(np.empty((capacity, *a.shape[1:])) for a in arrays))
-        for i in range(len(rollouts)):
-            slot = self.num_added % len(self._frames)
-            self._frames[slot] = frames[i]
-            self._rollouts.parameters[slot] = rollouts.parameters[i]
-            self._rollouts.states[slot] = rollouts.states[i]
-            self._rollouts.actions[slot] = rollouts.actions[i]
-            self.num_added += 1
-
-    def restore(
-        self, rollouts: Rollouts, num_added: int, film: Callable[[Rollouts], np.ndarray]
-    ) -> None:
-        """Put `rollouts` of another buffer into the same slots, their frames drawn anew."""
-        self.num_added = 0
-        for i in range(0, len(rollouts), 10):  # few at once: pictures are large
-            few = slice(i, i + 10)
-            part = Rollouts(rollouts.parameters[few], rollouts.states[few], rollouts.actions[few])
-            self.add(part, film(part))
-        self.num_added = num_added
+    def __init__(self, store: EpisodeStore, action_scale: np.ndarray):
+        self.store = store
+        # (A,) the largest magnitude of each action, which the store has brought to 1
+        self._action_scale = torch.as_tensor(action_scale, dtype=torch.float32, device=store.device)
 
     def sample(
         self, num: int, length: int, size: int, rng: np.random.Generator
@@ -92,13 +54,18 @@ class SpmBuffer:
 
         The same random crop for all frames of a window (RAD), and the window alone is copied.
         """
-        stored = self.rollouts
-        episodes = rng.integers(len(self), size=num)
-        starts = rng.integers(stored.actions.shape[1] - length + 1, size=num)
-        corners = rng.integers(self._frames.shape[2] - size + 1, size=(num, 2))
-        frames = np.empty((num, length, size, size, 3), np.uint8)
-        actions = np.empty((num, length, stored.actions.shape[2]), np.float32)
-        for i, (e, t, (y, x)) in enumerate(zip(episodes, starts, corners, strict=True)):
-            frames[i] = self._frames[e, t : t + length, y : y + size, x : x + size]
-            actions[i] = stored.actions[e, t : t + length]
-        return Windows(frames, actions), stored.parameters[episodes]
+        store = self.store
+        lengths = store.lengths[: store.filmed_capacity].numpy()
+        usable = np.flatnonzero(lengths >= length)
+        if not len(usable):
+            raise ValueError(f"no filmed episode of at least {length} steps is stored; add some")
+        episodes = rng.choice(usable, num)
+        starts = rng.integers(lengths[episodes] - length + 1)
+        corners = rng.integers(store.frames.shape[2] - size + 1, size=(num, 2))
+        places = list(zip(episodes, starts, corners, strict=True))
+        frames = [
+            store.frames[e, t : t + length, y : y + size, x : x + size] for e, t, (y, x) in places
+        ]
+        actions = torch.stack([store.actions[e, t : t + length] for e, t, _ in places])
+        windows = Windows(torch.stack(frames), actions * self._action_scale)
+        return windows, store.parameters[episodes].numpy()

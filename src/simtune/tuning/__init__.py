@@ -5,6 +5,7 @@ import numpy as np
 from simtune.config import SearchName
 from simtune.progress import Say
 from simtune.simulation import Simulator
+from simtune.tuning.fixed import FixedRange
 from simtune.tuning.paper import PaperSearch
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.search import Search
@@ -35,3 +36,6 @@ def make_search(
             simulator, camera, start, seed=seed, say=say, looks_alike=looks_alike
         )
     return PaperSearch(simulator, start, seed=seed, method=search, replay_actions=True, say=say)
+
+
+__all__ = ["FixedRange", "PaperSearch", "PosteriorSearch", "make_search", "needed_image_size"]

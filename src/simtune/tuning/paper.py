@@ -11,11 +11,12 @@ from simtune.networks import load_optimizer_tensors, optimizer_tensors, seeded
 from simtune.parameters import ParameterSpace
 from simtune.progress import Say, silent
 from simtune.randomization import Distribution
+from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
-from simtune.simulation import Rollouts, Simulator, random_actions
+from simtune.simulation import Simulator, random_actions
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Estimate, Event, Verdict
+from simtune.tuning.search import Estimate, Event, unsure
 
 
 def shift_mean(
@@ -75,9 +76,10 @@ class PaperSearch:
         self._replay_actions = replay_actions
         self._rng = np.random.default_rng(seed)
         self._center(np.array(mean, float))
-        self._buffer = SpmBuffer(config.buffer_episodes, config.episode_steps, simulator.image_size)
+        scale = simulator.action_scale
+        self._store = EpisodeStore(space, filmed_capacity=config.buffer_episodes, device=device)
+        self._buffer = SpmBuffer(self._store, scale)
         with seeded(int(self._rng.integers(2**62))):
-            scale = simulator.action_scale
             self.model = PaperSearchParamModel(config, space, scale, method).to(device)
         self._optimizer = torch.optim.Adam(
             self.model.parameters(), config.learning_rate, (config.beta1, 0.999)
@@ -93,20 +95,17 @@ class PaperSearch:
         """See `Search`. The first iterations only pretrain, and leave Ξ where it is."""
         self.check(real)
         self._say(f"move {self.num_moves} of {self.config.max_moves}", 0.0)
-        config, buffer = self.config, self._buffer
-        while buffer.num_added * config.episode_steps < config.collect_steps:
+        config, store = self.config, self._store
+        while store.num_added * config.episode_steps < config.collect_steps:
             self._collect(real)  # a world that diverges yields nothing, so count what came
             if time.monotonic() > deadline_s:
                 break
         self._collect(real)
         loss = self._train(config.episodes_per_iteration * config.updates_per_episode, deadline_s)
         pretraining = config.collect_steps + config.pretrain_steps
-        may_move = buffer.num_added * config.episode_steps > pretraining
+        may_move = store.num_added * config.episode_steps > pretraining
         events, scalars = self._move(real, may_move)
-        ranges = self.distribution
-        verdict: list[Verdict] = ["weak"] * len(self.space)
-        estimate = Estimate(ranges.mean, ranges.low, ranges.high, verdict)
-        return estimate, events, {"spm_loss": loss, **scalars}
+        return unsure(self.distribution, "weak"), events, {"spm_loss": loss, **scalars}
 
     def _collect(self, real: list[Trajectory]) -> None:
         """Episodes of one iteration into D_sp, each in a world of its own drawn from Ξ."""
@@ -115,12 +114,13 @@ class PaperSearch:
             chosen = self._rng.integers(len(real), size=num)
             actions = np.stack([real[i].actions[np.arange(steps) % len(real[i])] for i in chosen])
         else:
-            actions = random_actions(num, steps, self._simulator.model, self._rng)
+            actions = random_actions(num, steps, self._simulator.action_mapping, self._rng)
         parameters = self.distribution.sample(num, self._rng)
         rollouts = self._simulator.roll_out(parameters, actions, self._rng)
         if not len(rollouts):
             raise RuntimeError("every simulated world diverged; check the timestep and the bounds")
-        self._buffer.add(rollouts, self._simulator.film(rollouts))
+        scale, frames = self._simulator.action_scale, self._simulator.film(rollouts)
+        self._store.add(Episodes.unrewarded(rollouts, scale, frames))
 
     def _train(self, num_updates: int, deadline_s: float) -> float:
         """Updates of q_φ, at least one; returns their mean loss."""
@@ -177,29 +177,23 @@ class PaperSearch:
                 )
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        """Weights, moments, and D_sp's states: its frames are drawn anew from them."""
+        """Weights, moments, and D_sp but its frames, which are drawn anew."""
         model = {f"model.{k}": v for k, v in self.model.state_dict().items()}
         optimizer = {f"optimizer.{k}": v for k, v in optimizer_tensors(self._optimizer).items()}
-        if not len(self._buffer):
-            return model | optimizer
-        stored = self._buffer.rollouts
-        arrays = {"parameters": stored.parameters, "states": stored.states}
-        arrays["actions"] = stored.actions
-        return model | optimizer | {f"buffer.{k}": torch.as_tensor(a) for k, a in arrays.items()}
+        return model | optimizer | {f"store.{k}": v for k, v in self._store.tensors().items()}
 
     def state(self) -> dict[str, Any]:
         return {
             "mean": self.distribution.mean.tolist(),
             "num_moves": self.num_moves,
-            "num_added": self._buffer.num_added,
+            "store": self._store.state(),
             "rng": self._rng.bit_generator.state,
         }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         self.model.load_state_dict(_under("model.", tensors))
         load_optimizer_tensors(self._optimizer, _under("optimizer.", tensors))
-        if stored := {k: v.numpy() for k, v in _under("buffer.", tensors).items()}:
-            self._buffer.restore(Rollouts(**stored), state["num_added"], self._simulator.film)
+        self._store.load(_under("store.", tensors), state["store"], self._simulator.render)
         self._center(np.array(state["mean"]))
         self.num_moves = state["num_moves"]
         self._rng.bit_generator.state = state["rng"]

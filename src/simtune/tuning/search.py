@@ -29,6 +29,12 @@ class Estimate:
     warnings: list[str] = field(default_factory=list)  # what to doubt about all this
 
 
+def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:
+    """An estimate that says no more than where is searched."""
+    verdicts: list[Verdict] = [verdict] * len(distribution.space)
+    return Estimate(distribution.mean, distribution.low, distribution.high, verdicts)
+
+
 @dataclass(frozen=True)
 class Event:
     """Something that happened to the range in which a parameter is searched."""

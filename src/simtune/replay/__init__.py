@@ -1,0 +1,8 @@
+"""What was simulated, each frame stored once: agents read transitions of it, an SPM windows."""
+
+from simtune.replay.episodes import Episodes
+from simtune.replay.replay import Replay
+from simtune.replay.store import EpisodeStore, Film
+from simtune.replay.transitions import Transitions
+
+__all__ = ["EpisodeStore", "Episodes", "Film", "Replay", "Transitions"]

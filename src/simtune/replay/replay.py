@@ -1,0 +1,80 @@
+"""D_policy: the stored episodes as an agent learns from them, in single steps."""
+
+import torch
+
+from simtune.parameters import ParameterSpace
+from simtune.replay.store import EpisodeStore
+from simtune.replay.transitions import Transitions
+
+
+class Replay(EpisodeStore):
+    """A store whose steps can be sampled, with stacks of the `num_stacked` latest frames."""
+
+    def __init__(
+        self,
+        space: ParameterSpace,
+        *,
+        filmed_capacity: int,
+        unfilmed_capacity: int = 0,
+        num_stacked: int = 3,  # appendix
+        device: torch.device | str = "cpu",
+    ):
+        super().__init__(
+            space,
+            filmed_capacity=filmed_capacity,
+            unfilmed_capacity=unfilmed_capacity,
+            device=device,
+        )
+        self.num_stacked = num_stacked
+
+    def sample(self, batch_size: int, generator: torch.Generator, with_frames: bool) -> Transitions:
+        """Steps drawn uniformly from all that are stored, or from those that were filmed.
+
+        `generator` is one of the store's device, which the host does not wait for. `frames` and
+        `next_frames` share memory, so neither may be changed in place.
+        """
+        num_steps = self.num_filmed_steps if with_frames else self.num_steps
+        if num_steps == 0:
+            kind = "filmed episode" if with_frames else "episode"
+            raise ValueError(f"no {kind} is stored; add some before sampling")
+        # Slots with frames come first, and so do their steps. An empty slot has none.
+        step = torch.randint(num_steps, (batch_size,), generator=generator, device=self.device)
+        episode = torch.searchsorted(self._ends, step, right=True)
+        t = step - self._starts[episode]
+        frames, next_frames = self._stacks(episode, t) if with_frames else (None, None)
+        return Transitions(
+            states=self.states[episode, t],
+            actions=self.actions[episode, t],
+            rewards=self.rewards[episode, t],
+            discounts=(step != self._terminals[episode]).float(),
+            next_states=self.states[episode, t + 1],
+            parameters=self._coordinates[episode],
+            frames=frames,
+            next_frames=next_frames,
+        )
+
+    def pictures(
+        self, batch_size: int, generator: torch.Generator
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, H, W, 3) frames drawn from all that are stored, and their (B, L, 2) landmarks."""
+        step = torch.randint(
+            self.num_filmed_steps, (batch_size,), generator=generator, device=self.device
+        )
+        episode = torch.searchsorted(self._ends, step, right=True)
+        t = step - self._starts[episode]
+        return self.frames[episode, t], self.landmarks[episode, t]
+
+    @property
+    def stack_offsets(self) -> torch.Tensor:
+        """(K,) steps from the newest frame of a stack to each of it."""
+        return torch.arange(1 - self.num_stacked, 1, device=self.device)
+
+    def _stacks(self, episode: torch.Tensor, t: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, K, H, W, 3) frames up to `t`, and up to `t` + 1; the first one is repeated."""
+        num_frames = self.frames.shape[1]
+        offsets = torch.arange(1 - self.num_stacked, 2, device=self.device)
+        time = (t[:, None] + offsets).clamp(min=0)  # K + 1 of them: both stacks, gathered once
+        index = (episode[:, None] * num_frames + time).flatten()
+        # On a CPU twice as fast as frames[episode, time].
+        seen = self.frames.flatten(0, 1).index_select(0, index).unflatten(0, time.shape)
+        return seen[:, :-1], seen[:, 1:]

@@ -1,0 +1,169 @@
+"""The latest simulated episodes, each frame stored once: what agents and an SPM learn from."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+
+from simtune.parameters import ParameterSpace
+from simtune.replay.episodes import Episodes
+
+# (m, S) rows of worlds of (m, N) parameters to (m, H, W, 3) uint8: `Simulator.render`
+Film = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+_OF_ALL = ("parameters", "lengths", "terminated", "states", "actions", "rewards")
+_OF_FILMED = ("rows", "landmarks", "frames")
+
+
+class EpisodeStore:
+    """Slots for whole episodes; a new one takes an empty slot, or else that of the oldest.
+
+    The first `filmed_capacity` slots are for episodes with frames, `unfilmed_capacity` more for
+    those without, of which there may be many: frames are what fills a memory. Batches are
+    gathered on `device`, so what they are made of lies there, frames included. On a CPU a slot's
+    memory is taken when it is first filled.
+    """
+
+    def __init__(
+        self,
+        space: ParameterSpace,
+        *,
+        filmed_capacity: int,
+        unfilmed_capacity: int = 0,
+        device: torch.device | str = "cpu",
+    ):
+        self.space, self.device = space, torch.device(device)
+        self.filmed_capacity, self.unfilmed_capacity = filmed_capacity, unfilmed_capacity
+        self.num_added = 0
+        slots = filmed_capacity + unfilmed_capacity
+        self._numbers = torch.full((slots,), -1)  # which of all that were added; −1: empty
+        self.parameters = torch.as_tensor(np.tile(space.nominal, (slots, 1)))  # (slots, N) float64
+        self.lengths = torch.zeros(slots, dtype=torch.int64)  # 0 where a slot is empty
+        self.terminated = torch.zeros(slots, dtype=torch.bool)
+        # Without a size until the first episodes, or the first filmed ones, bring it.
+        self.rows = torch.empty(filmed_capacity, 0, dtype=torch.float64)  # (·, T + 1, S)
+        self.frames = torch.empty(filmed_capacity, 0, dtype=torch.uint8, device=self.device)
+        self.landmarks = torch.empty(filmed_capacity, 0, device=self.device)  # (·, T + 1, L, 2)
+        self.states = torch.empty(slots, 0, device=self.device)  # (slots, T + 1, D)
+        self.actions = torch.empty(slots, 0, device=self.device)  # (slots, T, A)
+        self.rewards = torch.empty(slots, 0, device=self.device)  # (slots, T)
+        self._changed()
+
+    def __len__(self) -> int:
+        """Number of episodes."""
+        return int((self.lengths > 0).sum())
+
+    @property
+    def num_steps(self) -> int:
+        return int(self.lengths.sum())
+
+    @property
+    def num_filmed_steps(self) -> int:
+        return int(self.lengths[: self.filmed_capacity].sum())
+
+    def add(self, episodes: Episodes) -> None:
+        """Store those that have a step; of more than there are slots for, the last ones."""
+        first, capacity, kind = self.filmed_capacity, self.unfilmed_capacity, "unfilmed"
+        if episodes.frames is not None:
+            first, capacity, kind = 0, self.filmed_capacity, "filmed"
+        if capacity == 0:
+            raise ValueError(f"no slot is for {kind} episodes; make the store with {kind}_capacity")
+        not_empty = np.flatnonzero(episodes.lengths > 0)
+        episodes = episodes.take(not_empty[-capacity:])
+        by_age = self._numbers[first : first + capacity].argsort(stable=True)
+        slots = first + by_age[: len(episodes)]
+        names = _OF_ALL if episodes.frames is None else (*_OF_ALL, *_OF_FILMED)
+        arrays = {name: getattr(episodes, name) for name in names}
+        self._write(slots, {k: torch.as_tensor(a) for k, a in arrays.items() if a is not None})
+        self.num_added += len(not_empty)
+        self._numbers[slots] = torch.arange(self.num_added - len(slots), self.num_added)
+        self._changed()
+
+    def drop_far(self, low: np.ndarray, high: np.ndarray) -> int:
+        """Forget the episodes of worlds outside of [low, high], each (N,); returns how many."""
+        parameters = self.parameters.numpy()
+        outside = torch.as_tensor(((parameters < low) | (parameters > high)).any(1))
+        dropped = outside & (self.lengths > 0)
+        self.lengths[dropped], self._numbers[dropped] = 0, -1
+        self._changed()
+        return int(dropped.sum())
+
+    def latest_filmed(self, num: int) -> torch.Tensor:
+        """(at most num,) slots of the filmed episodes that were added last, the oldest first."""
+        numbers = self._numbers[: self.filmed_capacity]
+        some = min(num, int((numbers >= 0).sum()))
+        return numbers.argsort()[len(numbers) - some :]
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """All that is stored but the frames, which can be drawn anew from the rows."""
+        slots = self.lengths.nonzero()[:, 0]
+        if not len(slots):
+            return {}
+        arrays = {name: getattr(self, name) for name in _OF_ALL}
+        kept = {name: array[slots.to(array.device)] for name, array in arrays.items()}
+        filmed = slots[slots < self.filmed_capacity]
+        kept |= {"rows": self.rows[filmed], "landmarks": self.landmarks[filmed.to(self.device)]}
+        return {"slots": slots, "numbers": self._numbers[slots], **kept}
+
+    def state(self) -> dict[str, Any]:
+        return {
+            "num_added": self.num_added,
+            "filmed_capacity": self.filmed_capacity,
+            "unfilmed_capacity": self.unfilmed_capacity,
+        }
+
+    def load(
+        self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any], film: Film
+    ) -> None:
+        """Go on as the store that these are of: the same episodes in the same slots."""
+        for name in ("filmed_capacity", "unfilmed_capacity"):
+            if state[name] != getattr(self, name):
+                raise ValueError(f"saved with {name}={state[name]}, got {getattr(self, name)}")
+        self.num_added = state["num_added"]
+        self.lengths[:], self._numbers[:] = 0, -1
+        if tensors:
+            slots = tensors["slots"]
+            self._numbers[slots] = tensors["numbers"]
+            self._write(slots, {name: tensors[name] for name in _OF_ALL})
+            filmed = slots[slots < self.filmed_capacity]
+            self._write(filmed, {name: tensors[name] for name in ("rows", "landmarks")})
+            for slot in filmed:  # one at a time: pictures are large
+                self._film(slot, film)
+        self._changed()
+
+    def _film(self, slot: torch.Tensor, film: Film) -> None:
+        """Draw an episode's frames; there is none, and nothing is read, after its end."""
+        num_frames = int(self.lengths[slot]) + 1
+        parameters = np.tile(self.parameters[slot].numpy(), (num_frames, 1))
+        drawn = film(self.rows[slot, :num_frames].numpy(), parameters)
+        frames = np.zeros((1, self.rows.shape[1], *drawn.shape[1:]), np.uint8)
+        frames[0, :num_frames] = drawn
+        self._write(slot[None], {"frames": torch.as_tensor(frames)})
+
+    def _write(self, slots: torch.Tensor, arrays: Mapping[str, torch.Tensor]) -> None:
+        """Put the (n, ...) values of each array into n slots, or nothing where one does not fit."""
+        for name, values in arrays.items():
+            array: torch.Tensor = getattr(self, name)
+            if array.shape[1:] == (0,):
+                setattr(self, name, array.new_empty(len(array), *values.shape[1:]))
+            elif array.shape[1:] != values.shape[1:]:
+                first, now = ([*a.shape[1:]] for a in (array, values))
+                raise ValueError(f"{name} of an episode must be {first} as at first, got {now}")
+        for name, values in arrays.items():
+            array = getattr(self, name)
+            for slot, value in zip(slots.tolist(), values, strict=True):
+                array[slot] = value
+
+    def _changed(self) -> None:
+        """Have on the device what tells where a step lies, so that no batch waits for the host.
+
+        Steps are counted through all slots: those of slot e are `_starts[e]` to `_ends[e]` − 1.
+        """
+        ends = self.lengths.cumsum(0)
+        terminals = torch.where(self.terminated, ends - 1, -1)  # the step that ended the task
+        coordinates = self.space.to_unit(self.parameters.numpy())
+        self._starts = (ends - self.lengths).to(self.device)  # (slots,)
+        self._ends = ends.to(self.device)
+        self._terminals = terminals.to(self.device)
+        self._coordinates = torch.as_tensor(coordinates, dtype=torch.float32, device=self.device)
