@@ -81,7 +81,7 @@ def carry_out(run: OneRun) -> None:
     start = functools.partialmethod(Truth.wrong_start, factor=_FAR if run.far else _NEAR)
     with patch.object(Truth, "wrong_start", start):
         if run.method in SEARCHES:
-            from simtune.algorithm import tune
+            from simtune.tune import tune
 
             tune(config)
         else:

@@ -1,0 +1,67 @@
+"""Crops and shifts of stacked frames, on the device where they lie, without waiting for the host.
+
+All frames of a stack move together, or the motion between them would be lost. Where a window
+begins is drawn uniformly for each stack from a generator of the frames' device.
+"""
+
+import torch
+
+
+def random_crop(frames: torch.Tensor, size: int, generator: torch.Generator) -> torch.Tensor:
+    """(B, K, H, W, 3) uint8 to (B, K, size, size, 3), cut out at random places (RAD)."""
+    batch, _, height, width, _ = frames.shape
+    _check(height, width, size)
+    top = _places(batch, height - size, generator, frames.device)
+    left = _places(batch, width - size, generator, frames.device)
+    return crop(frames, top, left, size)
+
+
+def centre_crop(frames: torch.Tensor, size: int) -> torch.Tensor:
+    """(B, K, H, W, 3) to (B, K, size, size, 3), a view: what an agent sees when it acts."""
+    height, width = frames.shape[2:4]
+    _check(height, width, size)
+    top, left = (height - size) // 2, (width - size) // 2
+    return frames[:, :, top : top + size, left : left + size]
+
+
+def random_shift(frames: torch.Tensor, pad: int, generator: torch.Generator) -> torch.Tensor:
+    """(B, K, H, H, 3) uint8, moved by up to `pad` pixels; the edges are repeated (DrQ-v2)."""
+    for axis in (2, 3):
+        first, last = (frames.narrow(axis, i, 1) for i in (0, frames.shape[axis] - 1))
+        frames = torch.cat([first] * pad + [frames] + [last] * pad, axis)
+    return random_crop(frames, frames.shape[2] - 2 * pad, generator)
+
+
+def crop(frames: torch.Tensor, top: torch.Tensor, left: torch.Tensor, size: int) -> torch.Tensor:
+    """(B, K, H, W, 3) uint8 and (B,) corners to (B, K, size, size, 3).
+
+    The rows of a crop are runs of memory, and gathered as such: on a CPU a hundred times as fast
+    as to index pixels. The stacks may overlap in memory, as those of a replay do.
+    """
+    batch, num_stacked, height, width, channels = frames.shape
+    if frames.stride()[2:] != (width * channels, channels, 1):
+        frames = frames.contiguous()
+    of_stack, of_frame, of_row, of_pixel, _ = frames.stride()
+    corner = _arange(frames, batch) * of_stack + top * of_row + left * of_pixel  # (B,)
+    frame = _arange(frames, num_stacked) * of_frame
+    row = _arange(frames, size) * of_row
+    start = corner[:, None, None] + frame[:, None] + row  # (B, K, size)
+    run = size * channels
+    span = (batch - 1) * of_stack + (num_stacked - 1) * of_frame + height * of_row
+    runs = frames.as_strided((span - run + 1, run), (1, 1))  # one that begins at each number
+    return runs.index_select(0, start.flatten()).view(batch, num_stacked, size, size, channels)
+
+
+def _arange(frames: torch.Tensor, end: int) -> torch.Tensor:
+    return torch.arange(end, device=frames.device)
+
+
+def _places(
+    batch: int, largest: int, generator: torch.Generator, device: torch.device
+) -> torch.Tensor:
+    return torch.randint(largest + 1, (batch,), generator=generator, device=device)
+
+
+def _check(height: int, width: int, size: int) -> None:
+    if size > min(height, width):
+        raise ValueError(f"frames of {height} × {width} pixels have no crop of {size}")

@@ -1,0 +1,56 @@
+"""One update of an agent as a CUDA graph: a single launch in place of a thousand."""
+
+from collections.abc import Callable
+
+import torch
+
+Step = Callable[..., torch.Tensor]  # tensors in, a tensor of losses out
+
+_WARM_UP = 3  # calls before the capture, in which libraries allocate and choose their kernels
+
+
+class GraphedStep:
+    """Calls `step` as it is at first, then captures it and replays what was captured.
+
+    Every call is a real update, the warm-up's too. What makes a graph possible: inputs are
+    copied into buffers of its own, so their shapes must stay; nothing in `step` waits for the
+    host; random numbers come from `generator`; optimisers are `capturable`. Memory that `step`
+    reads and writes (weights, moments) must stay where it is: after a checkpoint is loaded,
+    make a new one.
+    """
+
+    def __init__(self, step: Step, generator: torch.Generator):
+        self._step, self._generator = step, generator
+        self._graph: torch.cuda.CUDAGraph | None = None
+        self._calls = 0
+
+    def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
+        """What `step` returns, in memory that the next call may write over."""
+        self._calls += 1
+        if self._calls <= _WARM_UP:
+            return self._warm_up(*inputs)
+        if self._graph is None:
+            self._capture(*inputs)
+        for buffer, value in zip(self._inputs, inputs, strict=True):
+            buffer.copy_(value)
+        assert self._graph is not None
+        self._graph.replay()
+        return self._output
+
+    def _warm_up(self, *inputs: torch.Tensor) -> torch.Tensor:
+        """On a stream beside the usual one, as a capture will be."""
+        side, usual = torch.cuda.Stream(), torch.cuda.current_stream()
+        side.wait_stream(usual)
+        with torch.cuda.stream(side):
+            output = self._step(*inputs)
+        usual.wait_stream(side)
+        return output
+
+    def _capture(self, *inputs: torch.Tensor) -> None:
+        """Record the step without running it."""
+        self._inputs = [value.clone(memory_format=torch.contiguous_format) for value in inputs]
+        graph = torch.cuda.CUDAGraph()
+        graph.register_generator_state(self._generator)  # newer versions of torch do so alone
+        with torch.cuda.graph(graph):
+            self._output = self._step(*self._inputs)
+        self._graph = graph

@@ -1,0 +1,271 @@
+"""The paper's agent: soft actor-critic on pixels with random crops (RAD) and a contrast (CURL).
+
+One update, `CurlSac._learn`, encodes three crops: one of the frames, with gradients, and one more
+of them and one of the next frames by the slowly moving target. The first is the critics' input
+and CURL's query, the second CURL's key, the third what the critics' target is made of. So
+
+* critics and contrast are one loss and one step for the encoder, not two after each other;
+* the actor looks through the *target's* convolutions, with a head of its own. In public
+  implementations it looks through the critics', for which next frames and present ones have to
+  be encoded once more. It lags about 20 of its steps behind, when it acts as when it learns.
+"""
+
+import copy
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from simtune.agents.agent import Seen
+from simtune.agents.augment import centre_crop, random_crop
+from simtune.agents.counting import Counter
+from simtune.agents.cuda_graph import GraphedStep
+from simtune.agents.pixel_networks import (
+    Contrast,
+    GaussianActor,
+    TwinQ,
+    descend,
+    initialize,
+    move_towards,
+)
+from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
+from simtune.agents.squashed import sample_squashed
+from simtune.networks import PixelEncoder, autocast, seeded
+from simtune.replay import Replay, Transitions
+
+_LOSSES = ("critic_loss", "contrast_loss", "q", "actor_loss", "entropy", "temperature")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurlSacConfig:
+    """RAD's settings (Laskin et al. 2020, appendix E), but for the paper's own batch size."""
+
+    # what it sees
+    image_size: int = 100  # pixels, drawn
+    crop_size: int = 84  # pixels, cut out of them
+    num_stacked: int = 3
+    # networks
+    hidden_size: int = 1024
+    log_std: tuple[float, float] = (-10.0, 2.0)
+    # learning
+    batch_size: int = 128  # the paper's appendix
+    random_steps: int = 1000  # before the first update
+    update_every: int = 1  # steps
+    discount: float = 0.99
+    learning_rate: float = 1e-3
+    beta1: float = 0.9
+    init_temperature: float = 0.1
+    temperature_learning_rate: float = 1e-4
+    temperature_beta1: float = 0.5
+    critic_rate: float = 0.01  # τ of the critics' target
+    encoder_rate: float = 0.05  # τ of the encoder's
+    slow_every: int = 2  # updates: what the actor, the temperature and the targets wait for
+
+    def __post_init__(self) -> None:
+        if self.crop_size > self.image_size:
+            raise ValueError(f"no crop of {self.crop_size} fits into {self.image_size} pixels")
+
+
+class Critic(nn.Module):
+    """The encoder, and two Q functions of what it says."""
+
+    def __init__(self, num_actions: int, config: CurlSacConfig):
+        super().__init__()
+        self.encoder = PixelEncoder(3 * config.num_stacked, config.crop_size)
+        self.q = TwinQ(50, num_actions, config.hidden_size)
+
+
+class Temperature(nn.Module):
+    """SAC's α, the weight of the entropy."""
+
+    def __init__(self, first: float):
+        super().__init__()
+        self.log = nn.Parameter(torch.tensor(first).log())
+
+    def forward(self) -> torch.Tensor:
+        return self.log.exp()
+
+
+class CurlSac:
+    """An `Agent` that sees nothing but frames. A replay has to lie on its device."""
+
+    looks = True
+
+    def __init__(
+        self,
+        num_actions: int,
+        config: CurlSacConfig | None = None,
+        *,
+        seed: int,
+        device: torch.device | str = "cpu",
+    ):
+        self.num_actions, self.config = num_actions, config or CurlSacConfig()
+        self.device = torch.device(device)
+        self._make_networks(seed)
+        self._make_optimizers()
+        self._generator = torch.Generator(self.device).manual_seed(seed)
+        self._counter = Counter(
+            random_steps=self.config.random_steps, update_every=self.config.update_every
+        )
+        self._make_steps()
+
+    def _make_networks(self, seed: int) -> None:
+        config = self.config
+        with seeded(seed):
+            self.critic = Critic(self.num_actions, config)
+            self.actor = GaussianActor(
+                self.critic.encoder.convolutions.num_outputs,
+                self.num_actions,
+                config.hidden_size,
+                config.log_std,
+            )
+            self.contrast = Contrast()
+            for module in (self.critic, self.actor):
+                initialize(module)
+        self.temperature = Temperature(config.init_temperature)
+        self.target = copy.deepcopy(self.critic).requires_grad_(False)
+        for module in (self.critic, self.actor, self.contrast, self.temperature, self.target):
+            module.to(self.device)
+
+    def _make_optimizers(self) -> None:
+        config = self.config
+        adam = partial(torch.optim.Adam, fused=True, capturable=self.device.type == "cuda")
+        networks = partial(adam, lr=config.learning_rate, betas=(config.beta1, 0.999))
+        self._critic_optimizer = networks([*self.critic.parameters(), *self.contrast.parameters()])
+        self._actor_optimizer = networks(self.actor.parameters())
+        self._temperature_optimizer = adam(
+            self.temperature.parameters(),
+            lr=config.temperature_learning_rate,
+            betas=(config.temperature_beta1, 0.999),
+        )
+
+    def _make_steps(self) -> None:
+        """The update without and with what is done every other time; graphs of both on CUDA."""
+        self._steps = [partial(self._learn, slow=slow) for slow in (False, True)]
+        if self.device.type == "cuda":
+            self._steps = [GraphedStep(step, self._generator) for step in self._steps]
+
+    def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
+        """(n, K, H, W, 3) uint8 to (n, A) actions: the mean's, or drawn."""
+        with torch.inference_mode(), autocast(self.device):
+            seen = centre_crop(torch.as_tensor(frames).to(self.device), self.config.crop_size)
+            convolved = self.target.encoder.convolutions(seen)
+            actions = self._draw(convolved)[0] if sample else self.actor(convolved)[0].tanh()
+            return actions.cpu().numpy()
+
+    def explore(self, seen: Seen) -> np.ndarray:
+        """Drawn from the policy, after the first `random_steps` of all worlds together."""
+        assert seen.frames is not None
+        if not self._counter.explore(len(seen.frames)):
+            return self.act(seen.frames, sample=True)
+        shape = (len(seen.frames), self.num_actions)
+        uniform = torch.rand(shape, generator=self._generator, device=self.device)
+        return (2 * uniform - 1).cpu().numpy()
+
+    def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
+        """An update for each step after the random ones; means of the losses, NaN without any."""
+        losses = torch.full((1, len(_LOSSES)), math.nan)
+        if due := self._counter.collect(num_steps):
+            losses = torch.stack([self.learn(self._sample(replay)) for _ in range(due)])
+        return dict(zip(_LOSSES, losses.nanmean(0).tolist(), strict=True))
+
+    def _sample(self, replay: Replay) -> Transitions:
+        return replay.sample(self.config.batch_size, self._generator, with_frames=True)
+
+    def learn(self, batch: Transitions) -> torch.Tensor:
+        """One update; its losses, in the order of `_LOSSES`, NaN where it had none."""
+        slow = self._counter.num_updates % self.config.slow_every == 0
+        self._counter.num_updates += 1
+        assert batch.frames is not None
+        assert batch.next_frames is not None
+        step = self._steps[slow]
+        return step(
+            batch.frames, batch.actions, batch.rewards, batch.discounts, batch.next_frames
+        ).clone()  # a graph writes into the same memory again
+
+    def _learn(
+        self,
+        frames: torch.Tensor,
+        actions: torch.Tensor,
+        rewards: torch.Tensor,
+        discounts: torch.Tensor,
+        next_frames: torch.Tensor,
+        slow: bool,
+    ) -> torch.Tensor:
+        query, key, following = map(self._crop, (frames, frames, next_frames))
+        with autocast(self.device):
+            with torch.no_grad():
+                convolved = self.target.encoder.convolutions(key)
+                keys = self.target.encoder.head(convolved).float()
+                goals = self.goals(rewards, discounts, following)
+            features = self.critic.encoder(query)
+            values = self.critic.q(features, actions)  # (2, B)
+        critic_loss = (values - goals).square().mean(1).sum()
+        contrast_loss = self.contrast.loss(features, keys)  # its logits are too large for bf16
+        descend(critic_loss + contrast_loss, self._critic_optimizer)
+
+        told = [critic_loss, contrast_loss, values.mean()]
+        if slow:
+            told += self._learn_policy(convolved, features.detach())
+            move_towards(self.target.encoder, self.critic.encoder, self.config.encoder_rate)
+            move_towards(self.target.q, self.critic.q, self.config.critic_rate)
+        else:
+            told += [torch.full_like(critic_loss, math.nan)] * 3
+        return torch.stack(told).detach()
+
+    def goals(
+        self, rewards: torch.Tensor, discounts: torch.Tensor, following: torch.Tensor
+    ) -> torch.Tensor:
+        """(B,) r + γ·d·(min Q'(o', a') − α·log π(a'|o')), a' drawn from the policy."""
+        convolved = self.target.encoder.convolutions(following)
+        actions, log_prob = self._draw(convolved)
+        values = self.target.q(self.target.encoder.head(convolved), actions).amin(0)
+        soft = values - self.temperature() * log_prob
+        return rewards + self.config.discount * discounts * soft
+
+    def _learn_policy(self, convolved: torch.Tensor, features: torch.Tensor) -> list[torch.Tensor]:
+        """The actor by (B, F) that it sees and (B, 50) that the critics know; the temperature."""
+        with autocast(self.device):
+            actions, log_prob = self._draw(convolved)
+            values = self.critic.q(features, actions).amin(0)
+        actor_loss = (self.temperature().detach() * log_prob - values).mean()
+        descend(actor_loss, self._actor_optimizer)
+        entropy = -log_prob.detach().mean()
+        temperature = self.temperature()
+        descend(temperature * (entropy + self.num_actions), self._temperature_optimizer)
+        return [actor_loss, entropy, temperature]
+
+    def _draw(self, convolved: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, F) to actions (B, A) of the policy and their log-probabilities (B,)."""
+        mean, log_std = self.actor(convolved)
+        return sample_squashed(mean, log_std, self._generator)
+
+    def _crop(self, frames: torch.Tensor) -> torch.Tensor:
+        return random_crop(frames, self.config.crop_size, self._generator)
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        return gather_tensors(self._parts(), self._generator)
+
+    def state(self) -> dict[str, Any]:
+        return self._counter.state()
+
+    def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        scatter_tensors(self._parts(), self._generator, tensors)
+        self._counter.load(state)
+        self._make_steps()  # graphs hold on to the moments that were
+
+    def _parts(self) -> Parts:
+        return {
+            "critic": self.critic,
+            "target": self.target,
+            "actor": self.actor,
+            "contrast": self.contrast,
+            "temperature": self.temperature,
+            "critic_optimizer": self._critic_optimizer,
+            "actor_optimizer": self._actor_optimizer,
+            "temperature_optimizer": self._temperature_optimizer,
+        }

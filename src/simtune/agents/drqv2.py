@@ -1,0 +1,202 @@
+"""DrQ-v2 (Yarats et al. 2021, arXiv:2107.09645): DDPG on pixels, with random shifts.
+
+Its noise is scheduled, so there is no temperature; what augments the frames is all that keeps the
+encoder general. Two things differ from theirs: goals look one step ahead, not three, since a
+replay hands out single steps; pixels count from 0 to 1, not from −½ to ½.
+"""
+
+import copy
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from simtune.agents.agent import Seen
+from simtune.agents.augment import random_shift
+from simtune.agents.counting import Counter
+from simtune.agents.pixel_networks import TwinQ, descend, initialize, move_towards
+from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
+from simtune.networks import PixelConvolutions, autocast, feature_head, mlp, seeded
+from simtune.replay import Replay, Transitions
+
+_LOSSES = ("critic_loss", "q", "actor_loss", "noise")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrqV2Config:
+    """Their table of settings, for tasks of medium difficulty."""
+
+    # what it sees
+    image_size: int = 84  # pixels
+    num_stacked: int = 3
+    pad: int = 4  # pixels that a shift may move
+    # networks
+    hidden_size: int = 1024
+    # learning
+    batch_size: int = 256
+    random_steps: int = 2000  # their 4,000 frames, of which a step is two
+    update_every: int = 2  # steps
+    discount: float = 0.99
+    learning_rate: float = 1e-4
+    critic_rate: float = 0.01  # τ
+    # exploring
+    noise: tuple[float, float] = (1.0, 0.1)  # standard deviation, at first and at last
+    noise_steps: int = 500_000  # from one to the other
+    noise_clip: float = 0.3  # in updates
+
+
+class Critic(nn.Module):
+    """Two Q functions of what was convolved, and the head that they share."""
+
+    def __init__(self, num_inputs: int, num_actions: int, hidden_size: int):
+        super().__init__()
+        self.head = nn.Sequential(*feature_head(num_inputs), nn.Tanh())
+        self.q = TwinQ(50, num_actions, hidden_size)
+
+    def forward(self, convolved: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """(B, F) and (B, A) to (2, B)."""
+        return self.q(self.head(convolved), actions)
+
+
+class Actor(nn.Sequential):
+    """(B, F) to the (B, A) actions that noise is added to."""
+
+    def __init__(self, num_inputs: int, num_actions: int, hidden_size: int):
+        layers = mlp((50, hidden_size, hidden_size, num_actions), nn.ReLU)
+        super().__init__(*feature_head(num_inputs), nn.Tanh(), *layers, nn.Tanh())
+
+
+class DrqV2:
+    """An `Agent` that sees nothing but frames. A replay has to lie on its device."""
+
+    looks = True
+
+    def __init__(
+        self,
+        num_actions: int,
+        config: DrqV2Config | None = None,
+        *,
+        seed: int,
+        device: torch.device | str = "cpu",
+    ):
+        self.num_actions, self.config = num_actions, config or DrqV2Config()
+        self.device = torch.device(device)
+        self._make_networks(seed)
+        self._generator = torch.Generator(self.device).manual_seed(seed)
+        self._counter = Counter(
+            random_steps=self.config.random_steps, update_every=self.config.update_every
+        )
+
+    def _make_networks(self, seed: int) -> None:
+        config = self.config
+        with seeded(seed):
+            self.encoder = PixelConvolutions(3 * config.num_stacked, config.image_size)
+            sizes = (self.encoder.num_outputs, self.num_actions, config.hidden_size)
+            self.critic, self.actor = Critic(*sizes), Actor(*sizes)
+            for module in (self.encoder, self.critic, self.actor):
+                initialize(module)
+        self.target = copy.deepcopy(self.critic).requires_grad_(False)
+        for module in (self.encoder, self.critic, self.actor, self.target):
+            module.to(self.device)
+        # The encoder learns from the critics alone.
+        of_critic = [*self.encoder.parameters(), *self.critic.parameters()]
+        self._critic_optimizer = torch.optim.Adam(of_critic, config.learning_rate, fused=True)
+        self._actor_optimizer = torch.optim.Adam(
+            self.actor.parameters(), config.learning_rate, fused=True
+        )
+
+    @property
+    def noise(self) -> float:
+        """The standard deviation by which it explores now."""
+        first, last = self.config.noise
+        done = min(self._counter.num_collected / self.config.noise_steps, 1.0)
+        return first + done * (last - first)
+
+    def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
+        """(n, K, H, W, 3) uint8 to (n, A) actions: without noise, or with it."""
+        with torch.inference_mode(), autocast(self.device):
+            actions = self.actor(self.encoder(torch.as_tensor(frames).to(self.device))).float()
+            return (self._disturb(actions) if sample else actions).cpu().numpy()
+
+    def explore(self, seen: Seen) -> np.ndarray:
+        """With noise, after the first `random_steps` of all worlds together."""
+        assert seen.frames is not None
+        if not self._counter.explore(len(seen.frames)):
+            return self.act(seen.frames, sample=True)
+        shape = (len(seen.frames), self.num_actions)
+        uniform = torch.rand(shape, generator=self._generator, device=self.device)
+        return (2 * uniform - 1).cpu().numpy()
+
+    def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
+        """An update for every other step after the random ones; NaN where there was none."""
+        losses = torch.full((1, len(_LOSSES)), math.nan)
+        if due := self._counter.collect(num_steps):
+            losses = torch.stack([self.learn(self._sample(replay)) for _ in range(due)])
+        return dict(zip(_LOSSES, losses.mean(0).tolist(), strict=True))
+
+    def _sample(self, replay: Replay) -> Transitions:
+        return replay.sample(self.config.batch_size, self._generator, with_frames=True)
+
+    def learn(self, batch: Transitions) -> torch.Tensor:
+        """One update; its losses, in the order of `_LOSSES`."""
+        assert batch.frames is not None
+        assert batch.next_frames is not None
+        with autocast(self.device), torch.no_grad():
+            following = self.encoder(self._shift(batch.next_frames))
+            goals = self.goals(batch.rewards, batch.discounts, following)
+        with autocast(self.device):  # anew: weights that were cast above would get no gradient
+            convolved = self.encoder(self._shift(batch.frames))
+            values = self.critic(convolved, batch.actions)  # (2, B)
+        critic_loss = (values - goals).square().mean(1).sum()
+        descend(critic_loss, self._critic_optimizer)
+
+        convolved = convolved.detach()
+        with autocast(self.device):
+            actions = self._disturb(self.actor(convolved).float(), self.config.noise_clip)
+            actor_loss = -self.critic(convolved, actions).amin(0).mean()
+        descend(actor_loss, self._actor_optimizer)
+
+        move_towards(self.target, self.critic, self.config.critic_rate)
+        self._counter.num_updates += 1
+        noise = torch.full_like(critic_loss, self.noise)
+        return torch.stack([critic_loss, values.mean(), actor_loss, noise]).detach()
+
+    def goals(
+        self, rewards: torch.Tensor, discounts: torch.Tensor, following: torch.Tensor
+    ) -> torch.Tensor:
+        """(B,) r + γ·d·min Q'(o', a'), a' the actor's with clipped noise; (B, F) convolved o'."""
+        actions = self._disturb(self.actor(following).float(), self.config.noise_clip)
+        values = self.target(following, actions).amin(0)
+        return rewards + self.config.discount * discounts * values
+
+    def _disturb(self, actions: torch.Tensor, clip: float = math.inf) -> torch.Tensor:
+        """Add noise within ±`clip`; gradients pass as if nothing had been clipped to [−1, 1]."""
+        noise = torch.randn(actions.shape, generator=self._generator, device=self.device)
+        noisy = actions + (noise * self.noise).clamp(-clip, clip)
+        return noisy + (noisy.clamp(-1, 1) - noisy).detach()
+
+    def _shift(self, frames: torch.Tensor) -> torch.Tensor:
+        return random_shift(frames, self.config.pad, self._generator)
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        return gather_tensors(self._parts(), self._generator)
+
+    def state(self) -> dict[str, Any]:
+        return self._counter.state()
+
+    def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        scatter_tensors(self._parts(), self._generator, tensors)
+        self._counter.load(state)
+
+    def _parts(self) -> Parts:
+        return {
+            "encoder": self.encoder,
+            "critic": self.critic,
+            "target": self.target,
+            "actor": self.actor,
+            "critic_optimizer": self._critic_optimizer,
+            "actor_optimizer": self._actor_optimizer,
+        }

@@ -1,0 +1,91 @@
+"""What pixel agents are made of: heads on top of `PixelConvolutions`."""
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from simtune.networks import feature_head, mlp
+
+
+class GaussianActor(nn.Module):
+    """What was convolved to the mean and log_std of the actions before their tanh."""
+
+    def __init__(
+        self, num_inputs: int, num_actions: int, hidden_size: int, log_std: tuple[float, float]
+    ):
+        super().__init__()
+        self.log_std = log_std  # bounds
+        self.head = feature_head(num_inputs)
+        self.layers = mlp((50, hidden_size, hidden_size, 2 * num_actions), nn.ReLU)
+
+    def forward(self, convolved: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, F) to (B, A) each, float32."""
+        mean, spread = self.layers(self.head(convolved)).float().chunk(2, -1)
+        low, high = self.log_std
+        return mean, low + (high - low) / 2 * (spread.tanh() + 1)
+
+
+class TwinQ(nn.Module):
+    """Two Q functions, side by side."""
+
+    def __init__(self, num_features: int, num_actions: int, hidden_size: int):
+        super().__init__()
+        sizes = (num_features + num_actions, hidden_size, hidden_size, 1)
+        # Two networks: as one batched product they are no faster here, and copy their gradients.
+        self.networks = nn.ModuleList(mlp(sizes, nn.ReLU) for _ in range(2))
+
+    def forward(self, features: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """(B, F) and (B, A) to (2, B) float32."""
+        both = torch.cat([features, actions.to(features.dtype)], -1)
+        return torch.stack([q(both)[:, 0] for q in self.networks]).float()
+
+
+class Contrast(nn.Module):
+    """CURL's question: which of a batch's keys is of the same frames as this query?
+
+    A bilinear product compares them (Laskin et al. 2020, Eq. 4 and appendix).
+    """
+
+    def __init__(self, num_features: int = 50):
+        super().__init__()
+        self.weight = nn.Parameter(torch.rand(num_features, num_features))  # CURL's first one
+
+    def forward(self, queries: torch.Tensor, keys: torch.Tensor) -> torch.Tensor:
+        """(B, 50) each to logits (B, B): row i belongs to query i, its own key is the i-th."""
+        return queries @ (self.weight @ keys.T)
+
+    def loss(self, queries: torch.Tensor, keys: torch.Tensor) -> torch.Tensor:
+        """The mean cross-entropy of these answers."""
+        own = torch.arange(len(queries), device=queries.device)
+        return functional.cross_entropy(self(queries, keys), own)
+
+
+def initialize(module: nn.Module) -> None:
+    """Orthogonal matrices, and no biases: the first weights of SAC-AE, which CURL and RAD keep.
+
+    A convolution starts as such a matrix in its centre (delta-orthogonal, Xiao et al. 2018).
+    """
+    gain = nn.init.calculate_gain("relu")
+    for part in module.modules():
+        if isinstance(part, nn.Linear):
+            nn.init.orthogonal_(part.weight)
+            nn.init.zeros_(part.bias)
+        elif isinstance(part, nn.Conv2d):
+            assert part.bias is not None
+            nn.init.zeros_(part.weight)
+            nn.init.orthogonal_(part.weight[:, :, 1, 1], gain)
+            nn.init.zeros_(part.bias)
+
+
+def descend(loss: torch.Tensor, optimizer: torch.optim.Optimizer) -> None:
+    """One step of an optimiser; no other parameter of the loss gets a gradient."""
+    optimizer.zero_grad(set_to_none=True)
+    loss.backward(inputs=[p for group in optimizer.param_groups for p in group["params"]])
+    optimizer.step()
+
+
+def move_towards(target: nn.Module, online: nn.Module, share: float) -> None:
+    """An exponential moving average: target ← (1 − share)·target + share·online."""
+    with torch.no_grad():
+        for slow, fast in zip(target.parameters(), online.parameters(), strict=True):
+            slow.lerp_(fast, share)

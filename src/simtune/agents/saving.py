@@ -1,0 +1,33 @@
+"""An agent's networks, optimisers and random numbers as the tensors of a checkpoint."""
+
+from collections.abc import Mapping
+
+import torch
+from torch import nn
+
+from simtune.networks import load_optimizer_tensors, optimizer_tensors
+
+Parts = Mapping[str, nn.Module | torch.optim.Optimizer]
+
+
+def gather_tensors(parts: Parts, generator: torch.Generator) -> dict[str, torch.Tensor]:
+    """{"actor.head.0.weight": ...}; they share memory with the parts."""
+    tensors = {"generator": generator.get_state()}
+    for name, part in parts.items():
+        own = part.state_dict() if isinstance(part, nn.Module) else optimizer_tensors(part)
+        tensors |= {f"{name}.{key}": value for key, value in own.items()}
+    return tensors
+
+
+def scatter_tensors(
+    parts: Parts, generator: torch.Generator, tensors: Mapping[str, torch.Tensor]
+) -> None:
+    """The inverse: copy them into the parts, on whatever device those are."""
+    generator.set_state(tensors["generator"].cpu())
+    for name, part in parts.items():
+        prefix = f"{name}."
+        own = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+        if isinstance(part, nn.Module):
+            part.load_state_dict(own)
+        else:
+            load_optimizer_tensors(part, own)

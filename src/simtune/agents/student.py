@@ -1,0 +1,133 @@
+"""A student that acts on pixels: it sees where things are, and imitates a teacher.
+
+Learning to act from pixels end to end is slow because seeing has to be learnt from what an action
+was worth. In simulation it is known where things are in a picture, so the student is taught that
+first, as the SPM's sight is (`search_param_model/sight.py`): some hundred updates. To act on what
+it saw lately is then little to learn.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from simtune.networks import mlp, predicting
+from simtune.search_param_model.sight import Sight, SightConfig, to_input
+
+_PLACES = 2  # for each landmark: what looks alike, left and right, gets mixed up
+_CHUNK = 256  # pictures looked at at once
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudentConfig:
+    """Measured on cartpole and ball_in_cup, unless said otherwise."""
+
+    sight: SightConfig = field(default_factory=SightConfig)
+    hidden_size: int = 256
+    batch_size: int = 256
+    learning_rate: float = 1e-3
+    warm_up: int = 50  # updates
+
+
+class Memory(NamedTuple):
+    """Pictures that were looked at last, and what was seen in them."""
+
+    frames: torch.Tensor  # (n, K, H, W, 3)
+    seen: torch.Tensor  # (n, K, F)
+
+
+class Student(nn.Module):
+    """(n, K, H, W, 3) uint8 frames to (n, A) actions in [−1, 1]."""
+
+    def __init__(
+        self,
+        num_landmarks: int,
+        image_size: int,
+        num_stacked: int,
+        num_actions: int,
+        config: StudentConfig,
+    ):
+        super().__init__()
+        self.config = config
+        self.sight = Sight(num_landmarks, 0, image_size, config.sight)
+        self._image_size = image_size
+        self.num_features = num_landmarks * _PLACES * 3  # x, y, and how probable
+        hidden = config.hidden_size
+        sizes = (num_stacked * self.num_features, hidden, hidden, num_actions)
+        self.head = mlp(sizes, nn.ReLU)
+        self.sight_optimizer = torch.optim.AdamW(
+            self.sight.parameters(), config.sight.learning_rate, fused=True
+        )
+        self.head_optimizer = torch.optim.Adam(
+            self.head.parameters(), config.learning_rate, fused=True
+        )
+        self.num_updates = 0  # of sight
+        self._memory: Memory | None = None
+
+    def forward(self, seen: torch.Tensor) -> torch.Tensor:
+        """(B, K, F) what was seen lately to (B, A) actions."""
+        return self.head(seen.flatten(1)).tanh()
+
+    def act(self, frames: torch.Tensor) -> torch.Tensor:
+        """Pixels to actions. A picture that it has just seen is not looked at again."""
+        memory, latest = self._memory, frames[:, -1]
+        if memory and memory.frames.shape == frames.shape:
+            known = torch.equal(memory.frames[:, 1:], frames[:, :-1])
+        else:
+            known = False
+        if memory and known:
+            seen = torch.cat([memory.seen[:, 1:], self.look(latest)[:, None]], 1)
+        else:
+            seen = self.look(frames.flatten(0, 1)).unflatten(0, frames.shape[:2])
+        self._memory = Memory(frames.clone(), seen)
+        with predicting(self):
+            return self(seen)
+
+    def look(self, frames: torch.Tensor) -> torch.Tensor:
+        """(n, H, W, 3) uint8 to (n, F) what sight makes of them: two places for each landmark."""
+        parts = []
+        with predicting(self):
+            for part in frames.split(_CHUNK):
+                heatmaps, _, _ = self.sight(to_input(part))
+                places, probability = self.sight.places(heatmaps)
+                centred = places / self._image_size * 2 - 1
+                parts.append(torch.cat([centred.flatten(1), probability.flatten(1)], 1))
+        return torch.cat(parts)
+
+    def learn_to_see(
+        self,
+        frames: torch.Tensor,
+        landmarks: torch.Tensor,
+        progress: float,
+        generator: torch.Generator,
+    ) -> torch.Tensor:
+        """One step on (B, H, W, 3) frames whose (B, L, 2) landmarks are known; the loss."""
+        config = self.config.sight
+        pictures = to_input(frames)
+        noise = torch.randn(pictures.shape, generator=generator, device=pictures.device)
+        nothing = pictures.new_empty(len(pictures), 0)
+        loss = self.sight.loss(pictures + 2 * config.noise * noise, landmarks, nothing, nothing[0])
+        self._step(self.sight_optimizer, loss, config.learning_rate, progress)
+        self.num_updates += 1
+        self._memory = None  # it sees otherwise now
+        return loss.detach()
+
+    def learn_to_act(
+        self, seen: torch.Tensor, actions: torch.Tensor, progress: float
+    ) -> torch.Tensor:
+        """One step towards a teacher's (B, A) actions after (B, K, F) what was seen; the loss."""
+        loss = functional.mse_loss(self(seen), actions)
+        self._step(self.head_optimizer, loss, self.config.learning_rate, progress)
+        return loss.detach()
+
+    def _step(
+        self, optimizer: torch.optim.Optimizer, loss: torch.Tensor, peak: float, progress: float
+    ) -> None:
+        """`progress`, in [0, 1], is how much of all learning is over: steps get smaller."""
+        rate = min(1.0, (self.num_updates + 1) / self.config.warm_up) * max(0.02, 1 - progress)
+        optimizer.param_groups[0]["lr"] = peak * rate
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()

@@ -1,0 +1,164 @@
+"""The `fast` preset: learn from the state, then teach a student on pixels (DAgger).
+
+Ross, Gordon and Bagnell 2011 (arXiv:1011.0686): the student acts, the teacher says what it would
+have done in the states that the student got into. Only the student meets the real world.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from simtune.agents.agent import Seen
+from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
+from simtune.agents.student import Student, StudentConfig
+from simtune.agents.teacher import Teacher, TeacherConfig
+from simtune.networks import seeded
+from simtune.replay import Replay, Transitions
+
+
+@dataclass(frozen=True, kw_only=True)
+class TeacherStudentConfig:
+    teacher: TeacherConfig = field(default_factory=TeacherConfig)
+    student: StudentConfig = field(default_factory=StudentConfig)
+    teacher_share: float = 0.4  # of all steps, before the student begins
+    filmed_share: float = 0.7  # of the steps after that
+    random_steps: int = 3_000  # at the start
+    teacher_updates_per_step: float = 0.25
+    sight_updates_per_step: float = 0.03
+    first_sight_factor: float = 3.0  # so many times more of them at first: it is blind
+    head_updates_per_step: float = 0.25
+    remembered_episodes: int = 96  # filmed ones that the student learns to act in
+    trusting_share: float = 0.1  # of all steps in which teacher and student take turns
+    noise: float = 0.1  # standard deviation, added to what a student does while it learns
+
+
+class TeacherStudent:
+    """An `Agent`."""
+
+    def __init__(
+        self,
+        *,
+        image_size: int,
+        num_stacked: int,
+        num_landmarks: int,
+        num_states: int,
+        num_actions: int,
+        knows: np.ndarray,  # (N,) bool: parameters that the teacher's critics are told
+        total_steps: int,  # of the whole training: what shares are of
+        config: TeacherStudentConfig | None = None,
+        seed: int = 0,
+        device: torch.device | str = "cpu",
+    ):
+        self.config = config = config or TeacherStudentConfig()
+        self.device = torch.device(device)
+        self._knows = torch.as_tensor(np.flatnonzero(knows), device=device)
+        self._total_steps, self._num_actions = total_steps, num_actions
+        with seeded(seed):
+            sizes = (num_states, num_actions, len(self._knows))
+            self.teacher = Teacher(*sizes, config.teacher).to(device)
+            sizes = (num_landmarks, image_size, num_stacked, num_actions)
+            self.student = Student(*sizes, config.student).to(device)
+        self._generator = torch.Generator(self.device).manual_seed(seed)
+        self.num_steps = self._num_filmed = 0
+
+    @property
+    def _begins(self) -> float:
+        """The step at which the student does."""
+        return self.config.teacher_share * self._total_steps
+
+    @property
+    def looks(self) -> bool:
+        return self._num_filmed < self.config.filmed_share * (self.num_steps - self._begins)
+
+    def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
+        """See `Agent`. A sample is the best action with noise."""
+        actions = self.student.act(torch.from_numpy(frames).to(self.device))
+        return (self._with_noise(actions) if sample else actions).cpu().numpy()
+
+    def explore(self, seen: Seen) -> np.ndarray:
+        """The teacher alone, while nobody films; then the student, more and more."""
+        states = torch.from_numpy(seen.state).to(self.device)
+        if self.num_steps < self.config.random_steps:
+            actions = 2 * self._uniform(len(states), self._num_actions) - 1
+        elif seen.frames is None:
+            actions = self.teacher.sample(states, self._generator)
+        else:
+            trusting_steps = self.config.trusting_share * self._total_steps
+            acts_itself = self._uniform(len(states), 1) * trusting_steps < self._num_filmed
+            own = self.student.act(torch.from_numpy(seen.frames).to(self.device))
+            actions = self._with_noise(torch.where(acts_itself, own, self.teacher.act(states)))
+        return actions.cpu().numpy()
+
+    def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
+        """Teach the teacher after episodes that nobody filmed, the student after those others."""
+        filmed = self.looks
+        self.num_steps += num_steps
+        self._num_filmed += num_steps if filmed else 0
+        none = dict.fromkeys(("critic", "actor", "sight", "imitation"), torch.tensor(torch.nan))
+        losses = self._study(replay, num_steps) if filmed else self._teach(replay, num_steps)
+        return {f"loss/{name}": float(loss) for name, loss in (none | losses).items()}
+
+    def _teach(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
+        self.teacher.normalize_by(self._sample(replay, 4096).states)
+        losses = {}
+        for _ in range(round(num_steps * self.config.teacher_updates_per_step)):
+            batch = self._sample(replay, self.config.teacher.batch_size)
+            losses = self.teacher.update(batch, self._generator)
+        return losses
+
+    def _study(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
+        """See better, look at the latest episodes again, do there as the teacher would."""
+        config, student, losses = self.config, self.student, {}
+        progress = (self.num_steps - self._begins) / (self._total_steps - self._begins)
+        num_updates = num_steps * config.sight_updates_per_step
+        if not student.num_updates:
+            num_updates *= config.first_sight_factor
+        for _ in range(round(num_updates)):
+            frames, landmarks = replay.pictures(config.student.sight.batch_size, self._generator)
+            losses["sight"] = student.learn_to_see(frames, landmarks, progress, self._generator)
+
+        slots = replay.latest_filmed(config.remembered_episodes)
+        lengths = replay.lengths[slots]
+        seen = torch.stack([student.look(replay.frames[slot]) for slot in slots])
+        taught = self.teacher.act(replay.states[slots])
+        for _ in range(round(num_steps * config.head_updates_per_step)):
+            shape = (config.student.batch_size,)
+            e = torch.randint(len(slots), shape, generator=self._generator, device=self.device)
+            t = (self._uniform(*shape) * lengths[e]).long()
+            stacks = seen[e[:, None], (t[:, None] + replay.stack_offsets).clamp(min=0)]
+            losses["imitation"] = student.learn_to_act(stacks, taught[e, t], progress)
+        return losses
+
+    def _sample(self, replay: Replay, batch_size: int) -> Transitions:
+        batch = replay.sample(batch_size, self._generator, with_frames=False)
+        return replace(batch, parameters=batch.parameters[:, self._knows])
+
+    def _uniform(self, *shape: int) -> torch.Tensor:
+        return torch.rand(shape, generator=self._generator, device=self.device)
+
+    def _with_noise(self, actions: torch.Tensor) -> torch.Tensor:
+        noise = torch.randn(actions.shape, generator=self._generator, device=self.device)
+        return (actions + self.config.noise * noise).clamp(-1, 1)
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        return gather_tensors(self._parts(), self._generator)
+
+    def state(self) -> dict[str, Any]:
+        return {
+            "num_steps": self.num_steps,
+            "num_filmed": self._num_filmed,
+            "num_student_updates": self.student.num_updates,
+        }
+
+    def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        scatter_tensors(self._parts(), self._generator, tensors)
+        self.num_steps, self._num_filmed = state["num_steps"], state["num_filmed"]
+        self.student.num_updates = state["num_student_updates"]
+
+    def _parts(self) -> Parts:
+        optimizers = {f"teacher_{k}": v for k, v in self.teacher.optimizers.items()}
+        optimizers["sight_optimizer"] = self.student.sight_optimizer
+        optimizers["head_optimizer"] = self.student.head_optimizer
+        return {"teacher": self.teacher, "student": self.student, **optimizers}

@@ -1,0 +1,106 @@
+"""DrQ-v2: its goals and noise by hand, and what its actor may not move."""
+
+import numpy as np
+import pytest
+import torch
+
+from simtune.agents.drqv2 import DrqV2, DrqV2Config
+from simtune.replay import Transitions
+
+SMALL = DrqV2Config(
+    image_size=16,
+    num_stacked=2,
+    pad=2,
+    hidden_size=32,
+    batch_size=4,
+    random_steps=0,
+    update_every=1,
+    noise_steps=1000,
+)
+
+
+@pytest.fixture
+def agent() -> DrqV2:
+    return DrqV2(2, SMALL, seed=0)
+
+
+def a_batch(n: int = 4) -> Transitions:
+    draw = torch.Generator().manual_seed(0)
+    seen = torch.randint(256, (n, 3, 16, 16, 3), generator=draw, dtype=torch.uint8)
+    return Transitions(
+        states=torch.empty(n, 0),
+        actions=2 * torch.rand(n, 2, generator=draw) - 1,
+        rewards=torch.rand(n, generator=draw),
+        discounts=torch.ones(n),
+        next_states=torch.empty(n, 0),
+        parameters=torch.empty(n, 0),
+        frames=seen[:, :-1],
+        next_frames=seen[:, 1:],
+    )
+
+
+def test_the_papers_sizes():
+    agent = DrqV2(6, seed=0)
+    of_actor = [tuple(p.shape) for p in agent.actor.parameters() if p.ndim > 1]
+    assert of_actor == [(50, 32 * 35 * 35), (1024, 50), (1024, 1024), (6, 1024)]
+
+
+def test_goals_by_hand(agent, monkeypatch):
+    values = torch.tensor([[3.0, 5.0, -1.0], [4.0, 1.0, -2.0]])
+    monkeypatch.setattr(agent.target, "forward", lambda convolved, actions: values)
+    goals = agent.goals(
+        torch.tensor([1.0, 2.0, 0.5]),
+        torch.tensor([1.0, 0.0, 1.0]),  # the second step ended the task
+        torch.rand(3, agent.encoder.num_outputs),
+    )
+    np.testing.assert_allclose(goals.detach(), [1 + 0.99 * 3, 2, 0.5 - 0.99 * 2], rtol=1e-6)
+
+
+def test_goals_are_of_the_actors_actions_with_clipped_noise(agent, monkeypatch):
+    seen = []
+    monkeypatch.setattr(agent.target, "forward", lambda _, a: seen.append(a) or a.T)
+    monkeypatch.setattr(agent.actor, "forward", lambda _: torch.full((500, 2), 0.5))
+    agent.goals(torch.zeros(500), torch.ones(500), torch.empty(500, 0))
+    off = seen[0] - 0.5
+    assert float(off.abs().max()) == pytest.approx(0.3, abs=1e-6)
+    assert ((off.abs() - 0.3).abs() < 1e-6).float().mean() > 0.5  # noise of 1 is mostly clipped
+
+
+def test_noise_falls_as_scheduled(agent):
+    noises = [agent.noise]
+    for num_steps in (250, 250, 500, 10_000):
+        agent._counter.collect(num_steps)
+        noises.append(agent.noise)
+    assert noises == pytest.approx([1.0, 0.775, 0.55, 0.1, 0.1])
+
+
+def test_gradients_pass_where_noise_was_clipped(agent):
+    actions = torch.tensor([[0.99, -0.99], [0.0, 0.5]], requires_grad=True)
+    noisy = agent._disturb(actions)
+    assert noisy.abs().max() <= 1
+    noisy.sum().backward()
+    assert (actions.grad == 1).all()
+
+
+def test_the_actor_moves_nothing_but_itself(agent, monkeypatch):
+    agent.learn(a_batch())
+    for module in (agent.encoder, agent.critic, agent.target):
+        module.zero_grad(set_to_none=True)
+    monkeypatch.setattr("simtune.agents.drqv2.descend", lambda loss, optimizer: losses.append(loss))
+    losses: list[torch.Tensor] = []
+    agent.learn(a_batch())
+    of_encoder = torch.autograd.grad(losses[1], [*agent.encoder.parameters()], allow_unused=True)
+    assert of_encoder == (None,) * 8
+
+
+def test_one_update_moves_each_part_once(agent):
+    parts = (agent.encoder, agent.critic, agent.actor, agent.target)
+    before = [[p.detach().clone() for p in part.parameters()] for part in parts]
+    agent.learn(a_batch())
+    for part, old in zip(parts, before, strict=True):
+        for was, now in zip(old, part.parameters(), strict=True):
+            assert not torch.equal(was, now)
+    for was, now, online in zip(
+        before[3], agent.target.parameters(), agent.critic.parameters(), strict=True
+    ):
+        torch.testing.assert_close(now.detach(), 0.99 * was + 0.01 * online.detach())

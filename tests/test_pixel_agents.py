@@ -1,0 +1,254 @@
+"""What holds for every agent that learns from pixels, in a world where the best is known.
+
+A picture shows a brightness, and the reward of an action is −(action − goal)², where the goal
+goes from −1 in the dark to 1 in the light.
+"""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+
+from simtune.agents.agent import Seen
+from simtune.agents.curl_sac import CurlSac, CurlSacConfig
+from simtune.agents.drqv2 import DrqV2, DrqV2Config
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.replay import Episodes, Replay, Transitions
+from simtune.run import checkpoint
+
+SIZE, STACKED = 18, 2
+SMALL = {"image_size": SIZE, "num_stacked": STACKED, "hidden_size": 64, "batch_size": 32}
+SMALL |= {"random_steps": 0, "learning_rate": 2e-3}
+CURL = CurlSacConfig(**SMALL, crop_size=16)
+DRQ = DrqV2Config(**SMALL, pad=2, update_every=1)
+SPACE = ParameterSpace(
+    [Parameter(name="mass", field="opt.o", nominal=1.0, low=0.1, high=10.0, unit="kg")]
+)
+
+
+@pytest.fixture(params=["curl_sac", "drqv2"])
+def make(request):
+    """make(seed=…, device=…, **changes of the settings) → an agent of one action."""
+
+    def make_agent(seed: int = 0, device: str = "cpu", **changes):
+        if request.param == "curl_sac":
+            return CurlSac(1, replace(CURL, **changes), seed=seed, device=device)
+        return DrqV2(1, replace(DRQ, **changes), seed=seed, device=device)
+
+    return make_agent
+
+
+def brightness(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """(n, K, H, W, 3) noisy frames and the (n, 1) goals that they show."""
+    rng = np.random.default_rng(seed)
+    light = rng.uniform(0.1, 0.9, (n, 1))
+    noise = rng.normal(0, 8, (n, STACKED, SIZE, SIZE, 3))
+    frames = np.clip(255 * light[..., None, None, None] + noise, 0, 255).astype(np.uint8)
+    return frames, 2 * light - 1
+
+
+def a_replay(n: int = 512, device: str = "cpu") -> Replay:
+    """n episodes of one step, by random actions."""
+    frames, goals = brightness(n, seed=1)
+    actions = np.random.default_rng(2).uniform(-1, 1, (n, 1, 1)).astype(np.float32)
+    replay = Replay(SPACE, filmed_capacity=n, num_stacked=STACKED, device=device)
+    replay.add(
+        Episodes(
+            parameters=np.ones((n, 1)),
+            rows=np.zeros((n, 2, 3)),
+            states=np.zeros((n, 2, 2), np.float32),
+            actions=actions,
+            rewards=-np.square(actions[..., 0] - goals).astype(np.float32),
+            lengths=np.ones(n, int),
+            terminated=np.ones(n, bool),
+            frames=frames,
+        )
+    )
+    return replay
+
+
+def a_batch(n: int = 8, seed: int = 0) -> Transitions:
+    """Steps at random, half of which ended their task."""
+    draw = torch.Generator().manual_seed(seed)
+    seen = torch.randint(256, (n, STACKED + 1, SIZE, SIZE, 3), generator=draw, dtype=torch.uint8)
+    return Transitions(
+        states=torch.randn(n, 3, generator=draw),
+        actions=2 * torch.rand(n, 1, generator=draw) - 1,
+        rewards=torch.rand(n, generator=draw),
+        discounts=torch.arange(n).remainder(2).float(),
+        next_states=torch.randn(n, 3, generator=draw),
+        parameters=torch.rand(n, 2, generator=draw),
+        frames=seen[:, :-1],
+        next_frames=seen[:, 1:],
+    )
+
+
+def everything(agent) -> dict[str, torch.Tensor]:
+    """All that can change in an agent, copied."""
+    return {name: tensor.detach().clone() for name, tensor in agent.tensors().items()}
+
+
+def assert_same(some: dict[str, torch.Tensor], others: dict[str, torch.Tensor]) -> None:
+    assert some.keys() == others.keys()
+    for name, tensor in some.items():
+        assert torch.equal(tensor, others[name]), name
+
+
+def error(agent) -> float:
+    frames, goals = brightness(128, seed=9)
+    return float(np.abs(agent.act(frames) - goals).mean())
+
+
+def test_it_learns_to_act_on_what_it_sees(make):
+    agent, replay = make(), a_replay()
+    assert error(agent) > 0.3
+    losses = agent.update(replay, 250)
+    assert error(agent) < 0.2
+    assert np.isfinite([*losses.values()]).all()
+
+
+def test_nothing_but_pixels_goes_in(make):
+    batch = a_batch()
+    others = {name: getattr(batch, name) + 1e6 for name in ("states", "next_states", "parameters")}
+    agents = [make(), make()]
+    for _ in range(2):
+        agents[0].learn(batch)
+        agents[1].learn(replace(batch, **others))
+    assert_same(everything(agents[0]), everything(agents[1]))
+    frames, _ = brightness(3, seed=0)
+    states = (np.zeros((3, 2)), np.full((3, 2), 1e6))
+    explored = [
+        agent.explore(Seen(state, frames)) for agent, state in zip(agents, states, strict=True)
+    ]
+    np.testing.assert_array_equal(*explored)
+
+
+@pytest.mark.parametrize("name", ["frames", "next_frames", "actions", "rewards", "discounts"])
+def test_all_else_of_a_step_counts(make, name):
+    batch, agents = a_batch(), [make(), make()]
+    agents[0].learn(batch)
+    agents[1].learn(replace(batch, **{name: 1 - getattr(batch, name)}))
+    first, second = (everything(agent) for agent in agents)
+    assert any(not torch.equal(first[key], second[key]) for key in first if "critic." in key)
+
+
+def test_resume_is_bit_for_bit(make, tmp_path):
+    replay, (frames, _) = a_replay(), brightness(3, seed=0)
+    whole = make(seed=4)
+    whole.explore(Seen(np.zeros((3, 0)), frames))
+    whole.update(replay, 5)
+    state = whole.state()
+    path = checkpoint.save(tmp_path / "checkpoints", whole.tensors(), state)
+    losses = whole.update(replay, 5)
+
+    resumed = make(seed=5)
+    resumed.load(*checkpoint.load(path))
+    assert resumed.state() == state
+    assert resumed.update(replay, 5) == pytest.approx(losses, rel=0, abs=0, nan_ok=True)
+    assert_same(everything(resumed), everything(whole))
+    assert resumed.state() == whole.state()
+    seen = Seen(np.zeros((3, 0)), frames)
+    np.testing.assert_array_equal(resumed.explore(seen), whole.explore(seen))
+
+
+def test_a_checkpoint_holds_all_that_changes(make):
+    agent = make()
+    before = everything(agent)
+    agent.update(a_replay(), 4)
+    after = everything(agent)
+    assert [name for name in before if torch.equal(before[name], after[name])] == []
+    moments = [name for name in after if "optimizer" in name]
+    assert {name.rpartition(".")[2] for name in moments} == {"exp_avg", "exp_avg_sq", "step"}
+
+
+def test_the_same_seed_is_the_same_agent(make):
+    assert_same(everything(make(seed=3)), everything(make(seed=3)))
+    some, others = (make(seed=seed).tensors()["generator"] for seed in (3, 4))
+    assert not torch.equal(some, others)
+
+
+def test_torchs_own_random_numbers_are_left_alone(make):
+    before = torch.get_rng_state()
+    agent = make()
+    agent.update(a_replay(64), 2)
+    agent.explore(Seen(np.zeros((3, 0)), brightness(3, seed=0)[0]))
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_it_acts_in_bounds_and_draws_on_request(make):
+    agent, (frames, _) = make(), brightness(50, seed=0)
+    best, again = agent.act(frames), agent.act(frames)
+    np.testing.assert_array_equal(best, again)
+    assert best.shape == (50, 1)
+    assert best.dtype == np.float32
+    drawn, others = agent.act(frames, sample=True), agent.act(frames, sample=True)
+    assert not np.array_equal(drawn, best)
+    assert not np.array_equal(drawn, others)
+    for actions in (best, drawn):
+        assert np.abs(actions).max() <= 1
+
+
+def test_random_steps_come_first_and_teach_nothing(make):
+    agent, replay, (frames, _) = make(random_steps=100), a_replay(64), brightness(40, seed=0)
+    seen = Seen(np.zeros((40, 0)), frames)
+    before = everything(agent)
+    random = np.concatenate([agent.explore(seen) for _ in range(3)])  # 0, 40 and 80 before them
+    assert np.abs(random.mean()) < 0.2
+    assert random.std() == pytest.approx(3**-0.5, abs=0.08)  # of uniform numbers in [−1, 1]
+    losses = agent.update(replay, 100)
+    assert all(np.isnan(loss) for loss in losses.values())
+    after = everything(agent)
+    assert_same(*({k: v for k, v in e.items() if k != "generator"} for e in (before, after)))
+    agent.act = lambda frames, sample: np.full((len(frames), 1), 7.0)  # from now on the policy
+    assert (agent.explore(seen) == 7).all()
+    assert agent.update(replay, 3).keys() == losses.keys()
+    assert agent.state()["num_updates"] == 3
+
+
+def test_updates_are_counted_over_calls(make):
+    agent = make(update_every=3, random_steps=4, batch_size=2)
+    done = []
+    for num_steps in (2, 4, 1, 0, 5):  # 2, 6, 7, 7 and 12 steps
+        agent.update(a_replay(8), num_steps)
+        done.append(agent.state()["num_updates"])
+    assert done == [0, 0, 1, 1, 2]
+
+
+def test_bf16_learns_as_float32_does(make, monkeypatch):
+    """On a CPU it is slow, but it tells whether casts lose gradients."""
+    batch, plain, cast = a_batch(64), make(), make()
+    for _ in range(2):
+        plain.learn(batch)
+    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: True)
+    first = {name: tensor for name, tensor in everything(cast).items() if "optimizer" not in name}
+    for _ in range(2):
+        cast.learn(batch)
+    wanted, got = everything(plain), everything(cast)
+    del first["generator"]
+    for name, before in first.items():
+        assert got[name].dtype == before.dtype
+        moves = (wanted[name] - before).flatten(), (got[name] - before).flatten()
+        if moves[0].norm() > 0:
+            assert torch.cosine_similarity(*moves, dim=0) > 0.5, name
+
+
+def test_batches_of_a_replay_fit():
+    """The transitions that are made up here are of the same types and shapes as a replay's."""
+    drawn = a_replay(8).sample(8, torch.Generator(), with_frames=True)
+    for field in fields(Transitions):
+        made, real = (getattr(batch, field.name) for batch in (a_batch(8), drawn))
+        assert made.dtype == real.dtype
+        assert made.ndim == real.ndim
+
+
+@pytest.mark.gpu
+def test_it_learns_on_a_gpu(make, tmp_path):
+    agent, replay = make(device="cuda"), a_replay(device="cuda")
+    agent.update(replay, 200)
+    path = checkpoint.save(tmp_path / "checkpoints", agent.tensors(), agent.state())
+    resumed = make(device="cuda")
+    resumed.load(*checkpoint.load(path))  # after graphs were captured
+    losses = resumed.update(replay, 200)
+    assert error(resumed) < 0.2
+    assert np.isfinite([*losses.values()]).all()

@@ -1,0 +1,252 @@
+"""The fast agent: a teacher's arithmetic, what a student may see, and that it goes on exactly."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch.distributions import Normal, TanhTransform, TransformedDistribution
+
+from simtune.agents.agent import Seen
+from simtune.agents.squashed import sample_squashed
+from simtune.agents.student import Student, StudentConfig
+from simtune.agents.teacher import Teacher, TeacherConfig
+from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
+from simtune.networks import seeded
+from simtune.parameters import ParameterSpace
+from simtune.replay import Episodes, Replay, Transitions
+from simtune.search_param_model.sight import SightConfig
+from simtune.tasks import load_task
+
+SPACE: ParameterSpace = load_task("cartpole").parameters
+SIZE, STEPS, WORLDS = 32, 6, 4
+SMALL = TeacherStudentConfig(
+    teacher=TeacherConfig(hidden_size=16, batch_size=8),
+    student=StudentConfig(
+        sight=SightConfig(channels=4, free_maps=1, batch_size=4), hidden_size=16, batch_size=8
+    ),
+    random_steps=24,
+    sight_updates_per_step=0.1,
+    teacher_updates_per_step=0.2,
+)
+
+
+def transitions(num: int, seed: int = 0, **changes) -> Transitions:
+    g = torch.Generator().manual_seed(seed)
+    batch = Transitions(
+        states=torch.randn(num, 3, generator=g),
+        actions=torch.rand(num, 2, generator=g) * 2 - 1,
+        rewards=torch.rand(num, generator=g),
+        discounts=torch.ones(num),
+        next_states=torch.randn(num, 3, generator=g),
+        parameters=torch.rand(num, 1, generator=g),
+    )
+    return replace(batch, **changes)
+
+
+def make_teacher(**changes) -> Teacher:
+    with seeded(0):
+        return Teacher(3, 2, 1, TeacherConfig(hidden_size=32, **changes))
+
+
+# --- the teacher --------------------------------------------------------------------------
+
+
+def test_densities_are_those_of_a_squashed_gaussian():
+    mean, log_std = torch.randn(5, 2), torch.randn(5, 2) * 0.3
+    actions, log_prob = sample_squashed(mean, log_std, torch.Generator().manual_seed(0))
+    expected = TransformedDistribution(Normal(mean, log_std.exp()), [TanhTransform()])
+    torch.testing.assert_close(log_prob, expected.log_prob(actions).sum(-1), rtol=1e-4, atol=1e-4)
+
+
+def test_targets_by_hand():
+    teacher = make_teacher(discount=0.9, init_temperature=0.5)
+    batch = transitions(2, discounts=torch.tensor([1.0, 0.0]))
+    found = teacher.target(batch, batch.next_states, torch.Generator().manual_seed(7))
+    mean, spread = teacher.actor(batch.next_states).chunk(2, -1)
+    log_std = -5 + 7 * (spread.tanh() + 1) / 2
+    noise = torch.randn(2, 2, generator=torch.Generator().manual_seed(7))
+    actions = (mean + noise * log_std.exp()).tanh()
+    policy = TransformedDistribution(Normal(mean, log_std.exp()), [TanhTransform()])
+    log_prob = policy.log_prob(actions).sum(-1)
+    inputs = torch.cat([batch.next_states, batch.parameters, actions], 1)
+    value = torch.minimum(*teacher.targets(inputs))
+    expected = batch.rewards.clone()
+    expected[0] += 0.9 * (value[0] - 0.5 * log_prob[0])  # the other one ended
+    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_targets_follow_slowly_and_the_temperature_falls_where_there_is_enough_chance():
+    teacher = make_teacher(target_rate=0.25)
+    slow = [p.clone() for p in teacher.targets.parameters()]
+    temperature = teacher.log_temperature.item()
+    teacher.update(transitions(16), torch.Generator().manual_seed(0))
+    for old, now, fast in zip(
+        slow, teacher.targets.parameters(), teacher.critics.parameters(), strict=True
+    ):
+        torch.testing.assert_close(now, 0.75 * old + 0.25 * fast)
+    # Its first policy is wide: an entropy above −2, so less of it has to be paid for.
+    assert teacher.log_temperature.item() < temperature
+
+
+def test_a_teacher_learns_what_pays():
+    """A bandit: the reward is −(a − ½·s)², so the best action is half the state."""
+    teacher, generator = make_teacher(discount=0.0), torch.Generator().manual_seed(0)
+    for i in range(1000):
+        batch = transitions(64, seed=i)
+        wrong = (batch.actions - batch.states[:, :2].clamp(-1.5, 1.5) / 2).square().sum(1)
+        teacher.update(replace(batch, rewards=-10 * wrong), generator)
+    states = torch.tensor([[1.0, -1.0, 0.0], [0.0, 0.5, 2.0]])
+    torch.testing.assert_close(teacher.act(states), states[:, :2] / 2, atol=0.15, rtol=0)
+
+
+def test_its_actions_know_no_parameters():
+    teacher, batch = make_teacher(), transitions(4)
+    assert teacher.actor[0].in_features == batch.states.shape[1]
+    assert teacher.critics.weights[0].shape[1] == 3 + 1 + 2
+
+
+# --- the student --------------------------------------------------------------------------
+
+
+def small_student() -> Student:
+    with seeded(0):
+        return Student(2, SIZE, 3, 1, SMALL.student)
+
+
+def dots(num: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
+    """Pictures of a red and a blue dot, and where those are."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(6, SIZE - 7, (num, 2, 2)).astype(np.float32)
+    x, y = np.meshgrid(np.arange(SIZE), np.arange(SIZE))
+    frames = np.full((num, SIZE, SIZE, 3), 60, np.uint8)
+    for i, pair in enumerate(places):
+        for channel, (px, py) in zip((0, 2), pair, strict=True):
+            frames[i, np.hypot(x - px, y - py) < 3, channel] = 255
+    return torch.from_numpy(frames), torch.from_numpy(places)
+
+
+def test_a_student_learns_to_see():
+    student, generator = small_student(), torch.Generator().manual_seed(0)
+    frames, places = dots(512)
+    for i in range(150):
+        at = torch.randint(512, (16,), generator=generator)
+        student.learn_to_see(frames[at], places[at], i / 150, generator)
+    unseen, truth = dots(32, seed=1)
+    seen = student.look(unseen)
+    found = (seen[:, :4].reshape(-1, 2, 2) + 1) / 2 * SIZE
+    assert (found - truth).abs().median() < 0.5  # pixels
+
+
+def test_what_is_remembered_is_what_would_be_seen():
+    student = small_student()
+    film = dots(40)[0].reshape(4, 10, SIZE, SIZE, 3)
+    for t in range(8):
+        stack = film[:, t : t + 3]
+        acted = student.act(stack)
+        student_anew = small_student()
+        torch.testing.assert_close(acted, student_anew.act(stack), rtol=1e-5, atol=1e-6)
+    other = film[:, [0, 5, 9]]  # not the next picture: all are looked at
+    torch.testing.assert_close(student.act(other), small_student().act(other))
+
+
+# --- both together ------------------------------------------------------------------------
+
+
+def make_agent(**changes) -> TeacherStudent:
+    return TeacherStudent(
+        image_size=SIZE,
+        num_stacked=3,
+        num_landmarks=2,
+        num_states=3,
+        num_actions=1,
+        knows=np.arange(len(SPACE)) < 2,
+        total_steps=10 * WORLDS * STEPS,
+        config=replace(SMALL, **changes),
+        seed=1,
+    )
+
+
+def make_replay() -> Replay:
+    return Replay(SPACE, filmed_capacity=50, unfilmed_capacity=50)
+
+
+def episodes(seed: int, filmed: bool) -> Episodes:
+    rng = np.random.default_rng(seed)
+    shape = (WORLDS, STEPS)
+    frames, places = dots(WORLDS * (STEPS + 1), seed)
+    pictures = frames.numpy().reshape(WORLDS, STEPS + 1, SIZE, SIZE, 3)
+    return Episodes(
+        parameters=np.tile(SPACE.nominal, (WORLDS, 1)),
+        rows=np.zeros((WORLDS, STEPS + 1, 2)),
+        states=rng.normal(size=(WORLDS, STEPS + 1, 3)).astype(np.float32),
+        actions=rng.uniform(-1, 1, (*shape, 1)).astype(np.float32),
+        rewards=rng.uniform(size=shape).astype(np.float32),
+        lengths=np.full(WORLDS, STEPS),
+        terminated=np.zeros(WORLDS, bool),
+        frames=pictures if filmed else None,
+        landmarks=places.numpy().reshape(WORLDS, STEPS + 1, 2, 2) if filmed else None,
+    )
+
+
+def go_on(agent: TeacherStudent, replay: Replay, rounds: range) -> list[dict[str, float]]:
+    losses = []
+    for seed in rounds:
+        replay.add(episodes(seed, agent.looks))
+        losses.append(agent.update(replay, WORLDS * STEPS))
+    return losses
+
+
+def test_the_teacher_is_first_and_then_they_take_turns():
+    agent, replay = make_agent(teacher_share=0.4, filmed_share=0.5), make_replay()
+    looks = []
+    for seed in range(10):
+        looks.append(agent.looks)
+        go_on(agent, replay, range(seed, seed + 1))
+    assert looks == [False] * 5 + [True, False, True, False, True]
+
+
+def test_losses_are_told_under_the_same_names_always():
+    taught, studied = make_agent(teacher_share=0.1), make_replay()
+    losses = go_on(taught, studied, range(4))
+    names = {"loss/critic", "loss/actor", "loss/sight", "loss/imitation"}
+    assert all(set(told) == names for told in losses)
+    assert math.isnan(losses[0]["loss/sight"])
+    assert math.isfinite(losses[0]["loss/critic"])
+    assert math.isfinite(losses[-1]["loss/imitation"])
+
+
+def test_what_acts_sees_pixels_alone():
+    agent, replay = make_agent(), make_replay()
+    go_on(agent, replay, range(6))
+    frames = episodes(9, True).frames[:, :3]
+    acted = agent.act(frames)
+    for part in (agent.teacher.actor, agent.teacher.critics):
+        for weights in part.parameters():
+            weights.data.fill_(torch.nan)  # whoever knows the state is struck dumb
+    np.testing.assert_array_equal(agent.act(frames), acted)
+    assert np.ptp(agent.act(episodes(10, True).frames[:, :3]) - acted) > 0
+
+
+def test_in_simulation_it_may_explore_by_the_state():
+    agent = make_agent(random_steps=0)
+    states = np.random.default_rng(0).normal(size=(WORLDS, 3)).astype(np.float32)
+    acted = agent.explore(Seen(states, None))
+    assert acted.shape == (WORLDS, 1)
+    assert (np.abs(acted) <= 1).all()
+
+
+@pytest.mark.parametrize("before", [2, 6])
+def test_it_goes_on_bit_for_bit(before):
+    straight, interrupted = make_agent(), make_agent()
+    replay, other = make_replay(), make_replay()
+    go_on(straight, replay, range(before))
+    go_on(interrupted, other, range(before))
+    resumed = make_agent()
+    resumed.load({k: v.clone() for k, v in interrupted.tensors().items()}, interrupted.state())
+    then = (go_on(straight, replay, range(before, 10)), go_on(resumed, other, range(before, 10)))
+    np.testing.assert_equal(*then)
+    for (name, a), b in zip(straight.tensors().items(), resumed.tensors().values(), strict=True):
+        torch.testing.assert_close(a, b, rtol=0, atol=0, msg=name)
+    assert straight.state() == resumed.state()
