@@ -27,7 +27,7 @@ def tune(
     search: str, task: str, moves: int, worlds: int, real_episodes: int, out: Path
 ) -> list[float]:
     """Run it; the peak resident memory in MiB after each iteration, and at the end."""
-    from simtune import algorithm
+    from simtune import tune
     from simtune.config import TuneConfig
     from simtune.search_param_model.paper import PaperConfig
     from simtune.tuning.paper import PaperSearch
@@ -51,9 +51,9 @@ def tune(
         made.iterate = _then(made.iterate, lambda: peaks.append(_peak_mb()))
         return made
 
-    algorithm.make_search = make_search
+    tune.make_search = make_search
     asked = {"task": task, "search": search, "real_episodes": real_episodes, "out": out}
-    algorithm.tune(TuneConfig(**asked, budget_minutes=600))
+    tune.tune(TuneConfig(**asked, budget_minutes=600))
     return [*peaks, _peak_mb()]
 
 

@@ -69,7 +69,9 @@ def quick_tune(monkeypatch, tiny, one_renderer_each):
     def load_short_task(name: str):
         return replace(load_task(name), episode_steps=24)
 
-    monkeypatch.setattr("simtune.algorithm.load_task", load_short_task)
+    monkeypatch.setattr("simtune.tune.load_task", load_short_task)
     monkeypatch.setattr("simtune.tuning.posterior.PosteriorSearchConfig", lambda: tiny)
+    monkeypatch.setattr("simtune.parts.load_task", load_short_task)
+    monkeypatch.setattr("simtune.parts._SHORTER", tiny)
     monkeypatch.setattr("simtune.comparison._NUM_STARTS", 16)
     monkeypatch.setattr("simtune.comparison._ROUNDS", 2)

@@ -242,7 +242,7 @@ def test_failures_exit_with_1_and_one_line(simtune, tmp_path, monkeypatch, error
     def fail(*_):
         raise error
 
-    monkeypatch.setattr("simtune.algorithm.tune", fail)
+    monkeypatch.setattr("simtune.tune.tune", fail)
     status, out, err = simtune("tune", "cartpole", "--out", tmp_path / "out")
     assert (status, out) == (1, "")
     assert err.startswith("simtune: ")

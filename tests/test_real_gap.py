@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simtune import algorithm
+from simtune import tune
 from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.real.choose import choose_real
@@ -157,8 +157,8 @@ def test_tuning_averages_over_pixels_where_the_real_camera_does(
         assert simulator.supersampling == supersampling
         raise Stop
 
-    monkeypatch.setattr(algorithm, "make_search", stop)
+    monkeypatch.setattr(tune, "make_search", stop)
     monkeypatch.setattr(RealityGap, "simulator", lambda _, task: task.simulator(image_size=128))
     config = TuneConfig(task="cartpole", out=Path(tmp_path / "run"), real_gap=real_gap)
     with pytest.raises(Stop):
-        algorithm.tune(dataclasses.replace(config, real_episodes=1))
+        tune.tune(dataclasses.replace(config, real_episodes=1))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simtune import algorithm, comparison, outcome
+from simtune import comparison, outcome, tune
 from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.real.choose import choose_real, read_parameters
@@ -50,7 +50,7 @@ def test_the_run_folder_keeps_its_contract(tmp_path, truth_file, quick_tune, mon
     out = tmp_path / "runs" / "a"
     said: list[tuple[str, float]] = []
     config = asked(out, real_parameters=truth_file)
-    returned = algorithm.tune(config, lambda *words: said.append(words))
+    returned = tune.tune(config, lambda *words: said.append(words))
 
     result = read_json(out / "result.json")
     assert result == json.loads(json.dumps(returned))
@@ -140,7 +140,7 @@ def test_a_run_on_recordings(tmp_path, quick_tune):
     with pytest.MonkeyPatch.context() as patch:
         iterate = posterior.PosteriorSearch.iterate
         patch.setattr(posterior.PosteriorSearch, "iterate", spy)
-        result = algorithm.tune(asked(tmp_path / "run", real=str(tmp_path / "dataset")))
+        result = tune.tune(asked(tmp_path / "run", real=str(tmp_path / "dataset")))
     assert len(played[0]) == result["real_episodes"] == 2
     for got, expected in zip(played[0], trajectories, strict=False):
         np.testing.assert_array_equal(got.actions, expected.actions)
@@ -163,7 +163,7 @@ def without_time(lines: list[dict]) -> list[dict]:
 
 
 def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path, quick_tune):
-    straight = algorithm.tune(asked(tmp_path / "straight"))
+    straight = tune.tune(asked(tmp_path / "straight"))
 
     def interrupt(doing: str, done: float) -> None:
         if doing.startswith("2/2"):
@@ -171,10 +171,10 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path, quick_tune)
 
     out = tmp_path / "resumed"
     with pytest.raises(KeyboardInterrupt):
-        algorithm.tune(asked(out), interrupt)
+        tune.tune(asked(out), interrupt)
     assert not (out / "result.json").exists()
     assert len(read_jsonl(out / "metrics.jsonl")) == 1
-    resumed = algorithm.tune(asked(out))
+    resumed = tune.tune(asked(out))
     assert resumed["parameters"] == straight["parameters"]
     assert resumed["sim_steps"] == straight["sim_steps"]
     for name in ("metrics.jsonl", "events.jsonl"):
@@ -184,14 +184,14 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path, quick_tune)
     assert wall_s[0] < wall_s[1] <= resumed["wall_s"] + 0.1
 
     # And once more, when all is done: the same result, without another iteration.
-    again = algorithm.tune(asked(out))
+    again = tune.tune(asked(out))
     assert again["parameters"] == straight["parameters"]
     assert len(read_jsonl(out / "metrics.jsonl")) == 2
 
 
 def test_another_question_is_refused_in_the_same_folder(tmp_path, truth_file, quick_tune):
     out = tmp_path / "run"
-    algorithm.tune(asked(out, budget_minutes=1e-6))
+    tune.tune(asked(out, budget_minutes=1e-6))
     before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
     for changes, word in (
         ({"seed": 4}, "seed = 3, now = 4"),
@@ -199,13 +199,13 @@ def test_another_question_is_refused_in_the_same_folder(tmp_path, truth_file, qu
         ({"real_parameters": truth_file}, "real_parameters|parameters"),
     ):
         with pytest.raises(InputError, match=word):
-            algorithm.tune(asked(out, **changes))
+            tune.tune(asked(out, **changes))
     after = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
     assert before == after
 
 
 def test_time_that_is_over_ends_after_one_iteration(tmp_path, quick_tune):
-    algorithm.tune(asked(tmp_path / "run", budget_minutes=1e-6))
+    tune.tune(asked(tmp_path / "run", budget_minutes=1e-6))
     assert len(read_jsonl(tmp_path / "run" / "metrics.jsonl")) == 1
 
 
@@ -225,7 +225,7 @@ def test_the_truth_is_read_by_nothing_but_scoring(tmp_path, truth_file, quick_tu
     monkeypatch.setattr(
         Truth, "_parameters", property(get, lambda t, v: setattr(t, "hidden", v)), raising=False
     )
-    score, make_search, result = Truth.score, algorithm.make_search, outcome.result
+    score, make_search, result = Truth.score, tune.make_search, outcome.result
 
     def begin(*args):
         searching[0] = True
@@ -235,9 +235,9 @@ def test_the_truth_is_read_by_nothing_but_scoring(tmp_path, truth_file, quick_tu
         searching[0] = False
         return result(*args)
 
-    monkeypatch.setattr(algorithm, "make_search", begin)
+    monkeypatch.setattr(tune, "make_search", begin)
     monkeypatch.setattr(outcome, "result", end)
-    honest = algorithm.tune(asked(tmp_path / "honest", real_parameters=truth_file))
+    honest = tune.tune(asked(tmp_path / "honest", real_parameters=truth_file))
     assert reads  # the trap works: the world, the start and the score did read it
 
     def lie(truth, mean):
@@ -245,7 +245,7 @@ def test_the_truth_is_read_by_nothing_but_scoring(tmp_path, truth_file, quick_tu
         return real * 0 + 123.0, error * 0 + 4.0
 
     monkeypatch.setattr(Truth, "score", lie)
-    told = algorithm.tune(asked(tmp_path / "lies", real_parameters=truth_file))
+    told = tune.tune(asked(tmp_path / "lies", real_parameters=truth_file))
     assert told["percent_error"] == 4.0
     for name, entry in honest["parameters"].items():
         for key in ("initial", "mean", "low", "high", "verdict"):
@@ -366,7 +366,7 @@ def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_re
 @pytest.mark.slow
 def test_the_papers_searches_write_the_same_folder(tmp_path, quick_tune, search):
     out = tmp_path / search
-    result = algorithm.tune(asked(out, search=search, budget_minutes=1e-3))
+    result = tune.tune(asked(out, search=search, budget_minutes=1e-3))
     assert result["search"] == search
     assert set(result["parameters"]) == set(SPACE.names)
     assert (out / "report.html").is_file()

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
-from simtune.config import CheckConfig, TuneConfig
+from simtune.config import CheckConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
 
 
@@ -38,6 +38,7 @@ Command = (
     Annotated[TasksCommand, subcommand("tasks")]
     | Annotated[CheckConfig, subcommand("check")]
     | Annotated[TuneConfig, subcommand("tune")]
+    | Annotated[TrainConfig, subcommand("train")]
     | Annotated[ReportCommand, subcommand("report")]
     | Annotated[DoctorCommand, subcommand("doctor")]
 )
@@ -87,6 +88,8 @@ def _run(command: Any) -> None:
             _check(command)
         case TuneConfig():
             _tune(command)
+        case TrainConfig():
+            _train(command)
         case ReportCommand(run_folder):
             from simtune.report import write_report
 
@@ -117,12 +120,25 @@ def _check(config: CheckConfig) -> None:
 
 
 def _tune(config: TuneConfig) -> None:
-    from simtune.algorithm import tune
     from simtune.progress import ProgressBar
+    from simtune.tune import tune
 
     with ProgressBar(60 * config.budget_minutes) as say:
         result = tune(config, say)
     _print_result(result)
+    print(f"\nreport: {config.out / 'report.html'}")
+
+
+def _train(config: TrainConfig) -> None:
+    from simtune.algorithm import train
+    from simtune.progress import ProgressBar
+
+    with ProgressBar() as say:
+        result = train(config, say)
+    _print_result(result)
+    if "return" in result:
+        score = result["return"]
+        print(f"return {score['mean']:.0f} ± {score['std']:.0f} in {score['episodes']} episodes")
     print(f"\nreport: {config.out / 'report.html'}")
 
 

@@ -84,3 +84,80 @@ class CheckConfig:
             raise InputError(f"--episodes must be at least 1, got {self.episodes}")
         if self.seed < 0:
             raise InputError(f"--seed must not be negative, got {self.seed}")
+
+
+Method = Literal["autotune", "regression", "dr", "oracle"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
+
+    Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
+    a run that was interrupted, to the same result.
+    """
+
+    task: Annotated[Positional[str], arg(metavar="TASK")]
+    """A built-in task (see `simtune tasks`)."""
+    out: Path
+    """The run's folder."""
+    method: Method = "autotune"
+    """autotune: the simulator follows the real world; regression: by the paper's baseline; dr:
+    domain randomisation around the start; oracle: in the pseudo-real world itself."""
+    preset: Literal["fast", "paper"] = "fast"
+    """fast: a teacher that knows the state, and a student on pictures: minutes on two CPU cores;
+    paper: SAC on pictures and everything else as the paper has it: a GPU and a day."""
+    agent: Literal["teacher_student", "curl_sac", "drqv2"] | None = None
+    """By default the preset's: teacher_student or curl_sac."""
+    search: Literal["posterior", "paper"] | None = None
+    """How autotune moves; by default posterior, with --preset paper the paper's."""
+    policy_steps: int | None = None
+    """Steps in simulation that the policy learns from; by default the task's."""
+    real: str = "pseudo"
+    """The real world: `pseudo`, a simulated one that is filmed and scored against, or the folder
+    of a LeRobotDataset v3, in which no policy can be tried out."""
+    camera: str | None = None
+    """The recordings' camera, such as observation.images.front; needed where there are several."""
+    real_parameters: Path | None = None
+    """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
+    start_factor: float = 2.0
+    """With `pseudo`: so many times too high or too low is every parameter at the start."""
+    real_episodes: int = 5
+    """Real episodes of random actions before the policy is tried out in the real world."""
+    scored_episodes: int = 10
+    """Episodes in the pseudo-real world that the policy is scored on; nothing learns from them."""
+    range_policy: float = 0.1
+    """Half-width, relative to the mean, of the worlds that the policy is trained in (Sec. V-A)."""
+    range_dr: float = 0.5
+    """The same for --method dr, around the start (Sec. V-A: the better of 0.5 and 1)."""
+    range_spm: float = 1.0
+    """The same for the worlds that --search paper and regression learn from (Sec. V-A)."""
+    step_size: float = 0.1
+    """α of --search paper and regression (authors' code)."""
+    window: int = 10
+    """Frames that --search paper and regression look at together (Sec. IV)."""
+    device: str = "auto"
+    """Of the policy's networks: auto, cpu, cuda or cuda:N."""
+    seed: int = 0
+    """Of all random numbers; with `pseudo` it also chooses which parameters start too high."""
+
+    def check(self) -> None:
+        """Raises InputError for what makes no sense."""
+        for name in ("real_episodes", "scored_episodes", "window"):
+            if getattr(self, name) < 1:
+                flag = name.replace("_", "-")
+                raise InputError(f"--{flag} must be at least 1, got {getattr(self, name)}")
+        for name in ("range_policy", "range_dr", "range_spm", "step_size"):
+            if not 0 < getattr(self, name) <= 1:
+                flag = name.replace("_", "-")
+                raise InputError(f"--{flag} must lie in (0, 1], got {getattr(self, name):g}")
+        if self.policy_steps is not None and self.policy_steps < 1:
+            raise InputError(f"--policy-steps must be at least 1, got {self.policy_steps}")
+        if not self.start_factor >= 1:
+            raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
+        if self.seed < 0:
+            raise InputError(f"--seed must not be negative, got {self.seed}")
+        if self.method == "oracle" and self.real != "pseudo":
+            raise InputError("--method oracle needs --real pseudo: nobody knows other truths")
+        if self.search and self.method != "autotune":
+            raise InputError("--search goes with --method autotune only")

@@ -3,6 +3,7 @@
 import shlex
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,12 @@ from simtune.real.truth import Truth
 from simtune.tuning.search import Estimate, Search
 
 _TOLD = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
+
+
+def asked(config: Any, space: ParameterSpace, start: np.ndarray) -> dict[str, Any]:
+    """What config.json remembers of a command: a run goes on only with the same."""
+    settings = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
+    return {**settings, "parameters": declared(space, start)}
 
 
 def declared(space: ParameterSpace, start: np.ndarray) -> dict[str, dict[str, Any]]:

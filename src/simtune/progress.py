@@ -1,5 +1,6 @@
 """How far long work is: what a command says meanwhile, and when a training is over."""
 
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -18,7 +19,7 @@ def silent(doing: str, done: float) -> None:
 class ProgressBar:
     """Use as a `Say`; a context manager, so that the terminal is left tidy."""
 
-    def __init__(self, total_s: float):
+    def __init__(self, total_s: float = math.inf):
         """`total_s`: how long the whole may take at most, to guess from at the start."""
         self._bar = tqdm(
             total=100.0,

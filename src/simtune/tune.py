@@ -1,15 +1,7 @@
-"""Tuning, top to bottom: Algorithm 1 of the paper without its policy.
-
-Algorithm 1                                               here
-initialise simulator with Ξ⁰, SPM q_φ, D_sp               make_search
-collect simulated trajectories in D_sp, train q_φ         search.iterate
-collect samples in the real world                         real.collect
-Ξ ← Ξ + α q_φ(o, a, ξ_mean)                               search.iterate
-"""
+"""`simtune tune`: the parameters alone, without a policy."""
 
 import time
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from simtune import outcome
@@ -51,8 +43,6 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
     simulator = task.simulator(
         image_size=image_size, step_s=real.step_s, supersampling=supersampling
     )
-    asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
-    asked["parameters"] = outcome.declared(task.parameters, start)
     search = make_search(
         config.search,
         simulator,
@@ -63,7 +53,7 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         real.looks_like_simulator,
     )
     search.check(trajectories)
-    with RunFolder.create(config.out, asked) as run:
+    with RunFolder.create(config.out, outcome.asked(config, task.parameters, start)) as run:
         estimate, wall_s = _search(config, run, search, simulator, trajectories)
         facts = {
             "task": task.name,

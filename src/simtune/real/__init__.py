@@ -1,8 +1,14 @@
 """The real world: it hands out frames and actions, and nothing else."""
 
+from collections.abc import Callable
 from typing import Protocol
 
+import numpy as np
+
 from simtune.trajectory import Trajectory
+
+# (n, K, H, W, 3) uint8, the latest frames of n worlds, to (n, A) actions in [−1, 1]
+PixelPolicy = Callable[[np.ndarray], np.ndarray]
 
 
 class RealWorld(Protocol):
@@ -25,5 +31,11 @@ class RealWorld(Protocol):
         """Trajectories of so many episodes; None: of a few."""
         ...
 
+    def try_out(
+        self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
+    ) -> list[Trajectory]:
+        """Trajectories of a policy that sees the latest frames; none where nobody can act."""
+        ...
 
-__all__ = ["RealWorld"]
+
+__all__ = ["PixelPolicy", "RealWorld"]

@@ -24,10 +24,12 @@ def choose_real(
     image_size: int,
     seed: int,
     real_gap: bool = False,
+    start_factor: float = 2.0,
 ) -> tuple[RealWorld, np.ndarray, Truth | None]:
     """A real world, where the search for its parameters starts (N,), and the truth, where known.
 
-    `pseudo`: a simulated world of `real_parameters`, searched from ×2/×½ of them; `real_gap` puts
+    `pseudo`: a simulated world of `real_parameters`, searched from ×2/×½ of them
+    (or `start_factor`); `real_gap` puts
     a RealityGap before it. Anything else is the folder of a LeRobotDataset v3, searched from the
     nominal parameters.
     Raises InputError for what cannot be read.
@@ -40,12 +42,12 @@ def choose_real(
         gap = RealityGap.draw(image_size, seed) if real_gap else None
         simulator = gap.simulator(task) if gap else task.simulator(image_size=image_size)
         real = truth.make_real(simulator, episode_steps=task.episode_steps, seed=seed, gap=gap)
-        return real, truth.wrong_start(seed), truth
+        return real, truth.wrong_start(seed, start_factor), truth
     if real_parameters is not None:
         raise InputError("--real-parameters goes with --real pseudo only")
     if name == "xarm":
         raise InputError("--real xarm is not there yet; record episodes and give their folder")
-    num_actions = task.load_model().nu
+    num_actions = len(task.load_actions().names)
     real = RecordedReal(name, camera=camera, image_size=image_size, num_actions=num_actions)
     return real, space.nominal.copy(), None
 

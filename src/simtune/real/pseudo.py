@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from simtune.real import PixelPolicy
 from simtune.real.gap import RealityGap
-from simtune.simulation import Simulator, random_actions
+from simtune.simulation import Projector, Simulator, random_actions, to_controls
 from simtune.trajectory import Trajectory
 
 
@@ -26,28 +27,53 @@ class PseudoReal:
         seed: int,
         gap: RealityGap | None = None,
     ):
-        rng = np.random.default_rng(seed)
+        first_rng = np.random.default_rng(seed)
         delay_steps = gap.delay_steps if gap else 0
         self.looks_like_simulator = gap is None
-        self.step_s = simulator.step_s
+        self.step_s = step_s = simulator.step_s
         self.num_actions = simulator.num_actions
 
         def film(num_episodes: int) -> list[Trajectory]:
-            actions = random_actions(num_episodes, episode_steps, simulator.model, rng)
+            rng = first_rng
+            actions = random_actions(num_episodes, episode_steps, simulator.action_mapping, rng)
             played = np.pad(actions, ((0, 0), (delay_steps, 0), (0, 0)))
             rollouts = simulator.roll_out(np.tile(parameters, (num_episodes, 1)), played, rng)
             if not len(rollouts):
                 raise RuntimeError("every episode of the pseudo-real world diverged")
             seen = replace(rollouts, states=rollouts.states[:, : episode_steps + 1])
             commanded = rollouts.actions[:, delay_steps:].astype(np.float32)
-            step_s = simulator.step_s
             return [
                 Trajectory(gap.film(frames, step_s, rng) if gap else frames, asked, step_s)
                 for frames, asked in zip(simulator.film(seen), commanded, strict=True)
             ]
 
-        self._film = film
+        def act(
+            policy: PixelPolicy, num_stacked: int, num_episodes: int, rng: np.random.Generator
+        ) -> list[Trajectory]:
+            worlds = np.tile(parameters, (num_episodes, 1))
+            projector = Projector(simulator, worlds, episode_steps, num_stacked)
+
+            def controls(t: int, states: np.ndarray) -> np.ndarray:
+                return to_controls(simulator, policy(projector.show(t, states)))
+
+            played = simulator.play(worlds, controls, episode_steps, rng)
+            projector.show(episode_steps, played.states[:, -1])
+            whole = np.flatnonzero(played.lengths == episode_steps)
+            actions = played.actions.astype(np.float32)
+            return [Trajectory(projector.frames[i], actions[i], step_s) for i in whole]
+
+        self._film, self._act, self._seed = film, act, seed
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
         """Film episodes of random actions, by default 5. Worlds that diverge yield fewer."""
         return self._film(num_episodes or 5)
+
+    def try_out(
+        self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
+    ) -> list[Trajectory]:
+        """See `RealWorld`; the same policy and seed give the same episodes. Without a gap only."""
+        if not self.looks_like_simulator:
+            raise NotImplementedError("no policy can act through a reality gap")
+        return self._act(
+            policy, num_stacked, num_episodes, np.random.default_rng((self._seed, 2, seed))
+        )

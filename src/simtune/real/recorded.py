@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError
+from simtune.real import PixelPolicy
 from simtune.recordings import Recording, read_dataset, read_meta
 from simtune.trajectory import Trajectory
 
@@ -81,3 +82,9 @@ class RecordedReal:
             )
         self._num_collected = max(self._num_collected, num_episodes)
         return self._recording.trajectories[:num_episodes]
+
+    def try_out(
+        self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
+    ) -> list[Trajectory]:
+        """Nothing: what was filmed is all there will ever be."""
+        return []

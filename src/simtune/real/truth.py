@@ -36,6 +36,10 @@ class Truth:
         real = self._parameters
         return self._space.clip(np.where(too_high, real * factor, real / factor))
 
+    def for_oracle(self) -> np.ndarray:
+        """(N,) the truth, for the oracle to live in and for a trained policy to be scored in."""
+        return self._parameters.copy()
+
     def score(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The truth (N,), and the percent error 100·|mean − real|/real of an estimate (N,).
 

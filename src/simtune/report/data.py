@@ -10,6 +10,7 @@ from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
 
 VIDEOS = ("real", "before", "after")
+POLICY_VIDEO = "policy"  # the same policy as is scored
 _KEYS = ("mean", "low", "high", "range_low", "range_high")
 
 
@@ -92,7 +93,7 @@ def read_run(path: Path) -> RunData:
         raise InputError(f"{path} is no run: it has no config.json")
     stored = _read_object(path / "config.json")
     config = stored.get("config")
-    videos = {name: path / "videos" / f"{name}.mp4" for name in VIDEOS}
+    videos = {name: path / "videos" / f"{name}.mp4" for name in (*VIDEOS, POLICY_VIDEO)}
     return RunData(
         path=path,
         config=config if isinstance(config, dict) else {},

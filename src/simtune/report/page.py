@@ -9,6 +9,7 @@ from string import Template
 from simtune.errors import InputError
 from simtune.report import sections
 from simtune.report.data import RunData, read_run
+from simtune.report.policy import policy
 from simtune.report.trust import trust
 from simtune.report.words import text
 from simtune.run import write_atomically
@@ -38,6 +39,7 @@ def _page(run: RunData) -> str:
         tiles=sections.tiles(run),
         warnings=sections.warnings(run),
         videos=sections.videos(run),
+        policy=policy(run),
         table=sections.table(run),
         colours=sections.colours(run),
         trust=trust(run),

@@ -5,6 +5,7 @@ metrics.jsonl        one object a line: step, real_episodes, wall_s, then scalar
 events.jsonl         ranges that widened or narrowed, and why
 tensorboard/         the same scalars
 checkpoints/NNNNNN/  the latest two states to go on from
+real/NNN.safetensors what a training filmed in the real world
 result.json  curves.json  videos/  report.html
 """
 
@@ -13,20 +14,30 @@ import logging
 import math
 import os
 import weakref
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import safetensors.torch
 import torch
 
 from simtune.errors import InputError
 from simtune.run import checkpoint
 from simtune.run.config import check_same, stored_config, versions
-from simtune.run.files import append_jsonl, keep_lines, plain, sync, write_json
+from simtune.run.files import (
+    append_jsonl,
+    keep_lines,
+    plain,
+    sync,
+    write_atomically,
+    write_json,
+)
+from simtune.trajectory import Trajectory
 
 # What may change between a run and its resumption: where it lies and how long it goes on.
-MAY_DIFFER = ("out", "budget_minutes")
+MAY_DIFFER = ("out", "budget_minutes", "device")
 
 _LOGS = ("metrics.jsonl", "events.jsonl")
 
@@ -140,6 +151,25 @@ class RunFolder:
     def write_curves(self, curves: Mapping[str, Mapping[str, Any]]) -> None:
         """Replace curves.json: {name: {"candidates": (n,), "prob_higher": (n,)}}."""
         write_json(self.path / "curves.json", curves)
+
+    def write_real(self, cycle: int, trajectories: Sequence[Trajectory]) -> None:
+        """Keep what was filmed in the real world: it cannot be filmed again."""
+        tensors = {}
+        for i, trajectory in enumerate(trajectories):
+            tensors[f"{i}.frames"] = torch.from_numpy(np.ascontiguousarray(trajectory.frames))
+            tensors[f"{i}.actions"] = torch.from_numpy(np.ascontiguousarray(trajectory.actions))
+        (self.path / "real").mkdir(exist_ok=True)
+        write_atomically(self._real(cycle), safetensors.torch.save(tensors))
+
+    def read_real(self, cycle: int, step_s: float) -> list[Trajectory]:
+        """The inverse of `write_real`."""
+        tensors = safetensors.torch.load_file(self._real(cycle))
+        count = len(tensors) // 2
+        pairs = [(tensors[f"{i}.frames"], tensors[f"{i}.actions"]) for i in range(count)]
+        return [Trajectory(f.numpy(), a.numpy(), step_s) for f, a in pairs]
+
+    def _real(self, cycle: int) -> Path:
+        return self.path / "real" / f"{cycle:03d}.safetensors"
 
     def save_checkpoint(
         self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]

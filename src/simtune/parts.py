@@ -1,0 +1,219 @@
+"""What a training is made of: the real world, the simulator, the search, the agent."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from simtune.agents import Agent, Seen, make_agent
+from simtune.config import TrainConfig
+from simtune.errors import InputError
+from simtune.parameters import ParameterSpace
+from simtune.progress import Say
+from simtune.randomization import Distribution
+from simtune.real import RealWorld
+from simtune.real.choose import choose_real
+from simtune.real.truth import Truth
+from simtune.replay import Replay
+from simtune.rollout import Environment
+from simtune.schedule import PRESETS, Schedule
+from simtune.search_param_model.paper import PaperConfig
+from simtune.search_param_model.simulated import find_landmarks
+from simtune.tasks import Task, load_task
+from simtune.tuning import FixedRange, PaperSearch, PosteriorSearch
+from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.search import Search
+
+_AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
+_SEARCHES = {"fast": "posterior", "paper": "paper"}
+# Nothing here may end by the clock, or no run could be repeated: less is learnt, but all of it.
+_SHORTER = PosteriorSearchConfig(
+    num_worlds=192,
+    sight_updates=(1500, 1000),
+    judge_updates=500,
+    state_updates=400,
+    replicas=(2, 2),
+)
+
+
+@dataclass(frozen=True)
+class Parts:
+    task: Task
+    schedule: Schedule
+    real: RealWorld
+    start: np.ndarray  # (N,) where the search begins
+    truth: Truth | None  # of a pseudo-real world: it scores, and the oracle lives in it
+    environment: Environment
+    search: Search
+    search_name: str | None
+    range_policy: float
+    agent: Agent
+    replay: Replay
+
+    @property
+    def space(self) -> ParameterSpace:
+        return self.task.parameters
+
+    def score(self, num_episodes: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        """(num_episodes,) returns in the pseudo-real world, of pixels alone; and a film."""
+        assert self.truth is not None
+        rng = np.random.default_rng((seed, 3))  # episodes that nothing was learnt from
+        worlds = np.tile(self.truth.for_oracle(), (num_episodes, 1))
+
+        def act(seen: Seen) -> np.ndarray:
+            assert seen.frames is not None
+            return self.agent.act(seen.frames)
+
+        played = self.environment.play(act, worlds, rng)
+        assert played.frames is not None
+        return played.rewards.sum(1), played.frames[0]
+
+    def saved(self) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+        """Tensors and JSON of all that changes."""
+        tensors = {
+            f"{name}/{key}": value
+            for name, part in self._changing().items()
+            for key, value in part.tensors().items()
+        }
+        return tensors, {name: part.state() for name, part in self._changing().items()}
+
+    def load(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
+        """The inverse of `saved`."""
+        for name, part in self._changing().items():
+            prefix = f"{name}/"
+            own = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+            film = (self.environment.simulator.render,) if part is self.replay else ()
+            part.load(own, state[name], *film)
+
+    def _changing(self) -> dict[str, Any]:
+        return {"agent": self.agent, "search": self.search, "replay": self.replay}
+
+
+def make_parts(config: TrainConfig, say: Say) -> Parts:
+    """All of them. Raises InputError for what cannot be used."""
+    config.check()
+    task = load_task(config.task)
+    if task.reward is None:
+        raise InputError(f"{task.name} has no reward, so there is nothing to train a policy for")
+    search_name = _search_name(config)
+    schedule = PRESETS[config.preset](
+        config.policy_steps or task.policy_steps,
+        config.real_episodes,
+        many_searches=search_name in ("paper", "regression"),
+    )
+    say("looking at the real world", 0.0)
+    real, start, truth = choose_real(
+        config.real,
+        task,
+        config.real_parameters,
+        camera=config.camera,
+        image_size=schedule.image_size,
+        seed=config.seed,
+        start_factor=config.start_factor,
+    )
+    simulator = task.simulator(
+        image_size=schedule.image_size,
+        step_s=real.step_s,
+        supersampling=1 if real.looks_like_simulator else 2,
+    )
+    first = Distribution.first(task.parameters, task.parameters.nominal)
+    landmarks = find_landmarks(simulator, task.camera, first, seed=0)
+    environment = Environment(task, simulator, schedule.num_stacked, landmarks)
+    search, range_policy = _make_search(config, search_name, environment, start, truth, real, say)
+    agent = make_agent(
+        config.agent or _AGENTS[config.preset],
+        image_size=schedule.image_size,
+        num_stacked=schedule.num_stacked,
+        num_landmarks=len(landmarks),
+        num_states=environment.num_states,
+        num_actions=simulator.num_actions,
+        knows=np.array([not p.is_appearance for p in task.parameters]),
+        total_steps=schedule.total_steps,
+        seed=config.seed,
+        device=_device(config.device),
+    )
+    num_episodes = -(-schedule.total_steps // task.episode_steps)
+    replay = Replay(
+        task.parameters,
+        filmed_capacity=min(schedule.filmed_capacity, num_episodes),
+        unfilmed_capacity=num_episodes,
+        num_stacked=schedule.num_stacked,
+        device=agent.device,
+    )
+    return Parts(
+        task=task,
+        schedule=schedule,
+        real=real,
+        start=start,
+        truth=truth,
+        environment=environment,
+        search=search,
+        search_name=search_name,
+        range_policy=range_policy,
+        agent=agent,
+        replay=replay,
+    )
+
+
+def _search_name(config: TrainConfig) -> str | None:
+    if config.method == "autotune":
+        return config.search or _SEARCHES[config.preset]
+    return "regression" if config.method == "regression" else None
+
+
+def _make_search(
+    config: TrainConfig,
+    name: str | None,
+    environment: Environment,
+    start: np.ndarray,
+    truth: Truth | None,
+    real: RealWorld,
+    say: Say,
+) -> tuple[Search, float]:
+    """What moves Ξ, and how wide Ξ_policy is around its mean."""
+    simulator, space = environment.simulator, environment.task.parameters
+    if name is None:
+        range_ = config.range_dr if config.method == "dr" else 0.0
+        mean = truth.for_oracle() if truth and config.method == "oracle" else start
+        return FixedRange(Distribution.proportional(space, mean, range_)), range_
+    if name == "posterior":
+        search = PosteriorSearch(
+            simulator,
+            environment.task.camera,
+            start,
+            _SHORTER if config.preset == "fast" else None,
+            seed=config.seed,
+            say=say,
+            looks_alike=real.looks_like_simulator,
+        )
+        return search, config.range_policy
+    settings: dict[str, Any] = {"window": config.window, "range_spm": config.range_spm}
+    settings["step_size"] = config.step_size
+    if config.preset == "fast":  # smaller pictures, and fewer of them before anything moves
+        settings |= {"crop_size": 56, "collect_steps": 4000, "pretrain_steps": 0}
+        settings |= {"episodes_per_iteration": 5}
+    method = "regression" if name == "regression" else "paper"
+    search = PaperSearch(
+        simulator,
+        start,
+        PaperConfig(**settings),
+        seed=config.seed,
+        method=method,
+        replay_actions=True,
+        say=say,
+        device=_device(config.device),
+    )
+    return search, config.range_policy
+
+
+def _device(name: str) -> str:
+    """Raises InputError for one that is not there."""
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        torch.empty(0, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(f"--device {name} cannot be used here: {error}") from None
+    return name

@@ -1,0 +1,95 @@
+"""Episodes of simulated worlds that a policy acts in."""
+
+from collections.abc import Callable
+
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.agents.agent import Seen
+from simtune.replay import Episodes
+from simtune.search_param_model.landmarks import Landmarks
+from simtune.simulation import Projector, Simulator, StateSpace, to_controls
+from simtune.tasks import Task
+
+Policy = Callable[[Seen], np.ndarray]  # (n, A) actions in [−1, 1]
+
+
+class Environment:
+    """A task's worlds: parameters and a policy in, whole episodes out.
+
+    Nothing ends an episode but its time, so that values may be bootstrapped at its end, and a
+    world whose physics diverges: that one ends as a failure, one step earlier.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        simulator: Simulator,
+        num_stacked: int,
+        landmarks: Landmarks | None = None,
+    ):
+        """`landmarks`: what is noted down of filmed episodes, besides."""
+        if task.reward is None:
+            raise ValueError(f"{task.name} has no reward, so no policy can be trained in it")
+        self.task, self.simulator, self._reward = task, simulator, task.reward
+        self.num_stacked, self.landmarks = num_stacked, landmarks
+        self._space = StateSpace(simulator.model)
+        self._free = [simulator.model.joint(name).qposadr[0] for name in task.free_joints]
+
+    @property
+    def num_states(self) -> int:
+        """Numbers that `observe` gives."""
+        return self.observe(np.zeros((1, 1 + self._space.nq + self._space.nv))).shape[1]
+
+    def observe(self, states: np.ndarray) -> np.ndarray:
+        """(..., S) rows to (..., D): positions and velocities, without what makes no difference."""
+        known = states[
+            ..., 1 : 1 + self._space.nq + self._space.nv
+        ].copy()  # a row begins with time
+        known[..., self._free] = 0
+        return self._space.features(known).astype(np.float32)
+
+    def play(
+        self,
+        policy: Policy,
+        parameters: np.ndarray,
+        rng: np.random.Generator,
+        film: bool = True,
+    ) -> Episodes:
+        """An episode in each of n worlds of (n, N) parameters; without `film` nothing is drawn."""
+        simulator, num_steps = self.simulator, self.task.episode_steps
+        projector = Projector(simulator, parameters, num_steps, self.num_stacked) if film else None
+        actions = np.empty((len(parameters), num_steps, simulator.num_actions), np.float32)
+
+        def act(t: int, states: np.ndarray) -> np.ndarray:
+            frames = projector.show(t, states) if projector else None
+            actions[:, t] = policy(Seen(self.observe(states), frames))
+            return to_controls(simulator, actions[:, t])
+
+        repeat, n = self.task.action_repeat, len(parameters)
+        noted = self.landmarks if film else None
+
+        def watch(batch: Batch) -> np.ndarray:
+            reward = self._reward(batch)[:, None]
+            return np.hstack([reward, noted.record(batch)]) if noted else reward
+
+        played = simulator.play(
+            parameters, act, num_steps, rng, watch=watch, watches_per_step=repeat
+        )
+        if projector:
+            projector.show(num_steps, played.states[:, -1])
+        watched = played.watched
+        assert watched is not None, "asked for above"
+        rewards = watched[:, 1:, 0].reshape(n, num_steps, repeat).sum(2)
+        landmarks = watched[:, ::repeat, 1:].reshape(n, num_steps + 1, -1, 2) if noted else None
+        return Episodes(
+            parameters=parameters,
+            rows=played.states,
+            states=self.observe(played.states),
+            actions=actions,
+            rewards=np.nan_to_num(rewards).astype(np.float32),
+            lengths=played.lengths,
+            terminated=played.lengths < num_steps,
+            frames=projector.frames if projector else None,
+            landmarks=None if landmarks is None else landmarks.astype(np.float32),
+        )

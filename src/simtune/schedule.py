@@ -1,0 +1,62 @@
+"""When what happens in a training: the presets, and what depends on the task."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+PresetName = Literal["fast", "paper"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """Algorithm 1's numbers. A cycle: film the real world, search, train the policy.
+
+    Steps are policy steps in simulation, after action repeat.
+    """
+
+    policy_steps: tuple[int, ...]  # of each cycle's policy phase
+    searches: tuple[int, ...]  # calls of `Search.iterate` before each of them
+    real_episodes: tuple[int, ...]  # of the first cycle by random actions, then by the policy
+    num_worlds: int  # that the policy acts in at once
+    image_size: int  # pixels a side of what is drawn
+    num_stacked: int = 3  # frames that the policy sees, appendix
+    filmed_capacity: int = 300  # episodes whose frames are kept
+
+    @property
+    def total_steps(self) -> int:
+        return sum(self.policy_steps)
+
+
+def fast(total_steps: int, real_episodes: int, *, many_searches: bool) -> Schedule:
+    """Minutes on two CPU cores: two looks at the real world, the second at what a policy does.
+
+    `many_searches`: the search takes small steps, so it is called often.
+    """
+    first = total_steps // 2
+    return Schedule(
+        policy_steps=(first, total_steps - first),
+        searches=(20, 20) if many_searches else (1, 1),
+        real_episodes=(real_episodes, 2),
+        num_worlds=16,
+        image_size=64,
+    )
+
+
+def paper(total_steps: int, real_episodes: int, *, many_searches: bool) -> Schedule:
+    """As the authors ran it: 40k policy steps, then 10k steps of the SPM, and again.
+
+    Their SPM phases are five updates of ξ_mean each, from five real episodes an update.
+    """
+    cycles = max(1, total_steps // 40_000)
+    moves = 5 if many_searches else 1
+    first = 40 if many_searches else 1  # their "update" phase, before any policy is trained
+    return Schedule(
+        policy_steps=(total_steps // cycles,) * cycles,
+        searches=(first,) + (moves,) * (cycles - 1),
+        real_episodes=(real_episodes,) * cycles,
+        num_worlds=1,
+        image_size=100,
+        filmed_capacity=500,  # their replay of 100k steps
+    )
+
+
+PRESETS = {"fast": fast, "paper": paper}

@@ -1,0 +1,269 @@
+"""`train`: Algorithm 1 in its order, what it writes, and that a kill loses nothing."""
+
+import dataclasses
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from simtune.algorithm import Training, train
+from simtune.config import TrainConfig
+from simtune.errors import InputError
+from simtune.randomization import Distribution
+from simtune.run import RunFolder, read_json, read_jsonl
+from simtune.run.checkpoint import load, newest
+from simtune.schedule import Schedule
+from simtune.tasks import load_task
+from simtune.tuning import FixedRange
+from simtune.tuning.search import unsure
+
+TASK = load_task("cartpole")
+SPACE = TASK.parameters
+STEPS = 24  # of an episode, by the fixture quick_tune
+
+
+def asked(out: Path, **changes) -> TrainConfig:
+    config = TrainConfig(
+        task="cartpole", out=out, policy_steps=4 * 16 * STEPS, real_episodes=2, scored_episodes=2
+    )
+    return dataclasses.replace(config, **changes)
+
+
+# --- the order of Algorithm 1 -------------------------------------------------------------
+
+
+class Players:
+    """Fakes of all parts, which note down what is asked of them."""
+
+    def __init__(self):
+        self.calls: list[str] = []
+        self.looks = True
+        self.device = torch.device("cpu")
+        self.simulator = SimpleNamespace(num_steps=0, num_diverged=0)
+        self.distribution = Distribution.proportional(SPACE, SPACE.nominal, 0.5)
+        self.seen_worlds: list[np.ndarray] = []
+
+    def collect(self, num):
+        self.calls.append(f"real: {num} random")
+        return ["random"] * num
+
+    def try_out(self, policy, num_stacked, num, seed):
+        self.calls.append(f"real: {num} of the policy")
+        return ["policy"] * num
+
+    def iterate(self, real, deadline_s):
+        self.calls.append(f"search in {len(real)}, the latest of a {real[0]}")
+        mean = 1.1 * self.distribution.mean
+        self.distribution = Distribution.proportional(SPACE, SPACE.clip(mean), 0.5)
+        return unsure(self.distribution, "weak"), [], {}
+
+    def play(self, policy, parameters, rng, film):
+        self.calls.append("play")
+        self.seen_worlds.append(parameters)
+        return SimpleNamespace(rewards=np.zeros((len(parameters), STEPS)))
+
+    def add(self, episodes):
+        self.calls.append("store")
+
+    def update(self, replay, num_steps):
+        self.calls.append(f"learn from {num_steps}")
+        return {}
+
+    def explore(self, seen):
+        raise AssertionError("nothing is played here")
+
+
+def test_the_order_of_calls_is_that_of_algorithm_1(tmp_path, monkeypatch):
+    players = Players()
+    schedule = Schedule(
+        policy_steps=(2 * STEPS * 3, STEPS * 3),
+        searches=(2, 1),
+        real_episodes=(4, 1),
+        num_worlds=3,
+        image_size=16,
+    )
+    parts = SimpleNamespace(
+        task=dataclasses.replace(TASK, episode_steps=STEPS),
+        space=SPACE,
+        schedule=schedule,
+        real=players,
+        search=players,
+        agent=players,
+        environment=players,
+        replay=players,
+        range_policy=0.1,
+        saved=lambda: ({}, {}),
+    )
+    monkeypatch.setattr(RunFolder, "write_real", lambda *_: None)
+    with RunFolder.create(tmp_path / "run", {}) as run:
+        Training(asked(tmp_path), parts, run, lambda *_: None).carry_out()
+    learning = ["play", "store", f"learn from {3 * STEPS}"]
+    assert players.calls == [
+        "real: 4 random",
+        "search in 4, the latest of a random",
+        "search in 4, the latest of a random",
+        *learning,
+        *learning,
+        "real: 1 of the policy",
+        "search in 5, the latest of a policy",
+        *learning,
+    ]
+    # The policy is trained where the search has moved to, within range_policy.
+    for worlds, moves in zip(players.seen_worlds, (2, 2, 3), strict=True):
+        mean = SPACE.nominal
+        for _ in range(moves):
+            mean = SPACE.clip(1.1 * mean)
+        assert (worlds <= SPACE.clip(mean * 1.1) + 1e-12).all()
+        assert (worlds >= mean * 0.9 - 1e-12).all()
+
+
+# --- what is written ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["autotune", "regression", "dr", "oracle"])
+def test_the_run_folder_keeps_its_contract(method, tmp_path, quick_tune):
+    out = tmp_path / "run"
+    if method == "regression":
+        pytest.importorskip("torch")
+        quick = dataclasses.replace  # a few small steps, not forty
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("simtune.parts.PaperConfig", few_windows)
+            patch.setitem(train.__globals__["make_parts"].__globals__["PRESETS"], "fast", one_move)
+            result = train(quick(asked(out), method=method))
+    else:
+        result = train(asked(out, method=method))
+    assert result["method"] == method
+    assert result["policy_steps"] == 4 * 16 * STEPS
+    assert set(result["return"]) == {"mean", "std", "episodes"}
+    assert 0 <= result["return"]["mean"] <= STEPS * TASK.action_repeat
+    assert result["return"]["episodes"] == 2
+    assert result == read_json(out / "result.json")
+    lines = read_jsonl(out / "metrics.jsonl")
+    assert [line["step"] for line in lines] == sorted(line["step"] for line in lines)
+    assert {"return/simulated", "loss/critic", "loss/imitation"} <= set(lines[-1])
+    assert (out / "report.html").is_file()
+    errors = [p["percent_error"] for p in result["parameters"].values()]
+    if method == "oracle":
+        assert max(errors) == 0
+    if method == "dr":  # it stays where it starts
+        assert all(p["mean"] == p["initial"] for p in result["parameters"].values())
+    assert result["real_episodes"] == (4 if method == "autotune" else result["real_episodes"])
+
+
+def few_windows(**settings):
+    from simtune.search_param_model.paper import PaperConfig
+
+    settings |= {"episode_steps": STEPS, "collect_steps": 0, "batch_size": 2, "num_candidates": 4}
+    settings |= {"updates_per_episode": 1, "hidden_size": 8}
+    return PaperConfig(**settings)
+
+
+def one_move(total_steps, real_episodes, *, many_searches):
+    from simtune.schedule import fast
+
+    return dataclasses.replace(
+        fast(total_steps, real_episodes, many_searches=many_searches), searches=(1, 1)
+    )
+
+
+def test_ranges_are_those_asked_for(tmp_path):
+    """dr keeps its range around the start, and looks at nothing."""
+    search = FixedRange(Distribution.proportional(SPACE, SPACE.nominal, 0.3))
+    estimate, events, _ = search.iterate([], 0.0)
+    np.testing.assert_array_equal(estimate.low, SPACE.clip(0.7 * SPACE.nominal))
+    assert not events
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"policy_steps": 0}, "--policy-steps must be at least 1"),
+        ({"range_dr": 0.0}, r"--range-dr must lie in \(0, 1\], got 0"),
+        ({"start_factor": 0.5}, "--start-factor must be at least 1, got 0.5"),
+        ({"scored_episodes": 0}, "--scored-episodes must be at least 1"),
+        ({"method": "oracle", "real": "somewhere"}, "--method oracle needs --real pseudo"),
+        ({"method": "dr", "search": "paper"}, "--search goes with --method autotune only"),
+        ({"device": "cuda:99"}, "--device cuda:99 cannot be used here"),
+        ({"task": "cartpol"}, "did you mean 'cartpole'"),
+    ],
+)
+def test_wrong_input_is_refused_and_nothing_is_written(changes, message, tmp_path):
+    out = tmp_path / "run"
+    with pytest.raises(InputError, match=message):
+        train(asked(out, **changes))
+    assert not out.exists()
+
+
+# --- killed and resumed -------------------------------------------------------------------
+
+
+def without_time(lines: list[dict]) -> list[dict]:
+    return [{k: v for k, v in line.items() if k != "wall_s"} for line in lines]
+
+
+def assert_same(one: Path, other: Path) -> None:
+    """The same results, metrics, and every bit of the last checkpoint."""
+    for name in ("metrics.jsonl", "events.jsonl"):
+        assert without_time(read_jsonl(one / name)) == without_time(read_jsonl(other / name))
+    results = [{k: v for k, v in read_json(p / "result.json").items()} for p in (one, other)]
+    for result in results:
+        del result["wall_s"]
+    assert results[0] == results[1]
+    (tensors, state), (others, other_state) = (
+        load(newest(p / "checkpoints")) for p in (one, other)
+    )
+    assert tensors.keys() == others.keys()
+    for name, tensor in tensors.items():
+        assert torch.equal(tensor, others[name]) or tensor.isnan().any(), name
+    for changing in (state, other_state):
+        del changing["wall_s"]
+    assert state == other_state
+
+
+def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_tune, monkeypatch):
+    monkeypatch.setattr("simtune.algorithm._CHECKPOINT_EVERY_S", 0.0)
+    train(asked(tmp_path / "straight"))
+    interrupted_at = []
+
+    def interrupt(doing: str, done: float) -> None:
+        if doing == "training the policy" and len(interrupted_at) < 6:
+            interrupted_at.append(done)
+            if len(interrupted_at) % 2 == 0:
+                raise KeyboardInterrupt
+
+    out = tmp_path / "stopped"
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            train(asked(out), interrupt)
+    train(asked(out), interrupt)
+    assert_same(tmp_path / "straight", out)
+
+
+@pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.slow)])
+def test_killed_at_random_moments_it_loses_nothing(kills, tmp_path):
+    """SIGKILL, which nothing can catch, in a process of its own, whenever it has got on."""
+    rng, rounds = random.Random(0), 3 + 2 * kills
+
+    def start(name: str) -> subprocess.Popen:
+        script = str(Path(__file__).with_name("train_slowly.py"))
+        return subprocess.Popen([sys.executable, script, str(tmp_path / name), str(rounds)])
+
+    assert start("straight").wait() == 0
+    metrics, num_killed = tmp_path / "killed" / "metrics.jsonl", 0
+    while num_killed < kills:
+        process, before = start("killed"), len(read_jsonl(metrics))
+        while process.poll() is None and len(read_jsonl(metrics)) <= before:
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0, 1))
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL, "it was done before it could be killed"
+        num_killed += 1
+    assert start("killed").wait() == 0
+    assert_same(tmp_path / "straight", tmp_path / "killed")
