@@ -267,17 +267,16 @@ class TestMocap:
 
     def test_what_an_action_does_depends_on_the_present_state_only(self):
         """A fit replays stretches of episodes with a mocap body left where another one was."""
-        simulator = simulator_of(
-            HAND.format(weld=WELDS["anchored"]), partial(MocapActions, body="target")
-        )
+        mapping = partial(MocapActions, body="target", axes="xy")
+        simulator = simulator_of(HAND.format(weld=WELDS["anchored"]), mapping)
         rng = np.random.default_rng(0)
-        actions = rng.uniform(-0.02, 0.02, (2, 8, 3))
+        actions = rng.uniform(-0.02, 0.02, (2, 8, 2))
         rollouts = simulator.roll_out(np.ones((2, 1)), actions, rng)
         starts = rollouts.states[:, 4].copy()
         data, size = mujoco.MjData(simulator.model), mujoco.mj_stateSize(simulator.model, STATE)
         for start in starts:
             mujoco.mj_setState(simulator.model, data, start, STATE)
-            data.mocap_pos[0] = 5
+            data.mocap_pos[0, :2] = 5
             full = np.empty(size)
             mujoco.mj_getState(simulator.model, data, full, STATE)
             start[:] = full

@@ -315,3 +315,28 @@ def test_damaged_result(run_path):
     (run_path / "result.json").write_text('{"task": "ball')
     with pytest.raises(InputError, match=r"result\.json is damaged"):
         write_report(run_path)
+
+
+# --- a policy -----------------------------------------------------------------------------
+
+
+def test_a_trained_policy_is_shown_with_its_score_and_how_it_learnt(tmp_path):
+    path = make_run(tmp_path / "run")
+    assert "The policy" not in write_report(path).read_text()
+    with (path / "metrics.jsonl").open("a") as lines:
+        for i, earned in enumerate((10.0, 300.0, 280.0, 310.0)):
+            entry = {"step": 90_000 + i, "return/simulated": earned, "filmed": float(i > 1)}
+            lines.write(json.dumps(entry) + "\n")
+    page = write_report(path).read_text()
+    section = page[page.index("The policy") :]
+    section = section[: section.index("</section>")]
+    assert section.count("<polyline class='estimate'") == 1  # on pictures
+    assert section.count("<polyline class='start'") == 1  # its teacher's
+    assert "Scored" not in section
+    result = json.loads((path / "result.json").read_text())
+    score = {"mean": 321.0, "std": 4.5, "episodes": 10}
+    (path / "result.json").write_text(json.dumps({**result, "return": score}))
+    shutil.copy(path / "videos" / "real.mp4", path / "videos" / "policy.mp4")
+    page = write_report(path).read_text()
+    assert "return <b>321</b> ± 4.50" in page
+    assert "aria-label='the policy in the real world'" in page

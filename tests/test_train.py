@@ -14,8 +14,9 @@ import pytest
 import torch
 
 from simtune.algorithm import Training, train
-from simtune.config import TrainConfig
+from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
+from simtune.evaluate import evaluate
 from simtune.randomization import Distribution
 from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
@@ -244,6 +245,13 @@ def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_t
             train(asked(out), interrupt)
     train(asked(out), interrupt)
     assert_same(tmp_path / "straight", out)
+
+    # And what `evaluate` makes of it, from the checkpoint alone: on the same episodes the same.
+    again = evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=asked(out).seed))
+    assert again == read_json(out / "result.json")["return"]
+    assert evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=7)) != again
+    with pytest.raises(InputError, match=r"is no folder that `simtune train` wrote"):
+        evaluate(EvaluateConfig(run_folder=tmp_path / "nowhere"))
 
 
 @pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.slow)])

@@ -1,6 +1,7 @@
 """Tuning files: the documentation's examples, what is made of each table, and every complaint."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -8,11 +9,19 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
+from simtune.check import check
+from simtune.check.warnings import warnings
+from simtune.config import CheckConfig
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, Parameter, ParameterSpace
+from simtune.real.choose import choose_real
+from simtune.recordings import write_dataset
 from simtune.simulation import DirectActions, MocapActions, ScaledActions, random_actions
 from simtune.tasks import Task, load_task
+from simtune.tasks.tuning_file import load as loading
+from simtune.tasks.tuning_file import parameters as reading
 from simtune.tasks.tuning_file.toml_lines import key_lines
+from simtune.trajectory import Trajectory
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "cart_pendulum" / "tune.toml"
@@ -132,10 +141,8 @@ def test_every_example_in_the_documentation_loads(load, block):
 
 
 def test_all_kinds_and_keys_are_documented():
-    from simtune.tasks.tuning_file import load, parameters
-
     text = (ROOT / "docs" / "tuning-file.md").read_text(encoding="utf-8")
-    for word in (*parameters._ALL_KINDS, *parameters._NUMBERS, *load._KEYS):
+    for word in (*reading._ALL_KINDS, *reading._NUMBERS, *loading._KEYS):
         assert f"`{word}`" in text or f"[[{word}]]" in text or f"`[{word}]`" in text, word
 
 
@@ -711,3 +718,67 @@ def test_a_delay_is_remembered(load):
 )
 def test_what_is_wrong_with_a_parameter(refuses, text, line, message):
     refuses(f"{HEAD}[[parameters]]\n{text}", line, message)
+
+
+# --- what comes of it -----------------------------------------------------------------------
+
+PERCENT = """[actions]
+mapping = "scaled"
+actuators = "elbow"
+range = [-100, 100]
+"""
+
+
+def record(folder: Path, num_actions: int, steps: int = 24) -> Path:
+    """A dataset of noise, with actions in percent."""
+    rng = np.random.default_rng(0)
+    trajectories = [
+        Trajectory(
+            rng.integers(256, size=(steps + 1, 16, 16, 3)).astype(np.uint8),
+            rng.uniform(-100, 100, (steps, num_actions)).astype(np.float32),
+            0.05,
+        )
+        for _ in range(2)
+    ]
+    names = [f"a{i}" for i in range(num_actions)]
+    write_dataset(folder, trajectories, action_names=names, robot_type="arm", task="swing")
+    return folder
+
+
+def test_a_pseudo_real_world_takes_its_actions(load):
+    task = replace(load(HEAD + PERCENT + MASS), episode_steps=30)
+    real, start, truth = choose_real("pseudo", task, image_size=16, seed=0)
+    assert truth is not None
+    (trajectory,) = real.collect(1)
+    assert real.num_actions == 1
+    assert trajectory.actions.shape == (30, 1)
+    assert 50 < np.abs(trajectory.actions).max() <= 100
+    assert start.shape == (1,)
+
+
+def test_recordings_need_as_many_actions(load, tmp_path):
+    task = load(HEAD + PERCENT + MASS)
+    real, start, _ = choose_real(str(record(tmp_path / "one", 1)), task, image_size=16, seed=0)
+    assert real.num_actions == 1
+    np.testing.assert_array_equal(start, task.parameters.nominal)
+    three = str(record(tmp_path / "three", 3))
+    with pytest.raises(InputError, match="the task takes 1 actions, the recording has 3"):
+        choose_real(three, task, image_size=16, seed=0)
+
+
+def test_actions_in_other_units_are_warned_of(load):
+    task = load(HEAD + PERCENT + MASS)
+    frames = np.zeros((41, 16, 16, 3), np.uint8)
+    actions = np.linspace(-1, 1, 40, dtype=np.float32)[:, None]
+    assert warnings(task, [Trajectory(frames, 100 * actions, 0.05)]) == []
+    (said,) = warnings(task, [Trajectory(frames, 5000 * actions, 0.05)])
+    assert "actions of elbow go from -5000 to 5000, beyond the model's range of -100 to 100" in said
+
+
+@pytest.mark.slow
+def test_check_takes_a_tuning_file_and_recordings(load, folder):
+    load(HEAD + PERCENT + MASS)
+    dataset = record(folder / "recorded", 1)
+    result = check(CheckConfig(task=str(folder / "tune.toml"), real=dataset))
+    assert result["warnings"] == []
+    assert result["parameters"]["m"]["motion_largest_px"] > 0

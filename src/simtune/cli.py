@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
-from simtune.config import CheckConfig, TrainConfig, TuneConfig
+from simtune.config import CheckConfig, EvaluateConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
 
 
@@ -39,6 +39,7 @@ Command = (
     | Annotated[CheckConfig, subcommand("check")]
     | Annotated[TuneConfig, subcommand("tune")]
     | Annotated[TrainConfig, subcommand("train")]
+    | Annotated[EvaluateConfig, subcommand("evaluate")]
     | Annotated[ReportCommand, subcommand("report")]
     | Annotated[DoctorCommand, subcommand("doctor")]
 )
@@ -90,6 +91,10 @@ def _run(command: Any) -> None:
             _tune(command)
         case TrainConfig():
             _train(command)
+        case EvaluateConfig():
+            from simtune.evaluate import evaluate
+
+            print(json.dumps(evaluate(command)))
         case ReportCommand(run_folder):
             from simtune.report import write_report
 

@@ -20,7 +20,7 @@ class TuneConfig:
     """
 
     task: Annotated[Positional[str], arg(metavar="TASK")]
-    """A built-in task (see `simtune tasks`)."""
+    """A built-in task (see `simtune tasks`), or a tuning file (docs/tuning-file.md)."""
     out: Path
     """The run's folder."""
     real: str = "pseudo"
@@ -63,7 +63,7 @@ class CheckConfig:
     """
 
     task: Annotated[Positional[str], arg(metavar="TASK")]
-    """A built-in task (see `simtune tasks`)."""
+    """A built-in task (see `simtune tasks`), or a tuning file (docs/tuning-file.md)."""
     real: Path | None = None
     """The folder of a LeRobotDataset v3, whose actions are replayed; by default they are random."""
     camera: str | None = None
@@ -161,3 +161,25 @@ class TrainConfig:
             raise InputError("--method oracle needs --real pseudo: nobody knows other truths")
         if self.search and self.method != "autotune":
             raise InputError("--search goes with --method autotune only")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateConfig:
+    """Score the policy of a training once more, on other episodes of its pseudo-real world.
+
+    Prints one JSON object, and writes nothing.
+    """
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
+    """A folder that `simtune train` wrote."""
+    episodes: int = 20
+    """How many episodes."""
+    seed: int = 1000
+    """Of the episodes; the training's own seed repeats those that it was scored on."""
+
+    def check(self) -> None:
+        """Raises InputError for numbers that make no sense."""
+        if self.episodes < 1:
+            raise InputError(f"--episodes must be at least 1, got {self.episodes}")
+        if self.seed < 0:
+            raise InputError(f"--seed must not be negative, got {self.seed}")

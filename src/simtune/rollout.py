@@ -8,7 +8,7 @@ from mujoco.batch import Batch
 from simtune.agents.agent import Seen
 from simtune.replay import Episodes
 from simtune.search_param_model.landmarks import Landmarks
-from simtune.simulation import Projector, Simulator, StateSpace, to_controls
+from simtune.simulation import Projector, Simulator, StateSpace, scale_actions
 from simtune.tasks import Task
 
 Policy = Callable[[Seen], np.ndarray]  # (n, A) actions in [−1, 1]
@@ -64,7 +64,7 @@ class Environment:
         def act(t: int, states: np.ndarray) -> np.ndarray:
             frames = projector.show(t, states) if projector else None
             actions[:, t] = policy(Seen(self.observe(states), frames))
-            return to_controls(simulator, actions[:, t])
+            return scale_actions(simulator, actions[:, t])
 
         repeat, n = self.task.action_repeat, len(parameters)
         noted = self.landmarks if film else None

@@ -6,7 +6,7 @@ import numpy as np
 
 from simtune.real import PixelPolicy
 from simtune.real.gap import RealityGap
-from simtune.simulation import Projector, Simulator, random_actions, to_controls
+from simtune.simulation import Projector, Simulator, random_actions, scale_actions
 from simtune.trajectory import Trajectory
 
 
@@ -54,7 +54,7 @@ class PseudoReal:
             projector = Projector(simulator, worlds, episode_steps, num_stacked)
 
             def controls(t: int, states: np.ndarray) -> np.ndarray:
-                return to_controls(simulator, policy(projector.show(t, states)))
+                return scale_actions(simulator, policy(projector.show(t, states)))
 
             played = simulator.play(worlds, controls, episode_steps, rng)
             projector.show(episode_steps, played.states[:, -1])

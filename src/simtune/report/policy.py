@@ -28,7 +28,7 @@ def policy(run: RunData) -> str:
         + ("<span><i class='truth'></i>scored</span>" if said else "")
         + "<span>returns of episodes in simulation, with all that is tried out in them</span></p>"
     )
-    shown = f"<div class='cards'><article><div>{drawn}{_video(run)}</div></article></div>"
+    shown = f"<div class='policy'>{drawn}{_video(run)}</div>"
     return f"<section><h2>The policy</h2>{said}{legend}{shown}</section>"
 
 

@@ -1,6 +1,6 @@
 """Simulated worlds: batched physics, and two renderers behind one interface."""
 
-from simtune.simulation.acting import Projector, to_controls
+from simtune.simulation.acting import Projector, scale_actions
 from simtune.simulation.actions import (
     ActionMapping,
     DirectActions,
@@ -36,5 +36,5 @@ __all__ = [
     "make_renderer",
     "random_actions",
     "remember_controls",
-    "to_controls",
+    "scale_actions",
 ]

@@ -22,9 +22,7 @@ class Projector:
         return self.frames[:, np.maximum(t + self._offsets, 0)]
 
 
-def to_controls(simulator: Simulator, actions: np.ndarray) -> np.ndarray:
-    """(n, A) actions in [−1, 1] to controls; those without limits are taken as they are."""
-    model = simulator.model
-    limits = np.where(model.actuator_ctrllimited[:, None], model.actuator_ctrlrange, [-1.0, 1.0])
-    low, high = limits.T
+def scale_actions(simulator: Simulator, actions: np.ndarray) -> np.ndarray:
+    """(n, A) actions in [−1, 1], as policies give them, to the simulator's own units."""
+    low, high = simulator.action_mapping.range.T
     return low + (np.clip(actions, -1, 1) + 1) / 2 * (high - low)

@@ -143,7 +143,8 @@ class MocapActions:
     def settle(self, batch: Batch) -> None:
         """The mocap body to what it holds, which would be pulled away from its start otherwise."""
         self._held.compute(batch)
-        batch.mocap_pos[:, self._held.mocap] = self._held.place(batch)
+        place = self._held.place(batch)[:, self._axes]
+        batch.mocap_pos[:, self._held.mocap, self._axes] = place
         batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
