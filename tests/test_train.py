@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 
+from simtune.agents import Agent, Seen, make_agent
 from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
@@ -275,3 +276,32 @@ def test_killed_at_random_moments_it_loses_nothing(kills, tmp_path):
         num_killed += 1
     assert start("killed").wait() == 0
     assert_same(tmp_path / "straight", tmp_path / "killed")
+
+
+@pytest.mark.parametrize("name", ["teacher_student", "curl_sac", "drqv2"])
+def test_agents_plug_in_by_name(name):
+    """Each acts on pictures of the size that it was made for, and can be stored and loaded."""
+
+    def make(seed: int) -> Agent:
+        return make_agent(
+            name,
+            image_size=64,
+            num_stacked=3,
+            num_landmarks=2,
+            num_states=5,
+            num_actions=2,
+            knows=np.array([True, False]),
+            total_steps=100_000,
+            seed=seed,
+            device="cpu",
+        )
+
+    agent, other = make(0), make(1)
+    frames = np.random.default_rng(0).integers(0, 256, (4, 3, 64, 64, 3), dtype=np.uint8)
+    explored = agent.explore(Seen(np.zeros((4, 5), np.float32), frames))
+    acted = agent.act(frames)
+    for actions in (explored, acted, agent.act(frames, sample=True)):
+        assert actions.shape == (4, 2)
+        assert (np.abs(actions) <= 1).all()
+    other.load({k: v.clone() for k, v in agent.tensors().items()}, agent.state())
+    np.testing.assert_array_equal(other.act(frames), acted)

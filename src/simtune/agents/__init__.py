@@ -5,6 +5,7 @@ import torch
 
 from simtune.agents.agent import Agent, Seen
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
+from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.agents.teacher_student import TeacherStudent
 
 
@@ -38,6 +39,9 @@ def make_agent(
             seed=seed,
             device=device,
         )
+    if name == "drqv2":
+        config = DrqV2Config(image_size=image_size, num_stacked=num_stacked)
+        return DrqV2(num_actions, config, seed=seed, device=device)
     assert name == "curl_sac", name
     crop_size = round(0.84 * image_size)  # 84 of 100
     config = CurlSacConfig(image_size=image_size, crop_size=crop_size, num_stacked=num_stacked)
