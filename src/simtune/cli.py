@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
-from simtune.config import CheckConfig, EvaluateConfig, TrainConfig, TuneConfig
+from simtune.config import CheckConfig, EvaluateConfig, RecordConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
 
 
@@ -39,6 +39,7 @@ Command = (
     | Annotated[CheckConfig, subcommand("check")]
     | Annotated[TuneConfig, subcommand("tune")]
     | Annotated[TrainConfig, subcommand("train")]
+    | Annotated[RecordConfig, subcommand("record")]
     | Annotated[EvaluateConfig, subcommand("evaluate")]
     | Annotated[ReportCommand, subcommand("report")]
     | Annotated[DoctorCommand, subcommand("doctor")]
@@ -91,6 +92,8 @@ def _run(command: Any) -> None:
             _tune(command)
         case TrainConfig():
             _train(command)
+        case RecordConfig():
+            _record(command)
         case EvaluateConfig():
             from simtune.evaluate import evaluate
 
@@ -145,6 +148,17 @@ def _train(config: TrainConfig) -> None:
         score = result["return"]
         print(f"return {score['mean']:.0f} ± {score['std']:.0f} in {score['episodes']} episodes")
     print(f"\nreport: {config.out / 'report.html'}")
+
+
+def _record(config: RecordConfig) -> None:
+    from simtune.progress import ProgressBar
+    from simtune.record import record
+
+    with ProgressBar() as say:
+        folder = record(config, say)
+    print(
+        f"{config.episodes} episodes in {folder}; next: simtune check {config.task} --real {folder}"
+    )
 
 
 def _complain(what: object, status: int) -> int:

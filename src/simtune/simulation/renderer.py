@@ -1,15 +1,14 @@
 """Draw worlds: one interface, two renderers."""
 
-from typing import Literal, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
 
+from simtune.config import RendererName
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
-
-RendererName = Literal["raycaster", "opengl"]
 
 
 class Renderer(Protocol):

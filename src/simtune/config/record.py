@@ -1,0 +1,44 @@
+"""What `simtune record` is asked."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from simtune.errors import InputError
+
+RendererName = Literal["raycaster", "opengl"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordConfig:
+    """Film a world into a LeRobotDataset v3: video and the actions behind it."""
+
+    task: Annotated[Positional[str], arg(metavar="TASK")]
+    """A built-in task (see `simtune tasks`), or a tuning file (docs/tuning-file.md)."""
+    out: Path
+    """The dataset's folder, which must not be there yet, or be empty."""
+    episodes: int = 10
+    """How many episodes."""
+    parameters: Path | None = None
+    """A JSON object of the world's parameters, {name: value}; those missing are nominal."""
+    policy: str = "random"
+    """Who acts: `random`, or a folder that `simtune train` wrote."""
+    renderer: RendererName = "raycaster"
+    """raycaster: as the simulator sees; opengl: with shadows, reflections and smooth edges."""
+    image_size: int = 128
+    """Pixels a side of the square pictures, an even number."""
+    seed: int = 0
+    """Of the actions and of where episodes start."""
+
+    def check(self) -> None:
+        """Raises InputError for numbers that make no sense."""
+        if self.episodes < 1:
+            raise InputError(f"--episodes must be at least 1, got {self.episodes}")
+        if self.image_size < 16 or self.image_size % 2:
+            raise InputError(
+                f"--image-size must be an even number of at least 16, got {self.image_size}"
+            )
+        if self.seed < 0:
+            raise InputError(f"--seed must not be negative, got {self.seed}")

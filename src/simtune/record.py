@@ -1,0 +1,95 @@
+"""`simtune record`: film a task's world into a LeRobotDataset v3."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from simtune.config import RecordConfig
+from simtune.errors import InputError
+from simtune.evaluate import trained_parts
+from simtune.progress import Say, silent
+from simtune.real.choose import read_parameters
+from simtune.recordings import write_dataset
+from simtune.simulation import (
+    OPENGL_DM_CONTROL,
+    Act,
+    Projector,
+    Simulator,
+    random_actions,
+    scale_actions,
+)
+from simtune.tasks import Task, load_task
+from simtune.trajectory import Trajectory
+
+
+def record(config: RecordConfig, say: Say = silent) -> Path:
+    """Film episodes of one world, by random actions or by a trained policy; returns the folder.
+
+    One episode is in memory at a time. Raises InputError for what cannot be used, with nothing
+    written.
+    """
+    config.check()
+    task = load_task(config.task)
+    parameters = read_parameters(config.parameters, task.parameters)
+    # OpenGL is there to look unlike the simulator, so it draws all that it can.
+    simulator = task.simulator(
+        image_size=config.image_size, renderer=config.renderer, quality=OPENGL_DM_CONTROL
+    )
+    actor = _Actor(config.policy, task, simulator, np.random.default_rng(config.seed))
+    write_dataset(
+        config.out,
+        _film(config, simulator, task, parameters[None], actor, say),
+        action_names=simulator.action_mapping.names,
+        robot_type=task.name,
+        task=task.description,
+    )
+    return config.out
+
+
+_ATTEMPTS = 10
+
+
+def _film(
+    config: RecordConfig,
+    simulator: Simulator,
+    task: Task,
+    world: np.ndarray,
+    actor: "_Actor",
+    say: Say,
+) -> Iterator[Trajectory]:
+    """Episodes one after the other; one that diverges is played again from another start."""
+    for done in range(config.episodes):
+        say("filming", done / config.episodes)
+        for _ in range(_ATTEMPTS):
+            act = actor.begin(world)
+            played = simulator.play(world, act, task.episode_steps, actor.rng)
+            if played.lengths[0] == task.episode_steps:
+                break
+        else:
+            raise RuntimeError(f"the physics diverged {_ATTEMPTS} times; see the parameters")
+        frames = simulator.render(played.states[0], np.repeat(world, task.episode_steps + 1, 0))
+        yield Trajectory(frames, played.actions[0].astype(np.float32), simulator.step_s)
+
+
+class _Actor:
+    """Random actions, or the policy of a training, which sees its own pictures of the world."""
+
+    def __init__(self, policy: str, task: Task, simulator: Simulator, rng: np.random.Generator):
+        self.rng = rng
+        self._steps, self._simulator = task.episode_steps, simulator
+        self._parts = None if policy == "random" else trained_parts(Path(policy))
+        if self._parts and self._parts.task.name != task.name:
+            raise InputError(
+                f"--policy {policy} was trained for {self._parts.task.name}, not for {task.name}"
+            )
+
+    def begin(self, world: np.ndarray) -> Act:
+        """What acts in the next episode of a (1, N) world."""
+        if self._parts is None:
+            mapping = self._simulator.action_mapping
+            actions = random_actions(1, self._steps, mapping, self.rng)
+            return lambda t, _: actions[:, t]
+        agent, stacked = self._parts.agent, self._parts.schedule.num_stacked
+        eye = Projector(self._parts.environment.simulator, world, self._steps, stacked)
+        return lambda t, states: scale_actions(self._simulator, agent.act(eye.show(t, states)))
