@@ -21,7 +21,8 @@ from simtune.evaluate import evaluate
 from simtune.randomization import Distribution
 from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
-from simtune.schedule import Schedule
+from simtune.schedule import PRESETS, Schedule, fast
+from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import load_task
 from simtune.tuning import FixedRange
 from simtune.tuning.search import unsure
@@ -130,17 +131,12 @@ def test_the_order_of_calls_is_that_of_algorithm_1(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("method", ["autotune", "regression", "dr", "oracle"])
-def test_the_run_folder_keeps_its_contract(method, tmp_path, quick_tune):
+def test_the_run_folder_keeps_its_contract(method, tmp_path, quick_tune, monkeypatch):
     out = tmp_path / "run"
     if method == "regression":
-        pytest.importorskip("torch")
-        quick = dataclasses.replace  # a few small steps, not forty
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("simtune.parts.PaperConfig", few_windows)
-            patch.setitem(train.__globals__["make_parts"].__globals__["PRESETS"], "fast", one_move)
-            result = train(quick(asked(out), method=method))
-    else:
-        result = train(asked(out, method=method))
+        monkeypatch.setattr("simtune.parts.PaperConfig", few_windows)
+        monkeypatch.setitem(PRESETS, "fast", one_move)  # a few small steps, not forty
+    result = train(asked(out, method=method))
     assert result["method"] == method
     assert result["policy_steps"] == 4 * 16 * STEPS
     assert set(result["return"]) == {"mean", "std", "episodes"}
@@ -156,20 +152,17 @@ def test_the_run_folder_keeps_its_contract(method, tmp_path, quick_tune):
         assert max(errors) == 0
     if method == "dr":  # it stays where it starts
         assert all(p["mean"] == p["initial"] for p in result["parameters"].values())
-    assert result["real_episodes"] == (4 if method == "autotune" else result["real_episodes"])
+    # By random actions, then by the policy; who searches nothing need not look.
+    assert result["real_episodes"] == (2 + 2 if method in ("autotune", "regression") else 0)
 
 
 def few_windows(**settings):
-    from simtune.search_param_model.paper import PaperConfig
-
     settings |= {"episode_steps": STEPS, "collect_steps": 0, "batch_size": 2, "num_candidates": 4}
     settings |= {"updates_per_episode": 1, "hidden_size": 8}
     return PaperConfig(**settings)
 
 
 def one_move(total_steps, real_episodes, *, many_searches):
-    from simtune.schedule import fast
-
     return dataclasses.replace(
         fast(total_steps, real_episodes, many_searches=many_searches), searches=(1, 1)
     )
@@ -235,13 +228,13 @@ def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_t
     interrupted_at = []
 
     def interrupt(doing: str, done: float) -> None:
-        if doing == "training the policy" and len(interrupted_at) < 6:
+        if doing == "training the policy" and len(interrupted_at) < 4:
             interrupted_at.append(done)
             if len(interrupted_at) % 2 == 0:
                 raise KeyboardInterrupt
 
     out = tmp_path / "stopped"
-    for _ in range(3):
+    for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
             train(asked(out), interrupt)
     train(asked(out), interrupt)
@@ -250,7 +243,6 @@ def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_t
     # And what `evaluate` makes of it, from the checkpoint alone: on the same episodes the same.
     again = evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=asked(out).seed))
     assert again == read_json(out / "result.json")["return"]
-    assert evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=7)) != again
     with pytest.raises(InputError, match=r"is no folder that `simtune train` wrote"):
         evaluate(EvaluateConfig(run_folder=tmp_path / "nowhere"))
 

@@ -85,7 +85,9 @@ class Training:
 
     def _look_at_real(self, num_episodes: int) -> None:
         real, agent, cycle = self.parts.real, self.parts.agent, self.num_looks
-        if cycle == 0:
+        if not num_episodes:
+            seen = []
+        elif cycle == 0:
             seen = real.collect(num_episodes)
         else:
             stacked = self.parts.schedule.num_stacked

@@ -1,7 +1,7 @@
 """What a training is made of: the real world, the simulator, the search, the agent."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -103,6 +103,8 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
         config.real_episodes,
         many_searches=search_name in ("paper", "regression"),
     )
+    if search_name is None:  # nobody would look at them
+        schedule = replace(schedule, real_episodes=(0,) * len(schedule.real_episodes))
     say("looking at the real world", 0.0)
     real, start, truth = choose_real(
         config.real,
