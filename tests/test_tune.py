@@ -267,7 +267,7 @@ def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
     simulator = load_task("cartpole").simulator(image_size=64)
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0)
     public = {name for name in dir(real) if not name.startswith("_")}
-    assert public == {"collect", "step_s", "num_actions", "looks_like_simulator"}
+    assert public == {"collect", "try_out", "step_s", "num_actions", "looks_like_simulator"}
     for name in ("parameters", "real_parameters", "state", "states", "reward", "simulator"):
         with pytest.raises(AttributeError):
             getattr(real, name)
@@ -280,6 +280,17 @@ def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
     assert {f.name for f in dataclasses.fields(trajectory)} == {"frames", "actions", "step_s"}
     assert trajectory.frames.dtype == np.uint8
     assert trajectory.actions.shape == (5, 1)
+
+    # A policy that is tried out there sees its latest frames, and nothing else.
+    def policy(*seen):
+        (frames,) = seen
+        assert frames.dtype == np.uint8
+        assert frames.shape == (2, 3, 64, 64, 3)
+        return np.full((2, 1), 0.5)
+
+    tried = real.try_out(policy, num_stacked=3, num_episodes=2, seed=0)
+    assert {f.name for f in dataclasses.fields(tried[0])} == {"frames", "actions", "step_s"}
+    np.testing.assert_array_equal(tried[1].actions, np.full((5, 1), 0.5))
 
 
 def test_a_pseudo_real_world_of_which_all_episodes_diverge_says_so(monkeypatch):

@@ -40,7 +40,9 @@ def make_agent(
             device=device,
         )
     if name == "drqv2":
-        config = DrqV2Config(image_size=image_size, num_stacked=num_stacked)
+        config = DrqV2Config(
+            image_size=image_size, num_stacked=num_stacked, noise_steps=total_steps // 2
+        )
         return DrqV2(num_actions, config, seed=seed, device=device)
     assert name == "curl_sac", name
     crop_size = round(0.84 * image_size)  # 84 of 100

@@ -19,7 +19,6 @@ from simtune.networks import (
     mlp,
     positional_encoding,
     predicting,
-    stack_frames,
 )
 from simtune.parameters import ParameterSpace
 from simtune.search_param_model.windows import Windows, split
@@ -152,7 +151,7 @@ class PaperSearchParamModel(nn.Module):
         frames = torch.as_tensor(windows.frames).to(self.device)
         actions = torch.as_tensor(windows.actions, dtype=torch.float32).to(self.device)
         scaled = (actions / self.get_buffer("action_scale")).flatten(1)
-        return torch.cat([self.encoder(stack_frames(frames)), scaled], 1)
+        return torch.cat([self.encoder(frames), scaled], 1)
 
 
 def count_votes(probabilities: np.ndarray, unsure: tuple[float, float]) -> np.ndarray:
