@@ -28,7 +28,8 @@ def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
 
 def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
     """All parts of a training as its newest checkpoint has them. Raises InputError."""
-    stored = stored_config(run_folder)
+    is_run = (run_folder / "config.json").is_file()
+    stored = stored_config(run_folder) if is_run else None
     if stored is None or "method" not in stored["config"]:
         raise InputError(f"{run_folder} is no folder that `simtune train` wrote")
     newest = checkpoint.newest(run_folder / "checkpoints")
