@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from batches import pixel_batch
 
 from simtune.agents.cuda_graph import GraphedStep
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
@@ -28,21 +29,6 @@ SMALL = CurlSacConfig(
 @pytest.fixture
 def agent() -> CurlSac:
     return CurlSac(2, SMALL, seed=0)
-
-
-def a_batch(n: int = 4) -> Transitions:
-    draw = torch.Generator().manual_seed(0)
-    seen = torch.randint(256, (n, 3, 18, 18, 3), generator=draw, dtype=torch.uint8)
-    return Transitions(
-        states=torch.empty(n, 0),
-        actions=2 * torch.rand(n, 2, generator=draw) - 1,
-        rewards=torch.rand(n, generator=draw),
-        discounts=torch.ones(n),
-        next_states=torch.empty(n, 0),
-        parameters=torch.empty(n, 0),
-        frames=seen[:, :-1],
-        next_frames=seen[:, 1:],
-    )
 
 
 def weights(module: torch.nn.Module) -> list[torch.Tensor]:
@@ -91,7 +77,7 @@ def test_the_critics_loss_is_the_sum_of_both_mean_squares(agent, monkeypatch):
     monkeypatch.setattr(agent, "goals", lambda *_: goals)
     first = agent.critic.q.forward
     monkeypatch.setattr(agent.critic.q, "forward", lambda *a: values + 0 * first(*a))
-    losses = agent.learn(a_batch(2))
+    losses = agent.learn(pixel_batch(SMALL.image_size, 2))
     assert float(losses[0]) == pytest.approx((0 + 4) / 2 + (1 + 4) / 2)
     assert float(losses[2]) == pytest.approx(5 / 4)
 
@@ -131,7 +117,7 @@ def test_targets_are_moving_averages():
 
 def test_the_encoders_target_moves_faster_than_the_critics(agent):
     before = weights(agent.target.encoder), weights(agent.target.q)
-    agent.learn(a_batch())
+    agent.learn(pixel_batch(SMALL.image_size))
     parts = (
         (before[0], agent.target.encoder, agent.critic.encoder, 0.05),
         (before[1], agent.target.q, agent.critic.q, 0.01),
@@ -146,7 +132,7 @@ def test_actor_temperature_and_targets_wait_for_every_second_update(agent):
     fast = (agent.critic.encoder, agent.critic.q, agent.contrast)
     for update in range(4):
         before = [weights(module) for module in (*slow, *fast)]
-        losses = agent.learn(a_batch())
+        losses = agent.learn(pixel_batch(SMALL.image_size))
         moved = [
             not same(old, weights(module))
             for old, module in zip(before, (*slow, *fast), strict=True)
@@ -178,7 +164,7 @@ def test_critics_and_contrast_both_teach_the_encoder(monkeypatch):
                 patch.setattr(other.contrast, "loss", lambda q, k: (0 * q).sum())
             if method == "critic":
                 patch.setattr(other.critic.q, "forward", lambda f, a: 0 * f.sum(1).expand(2, -1))
-            other.learn(a_batch())
+            other.learn(pixel_batch(SMALL.image_size))
         return other.critic.encoder.convolutions.layers[0].weight.grad
 
     both, critic, contrast = (gradient_without(m) for m in (None, "contrast", "critic"))
@@ -271,7 +257,7 @@ def test_the_benchmarks_baseline_is_the_same_agent(agent, monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
     from baselines.eager_curl_sac import EagerCurlSac
 
-    eager, batch = EagerCurlSac(2, SMALL, "cpu"), a_batch()
+    eager, batch = EagerCurlSac(2, SMALL, "cpu"), pixel_batch(SMALL.image_size)
     side = 1  # of what is left of 16 pixels
     encoder, copied = agent.critic.encoder, eager.critic.encoder
     convolutions = [layer for layer in encoder.convolutions.layers if hasattr(layer, "weight")]
@@ -324,7 +310,9 @@ def test_graphs_learn_as_the_plain_steps_do():
     config = CurlSacConfig(**vars(SMALL) | {"crop_size": 18, "log_std": (-10.0, -9.99)})
     graphed, plain = (CurlSac(2, config, seed=0, device="cuda") for _ in range(2))
     plain._steps = [step._step for step in plain._steps]
-    batch = Transitions(**{name: t.cuda() for name, t in vars(a_batch()).items()})
+    batch = Transitions(
+        **{name: t.cuda() for name, t in vars(pixel_batch(SMALL.image_size)).items()}
+    )
     for _ in range(12):  # six of each kind, three of which warm up
         losses = graphed.learn(batch), plain.learn(batch)
     torch.testing.assert_close(*losses, rtol=0.05, atol=0.01, equal_nan=True)

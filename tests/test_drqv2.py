@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import torch
+from batches import pixel_batch
 
 from simtune.agents.drqv2 import DrqV2, DrqV2Config
-from simtune.replay import Transitions
 
 SMALL = DrqV2Config(
     image_size=16,
@@ -22,21 +22,6 @@ SMALL = DrqV2Config(
 @pytest.fixture
 def agent() -> DrqV2:
     return DrqV2(2, SMALL, seed=0)
-
-
-def a_batch(n: int = 4) -> Transitions:
-    draw = torch.Generator().manual_seed(0)
-    seen = torch.randint(256, (n, 3, 16, 16, 3), generator=draw, dtype=torch.uint8)
-    return Transitions(
-        states=torch.empty(n, 0),
-        actions=2 * torch.rand(n, 2, generator=draw) - 1,
-        rewards=torch.rand(n, generator=draw),
-        discounts=torch.ones(n),
-        next_states=torch.empty(n, 0),
-        parameters=torch.empty(n, 0),
-        frames=seen[:, :-1],
-        next_frames=seen[:, 1:],
-    )
 
 
 def test_the_papers_sizes():
@@ -83,12 +68,12 @@ def test_gradients_pass_where_noise_was_clipped(agent):
 
 
 def test_the_actor_moves_nothing_but_itself(agent, monkeypatch):
-    agent.learn(a_batch())
+    agent.learn(pixel_batch(SMALL.image_size))
     for module in (agent.encoder, agent.critic, agent.target):
         module.zero_grad(set_to_none=True)
     monkeypatch.setattr("simtune.agents.drqv2.descend", lambda loss, optimizer: losses.append(loss))
     losses: list[torch.Tensor] = []
-    agent.learn(a_batch())
+    agent.learn(pixel_batch(SMALL.image_size))
     of_encoder = torch.autograd.grad(losses[1], [*agent.encoder.parameters()], allow_unused=True)
     assert of_encoder == (None,) * 8
 
@@ -96,7 +81,7 @@ def test_the_actor_moves_nothing_but_itself(agent, monkeypatch):
 def test_one_update_moves_each_part_once(agent):
     parts = (agent.encoder, agent.critic, agent.actor, agent.target)
     before = [[p.detach().clone() for p in part.parameters()] for part in parts]
-    agent.learn(a_batch())
+    agent.learn(pixel_batch(SMALL.image_size))
     for part, old in zip(parts, before, strict=True):
         for was, now in zip(old, part.parameters(), strict=True):
             assert not torch.equal(was, now)

@@ -8,13 +8,14 @@ import numpy as np
 import torch
 
 from simtune.agents import Agent, Seen, make_agent
-from simtune.config import TrainConfig
+from simtune.config import SearchName, TrainConfig
 from simtune.errors import InputError
+from simtune.networks import under
 from simtune.parameters import ParameterSpace
 from simtune.progress import Say
 from simtune.randomization import Distribution
 from simtune.real import RealWorld
-from simtune.real.choose import choose_real
+from simtune.real.choose import choose_real, simulator_for
 from simtune.real.truth import Truth
 from simtune.replay import Replay
 from simtune.rollout import Environment
@@ -22,12 +23,12 @@ from simtune.schedule import PRESETS, Schedule
 from simtune.search_param_model.paper import PaperConfig
 from simtune.search_param_model.simulated import find_landmarks
 from simtune.tasks import Task, load_task
-from simtune.tuning import FixedRange, PaperSearch, PosteriorSearch
+from simtune.tuning import FixedRange, make_search
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import Search
 
 _AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
-_SEARCHES = {"fast": "posterior", "paper": "paper"}
+_SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
 # Nothing here may end by the clock, or no run could be repeated: less is learnt, but all of it.
 _SHORTER = PosteriorSearchConfig(
     num_worlds=192,
@@ -81,11 +82,10 @@ class Parts:
 
     def load(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
         """The inverse of `saved`."""
-        for name, part in self._changing().items():
-            prefix = f"{name}/"
-            own = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
-            film = (self.environment.simulator.render,) if part is self.replay else ()
-            part.load(own, state[name], *film)
+        self.agent.load(under("agent/", tensors), state["agent"])
+        self.search.load(under("search/", tensors), state["search"])
+        film = self.environment.simulator.render  # what is stored has no frames
+        self.replay.load(under("replay/", tensors), state["replay"], film)
 
     def _changing(self) -> dict[str, Any]:
         return {"agent": self.agent, "search": self.search, "replay": self.replay}
@@ -94,17 +94,11 @@ class Parts:
 def make_parts(config: TrainConfig, say: Say) -> Parts:
     """All of them. Raises InputError for what cannot be used."""
     config.check()
-    task = load_task(config.task)
+    task, device = load_task(config.task), _device(config.device)
     if task.reward is None:
         raise InputError(f"{task.name} has no reward, so there is nothing to train a policy for")
     search_name = _search_name(config)
-    schedule = PRESETS[config.preset](
-        config.policy_steps or task.policy_steps,
-        config.real_episodes,
-        many_searches=search_name in ("paper", "regression"),
-    )
-    if search_name is None:  # nobody would look at them
-        schedule = replace(schedule, real_episodes=(0,) * len(schedule.real_episodes))
+    schedule = _schedule(config, task, search_name)
     say("looking at the real world", 0.0)
     real, start, truth = choose_real(
         config.real,
@@ -115,35 +109,19 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
         seed=config.seed,
         start_factor=config.start_factor,
     )
-    simulator = task.simulator(
-        image_size=schedule.image_size,
-        step_s=real.step_s,
-        supersampling=1 if real.looks_like_simulator else 2,
-    )
+    simulator = simulator_for(real, task, schedule.image_size)
     first = Distribution.first(task.parameters, task.parameters.nominal)
     landmarks = find_landmarks(simulator, task.camera, first, seed=0)
     environment = Environment(task, simulator, schedule.num_stacked, landmarks)
-    search, range_policy = _make_search(config, search_name, environment, start, truth, real, say)
-    agent = make_agent(
-        config.agent or _AGENTS[config.preset],
-        image_size=schedule.image_size,
-        num_stacked=schedule.num_stacked,
-        num_landmarks=len(landmarks),
-        num_states=environment.num_states,
-        num_actions=simulator.num_actions,
-        knows=np.array([not p.is_appearance for p in task.parameters]),
-        total_steps=schedule.total_steps,
-        seed=config.seed,
-        device=_device(config.device),
-    )
-    num_episodes = -(-schedule.total_steps // task.episode_steps)
-    replay = Replay(
-        task.parameters,
-        filmed_capacity=min(schedule.filmed_capacity, num_episodes),
-        unfilmed_capacity=num_episodes,
-        num_stacked=schedule.num_stacked,
-        device=agent.device,
-    )
+    if search_name:
+        looks_alike, own = real.looks_like_simulator, _search_config(config, search_name)
+        rest = (config.seed, say, looks_alike, own, device)
+        search = make_search(search_name, simulator, task.camera, start, *rest)
+        range_policy = config.range_policy
+    else:
+        range_policy = config.range_dr if config.method == "dr" else 0.0
+        mean = truth.for_oracle() if truth and config.method == "oracle" else start
+        search = FixedRange(Distribution.proportional(task.parameters, mean, range_policy))
     return Parts(
         task=task,
         schedule=schedule,
@@ -154,60 +132,74 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
         search=search,
         search_name=search_name,
         range_policy=range_policy,
-        agent=agent,
-        replay=replay,
+        agent=_agent(config, schedule, environment, len(landmarks), device),
+        replay=_replay(schedule, task, device),
     )
 
 
-def _search_name(config: TrainConfig) -> str | None:
+def _search_name(config: TrainConfig) -> SearchName | None:
+    """None: nothing is searched for."""
     if config.method == "autotune":
         return config.search or _SEARCHES[config.preset]
     return "regression" if config.method == "regression" else None
 
 
-def _make_search(
-    config: TrainConfig,
-    name: str | None,
-    environment: Environment,
-    start: np.ndarray,
-    truth: Truth | None,
-    real: RealWorld,
-    say: Say,
-) -> tuple[Search, float]:
-    """What moves Ξ, and how wide Ξ_policy is around its mean."""
-    simulator, space = environment.simulator, environment.task.parameters
-    if name is None:
-        range_ = config.range_dr if config.method == "dr" else 0.0
-        mean = truth.for_oracle() if truth and config.method == "oracle" else start
-        return FixedRange(Distribution.proportional(space, mean, range_)), range_
-    if name == "posterior":
-        search = PosteriorSearch(
-            simulator,
-            environment.task.camera,
-            start,
-            _SHORTER if config.preset == "fast" else None,
-            seed=config.seed,
-            say=say,
-            looks_alike=real.looks_like_simulator,
-        )
-        return search, config.range_policy
+def _schedule(config: TrainConfig, task: Task, search_name: SearchName | None) -> Schedule:
+    schedule = PRESETS[config.preset](
+        config.policy_steps or task.policy_steps,
+        config.real_episodes,
+        many_searches=search_name in ("paper", "regression"),
+    )
+    if search_name is None:  # nobody would look at real episodes
+        return replace(schedule, real_episodes=(0,) * len(schedule.real_episodes))
+    return schedule
+
+
+def _search_config(
+    config: TrainConfig, search_name: SearchName
+) -> PosteriorSearchConfig | PaperConfig | None:
+    """The settings of the search; None: its own."""
+    if search_name == "posterior":
+        return _SHORTER if config.preset == "fast" else None
     settings: dict[str, Any] = {"window": config.window, "range_spm": config.range_spm}
     settings["step_size"] = config.step_size
     if config.preset == "fast":  # smaller pictures, and fewer of them before anything moves
         settings |= {"crop_size": 56, "collect_steps": 4000, "pretrain_steps": 0}
         settings |= {"episodes_per_iteration": 5}
-    method = "regression" if name == "regression" else "paper"
-    search = PaperSearch(
-        simulator,
-        start,
-        PaperConfig(**settings),
+    return PaperConfig(**settings)
+
+
+def _agent(
+    config: TrainConfig,
+    schedule: Schedule,
+    environment: Environment,
+    num_landmarks: int,
+    device: str,
+) -> Agent:
+    return make_agent(
+        config.agent or _AGENTS[config.preset],
+        image_size=schedule.image_size,
+        num_stacked=schedule.num_stacked,
+        num_landmarks=num_landmarks,
+        num_states=environment.num_states,
+        num_actions=environment.simulator.num_actions,
+        knows=np.array([not p.is_appearance for p in environment.task.parameters]),
+        total_steps=schedule.total_steps,
         seed=config.seed,
-        method=method,
-        replay_actions=True,
-        say=say,
-        device=_device(config.device),
+        device=device,
     )
-    return search, config.range_policy
+
+
+def _replay(schedule: Schedule, task: Task, device: str) -> Replay:
+    """Room for all episodes, but for the frames of the latest only."""
+    num_episodes = -(-schedule.total_steps // task.episode_steps)
+    return Replay(
+        task.parameters,
+        filmed_capacity=min(schedule.filmed_capacity, num_episodes),
+        unfilmed_capacity=num_episodes,
+        num_stacked=schedule.num_stacked,
+        device=device,
+    )
 
 
 def _device(name: str) -> str:

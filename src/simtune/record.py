@@ -16,8 +16,8 @@ from simtune.simulation import (
     Act,
     Projector,
     Simulator,
+    on_pictures,
     random_actions,
-    scale_actions,
 )
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
@@ -92,4 +92,4 @@ class _Actor:
             return lambda t, _: actions[:, t]
         agent, stacked = self._parts.agent, self._parts.schedule.num_stacked
         eye = Projector(self._parts.environment.simulator, world, self._steps, stacked)
-        return lambda t, states: scale_actions(self._simulator, agent.act(eye.show(t, states)))
+        return on_pictures(self._simulator, eye, agent.act)

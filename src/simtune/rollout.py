@@ -43,9 +43,8 @@ class Environment:
 
     def observe(self, states: np.ndarray) -> np.ndarray:
         """(..., S) rows to (..., D): positions and velocities, without what makes no difference."""
-        known = states[
-            ..., 1 : 1 + self._space.nq + self._space.nv
-        ].copy()  # a row begins with time
+        # A row begins with time.
+        known = states[..., 1 : 1 + self._space.nq + self._space.nv].copy()
         known[..., self._free] = 0
         return self._space.features(known).astype(np.float32)
 

@@ -1,9 +1,6 @@
 """When what happens in a training: the presets, and what depends on the task."""
 
 from dataclasses import dataclass
-from typing import Literal
-
-PresetName = Literal["fast", "paper"]
 
 
 @dataclass(frozen=True, kw_only=True)

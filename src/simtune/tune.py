@@ -8,7 +8,7 @@ from simtune import outcome
 from simtune.comparison import write_comparison
 from simtune.config import TuneConfig
 from simtune.progress import Say, silent
-from simtune.real.choose import choose_real
+from simtune.real.choose import choose_real, simulator_for
 from simtune.report import write_report
 from simtune.run import RunFolder
 from simtune.simulation import Simulator
@@ -38,11 +38,7 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         real_gap=config.real_gap,
     )
     trajectories = real.collect(config.real_episodes)
-    # A real camera averages over its pixels; the simulator's own does not.
-    supersampling = 1 if real.looks_like_simulator else 2
-    simulator = task.simulator(
-        image_size=image_size, step_s=real.step_s, supersampling=supersampling
-    )
+    simulator = simulator_for(real, task, image_size)
     search = make_search(
         config.search,
         simulator,

@@ -33,7 +33,7 @@ from simtune.agents.pixel_networks import (
     move_towards,
 )
 from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
-from simtune.agents.squashed import sample_squashed
+from simtune.agents.squashed import sample_squashed, uniform_actions
 from simtune.networks import PixelEncoder, autocast, seeded
 from simtune.replay import Replay, Transitions
 
@@ -162,9 +162,7 @@ class CurlSac:
         assert seen.frames is not None
         if not self._counter.explore(len(seen.frames)):
             return self.act(seen.frames, sample=True)
-        shape = (len(seen.frames), self.num_actions)
-        uniform = torch.rand(shape, generator=self._generator, device=self.device)
-        return (2 * uniform - 1).cpu().numpy()
+        return uniform_actions(len(seen.frames), self.num_actions, self._generator).cpu().numpy()
 
     def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
         """An update for each step after the random ones; means of the losses, NaN without any."""

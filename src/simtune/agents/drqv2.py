@@ -19,6 +19,7 @@ from simtune.agents.augment import random_shift
 from simtune.agents.counting import Counter
 from simtune.agents.pixel_networks import TwinQ, descend, initialize, move_towards
 from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
+from simtune.agents.squashed import uniform_actions
 from simtune.networks import PixelConvolutions, autocast, feature_head, mlp, seeded
 from simtune.replay import Replay, Transitions
 
@@ -126,9 +127,7 @@ class DrqV2:
         assert seen.frames is not None
         if not self._counter.explore(len(seen.frames)):
             return self.act(seen.frames, sample=True)
-        shape = (len(seen.frames), self.num_actions)
-        uniform = torch.rand(shape, generator=self._generator, device=self.device)
-        return (2 * uniform - 1).cpu().numpy()
+        return uniform_actions(len(seen.frames), self.num_actions, self._generator).cpu().numpy()
 
     def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
         """An update for every other step after the random ones; NaN where there was none."""

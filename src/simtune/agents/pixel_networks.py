@@ -4,6 +4,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from simtune.agents.squashed import bounded_log_std
 from simtune.networks import feature_head, mlp
 
 
@@ -21,8 +22,7 @@ class GaussianActor(nn.Module):
     def forward(self, convolved: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, F) to (B, A) each, float32."""
         mean, spread = self.layers(self.head(convolved)).float().chunk(2, -1)
-        low, high = self.log_std
-        return mean, low + (high - low) / 2 * (spread.tanh() + 1)
+        return mean, bounded_log_std(spread, self.log_std)
 
 
 class TwinQ(nn.Module):

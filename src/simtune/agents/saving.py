@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import torch
 from torch import nn
 
-from simtune.networks import load_optimizer_tensors, optimizer_tensors
+from simtune.networks import load_optimizer_tensors, optimizer_tensors, under
 
 Parts = Mapping[str, nn.Module | torch.optim.Optimizer]
 
@@ -25,8 +25,7 @@ def scatter_tensors(
     """The inverse: copy them into the parts, on whatever device those are."""
     generator.set_state(tensors["generator"].cpu())
     for name, part in parts.items():
-        prefix = f"{name}."
-        own = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+        own = under(f"{name}.", tensors)
         if isinstance(part, nn.Module):
             part.load_state_dict(own)
         else:

@@ -72,13 +72,9 @@ class Student(nn.Module):
 
     def act(self, frames: torch.Tensor) -> torch.Tensor:
         """Pixels to actions. A picture that it has just seen is not looked at again."""
-        memory, latest = self._memory, frames[:, -1]
-        if memory and memory.frames.shape == frames.shape:
-            known = torch.equal(memory.frames[:, 1:], frames[:, :-1])
-        else:
-            known = False
-        if memory and known:
-            seen = torch.cat([memory.seen[:, 1:], self.look(latest)[:, None]], 1)
+        memory = self._memory
+        if memory and torch.equal(memory.frames[:, 1:], frames[:, :-1]):
+            seen = torch.cat([memory.seen[:, 1:], self.look(frames[:, -1])[:, None]], 1)
         else:
             seen = self.look(frames.flatten(0, 1)).unflatten(0, frames.shape[:2])
         self._memory = Memory(frames.clone(), seen)

@@ -13,7 +13,7 @@ from torch import nn
 from torch.nn import functional
 
 from simtune.agents.pixel_networks import move_towards
-from simtune.agents.squashed import sample_squashed
+from simtune.agents.squashed import bounded_log_std, sample_squashed
 from simtune.networks import frozen, mlp
 from simtune.replay import Transitions
 
@@ -118,8 +118,7 @@ class Teacher(nn.Module):
     def _policy(self, states: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, D) normalised states to means and log standard deviations before the tanh."""
         mean, spread = self.actor(states).chunk(2, -1)
-        low, high = self.config.log_std
-        return mean, low + (high - low) * (spread.tanh() + 1) / 2
+        return mean, bounded_log_std(spread, self.config.log_std)
 
 
 class TwinCritic(nn.Module):

@@ -12,6 +12,7 @@ import torch
 
 from simtune.agents.agent import Seen
 from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
+from simtune.agents.squashed import uniform_actions
 from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
 from simtune.networks import seeded
@@ -81,7 +82,7 @@ class TeacherStudent:
         """The teacher alone, while nobody films; then the student, more and more."""
         states = torch.from_numpy(seen.state).to(self.device)
         if self.num_steps < self.config.random_steps:
-            actions = 2 * self._uniform(len(states), self._num_actions) - 1
+            actions = uniform_actions(len(states), self._num_actions, self._generator)
         elif seen.frames is None:
             actions = self.teacher.sample(states, self._generator)
         else:

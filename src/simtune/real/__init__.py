@@ -1,14 +1,9 @@
 """The real world: it hands out frames and actions, and nothing else."""
 
-from collections.abc import Callable
 from typing import Protocol
 
-import numpy as np
-
+from simtune.simulation import PixelPolicy
 from simtune.trajectory import Trajectory
-
-# (n, K, H, W, 3) uint8, the latest frames of n worlds, to (n, A) actions in [−1, 1]
-PixelPolicy = Callable[[np.ndarray], np.ndarray]
 
 
 class RealWorld(Protocol):
@@ -38,4 +33,4 @@ class RealWorld(Protocol):
         ...
 
 
-__all__ = ["PixelPolicy", "RealWorld"]
+__all__ = ["RealWorld"]

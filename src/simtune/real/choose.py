@@ -12,6 +12,7 @@ from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
+from simtune.simulation import Simulator
 from simtune.tasks import Task
 
 
@@ -50,6 +51,13 @@ def choose_real(
     num_actions = len(task.load_actions().names)
     real = RecordedReal(name, camera=camera, image_size=image_size, num_actions=num_actions)
     return real, space.nominal.copy(), None
+
+
+def simulator_for(real: RealWorld, task: Task, image_size: int) -> Simulator:
+    """Worlds of `task` to compare with a real one: actions last as long, pictures are alike."""
+    # A real camera averages over its pixels; the simulator's own does not.
+    supersampling = 1 if real.looks_like_simulator else 2
+    return task.simulator(image_size=image_size, step_s=real.step_s, supersampling=supersampling)
 
 
 def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:

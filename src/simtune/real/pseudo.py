@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from simtune.real import PixelPolicy
 from simtune.real.gap import RealityGap
-from simtune.simulation import Projector, Simulator, random_actions, scale_actions
+from simtune.simulation import PixelPolicy, Projector, Simulator, on_pictures, random_actions
 from simtune.trajectory import Trajectory
 
 
@@ -47,22 +46,20 @@ class PseudoReal:
                 for frames, asked in zip(simulator.film(seen), commanded, strict=True)
             ]
 
-        def act(
+        def try_out(
             policy: PixelPolicy, num_stacked: int, num_episodes: int, rng: np.random.Generator
         ) -> list[Trajectory]:
             worlds = np.tile(parameters, (num_episodes, 1))
             projector = Projector(simulator, worlds, episode_steps, num_stacked)
 
-            def controls(t: int, states: np.ndarray) -> np.ndarray:
-                return scale_actions(simulator, policy(projector.show(t, states)))
-
-            played = simulator.play(worlds, controls, episode_steps, rng)
+            act = on_pictures(simulator, projector, policy)
+            played = simulator.play(worlds, act, episode_steps, rng)
             projector.show(episode_steps, played.states[:, -1])
             whole = np.flatnonzero(played.lengths == episode_steps)
             actions = played.actions.astype(np.float32)
             return [Trajectory(projector.frames[i], actions[i], step_s) for i in whole]
 
-        self._film, self._act, self._seed = film, act, seed
+        self._film, self._try_out, self._seed = film, try_out, seed
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
         """Film episodes of random actions, by default 5. Worlds that diverge yield fewer."""
@@ -74,6 +71,6 @@ class PseudoReal:
         """See `RealWorld`; the same policy and seed give the same episodes. Without a gap only."""
         if not self.looks_like_simulator:
             raise NotImplementedError("no policy can act through a reality gap")
-        return self._act(
+        return self._try_out(
             policy, num_stacked, num_episodes, np.random.default_rng((self._seed, 2, seed))
         )

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError
-from simtune.real import PixelPolicy
 from simtune.recordings import Recording, read_dataset, read_meta
+from simtune.simulation import PixelPolicy
 from simtune.trajectory import Trajectory
 
 _A_FEW = 10  # episodes taken where no number is asked for: more would mostly cost memory

@@ -33,20 +33,13 @@ class Replay(EpisodeStore):
         `generator` is one of the store's device, which the host does not wait for. `frames` and
         `next_frames` share memory, so neither may be changed in place.
         """
-        num_steps = self.num_filmed_steps if with_frames else self.num_steps
-        if num_steps == 0:
-            kind = "filmed episode" if with_frames else "episode"
-            raise ValueError(f"no {kind} is stored; add some before sampling")
-        # Slots with frames come first, and so do their steps. An empty slot has none.
-        step = torch.randint(num_steps, (batch_size,), generator=generator, device=self.device)
-        episode = torch.searchsorted(self._ends, step, right=True)
-        t = step - self._starts[episode]
+        episode, t = self._draw(batch_size, generator, with_frames)
         frames, next_frames = self._stacks(episode, t) if with_frames else (None, None)
         return Transitions(
             states=self.states[episode, t],
             actions=self.actions[episode, t],
             rewards=self.rewards[episode, t],
-            discounts=(step != self._terminals[episode]).float(),
+            discounts=(self._starts[episode] + t != self._terminals[episode]).float(),
             next_states=self.states[episode, t + 1],
             parameters=self._coordinates[episode],
             frames=frames,
@@ -57,17 +50,26 @@ class Replay(EpisodeStore):
         self, batch_size: int, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, H, W, 3) frames drawn from all that are stored, and their (B, L, 2) landmarks."""
-        step = torch.randint(
-            self.num_filmed_steps, (batch_size,), generator=generator, device=self.device
-        )
-        episode = torch.searchsorted(self._ends, step, right=True)
-        t = step - self._starts[episode]
+        episode, t = self._draw(batch_size, generator, filmed=True)
         return self.frames[episode, t], self.landmarks[episode, t]
 
     @property
     def stack_offsets(self) -> torch.Tensor:
         """(K,) steps from the newest frame of a stack to each of it."""
         return torch.arange(1 - self.num_stacked, 1, device=self.device)
+
+    def _draw(
+        self, num: int, generator: torch.Generator, filmed: bool
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Slots (num,) and steps (num,) within them, uniform over all steps."""
+        num_steps = self.num_filmed_steps if filmed else self.num_steps
+        if num_steps == 0:
+            kind = "filmed episode" if filmed else "episode"
+            raise ValueError(f"no {kind} is stored; add some before sampling")
+        # Slots with frames come first, and so do their steps. An empty slot has none.
+        step = torch.randint(num_steps, (num,), generator=generator, device=self.device)
+        episode = torch.searchsorted(self._ends, step, right=True)
+        return episode, step - self._starts[episode]
 
     def _stacks(self, episode: torch.Tensor, t: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, K, H, W, 3) frames up to `t`, and up to `t` + 1; the first one is repeated."""

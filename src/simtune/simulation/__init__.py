@@ -1,6 +1,6 @@
 """Simulated worlds: batched physics, and two renderers behind one interface."""
 
-from simtune.simulation.acting import Projector, scale_actions
+from simtune.simulation.acting import PixelPolicy, Projector, on_pictures, scale_actions
 from simtune.simulation.actions import (
     ActionMapping,
     DirectActions,
@@ -24,6 +24,7 @@ __all__ = [
     "MapActions",
     "MocapActions",
     "OpenGLQuality",
+    "PixelPolicy",
     "Played",
     "Projector",
     "Renderer",
@@ -34,6 +35,7 @@ __all__ = [
     "StateSpace",
     "Worlds",
     "make_renderer",
+    "on_pictures",
     "random_actions",
     "remember_controls",
     "scale_actions",

@@ -1,8 +1,13 @@
 """What it takes to act on pictures: to see them as they come, and to move the robot."""
 
+from collections.abc import Callable
+
 import numpy as np
 
-from simtune.simulation.simulator import Simulator
+from simtune.simulation.simulator import Act, Simulator
+
+# (n, K, H, W, 3) uint8, the latest frames of n worlds, to (n, A) actions in [−1, 1]
+PixelPolicy = Callable[[np.ndarray], np.ndarray]
 
 
 class Projector:
@@ -26,3 +31,8 @@ def scale_actions(simulator: Simulator, actions: np.ndarray) -> np.ndarray:
     """(n, A) actions in [−1, 1], as policies give them, to the simulator's own units."""
     low, high = simulator.action_mapping.range.T
     return low + (np.clip(actions, -1, 1) + 1) / 2 * (high - low)
+
+
+def on_pictures(simulator: Simulator, eye: Projector, policy: PixelPolicy) -> Act:
+    """Acts in `simulator` by what a policy makes of the pictures that `eye` shows it."""
+    return lambda t, states: scale_actions(simulator, policy(eye.show(t, states)))

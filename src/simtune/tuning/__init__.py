@@ -4,10 +4,12 @@ import numpy as np
 
 from simtune.config import SearchName
 from simtune.progress import Say
+from simtune.search_param_model.paper import PaperConfig
 from simtune.simulation import Simulator
 from simtune.tuning.fixed import FixedRange
 from simtune.tuning.paper import PaperSearch
 from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import Search
 
 _IMAGE_SIZES = {"posterior": 64, "paper": 100, "regression": 100}  # pixels a side
@@ -26,16 +28,22 @@ def make_search(
     seed: int,
     say: Say,
     looks_alike: bool,
+    config: PosteriorSearchConfig | PaperConfig | None = None,
+    device: str = "cpu",
 ) -> Search:
     """A search that begins at the (N,) parameters `start`, and says what it does.
 
-    `looks_alike`: the real world is drawn as `simulator` draws, and moves as promptly.
+    `looks_alike`: the real world is drawn as `simulator` draws, and moves as promptly. `config` is
+    the search's own kind; `device` is that of the paper's networks.
     """
     if search == "posterior":
+        assert not isinstance(config, PaperConfig)
         return PosteriorSearch(
-            simulator, camera, start, seed=seed, say=say, looks_alike=looks_alike
+            simulator, camera, start, config, seed=seed, say=say, looks_alike=looks_alike
         )
-    return PaperSearch(simulator, start, seed=seed, method=search, replay_actions=True, say=say)
+    assert not isinstance(config, PosteriorSearchConfig)
+    settings = {"seed": seed, "say": say, "replay_actions": True, "device": device}
+    return PaperSearch(simulator, start, config, method=search, **settings)
 
 
-__all__ = ["FixedRange", "PaperSearch", "PosteriorSearch", "make_search", "needed_image_size"]
+__all__ = ["FixedRange", "make_search", "needed_image_size"]

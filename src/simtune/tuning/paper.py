@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from simtune.errors import InputError
-from simtune.networks import load_optimizer_tensors, optimizer_tensors, seeded
+from simtune.networks import load_optimizer_tensors, optimizer_tensors, seeded, under
 from simtune.parameters import ParameterSpace
 from simtune.progress import Say, silent
 from simtune.randomization import Distribution
@@ -191,9 +191,9 @@ class PaperSearch:
         }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        self.model.load_state_dict(_under("model.", tensors))
-        load_optimizer_tensors(self._optimizer, _under("optimizer.", tensors))
-        self._store.load(_under("store.", tensors), state["store"], self._simulator.render)
+        self.model.load_state_dict(under("model.", tensors))
+        load_optimizer_tensors(self._optimizer, under("optimizer.", tensors))
+        self._store.load(under("store.", tensors), state["store"], self._simulator.render)
         self._center(np.array(state["mean"]))
         self.num_moves = state["num_moves"]
         self._rng.bit_generator.state = state["rng"]
@@ -209,7 +209,3 @@ def _arrivals(before: np.ndarray, now: Distribution) -> list[Event]:
                 low, high = float(now.low[i]), float(now.high[i])
                 events.append(Event("moved", parameter.name, low, high, reason))
     return events
-
-
-def _under(prefix: str, tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}

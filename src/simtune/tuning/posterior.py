@@ -20,6 +20,7 @@ from simtune.fit import (
     ranks,
     widened,
 )
+from simtune.networks import under
 from simtune.progress import Say, silent
 from simtune.randomization import Distribution
 from simtune.search_param_model.judge import SHORTEST_STEPS
@@ -191,9 +192,7 @@ class PosteriorSearch:
             self._lessons.landmarks, geoms=geoms, offsets=offsets.reshape(-1, 3)
         )
         for part, module in (("sight", self.model.sight), ("judge", self.model.judge)):
-            prefix = part + "."
-            own = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
-            module.load_state_dict(own)
+            module.load_state_dict(under(f"{part}.", tensors))
         self.model.generator.set_state(tensors["generator"])
         self.iteration = state["iteration"]
         ranges = {k: np.array(v) for k, v in state["distribution"].items()}
