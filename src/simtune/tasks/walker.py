@@ -40,7 +40,7 @@ def walk() -> Task:
         action_repeat=2,
         initialize=_initialize,
         reward=_reward,
-        policy_steps=240_000,
+        policy_steps=160_000,
         free_joints=("rootx",),
     )
 
