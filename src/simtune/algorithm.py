@@ -140,6 +140,7 @@ class Training:
             "real": config.real,
             "real_episodes": len(self.real),
             "policy_steps": self.num_steps,
+            "step_s": parts.real.step_s,
             "sim_steps": parts.environment.simulator.num_steps,
             "wall_s": round(self._wall_s, 1),
         }

@@ -12,7 +12,14 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
-from simtune.config import CheckConfig, EvaluateConfig, RecordConfig, TrainConfig, TuneConfig
+from simtune.config import (
+    CheckConfig,
+    EvaluateConfig,
+    ExportConfig,
+    RecordConfig,
+    TrainConfig,
+    TuneConfig,
+)
 from simtune.errors import InputError
 
 
@@ -41,6 +48,7 @@ Command = (
     | Annotated[TrainConfig, subcommand("train")]
     | Annotated[RecordConfig, subcommand("record")]
     | Annotated[EvaluateConfig, subcommand("evaluate")]
+    | Annotated[ExportConfig, subcommand("export")]
     | Annotated[ReportCommand, subcommand("report")]
     | Annotated[DoctorCommand, subcommand("doctor")]
 )
@@ -98,6 +106,11 @@ def _run(command: Any) -> None:
             from simtune.evaluate import evaluate
 
             print(json.dumps(evaluate(command)))
+        case ExportConfig():
+            from simtune.export import export
+
+            folder = export(command)
+            print(f"{folder / 'model.xml'}, with its numbers in parameters.json and apply.py")
         case ReportCommand(run_folder):
             from simtune.report import write_report
 

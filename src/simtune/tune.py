@@ -58,6 +58,7 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
             "seed": config.seed,
             "real": config.real,
             "real_episodes": len(trajectories),
+            "step_s": real.step_s,
             "sim_steps": simulator.num_steps,
             "num_diverged": simulator.num_diverged,
             "wall_s": round(wall_s, 1),

@@ -1,5 +1,6 @@
 """What commands are asked: one dataclass a command that runs for long."""
 
+from simtune.config.export import ExportConfig
 from simtune.config.record import RecordConfig, RendererName
 from simtune.config.train import EvaluateConfig, Method, TrainConfig
 from simtune.config.tune import CheckConfig, SearchName, TuneConfig
@@ -7,6 +8,7 @@ from simtune.config.tune import CheckConfig, SearchName, TuneConfig
 __all__ = [
     "CheckConfig",
     "EvaluateConfig",
+    "ExportConfig",
     "Method",
     "RecordConfig",
     "RendererName",

@@ -3,6 +3,7 @@
 from simtune.parameters.declare import camera_pose, colour, delay, dynamics, field_of_view
 from simtune.parameters.model_writer import ModelWriter
 from simtune.parameters.parameter import Parameter
+from simtune.parameters.places import rows_of
 from simtune.parameters.space import ParameterSpace
 
 __all__ = [
@@ -14,4 +15,5 @@ __all__ = [
     "delay",
     "dynamics",
     "field_of_view",
+    "rows_of",
 ]

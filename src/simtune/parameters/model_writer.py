@@ -51,6 +51,15 @@ class ModelWriter:
             f.startswith("opt.") or f in mujoco.MjModel._setconst_inputs for f in self._nominal
         )
 
+    @property
+    def written(self) -> dict[str, list[str]]:
+        """Names of the objects that each field is written for, what is carried along included."""
+        written: dict[str, dict[str, None]] = {}
+        for p in self.space:
+            for field in filter(None, (p.field, _CARRIED.get(p.field))):
+                written.setdefault(field, {}).update(dict.fromkeys(p.objects))
+        return {field: list(names) for field, names in written.items()}
+
     def write(self, model: mujoco.MjModel, parameters: np.ndarray) -> None:
         """Write one vector (N,) into a model."""
         parameters = np.asarray(parameters)

@@ -55,19 +55,22 @@ def _rows(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
         )
     if not parameter.objects:
         raise InputError(f"{parameter.name}: {parameter.field} needs the names of its objects")
+    return np.concatenate([rows_of(model, parameter.field, name) for name in parameter.objects])
+
+
+def rows_of(model: mujoco.MjModel, field: str, name: str) -> np.ndarray:
+    """Rows of a field that the object `name` owns: one, or as many as a joint has dofs.
+
+    Raises UnknownName for an object that the model lacks.
+    """
+    word = field.split("_")[0]
     kind, count = _OBJECT_TYPES[word]
-    rows: list[int] = []
-    for name in parameter.objects:
-        index = mujoco.mj_name2id(model, kind, name)
-        if index < 0:
-            names = (mujoco.mj_id2name(model, kind, i) for i in range(getattr(model, count)))
-            known = [n for n in names if n]  # those without a name cannot be asked for
-            raise UnknownName(kind.name[6:].lower(), name, "the model", known)
-        if word != "dof":
-            rows.append(index)
-        else:
-            rows.extend(d for d in range(model.nv) if model.dof_jntid[d] == index)
-    return np.array(rows)
+    index = mujoco.mj_name2id(model, kind, name)
+    if index < 0:
+        names = (mujoco.mj_id2name(model, kind, i) for i in range(getattr(model, count)))
+        known = [n for n in names if n]  # those without a name cannot be asked for
+        raise UnknownName(kind.name[6:].lower(), name, "the model", known)
+    return np.flatnonzero(model.dof_jntid == index) if word == "dof" else np.array([index])
 
 
 def refuse_overlaps(space: ParameterSpace, places: list[tuple], nominal) -> None:

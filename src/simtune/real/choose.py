@@ -61,7 +61,10 @@ def simulator_for(real: RealWorld, task: Task, image_size: int) -> Simulator:
 
 
 def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:
-    """(N,) parameters from a JSON object of names and values; what is missing is nominal."""
+    """(N,) parameters from a JSON object of names and values; what is missing is nominal.
+
+    What a run found will do as well: its result.json, or parameters.json of an export.
+    """
     if path is None:
         return space.nominal.copy()
     try:
@@ -72,4 +75,7 @@ def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:
         raise InputError(f"{path} is not JSON: {error}") from error
     if not isinstance(values, dict):
         raise InputError(f"{path} must hold one JSON object of names and values")
+    found = values.get("parameters")
+    if isinstance(found, dict) and all("mean" in entry for entry in found.values()):
+        values = {name: entry["mean"] for name, entry in found.items()}
     return space.from_dict(values)

@@ -8,7 +8,7 @@ from simtune.simulation.actions import (
     MocapActions,
     ScaledActions,
 )
-from simtune.simulation.delays import remember_controls
+from simtune.simulation.delays import count_substeps, remember_controls
 from simtune.simulation.quality import OPENGL_DM_CONTROL, OPENGL_FAST, OpenGLQuality
 from simtune.simulation.renderer import Renderer, RendererName, make_renderer
 from simtune.simulation.simulator import Act, Played, Rollouts, Simulator, random_actions
@@ -34,6 +34,7 @@ __all__ = [
     "Simulator",
     "StateSpace",
     "Worlds",
+    "count_substeps",
     "make_renderer",
     "on_pictures",
     "random_actions",

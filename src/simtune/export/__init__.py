@@ -1,0 +1,80 @@
+"""`simtune export`: what a run found, as files that need no simtune."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simtune.config import ExportConfig
+from simtune.errors import InputError
+from simtune.export.mjcf import tuned_model, write_mjcf
+from simtune.export.script import apply_script
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.report.data import RunData, read_run
+from simtune.run import write_atomically, write_json
+from simtune.tasks import load_task
+
+_PROVENANCE = ("command", "method", "search", "seed", "real", "real_episodes", "recordings")
+_DOUBTS = ("warnings", "correlations")
+
+
+def export(config: ExportConfig) -> Path:
+    """Write OUT; returns it. Raises InputError where there is nothing to take along."""
+    run = read_run(config.run_folder)
+    if not run.result.get("parameters"):
+        raise InputError(f"{run.path} has no result yet: let the run end first")
+    if run.result["method"] in ("dr", "oracle"):
+        raise InputError(f"{run.path} is of --method {run.result['method']}, which tunes nothing")
+    task = load_task(run.config["task"])
+    found = run.result["parameters"]
+    _refuse_changed(run, task.parameters)
+    mean = np.array([found[name]["mean"] for name in task.parameters.names])
+    out = _new_folder(config.out)
+    spec, model, writer = tuned_model(task, mean, run.result.get("step_s"))
+    write_mjcf(spec, model, writer, out)
+    write_atomically(out / "apply.py", apply_script(writer, model).encode())
+    write_json(out / "parameters.json", _told(run, task.parameters))
+    return out
+
+
+def _told(run: RunData, space: ParameterSpace) -> dict[str, Any]:
+    """The content of parameters.json."""
+    found = run.result["parameters"]
+    provenance = {key: run.result[key] for key in _PROVENANCE if key in run.result}
+    provenance |= {key: run.stored[key] for key in ("versions", "created") if key in run.stored}
+    return {
+        "task": run.result["task"],
+        "parameters": {p.name: found[p.name] | _where(p) for p in space},
+        **{key: run.result[key] for key in _DOUBTS if key in run.result},
+        "provenance": provenance | {"run": str(run.path.resolve())},
+    }
+
+
+def _where(parameter: Parameter) -> dict[str, Any]:
+    """What the number is in the model, and the bounds that it was searched within."""
+    declared = asdict(parameter)
+    where = {key: declared[key] for key in ("field", "objects", "component", "scale")}
+    return where | {"bounds": [parameter.low, parameter.high]}
+
+
+def _refuse_changed(run: RunData, space: ParameterSpace) -> None:
+    """The task may be a file that was edited since."""
+    now = {p.name: (p.unit, p.nominal) for p in space}
+    then = {n: (p["unit"], p["nominal"]) for n, p in run.result["parameters"].items()}
+    differing = [name for name in {**then, **now} if then.get(name) != now.get(name)]
+    if differing:
+        raise InputError(
+            f"{run.config['task']} has other parameters than when {run.path} was made "
+            f"({', '.join(differing)}): bring it back, or tune anew"
+        )
+
+
+def _new_folder(path: Path) -> Path:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if any(path.iterdir()):
+            raise InputError(f"{path} is not empty: give --out a new or an empty folder")
+    except OSError as error:
+        raise InputError(f"cannot write into {path}: {error.strerror}") from None
+    return path

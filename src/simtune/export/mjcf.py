@@ -1,0 +1,97 @@
+"""The tuned model as a user's files: MJCF and all that it refers to."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path, PurePath
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.parameters import ModelWriter, rows_of
+from simtune.run import write_atomically
+from simtune.simulation import count_substeps, remember_controls
+from simtune.tasks import Task
+
+_ASSETS = "assets"
+# What `MjSpec.copy_back` of MuJoCo 3.17 leaves out, as measured field by field.
+_NOT_COPIED = ("actuator_delay", "site_size", "mat_metallic", "mat_roughness")
+_NOT_COPIED += ("light_range", "light_bulbradius")
+
+
+def tuned_model(
+    task: Task, parameters: np.ndarray, step_s: float | None
+) -> tuple[mujoco.MjSpec, mujoco.MjModel, ModelWriter]:
+    """The task's spec, that spec compiled with (N,) `parameters` written into it, and what wrote.
+
+    `step_s`: how long an action lasted in the run; physics steps are a whole part of it.
+    """
+    step_s = step_s or task.step_s
+    spec = task.load_spec()
+    remember_controls(spec, task.parameters, step_s)
+    spec.option.timestep = step_s / count_substeps(step_s, spec.option.timestep)
+    model = spec.compile()
+    writer = ModelWriter(task.parameters, model)
+    writer.write(model, parameters)
+    return spec, model, writer
+
+
+def write_mjcf(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, writer: ModelWriter, folder: Path
+) -> None:
+    """FOLDER/model.xml with the numbers of `model`, which was compiled from `spec`.
+
+    Meshes, textures and height fields from files are copied into FOLDER/assets.
+    Raises InputError for a file that cannot be read, RuntimeError for a field that MJCF lacks.
+    """
+    spec.copy_back(model)
+    for field in set(_NOT_COPIED) & writer.written.keys():
+        kind, _, attribute = field.partition("_")
+        for name in writer.written[field]:
+            element = getattr(spec, {"mat": "material"}.get(kind, kind))(name)
+            (value,) = getattr(model, field)[rows_of(model, field, name)].tolist()
+            setattr(element, attribute, value)
+    copied: dict[Path, str] = {}
+    for owner, where, name in _files(spec):
+        source = Path(spec.modelfiledir or "") / where / name
+        if source not in copied:
+            copied[source] = _copy(source, folder / _ASSETS, len(copied))
+        owner.file = copied[source]
+    spec.meshdir = spec.texturedir = _ASSETS if copied else ""
+    spec.modelfiledir = str(folder)  # writing looks at the files once more
+    write_atomically(folder / "model.xml", spec.to_xml().encode())
+    _compare(mujoco.MjModel.from_xml_path(str(folder / "model.xml")), model, writer)
+
+
+def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, writer: ModelWriter) -> None:
+    """MJCF need not have a word for every field of a model."""
+    for field in writer.written:
+        before, after = (m.opt if field.startswith("opt.") else m for m in (model, reloaded))
+        name = field.removeprefix("opt.")
+        if not np.allclose(getattr(before, name), getattr(after, name), rtol=1e-4, atol=1e-6):
+            raise RuntimeError(f"MuJoCo writes no {field} into MJCF, so it cannot be exported")
+
+
+def _files(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
+    """(what refers to a file, the folder that it is named from, its name)."""
+    for where, owners in (
+        (spec.meshdir, [*spec.meshes, *spec.hfields, *spec.skins]),
+        (spec.texturedir, spec.textures),
+    ):
+        for owner in owners:
+            if owner.file:
+                yield owner, where, owner.file
+
+
+def _copy(source: Path, folder: Path, number: int) -> str:
+    """The name of the copy, which is the source's own unless that is taken."""
+    folder.mkdir(exist_ok=True)
+    name = PurePath(source).name
+    if (folder / name).exists():
+        name = f"{number}_{name}"
+    try:
+        shutil.copyfile(source, folder / name)
+    except OSError as error:
+        raise InputError(f"cannot copy {source}, which the model needs: {error.strerror}") from None
+    return name

@@ -1,0 +1,71 @@
+"""Python that writes what was found into a user's own copy of the model, without simtune."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from simtune.parameters import ModelWriter, rows_of
+
+_SCRIPT = '''"""Write what simtune found into a MuJoCo model.
+
+    python apply.py MODEL.xml TUNED.xml
+
+writes a tuned copy. From Python: apply(model) changes a compiled model, in which the objects below
+have the same names as in the one that was tuned.{note}
+"""
+
+import sys
+
+import mujoco
+
+# (field of MjModel, kind of object, its name, the object's values)
+FOUND = [
+{rows}
+]
+
+
+def apply(model: mujoco.MjModel) -> None:
+    for field, kind, name, values in FOUND:
+        if kind == "opt":
+            setattr(model.opt, field, values)
+        elif kind == "dof":
+            joint = model.joint(name).id
+            getattr(model, field)[model.dof_jntid == joint] = values
+        else:
+            getattr(model, field)[getattr(model, kind)(name).id] = values
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+if __name__ == "__main__":
+    spec = mujoco.MjSpec.from_file(sys.argv[1])
+    model = spec.compile()
+    apply(model)
+    spec.copy_back(model)
+    spec.to_file(sys.argv[2])
+'''
+_DELAYS = """
+Actuators must remember their controls (nsample) for as long as they are to be late, as those of
+model.xml do."""
+
+
+def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
+    """The text of apply.py, with the numbers that `writer` wrote into `model`."""
+    rows = [
+        f"    ({field!r}, {kind!r}, {name!r}, {values!r}),"
+        for field, kind, name, values in _found(writer, model)
+    ]
+    note = _DELAYS if any(p.is_delay for p in writer.space) else ""
+    return _SCRIPT.format(rows="\n".join(rows), note=note)
+
+
+def _found(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:
+    """Whole rows, since a field's numbers may be several parameters, or carried along."""
+    for field, objects in writer.written.items():
+        kind, _, rest = field.replace(".", "_", 1).partition("_")
+        if kind == "opt":
+            yield rest, kind, "", np.asarray(getattr(model.opt, rest)).tolist()
+        for name in objects:
+            values = getattr(model, field)[rows_of(model, field, name)].tolist()
+            yield field, kind, name, values if kind == "dof" else values[0]

@@ -1,0 +1,206 @@
+"""`export`: what a run found works in plain MuJoCo as it does here."""
+
+import json
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco.batch import MODEL_FIELDS
+
+from simtune.config import ExportConfig
+from simtune.errors import InputError
+from simtune.export import export
+from simtune.parameters import ModelWriter
+from simtune.real.choose import read_parameters
+from simtune.run import write_json
+from simtune.tasks import TASKS, load_task
+
+# Meshes and a texture from files, two of the same name; a delay, a turn, gravity, a factor on two.
+CUBE = """
+v 0 0 0
+v .1 0 0
+v 0 .1 0
+v 0 0 .1
+f 1 3 2
+f 1 2 4
+f 1 4 3
+f 2 3 4
+"""
+SCENE = """
+<mujoco>
+  <compiler meshdir="parts"/>
+  <asset>
+    <mesh name="a" file="left/cube.obj"/> <mesh name="b" file="right/cube.obj" scale="2 2 2"/>
+  </asset>
+  <worldbody>
+    <camera name="front" pos="0 -2 .5" xyaxes="1 0 0 0 0 1"/>
+    <light pos="0 0 3"/>
+    <body name="one" pos="0 0 .5"><joint name="slide" type="slide" axis="1 0 0"/>
+      <geom name="left" type="mesh" mesh="a"/>
+      <body name="two" pos=".1 0 0"><joint name="ball" type="ball" damping=".1"/>
+        <geom name="right" type="mesh" mesh="b"/></body></body>
+  </worldbody>
+  <actuator><position name="push" joint="slide" kp="5" ctrllimited="true" ctrlrange="-1 1"/>
+  </actuator>
+</mujoco>
+"""
+TUNING = """
+model = "scene.xml"
+camera = "front"
+control_timestep_s = 0.05
+parameters = [
+  {name = "masses", field = "body_mass", objects = ["one", "two"], low = 0.2, high = 5},
+  {name = "damping", field = "dof_damping", objects = ["ball"], low = 0.01, high = 1},
+  {name = "gain", field = "actuator_gainprm", component = 0, objects = ["push"], low = 1, high = 9},
+  {name = "late", field = "actuator_delay", objects = ["push"], low = 0, high = 0.1},
+  {name = "gravity", field = "opt.gravity", component = 2, low = -20, high = -1},
+  {name = "roll", field = "cam_quat", objects = ["front"], component = 2, low = -0.5, high = 0.5},
+]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path) -> Path:
+    folder = tmp_path / "scene"
+    for part in ("left", "right"):
+        (folder / "parts" / part).mkdir(parents=True)
+        (folder / "parts" / part / "cube.obj").write_text(CUBE)
+    (folder / "scene.xml").write_text(SCENE)
+    (folder / "scene.toml").write_text(TUNING)
+    return folder / "scene.toml"
+
+
+def a_run(path: Path, task_name: str, **facts) -> tuple[Path, np.ndarray]:
+    """The folder of a run that found something, and what."""
+    space = load_task(task_name).parameters
+    share = np.random.default_rng(0).uniform(0.3, 0.7, len(space))
+    mean = space.low + share * (space.high - space.low)
+    found = {
+        p.name: {"unit": p.unit, "nominal": p.nominal, "mean": value, "verdict": "weak"}
+        | {"low": value - 0.1, "high": value + 0.1}
+        for p, value in zip(space, mean.tolist(), strict=True)
+    }
+    path.mkdir()
+    result = {"task": task_name, "method": "autotune", "seed": 3, "warnings": ["odd"], **facts}
+    write_json(path / "result.json", result | {"parameters": found})
+    write_json(path / "config.json", {"config": {"task": task_name}, "versions": {"mujoco": "3"}})
+    return path, mean
+
+
+def the_tuned_world(task_name: str, mean: np.ndarray) -> mujoco.MjModel:
+    task = load_task(task_name)
+    model = task.load_model()
+    ModelWriter(task.parameters, model).write(model, mean)
+    return model
+
+
+def differences(a: mujoco.MjModel, b: mujoco.MjModel, rtol: float) -> list[str]:
+    def values(model, field):
+        return np.asarray(
+            getattr(model.opt, field[4:]) if field.startswith("opt.") else getattr(model, field)
+        )
+
+    return [
+        field
+        for field in sorted(MODEL_FIELDS)
+        if values(a, field).shape != values(b, field).shape
+        or not np.allclose(values(a, field), values(b, field), rtol=rtol, atol=2e-6 * (rtol > 0))
+    ]
+
+
+@pytest.mark.parametrize("name", [*TASKS, "scene"])
+def test_the_mjcf_simulates_as_the_tuned_world_does(name, scene, tmp_path):
+    name = str(scene) if name == "scene" else name
+    run, mean = a_run(tmp_path / "run", name)
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    expected = the_tuned_world(name, mean)
+    tuned = mujoco.MjModel.from_xml_path(str(out / "model.xml"))
+    assert differences(tuned, expected, rtol=1e-5) == []
+    rng = np.random.default_rng(1)
+    worlds = [(model, mujoco.MjData(model)) for model in (tuned, expected)]
+    for _ in range(60):
+        control = rng.uniform(-1, 1, tuned.nu)
+        for model, data in worlds:
+            data.ctrl[:] = control
+            mujoco.mj_step(model, data)
+    assert np.abs(worlds[0][1].qpos).max() > 0
+    np.testing.assert_allclose(worlds[0][1].qpos, worlds[1][1].qpos, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["finger", "scene"])
+def test_the_script_writes_the_same_numbers_into_the_nominal_model(name, scene, tmp_path):
+    name = str(scene) if name == "scene" else name
+    run, mean = a_run(tmp_path / "run", name)
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    nominal = load_task(name).load_model()
+    expected = the_tuned_world(name, mean)
+    assert differences(nominal, expected, rtol=0) != []
+    runpy.run_path(str(out / "apply.py"))["apply"](nominal)
+    assert differences(nominal, expected, rtol=0) == []
+
+
+def test_the_script_makes_a_tuned_copy_of_a_file(scene, tmp_path):
+    run, mean = a_run(tmp_path / "run", str(scene))
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    tuned = scene.parent / "tuned.xml"  # beside the original, where its meshes are
+    subprocess.run(
+        [sys.executable, out / "apply.py", scene.parent / "scene.xml", tuned], check=True
+    )
+    model = mujoco.MjModel.from_xml_path(str(tuned))
+    masses = mujoco.MjModel.from_xml_path(str(scene.parent / "scene.xml")).body_mass * mean[0]
+    np.testing.assert_allclose(model.body_mass, masses, rtol=1e-5)
+
+
+def test_the_physics_steps_are_those_of_the_run(tmp_path):
+    run, _ = a_run(tmp_path / "run", "cartpole", step_s=0.025)  # of a camera at 40 frames/s
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    timestep = mujoco.MjModel.from_xml_path(str(out / "model.xml")).opt.timestep
+    nominal = load_task("cartpole").load_model().opt.timestep
+    assert timestep != nominal
+    assert timestep == pytest.approx(nominal, rel=0.3)
+    assert 0.025 / timestep == pytest.approx(round(0.025 / timestep))
+
+
+def test_numbers_come_with_where_they_are_from(tmp_path):
+    run, mean = a_run(tmp_path / "run", "finger", recordings={"dataset_hash": "abc"})
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    told = json.loads((out / "parameters.json").read_text())
+    mass = told["parameters"]["spinner_mass"]
+    assert (mass["mean"], mass["low"], mass["verdict"]) == (mean[0], mean[0] - 0.1, "weak")
+    assert (mass["field"], mass["objects"]) == ("body_mass", ["spinner"])
+    assert told["warnings"] == ["odd"]
+    came = told["provenance"]
+    assert (came["seed"], came["recordings"]["dataset_hash"]) == (3, "abc")
+    assert came["versions"] == {"mujoco": "3"}
+    # A world of them can be filmed.
+    given = read_parameters(out / "parameters.json", load_task("finger").parameters)
+    np.testing.assert_array_equal(given, mean)
+
+
+def test_what_cannot_be_exported_is_said(scene, tmp_path):
+    def refused(run: Path, out: Path = tmp_path / "out") -> str:
+        with pytest.raises(InputError) as error:
+            export(ExportConfig(run_folder=run, out=out))
+        assert out.is_file() or not out.exists() or [p.name for p in out.iterdir()] == ["mine"]
+        return str(error.value)
+
+    assert "no run" in refused(tmp_path)
+    ended, _ = a_run(tmp_path / "ended", str(scene))
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine").touch()
+    assert "not empty" in refused(ended, tmp_path / "full")
+    (tmp_path / "file").touch()
+    assert "cannot write" in refused(ended, tmp_path / "file")
+    dr, _ = a_run(tmp_path / "dr", "cartpole", method="dr")
+    assert "tunes nothing" in refused(dr)
+    going_on, _ = a_run(tmp_path / "going_on", "cartpole")
+    (going_on / "result.json").unlink()
+    assert "no result yet" in refused(going_on)
+    scene.write_text(TUNING.replace('"damping"', '"friction"'))
+    assert "damping, friction" in refused(ended)
+    scene.unlink()
+    assert "scene.toml" in refused(ended)
