@@ -340,3 +340,15 @@ def test_a_trained_policy_is_shown_with_its_score_and_how_it_learnt(tmp_path):
     page = write_report(path).read_text()
     assert "return <b>321</b> ± 4.50" in page
     assert "aria-label='the policy in the real world'" in page
+
+
+@pytest.mark.parametrize("method", ["dr", "oracle"])
+def test_of_methods_that_tune_nothing_no_verdict_is_shown(method, tmp_path):
+    path = make_run(tmp_path / "run")
+    result = json.loads((path / "result.json").read_text())
+    untuned = {"method": method, "ranks": {}, "correlations": {}}
+    (path / "result.json").write_text(json.dumps(result | untuned))
+    words = " ".join(_Page(write_report(path).read_text()).words)
+    assert "Worlds trained in" in words
+    for absent in ("identified", "mean error", "Verdict", "How to read this", "90 % interval"):
+        assert absent not in words

@@ -83,9 +83,10 @@ class Players:
         raise AssertionError("nothing is played here")
 
 
-def test_the_order_of_calls_is_that_of_algorithm_1(tmp_path, monkeypatch):
-    players = Players()
+def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_for) -> None:
+    """Algorithm 1 by fakes: two cycles, of two and one policy phases in three worlds."""
     schedule = Schedule(
+        pretrain_steps=pretrain_steps,
         policy_steps=(2 * STEPS * 3, STEPS * 3),
         searches=(2, 1),
         real_episodes=(4, 1),
@@ -101,12 +102,26 @@ def test_the_order_of_calls_is_that_of_algorithm_1(tmp_path, monkeypatch):
         agent=players,
         environment=players,
         replay=players,
+        start=SPACE.nominal,
         range_policy=0.1,
         saved=lambda: ({}, {}),
     )
-    monkeypatch.setattr(RunFolder, "write_real", lambda *_: None)
-    with RunFolder.create(tmp_path / "run", {}) as run:
-        Training(asked(tmp_path), parts, run, lambda *_: None).carry_out()
+    with pytest.MonkeyPatch.context() as patch, RunFolder.create(path / "run", {}) as run:
+        patch.setattr(RunFolder, "write_real", lambda *_: None)
+        Training(asked(path, **asked_for), parts, run, lambda *_: None).carry_out()
+
+
+def moved(times: int) -> np.ndarray:
+    """Where the fakes' search is after so many moves."""
+    mean = SPACE.nominal
+    for _ in range(times):
+        mean = SPACE.clip(1.1 * mean)
+    return mean
+
+
+def test_the_order_of_calls_is_that_of_algorithm_1(tmp_path):
+    players = Players()
+    carried_out(players, tmp_path)
     learning = ["play", "store", f"learn from {3 * STEPS}"]
     assert players.calls == [
         "real: 4 random",
@@ -120,11 +135,44 @@ def test_the_order_of_calls_is_that_of_algorithm_1(tmp_path, monkeypatch):
     ]
     # The policy is trained where the search has moved to, within range_policy.
     for worlds, moves in zip(players.seen_worlds, (2, 2, 3), strict=True):
-        mean = SPACE.nominal
-        for _ in range(moves):
-            mean = SPACE.clip(1.1 * mean)
-        assert (worlds <= SPACE.clip(mean * 1.1) + 1e-12).all()
-        assert (worlds >= mean * 0.9 - 1e-12).all()
+        assert (worlds <= SPACE.clip(moved(moves) * 1.1) + 1e-12).all()
+        assert (worlds >= moved(moves) * 0.9 - 1e-12).all()
+
+
+def test_a_policy_that_was_trained_before_is_what_looks_at_the_real_world_first(tmp_path):
+    players = Players()
+    carried_out(players, tmp_path, pretrain_steps=STEPS * 3 * 20)
+    learning = ["play", "store", f"learn from {3 * STEPS}"]
+    assert players.calls == [
+        *learning * 20,
+        "real: 4 of the policy",
+        "search in 4, the latest of a policy",
+        "search in 4, the latest of a policy",
+        *learning * 2,
+        "real: 1 of the policy",
+        "search in 5, the latest of a policy",
+        *learning,
+    ]
+    # By domain randomisation around the start, which is wider than what comes later.
+    before = np.concatenate(players.seen_worlds[:20]) / SPACE.nominal
+    assert before.min() >= 0.5
+    assert before.min() < 0.7
+    # Where nobody can act, as in recordings, it takes what there is.
+    players = Players()
+    players.try_out = lambda *_: []
+    carried_out(players, tmp_path / "recordings", pretrain_steps=STEPS * 3)
+    assert "real: 4 random" in players.calls
+
+
+def test_what_was_learnt_in_worlds_far_from_here_can_be_forgotten(tmp_path):
+    players = Players()
+    players.drop_far = lambda low, high: players.calls.append((low, high))
+    carried_out(players, tmp_path, drop_far=True)
+    bounds = [call for call in players.calls if isinstance(call, tuple)]
+    for moves, (low, high) in enumerate(bounds, start=1):
+        np.testing.assert_allclose(low, SPACE.clip(moved(moves) * 0.9))
+        np.testing.assert_allclose(high, SPACE.clip(moved(moves) * 1.1))
+    assert len(bounds) == 3
 
 
 # --- what is written ----------------------------------------------------------------------

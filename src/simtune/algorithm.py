@@ -71,6 +71,9 @@ class Training:
     def carry_out(self) -> None:
         """Algorithm 1."""
         schedule = self.parts.schedule
+        # Sim-to-real (Sec. VI-B): first a policy by domain randomisation around the start
+        while self.num_steps < schedule.pretrain_steps:
+            self._train_policy()
         for cycle in range(len(schedule.policy_steps)):
             # Collect samples by running π_θ in the real world; at first, by random actions
             if self.num_looks <= cycle:
@@ -79,19 +82,18 @@ class Training:
             while self.num_searches < sum(schedule.searches[: cycle + 1]):
                 self._update_simulator()
             # At each reset, sample ξ_sim ~ Ξ_policy; collect in D_policy, train π_θ
-            while self.num_steps < sum(schedule.policy_steps[: cycle + 1]):
+            while self.num_steps < schedule.steps_after(cycle):
                 self._train_policy()
         self._save()
 
     def _look_at_real(self, num_episodes: int) -> None:
         real, agent, cycle = self.parts.real, self.parts.agent, self.num_looks
-        if not num_episodes:
-            seen = []
-        elif cycle == 0:
-            seen = real.collect(num_episodes)
-        else:
+        seen: list[Trajectory] = []
+        if num_episodes and self.num_steps:
             stacked = self.parts.schedule.num_stacked
             seen = real.try_out(lambda f: agent.act(f, sample=True), stacked, num_episodes, cycle)
+        if num_episodes and cycle == 0 and not seen:  # no policy yet, or recordings only
+            seen = real.collect(num_episodes)
         self.run.write_real(cycle, seen)
         self.real = seen + self.real
         self.num_looks += 1
@@ -103,6 +105,9 @@ class Training:
         self.num_searches += 1
         for event in events:
             self.run.log_event(self.num_steps, self._wall_s, **asdict(event))
+        if self.config.drop_far:
+            near = self.distribution_policy
+            self.parts.replay.drop_far(near.low, near.high)
         told = {"iteration": self.num_searches} | outcome.scalars(search, self.estimate)
         self._log(told | losses)
         self._save()
@@ -125,8 +130,11 @@ class Training:
     @property
     def distribution_policy(self) -> Distribution:
         """Ξ_policy: near ξ_mean, for methods that have an opinion about it."""
-        range_, found = self.parts.range_policy, self.parts.search.distribution
-        return Distribution.proportional(self.parts.space, found.mean, range_)
+        parts = self.parts
+        if not self.num_looks:  # pretraining: nobody has an opinion yet
+            return Distribution.proportional(parts.space, parts.start, self.config.range_dr)
+        mean = parts.search.distribution.mean
+        return Distribution.proportional(parts.space, mean, parts.range_policy)
 
     def result(self) -> dict[str, Any]:
         """Score the policy on episodes that nothing was learnt from; the content of result.json."""

@@ -13,6 +13,7 @@ import tyro
 from tyro.conf import Positional, arg, subcommand
 
 from simtune.config import (
+    UNTUNED,
     CheckConfig,
     EvaluateConfig,
     ExportConfig,
@@ -180,7 +181,9 @@ def _complain(what: object, status: int) -> int:
 
 
 def _print_result(result: dict) -> None:
-    """A table of the estimates."""
+    """A table of the estimates, where there are any."""
+    if result["method"] in UNTUNED:
+        return
     print(f"{'parameter':18s} {'start':>9s} {'estimate':>9s}   90 % interval         verdict")
     for name, p in result["parameters"].items():
         interval = f"[{p['low']:.4g}, {p['high']:.4g}]"

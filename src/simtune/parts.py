@@ -145,9 +145,16 @@ def _search_name(config: TrainConfig) -> SearchName | None:
 
 
 def _schedule(config: TrainConfig, task: Task, search_name: SearchName | None) -> Schedule:
+    total_steps = config.policy_steps or task.policy_steps
+    if config.pretrain_steps >= total_steps:
+        raise InputError(
+            f"--pretrain-steps must be below all {total_steps} policy steps, "
+            f"got {config.pretrain_steps}"
+        )
     schedule = PRESETS[config.preset](
-        config.policy_steps or task.policy_steps,
+        total_steps,
         config.real_episodes,
+        pretrain_steps=config.pretrain_steps,
         many_searches=search_name in ("paper", "regression"),
     )
     if search_name is None:  # nobody would look at real episodes

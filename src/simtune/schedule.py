@@ -10,6 +10,7 @@ class Schedule:
     Steps are policy steps in simulation, after action repeat.
     """
 
+    pretrain_steps: int  # in worlds around the start, before anybody looks at the real one
     policy_steps: tuple[int, ...]  # of each cycle's policy phase
     searches: tuple[int, ...]  # calls of `Search.iterate` before each of them
     real_episodes: tuple[int, ...]  # of the first cycle by random actions, then by the policy
@@ -20,17 +21,24 @@ class Schedule:
 
     @property
     def total_steps(self) -> int:
-        return sum(self.policy_steps)
+        return self.pretrain_steps + sum(self.policy_steps)
+
+    def steps_after(self, cycle: int) -> int:
+        """Policy steps made when a cycle ends."""
+        return self.pretrain_steps + sum(self.policy_steps[: cycle + 1])
 
 
-def fast(total_steps: int, real_episodes: int, *, many_searches: bool) -> Schedule:
+def fast(
+    total_steps: int, real_episodes: int, *, pretrain_steps: int = 0, many_searches: bool
+) -> Schedule:
     """Minutes on two CPU cores: two looks at the real world, the second at what a policy does.
 
     `many_searches`: the search takes small steps, so it is called often.
     """
-    first = total_steps // 2
+    tuned = total_steps - pretrain_steps
     return Schedule(
-        policy_steps=(first, total_steps - first),
+        pretrain_steps=pretrain_steps,
+        policy_steps=(tuned // 2, tuned - tuned // 2),
         searches=(20, 20) if many_searches else (1, 1),
         real_episodes=(real_episodes, 2),
         num_worlds=16,
@@ -38,16 +46,20 @@ def fast(total_steps: int, real_episodes: int, *, many_searches: bool) -> Schedu
     )
 
 
-def paper(total_steps: int, real_episodes: int, *, many_searches: bool) -> Schedule:
+def paper(
+    total_steps: int, real_episodes: int, *, pretrain_steps: int = 0, many_searches: bool
+) -> Schedule:
     """As the authors ran it: 40k policy steps, then 10k steps of the SPM, and again.
 
     Their SPM phases are five updates of ξ_mean each, from five real episodes an update.
     """
-    cycles = max(1, total_steps // 40_000)
+    tuned = total_steps - pretrain_steps
+    cycles = max(1, tuned // 40_000)
     moves = 5 if many_searches else 1
     first = 40 if many_searches else 1  # their "update" phase, before any policy is trained
     return Schedule(
-        policy_steps=(total_steps // cycles,) * cycles,
+        pretrain_steps=pretrain_steps,
+        policy_steps=(tuned // cycles,) * cycles,
         searches=(first,) + (moves,) * (cycles - 1),
         real_episodes=(real_episodes,) * cycles,
         num_worlds=1,

@@ -2,10 +2,11 @@
 
 from simtune.config.export import ExportConfig
 from simtune.config.record import RecordConfig, RendererName
-from simtune.config.train import EvaluateConfig, Method, TrainConfig
+from simtune.config.train import UNTUNED, EvaluateConfig, Method, TrainConfig
 from simtune.config.tune import CheckConfig, SearchName, TuneConfig
 
 __all__ = [
+    "UNTUNED",
     "CheckConfig",
     "EvaluateConfig",
     "ExportConfig",

@@ -9,6 +9,7 @@ from tyro.conf import Positional, arg
 from simtune.errors import InputError
 
 Method = Literal["autotune", "regression", "dr", "oracle"]
+UNTUNED = ("dr", "oracle")  # these search for nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +36,11 @@ class TrainConfig:
     """How autotune moves; by default posterior, with --preset paper the paper's."""
     policy_steps: int | None = None
     """Steps in simulation that the policy learns from; by default the task's."""
+    pretrain_steps: int = 0
+    """So many of them by domain randomisation around the start, before the real world is looked
+    at; then what the policy does there is filmed, not random actions (sim-to-real, Sec. VI-B)."""
+    drop_far: bool = False
+    """When the simulator has moved, forget what the policy did in worlds now out of its range."""
     real: str = "pseudo"
     """The real world: `pseudo`, a simulated one that is filmed and scored against, or the folder
     of a LeRobotDataset v3, in which no policy can be tried out."""
@@ -49,15 +55,15 @@ class TrainConfig:
     scored_episodes: int = 10
     """Episodes in the pseudo-real world that the policy is scored on; nothing learns from them."""
     range_policy: float = 0.1
-    """Half-width, relative to the mean, of the worlds that the policy is trained in (Sec. V-A)."""
+    """Half-width, relative to the mean, of the worlds that the policy is trained in (Sec. VI-A)."""
     range_dr: float = 0.5
-    """The same for --method dr, around the start (Sec. V-A: the better of 0.5 and 1)."""
+    """The same for --method dr, around the start (Sec. VI-A: the better of 0.5 and 1)."""
     range_spm: float = 1.0
-    """The same for the worlds that --search paper and regression learn from (Sec. V-A)."""
+    """The same for the worlds that --search paper and regression learn from (Sec. VI-A)."""
     step_size: float = 0.1
     """α of --search paper and regression (authors' code)."""
     window: int = 10
-    """Frames that --search paper and regression look at together (Sec. IV)."""
+    """Frames that --search paper and regression look at together (Sec. V)."""
     device: str = "auto"
     """Of the policy's networks: auto, cpu, cuda or cuda:N."""
     seed: int = 0
@@ -75,6 +81,10 @@ class TrainConfig:
                 raise InputError(f"--{flag} must lie in (0, 1], got {getattr(self, name):g}")
         if self.policy_steps is not None and self.policy_steps < 1:
             raise InputError(f"--policy-steps must be at least 1, got {self.policy_steps}")
+        if self.pretrain_steps < 0:
+            raise InputError(f"--pretrain-steps must not be negative, got {self.pretrain_steps}")
+        if self.pretrain_steps and self.method in UNTUNED:
+            raise InputError("--pretrain-steps goes with --method autotune or regression")
         if not self.start_factor >= 1:
             raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
         if self.seed < 0:

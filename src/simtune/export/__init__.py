@@ -24,7 +24,7 @@ def export(config: ExportConfig) -> Path:
     run = read_run(config.run_folder)
     if not run.result.get("parameters"):
         raise InputError(f"{run.path} has no result yet: let the run end first")
-    if run.result["method"] in ("dr", "oracle"):
+    if not run.is_tuned:
         raise InputError(f"{run.path} is of --method {run.result['method']}, which tunes nothing")
     task = load_task(run.config["task"])
     found = run.result["parameters"]

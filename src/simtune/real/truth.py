@@ -30,7 +30,7 @@ class Truth:
     def wrong_start(self, seed: int, factor: float = 2.0) -> np.ndarray:
         """(N,) every parameter at `factor` times its true value or as small a part of it.
 
-        Twice or half of it, as in Sec. V-A; colours stop at 1.
+        Twice or half of it, as in Sec. VI-A; colours stop at 1.
         """
         too_high = np.random.default_rng(seed).random(len(self._space)) < 0.5
         real = self._parameters

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from simtune.config import UNTUNED
 from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
 
@@ -45,6 +46,11 @@ class RunData:
             if source.get(key) is not None:
                 return source[key]
         return self.metrics[-1].get("step") if key == "sim_steps" and self.metrics else None
+
+    @property
+    def is_tuned(self) -> bool:
+        """Whether anything was searched for."""
+        return self.get("method") not in UNTUNED
 
     @property
     def parameters(self) -> dict[str, dict[str, Any]]:

@@ -10,6 +10,7 @@ from simtune.errors import InputError
 from simtune.report import sections
 from simtune.report.data import RunData, read_run
 from simtune.report.policy import policy
+from simtune.report.tables import parameters
 from simtune.report.trust import trust
 from simtune.report.words import text
 from simtune.run import write_atomically
@@ -40,11 +41,11 @@ def _page(run: RunData) -> str:
         warnings=sections.warnings(run),
         videos=sections.videos(run),
         policy=policy(run),
-        table=sections.table(run),
-        colours=sections.colours(run),
+        parameters=parameters(run),
         trust=trust(run),
-        plots=sections.plots(run),
+        plots=sections.plots(run) if run.is_tuned else "",
         events=sections.events(run),
+        reading=_asset("reading.html") if run.is_tuned else "",
         provenance=sections.provenance(run),
         config=text(json.dumps(run.config, indent=2, ensure_ascii=False)),
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),

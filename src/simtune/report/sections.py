@@ -5,8 +5,8 @@ from typing import Any
 
 from simtune.report.data import VIDEOS, RunData, is_number
 from simtune.report.plots import estimate_plot, survival_plot
+from simtune.report.tables import chip
 from simtune.report.words import (
-    MISSING,
     count,
     duration,
     event_sentence,
@@ -17,7 +17,6 @@ from simtune.report.words import (
     unit,
 )
 
-_VERDICTS = ("identified", "weak", "not identifiable")
 _CAPTIONS = {
     "real": ("Real world", "the video that was given"),
     "before": ("Simulator before", "same actions, parameters at their start"),
@@ -33,11 +32,11 @@ def subtitle(run: RunData) -> str:
 
 def tiles(run: RunData) -> str:
     """The figures that sum up the run."""
-    parameters = list(run.parameters.values())
+    parameters = list(run.parameters.values()) if run.is_tuned else []
     sure = sum(p.get("verdict") == "identified" for p in parameters)
     errors = [e for p in parameters if is_number(e := p.get("percent_error"))]
     figures = []
-    if run.result:
+    if run.result and parameters:
         figures.append((f"{sure} of {len(parameters)}", "parameters identified"))
     if errors:
         figures.append((percent(sum(errors) / len(errors)), "mean error"))
@@ -86,57 +85,6 @@ def videos(run: RunData) -> str:
     return f"<section id='videos'><h2>The same actions, seen three ways</h2>{shown}</section>"
 
 
-def table(run: RunData) -> str:
-    """One row a parameter."""
-    parameters = run.parameters
-    if not parameters:
-        return "<p>No estimate has been made yet.</p>"
-    has_truth = any(is_number(p.get("real")) for p in parameters.values())
-    heads = ["Parameter", "Unit", "Nominal", "Start", "Estimate", "90 % interval", "Verdict"]
-    heads += ["Truth", "Error"] if has_truth else []
-    rows = []
-    for name, p in parameters.items():
-        cells = [
-            text(p.get("unit")) if unit(p.get("unit")) else MISSING,
-            number(p.get("nominal")),
-            number(p.get("initial")),
-            f"<b>{number(p.get('mean'))}</b>",
-            interval(p.get("low"), p.get("high")) or MISSING,
-            _chip(p.get("verdict")),
-        ]
-        if has_truth:
-            cells += [number(p.get("real")), percent(p.get("percent_error"))]
-        cells = [f"<td data-head='{h}'>{c}</td>" for h, c in zip(heads[1:], cells, strict=True)]
-        rows.append(f"<tr><th scope='row'>{text(name)}</th>{''.join(cells)}</tr>")
-    head = "".join(f"<th scope='col'>{h}</th>" for h in heads)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-
-
-def _chip(verdict: Any) -> str:
-    if verdict is None:
-        return "<span class='chip open'>open</span>"
-    kind = str(verdict).replace(" ", "-") if verdict in _VERDICTS else "open"
-    return f"<span class='chip {kind}'>{text(verdict)}</span>"
-
-
-def colours(run: RunData) -> str:
-    """Swatches of each colour triple: start, estimate, truth."""
-    rows = []
-    for name in run.colours:
-        swatches = []
-        for key, label in (("initial", "start"), ("mean", "estimate"), ("real", "truth")):
-            given = (run.parameters[f"{name}_{c}"].get(key) for c in "rgb")
-            rgb = [value for value in given if is_number(value)]
-            if len(rgb) == 3:
-                shade = ",".join(str(round(255 * min(max(v, 0), 1))) for v in rgb)
-                swatches.append(
-                    f"<div><i style='background:rgb({shade})'></i><span>{label}</span></div>"
-                )
-        if swatches:
-            rows.append(f"<div class='colour'><b>{text(name)}</b>{''.join(swatches)}</div>")
-    return f"<h3>Colours</h3><div class='colours'>{''.join(rows)}</div>" if rows else ""
-
-
 def plots(run: RunData) -> str:
     """A card a parameter: the estimate against iteration, and the survival curve."""
     cards = "".join(_card(run, name) for name in run.parameters)
@@ -161,7 +109,7 @@ def _card(run: RunData, name: str) -> str:
     if not drawn:
         return ""
     value = f"{number(p.get('mean'))}{unit(p.get('unit'))} <small>{interval(low, high)}</small>"
-    head = f"<h3>{text(name)}</h3><span class='value'>{value}</span>{_chip(p.get('verdict'))}"
+    head = f"<h3>{text(name)}</h3><span class='value'>{value}</span>{chip(p.get('verdict'))}"
     return f"<article><header>{head}</header><div>{drawn}</div></article>"
 
 

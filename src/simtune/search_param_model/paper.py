@@ -1,4 +1,4 @@
-"""q_φ as the paper has it: windows of 10 frames, and a candidate to compare with (Sec. III-A, IV).
+"""q_φ as the paper has it: windows of 10 frames, and a candidate to compare with (Sec. IV-A, V).
 
 Where the authors' code strayed from its own idea, this does not: dropout is off in predictions,
 candidates are encoded on a normalised scale, and all windows of an episode have a vote.
@@ -33,7 +33,7 @@ class PaperConfig:
     """The paper's settings. "Code" marks values that only the authors' code gives."""
 
     # the network
-    window: int = 10  # frames, Sec. IV
+    window: int = 10  # frames, Sec. V
     crop_size: int = 84  # pixels, appendix (RAD's crop)
     octaves: int = 10  # code (NeRF's own value for positions)
     hidden_size: int = 400  # appendix
@@ -47,7 +47,7 @@ class PaperConfig:
     # collecting
     episodes_per_iteration: int = 10  # code: 2k steps between two updates of ξ_mean
     episode_steps: int = 200  # appendix
-    range_spm: float = 1.0  # Sec. V-A
+    range_spm: float = 1.0  # Sec. VI-A
     # The authors collect 50k steps and then pretrain for 50k more. That is 2,500 updates, up to
     # half an hour on 2 CPU cores before anything moves; colours, which settle first, need less.
     collect_steps: int = 10_000

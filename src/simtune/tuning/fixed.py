@@ -1,4 +1,4 @@
-"""No search at all: Ξ stays where it is, as for domain randomisation and the oracle (Sec. V-A)."""
+"""No search at all: Ξ stays where it is, as for domain randomisation and the oracle (Sec. VI-A)."""
 
 from typing import Any
 

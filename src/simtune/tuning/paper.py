@@ -1,4 +1,4 @@
-"""The paper's search: small steps of ξ_mean to where the SPM points (Algorithm 1, Sec. III)."""
+"""The paper's search: small steps of ξ_mean to where the SPM points (Algorithm 1, Sec. IV-B)."""
 
 import time
 from typing import Any
@@ -32,7 +32,7 @@ def shift_mean(
 def approach(
     mean: np.ndarray, prediction: np.ndarray, step_size: float, space: ParameterSpace
 ) -> np.ndarray:
-    """(1 − α)·ξ_mean + α·prediction: the regression baseline (Sec. V-A)."""
+    """(1 − α)·ξ_mean + α·prediction: the regression baseline (Sec. VI-A)."""
     return _keep_in_bounds((1 - step_size) * mean + step_size * prediction, space)
 
 
@@ -133,7 +133,7 @@ class PaperSearch:
                 if self.method == "regression":
                     loss = self.model.regression_loss(windows, truth)
                 else:
-                    # U[0, 2·ξ_mean] (Sec. IV), each parameter by itself, within its bounds
+                    # U[0, 2·ξ_mean] (Sec. V), each parameter by itself, within its bounds
                     reach = Distribution.proportional(self.space, self.distribution.mean, 1.0)
                     candidates = reach.sample(config.num_candidates, self._rng)
                     loss = self.model.loss(windows, truth, candidates)
