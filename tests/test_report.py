@@ -350,5 +350,5 @@ def test_of_methods_that_tune_nothing_no_verdict_is_shown(method, tmp_path):
     (path / "result.json").write_text(json.dumps(result | untuned))
     words = " ".join(_Page(write_report(path).read_text()).words)
     assert "Worlds trained in" in words
-    for absent in ("identified", "mean error", "Verdict", "How to read this", "90 % interval"):
+    for absent in ("identified", "mean error", "Verdict", "How to read this"):
         assert absent not in words
