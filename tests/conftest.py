@@ -10,7 +10,7 @@ from simtune.search_param_model.judge import JudgeConfig
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.sight import SightConfig
 from simtune.simulation import make_renderer
-from simtune.tasks import load_task
+from simtune.tasks import load_any_task
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 
@@ -67,9 +67,9 @@ def quick_tune(monkeypatch, tiny, one_renderer_each):
     """Makes `tune` take seconds, and find nothing."""
 
     def load_short_task(name: str):
-        return replace(load_task(name), episode_steps=24)
+        return replace(load_any_task(name), episode_steps=24)
 
-    monkeypatch.setattr("simtune.tune.load_task", load_short_task)
+    monkeypatch.setattr("simtune.tune.load_any_task", load_short_task)
     monkeypatch.setattr("simtune.tuning.posterior.PosteriorSearchConfig", lambda: tiny)
     monkeypatch.setattr("simtune.parts.load_task", load_short_task)
     monkeypatch.setattr("simtune.parts._SHORTER", tiny)

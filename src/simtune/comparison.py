@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from simtune.recordings import write_video
-from simtune.simulation import Simulator
+from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory
 
 _NUM_STARTS = 256
@@ -20,7 +20,7 @@ _ELITE = 8
 
 def write_comparison(
     folder: Path,
-    simulator: Simulator,
+    simulator: AnySimulator,
     trajectory: Trajectory,
     before: np.ndarray,
     after: np.ndarray,
@@ -36,7 +36,10 @@ def write_comparison(
 
 
 def find_start(
-    simulator: Simulator, trajectory: Trajectory, parameters: np.ndarray, rng: np.random.Generator
+    simulator: AnySimulator,
+    trajectory: Trajectory,
+    parameters: np.ndarray,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """(S,) the state from which the simulator's first pictures are nearest to the real ones."""
     steps = min(_COMPARED_STEPS, len(trajectory))
@@ -44,9 +47,10 @@ def find_start(
     worlds = np.repeat(parameters[None], _NUM_STARTS, axis=0)
     real = trajectory.frames[: steps + 1].astype(np.float32)
     ahead_states, ahead = np.empty((0, 0)), np.empty(0)  # the nearest so far, and how near
-    model = simulator.model
+    # An environment begins where its seeds say, and nowhere near them.
+    num_rounds = _ROUNDS if isinstance(simulator, Simulator) else 1
     starts, spread = None, np.zeros(0)
-    for round_ in range(_ROUNDS):
+    for round_ in range(num_rounds):
         rollouts = simulator.roll_out(worlds, actions, rng, starts=starts)
         if not len(rollouts):
             raise RuntimeError("the tuned simulator diverges from every start; see the parameters")
@@ -54,8 +58,7 @@ def find_start(
         frames = simulator.film(rollouts).astype(np.float32)
         distance = np.square(frames - real).mean((1, 2, 3, 4))
         if round_ == 0:
-            spread = states.std(0)  # what the task's own starts do not vary stays as it is
-            spread[1 + model.nq + model.nv :] = 0  # a row is time, qpos, qvel, ...
+            spread = _spread(simulator, states)
         else:
             states = np.concatenate([ahead_states, states])
             distance = np.concatenate([ahead, distance])
@@ -66,8 +69,16 @@ def find_start(
     return ahead_states[0]
 
 
+def _spread(simulator: AnySimulator, states: np.ndarray) -> np.ndarray:
+    """(S,) of (n, S) starts; what the task's own starts do not vary stays as it is."""
+    spread = states.std(0)
+    if isinstance(simulator, Simulator):
+        spread[1 + simulator.model.nq + simulator.model.nv :] = 0  # a row is time, qpos, qvel, ...
+    return spread
+
+
 def _film(
-    simulator: Simulator, actions: np.ndarray, parameters: np.ndarray, start: np.ndarray
+    simulator: AnySimulator, actions: np.ndarray, parameters: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
     rng = np.random.default_rng(0)  # unused: the start is given
     rollouts = simulator.roll_out(

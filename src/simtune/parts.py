@@ -22,6 +22,7 @@ from simtune.rollout import Environment
 from simtune.schedule import PRESETS, Schedule
 from simtune.search_param_model.paper import PaperConfig
 from simtune.search_param_model.simulated import find_landmarks
+from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
 from simtune.tuning import FixedRange, make_search
 from simtune.tuning.posterior_config import PosteriorSearchConfig
@@ -110,6 +111,7 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
         start_factor=config.start_factor,
     )
     simulator = simulator_for(real, task, schedule.image_size)
+    assert isinstance(simulator, Simulator), "load_task gives models' only"
     first = Distribution.first(task.parameters, task.parameters.nominal)
     landmarks = find_landmarks(simulator, task.camera, first, seed=0)
     environment = Environment(task, simulator, schedule.num_stacked, landmarks)

@@ -11,8 +11,8 @@ from simtune.progress import Say, silent
 from simtune.real.choose import choose_real, simulator_for
 from simtune.report import write_report
 from simtune.run import RunFolder
-from simtune.simulation import Simulator
-from simtune.tasks import load_task
+from simtune.simulation import AnySimulator
+from simtune.tasks import load_any_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import make_search, needed_image_size
 from simtune.tuning.search import Estimate, Search
@@ -25,7 +25,7 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
     Raises InputError for what cannot be used, with nothing written.
     """
     config.check()
-    task = load_task(config.task)
+    task = load_any_task(config.task)
     image_size = needed_image_size(config.search)
     say("looking at the real world", 0.0)
     real, start, truth = choose_real(
@@ -76,7 +76,7 @@ def _search(
     config: TuneConfig,
     run: RunFolder,
     search: Search,
-    simulator: Simulator,
+    simulator: AnySimulator,
     real: list[Trajectory],
 ) -> tuple[Estimate, float]:
     """Iterate until nothing is left to gain or the time is over, at least once.

@@ -29,6 +29,7 @@ _VISIBLE = (
     "cam_",
     "geom_rgba",
     "geom_size",
+    "environment.picture",
 )
 
 

@@ -12,13 +12,13 @@ from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
-from simtune.simulation import Simulator
-from simtune.tasks import Task
+from simtune.simulation import AnySimulator
+from simtune.tasks import AnyTask, Task
 
 
 def choose_real(
     name: str,
-    task: Task,
+    task: AnyTask,
     real_parameters: Path | None = None,
     *,
     camera: str | None = None,
@@ -41,7 +41,12 @@ def choose_real(
             raise InputError("--camera goes with recordings only")
         truth = Truth(space, read_parameters(real_parameters, space))
         gap = RealityGap.draw(image_size, seed) if real_gap else None
-        simulator = gap.simulator(task) if gap else task.simulator(image_size=image_size)
+        if gap and isinstance(task, Task):
+            simulator = gap.simulator(task)
+        elif gap:
+            raise InputError("--real-gap needs a MuJoCo model, to draw it another way")
+        else:
+            simulator = task.simulator(image_size=image_size)
         real = truth.make_real(simulator, episode_steps=task.episode_steps, seed=seed, gap=gap)
         return real, truth.wrong_start(seed, start_factor), truth
     if real_parameters is not None:
@@ -53,7 +58,7 @@ def choose_real(
     return real, space.nominal.copy(), None
 
 
-def simulator_for(real: RealWorld, task: Task, image_size: int) -> Simulator:
+def simulator_for(real: RealWorld, task: AnyTask, image_size: int) -> AnySimulator:
     """Worlds of `task` to compare with a real one: actions last as long, pictures are alike."""
     # A real camera averages over its pixels; the simulator's own does not.
     supersampling = 1 if real.looks_like_simulator else 2

@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.real.gap import RealityGap
-from simtune.simulation import PixelPolicy, Projector, Simulator, on_pictures, random_actions
+from simtune.simulation import (
+    AnySimulator,
+    PixelPolicy,
+    Projector,
+    Simulator,
+    on_pictures,
+    random_actions,
+)
 from simtune.trajectory import Trajectory
 
 
@@ -19,7 +26,7 @@ class PseudoReal:
 
     def __init__(
         self,
-        simulator: Simulator,
+        simulator: AnySimulator,
         parameters: np.ndarray,
         *,
         episode_steps: int,
@@ -49,6 +56,7 @@ class PseudoReal:
         def try_out(
             policy: PixelPolicy, num_stacked: int, num_episodes: int, rng: np.random.Generator
         ) -> list[Trajectory]:
+            assert isinstance(simulator, Simulator), "nobody trains in an environment"
             worlds = np.tile(parameters, (num_episodes, 1))
             projector = Projector(simulator, worlds, episode_steps, num_stacked)
 

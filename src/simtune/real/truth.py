@@ -5,7 +5,7 @@ import numpy as np
 from simtune.parameters import ParameterSpace
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
-from simtune.simulation import Simulator
+from simtune.simulation import AnySimulator
 
 
 class Truth:
@@ -16,7 +16,7 @@ class Truth:
 
     def make_real(
         self,
-        simulator: Simulator,
+        simulator: AnySimulator,
         *,
         episode_steps: int,
         seed: int,

@@ -5,7 +5,7 @@ are, so that is what the encoder is taught first: the picture coordinates of a f
 together fix all others, for any model with a camera and without naming a joint.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -54,7 +54,15 @@ class Landmarks:
         return np.clip(pixels, -edge, self.image_size - 1 + edge).astype(np.float32)
 
     def select(self, indices: list[int]) -> "Landmarks":
-        return Landmarks(self.geoms[indices], self.offsets[indices], self.camera, self.image_size)
+        return replace(self, geoms=self.geoms[indices], offsets=self.offsets[indices])
+
+    def state(self) -> list:
+        """JSON to choose the same again by."""
+        return [self.geoms.tolist(), self.offsets.tolist()]
+
+    def with_state(self, state: list) -> "Landmarks":
+        geoms, offsets = (np.array(x) for x in state)
+        return replace(self, geoms=geoms, offsets=offsets.reshape(-1, 3))
 
 
 def candidate_landmarks(model: mujoco.MjModel, camera: str, image_size: int) -> Landmarks:

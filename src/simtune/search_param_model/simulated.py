@@ -1,6 +1,7 @@
 """What the posterior SPM learns from: simulated worlds, of which only a part is drawn."""
 
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from simtune.search_param_model.landmarks import (
     candidate_landmarks,
     choose_landmarks,
 )
-from simtune.simulation import Simulator, random_actions
+from simtune.simulation import AnySimulator, Points, Simulator, random_actions
 
 PILOT_STEPS = 3200  # simulated to choose landmarks by
 _PILOTS = 32
@@ -68,8 +69,8 @@ def _blurred(pictures: np.ndarray, share: float) -> np.ndarray:
 
 
 def simulate(
-    simulator: Simulator,
-    landmarks: Landmarks,
+    simulator: AnySimulator,
+    landmarks: Landmarks | Points,
     parameters: np.ndarray,
     actions: np.ndarray,
     num_filmed: int,
@@ -121,12 +122,23 @@ def whole_sets(index: np.ndarray, episodes: int) -> np.ndarray:
     return start[count == episodes, None] + np.arange(episodes)
 
 
+@overload
 def find_landmarks(
     simulator: Simulator, camera: str, distribution: Distribution, seed: int
-) -> Landmarks:
+) -> Landmarks: ...
+@overload
+def find_landmarks(
+    simulator: AnySimulator, camera: str, distribution: Distribution, seed: int
+) -> Landmarks | Points: ...
+def find_landmarks(
+    simulator: AnySimulator, camera: str, distribution: Distribution, seed: int
+) -> Landmarks | Points:
     """Few landmarks from which all others follow, judged by a few random episodes."""
     rng = np.random.default_rng(seed)
-    every = candidate_landmarks(simulator.model, camera, simulator.image_size)
+    if isinstance(simulator, Simulator):
+        every = candidate_landmarks(simulator.model, camera, simulator.image_size)
+    else:
+        every = simulator.points()
     if not len(every):
         return every
     steps = PILOT_STEPS // _PILOTS

@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,6 +19,8 @@ from simtune.simulation.worlds import Worlds
 _CHUNK = 256  # supersampled pictures drawn at a time
 
 
+# Of what a simulator knows of a state, (n, D): a Batch of worlds, or an environment's points
+Record = Callable[[Any], np.ndarray]
 Act = Callable[[int, np.ndarray], np.ndarray]  # step t and (n, S) states to (n, A) actions
 
 
@@ -138,7 +141,7 @@ class Simulator:
         parameters: np.ndarray,
         actions: np.ndarray,
         rng: np.random.Generator,
-        record: Callable[[Batch], np.ndarray] | None = None,
+        record: Record | None = None,
         starts: np.ndarray | None = None,
         keep_diverged: bool = False,
     ) -> Rollouts:

@@ -5,8 +5,11 @@ from pathlib import Path
 
 from simtune.errors import InputError, UnknownName
 from simtune.tasks import ball_in_cup, cartpole, cheetah, finger, walker
+from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
 from simtune.tasks.tuning_file import load_tuning_file
+
+AnyTask = Task | EnvironmentTask
 
 TASKS: dict[str, Callable[[], Task]] = {
     "ball_in_cup": ball_in_cup.catch,
@@ -18,7 +21,15 @@ TASKS: dict[str, Callable[[], Task]] = {
 
 
 def load_task(name: str) -> Task:
-    """A built-in task, or the one that a tuning file declares. Raises InputError."""
+    """A built-in task, or the one of a model that a tuning file declares. Raises InputError."""
+    task = load_any_task(name)
+    if isinstance(task, EnvironmentTask):
+        raise InputError(f"{name} is of an environment: only `simtune tune` takes those")
+    return task
+
+
+def load_any_task(name: str) -> AnyTask:
+    """The same, of a model or of an environment."""
     if name.endswith(".toml"):
         return load_tuning_file(Path(name))
     if name.endswith((".xml", ".mjcf", ".urdf")):
@@ -28,4 +39,4 @@ def load_task(name: str) -> Task:
     return TASKS[name]()
 
 
-__all__ = ["TASKS", "Task", "load_task"]
+__all__ = ["TASKS", "AnyTask", "EnvironmentTask", "Task", "load_any_task", "load_task"]

@@ -3,9 +3,10 @@
 import numpy as np
 
 from simtune.config import SearchName
+from simtune.errors import InputError
 from simtune.progress import Say
 from simtune.search_param_model.paper import PaperConfig
-from simtune.simulation import Simulator
+from simtune.simulation import AnySimulator, Simulator
 from simtune.tuning.fixed import FixedRange
 from simtune.tuning.paper import PaperSearch
 from simtune.tuning.posterior import PosteriorSearch
@@ -22,7 +23,7 @@ def needed_image_size(search: SearchName) -> int:
 
 def make_search(
     search: SearchName,
-    simulator: Simulator,
+    simulator: AnySimulator,
     camera: str,
     start: np.ndarray,
     seed: int,
@@ -34,7 +35,8 @@ def make_search(
     """A search that begins at the (N,) parameters `start`, and says what it does.
 
     `looks_alike`: the real world is drawn as `simulator` draws, and moves as promptly. `config` is
-    the search's own kind; `device` is that of the paper's networks.
+    the search's own kind; `device` is that of the paper's networks. Raises InputError for an
+    environment that is searched by windows, whose frames are drawn anew on resumption.
     """
     if search == "posterior":
         assert not isinstance(config, PaperConfig)
@@ -42,6 +44,8 @@ def make_search(
             simulator, camera, start, config, seed=seed, say=say, looks_alike=looks_alike
         )
     assert not isinstance(config, PosteriorSearchConfig)
+    if not isinstance(simulator, Simulator):
+        raise InputError(f"--search {search} needs a MuJoCo model; --search posterior does not")
     settings = {"seed": seed, "say": say, "replay_actions": True, "device": device}
     return PaperSearch(simulator, start, config, method=search, **settings)
 

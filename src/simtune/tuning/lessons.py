@@ -11,6 +11,7 @@ import numpy as np
 from simtune.fit import ReplayFit, affordable
 from simtune.progress import Progress
 from simtune.randomization import Distribution
+from simtune.search_param_model.landmarks import Landmarks
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.sight import Seen
 from simtune.search_param_model.simulated import (
@@ -20,7 +21,7 @@ from simtune.search_param_model.simulated import (
     find_landmarks,
     simulate,
 )
-from simtune.simulation import Simulator
+from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
@@ -32,7 +33,7 @@ class Lessons:
 
     def __init__(
         self,
-        simulator: Simulator,
+        simulator: AnySimulator,
         camera: str,
         first: Distribution,
         config: PosteriorSearchConfig,
@@ -139,9 +140,13 @@ class Lessons:
     def _to_follow(
         self, unseen: SimulatedWorlds, seen: Seen, distribution: Distribution, seconds: float
     ) -> ReplayFit | None:
-        if not len(self.landmarks):
+        simulator, landmarks = self.simulator, self.landmarks
+        # To fit, worlds have to be begun anywhere, which environments need not be able to.
+        if not isinstance(simulator, Simulator) or not isinstance(landmarks, Landmarks):
             return None
-        config, scene = self._config, (self.simulator, self.landmarks)
+        if not len(landmarks):
+            return None
+        config, scene = self._config, (simulator, landmarks)
         budget_s = seconds * config.fit_share / 2  # it is begun from two sides
         shooting = affordable(config.shooting, *scene, distribution.mean, budget_s)
         replay = ReplayFit(*scene, self.model.sight, self._seed, shooting)

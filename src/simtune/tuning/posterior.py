@@ -25,7 +25,7 @@ from simtune.progress import Say, silent
 from simtune.randomization import Distribution
 from simtune.search_param_model.judge import SHORTEST_STEPS
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
-from simtune.simulation import Simulator
+from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.lessons import Lessons
 from simtune.tuning.moves import candidate_grid, guess, move, read_curves, with_fit
@@ -38,7 +38,7 @@ class PosteriorSearch:
 
     def __init__(
         self,
-        simulator: Simulator,
+        simulator: AnySimulator,
         camera: str,
         start: np.ndarray,
         config: PosteriorSearchConfig | None = None,
@@ -113,9 +113,10 @@ class PosteriorSearch:
     ) -> tuple[Estimate, np.ndarray]:
         """Judge and fit; with `end_s` replicas are made until then, to know what to think of it."""
         began_s = time.monotonic()
-        prob_higher = self._judge(trajectories[: num_fitted(len(trajectories))])
         if self._replay is None:
+            prob_higher = self._judge(trajectories)
             return self._read(prob_higher), prob_higher
+        prob_higher = self._judge(trajectories[: num_fitted(len(trajectories))])
         steps = min(len(t) for t in trajectories)
         frames = np.stack([t.frames[: steps + 1] for t in trajectories])
         actions = np.stack([t.actions[:steps] for t in trajectories]).astype(float)
@@ -126,6 +127,7 @@ class PosteriorSearch:
             num = self._affordable_replicas(end_s, time.monotonic() - began_s)
             self._now("fitting known worlds for comparison", 0.85)
             simulator, camera, rng = self.simulator, self._lessons.camera, self._lessons.rng
+            assert isinstance(simulator, Simulator), "only those are fitted"
             self._replicas = make_replicas(
                 self._replay, simulator, found, actions, num, std, camera, rng
             )
@@ -175,22 +177,19 @@ class PosteriorSearch:
 
     def state(self) -> dict[str, Any]:
         ranges = {k: getattr(self.distribution, k).tolist() for k in ("mean", "low", "high")}
-        landmarks = self._lessons.landmarks
         return {
             "iteration": self.iteration,
             "distribution": ranges,
-            "landmarks": [landmarks.geoms.tolist(), landmarks.offsets.tolist()],
+            "landmarks": self._lessons.landmarks.state(),
             "rng": self._lessons.rng.bit_generator.state,
         }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         # What the networks were taught on, should another machine choose others.
-        geoms, offsets = (np.array(x) for x in state["landmarks"])
-        if len(geoms) != len(self._lessons.landmarks):
+        landmarks = self._lessons.landmarks.with_state(state["landmarks"])
+        if len(landmarks) != len(self._lessons.landmarks):
             raise RuntimeError("the run was made with other landmarks; start another one")
-        self._lessons.landmarks = replace(
-            self._lessons.landmarks, geoms=geoms, offsets=offsets.reshape(-1, 3)
-        )
+        self._lessons.landmarks = landmarks
         for part, module in (("sight", self.model.sight), ("judge", self.model.judge)):
             module.load_state_dict(under(f"{part}.", tensors))
         self.model.generator.set_state(tensors["generator"])

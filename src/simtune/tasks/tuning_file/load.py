@@ -4,9 +4,11 @@ from pathlib import Path
 
 import mujoco
 
+from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
 from simtune.tasks.tuning_file.actions import read_actions
 from simtune.tasks.tuning_file.camera import read_camera
+from simtune.tasks.tuning_file.environment import read_environment_task
 from simtune.tasks.tuning_file.initial_state import read_initial_state
 from simtune.tasks.tuning_file.parameters import read_parameters
 from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
@@ -15,13 +17,15 @@ _KEYS = ("model", "name", "description", "camera", "control_timestep_s", "action
 _KEYS += ("episode_steps", "actions", "initial_state", "parameters")
 
 
-def load_tuning_file(path: Path) -> Task:
-    """The task that a TOML file declares.
+def load_tuning_file(path: Path) -> Task | EnvironmentTask:
+    """The task that a TOML file declares, of a model or of an environment.
 
     Raises InputError "FILE:LINE: ..." for whatever is wrong with the file, or does not go with the
     model that it names.
     """
     file = read_toml(path)
+    if "environment" in file:
+        return read_environment_task(file)
     file.allow(*_KEYS)
     camera = read_camera(file, _read_spec(file))
 

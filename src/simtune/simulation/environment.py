@@ -1,0 +1,198 @@
+"""Worlds of a gymnasium environment: any simulator that takes parameters and draws pictures.
+
+What an environment has to do, beside gymnasium's usual:
+
+* `reset(seed=..., options={"parameters": {name: value, ...}})` starts a world of these
+  parameters; the same seed, parameters and actions give the same episode;
+* `render()` gives the present picture, (H, W, 3) uint8 RGB;
+* `info["points"]` of `reset` and `step`, (L, 2), says where in the picture points are that move
+  with its parts: 0 to 1 from the left and from the top. Only a simulator knows them, and sight
+  learns to see them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.parameters import ParameterSpace
+from simtune.recordings import resize
+from simtune.simulation.simulator import Record, Rollouts
+
+_MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
+
+
+@dataclass(frozen=True)
+class Points:
+    """L of the points that an environment tells of, in a picture of `image_size` pixels."""
+
+    chosen: np.ndarray  # (L,) among info["points"]
+    image_size: int
+
+    def __len__(self) -> int:
+        return len(self.chosen)
+
+    def record(self, points: np.ndarray) -> np.ndarray:
+        """(n, all, 2) shares of the picture to (n, L · 2) float32 pixels; cf. `Landmarks`."""
+        pixels = points[:, self.chosen] * self.image_size - 0.5
+        edge = _MARGIN_PX
+        seen = np.clip(pixels, -edge, self.image_size - 1 + edge).astype(np.float32)
+        return seen.reshape(len(points), -1)
+
+    def select(self, indices: list[int]) -> "Points":
+        return Points(self.chosen[indices], self.image_size)
+
+    def state(self) -> list:
+        """JSON to choose the same again by."""
+        return self.chosen.tolist()
+
+    def with_state(self, state: list) -> "Points":
+        return Points(np.array(state, int), self.image_size)
+
+
+class BoxActions:
+    """Actions are what the environment's action space, a Box of one dimension, takes."""
+
+    def __init__(self, space: Any):
+        """Raises InputError for any other space."""
+        low, high = (np.asarray(getattr(space, end, np.empty(()))) for end in ("low", "high"))
+        if low.ndim != 1:
+            raise InputError(f"the action space must be a Box of one dimension, got {space}")
+        finite = np.isfinite(low) & np.isfinite(high)
+        self.names = tuple(f"action_{i}" for i in range(len(low)))
+        self.range = np.stack([np.where(finite, low, -1.0), np.where(finite, high, 1.0)], -1)
+        self.is_limited = finite
+
+
+class EnvironmentSimulator:
+    """Rolls worlds of one environment out, one after the other; see `Simulator`.
+
+    A state is the number of an episode and a step of it: to draw it, the episode is played again.
+    """
+
+    supersampling = 1  # how it draws is the environment's own business
+
+    def __init__(self, env: Any, space: ParameterSpace, *, step_s: float, image_size: int):
+        """`env`: a gymnasium.Env, or what acts like one. Raises InputError for other actions."""
+        self.space, self.step_s, self.image_size = space, step_s, image_size
+        self.action_mapping = BoxActions(env.action_space)
+        self.num_diverged = self.num_steps = 0
+        self._env = env
+        self._episodes: list[tuple[int, np.ndarray]] = []  # seed and actions of each
+
+    @property
+    def num_actions(self) -> int:
+        return len(self.action_mapping.names)
+
+    @property
+    def action_scale(self) -> np.ndarray:
+        """(A,) the largest magnitude of each action: 1 where there is no limit."""
+        return np.abs(self.action_mapping.range).max(-1)
+
+    def points(self) -> Points:
+        """All that the environment tells of; none, if it tells of none."""
+        num = len(_points_of(self._begin(0, self.space.nominal)))
+        return Points(np.arange(num), self.image_size)
+
+    def roll_out(
+        self,
+        parameters: np.ndarray,
+        actions: np.ndarray,
+        rng: np.random.Generator,
+        record: Record | None = None,
+        starts: np.ndarray | None = None,
+    ) -> Rollouts:
+        """Play (n, T, A) actions in n worlds of (n, N) parameters, each from its own start.
+
+        `record` is handed the points, (1, all, 2), of every state. `starts`: states of episodes
+        that begin alike. Worlds that end before their time are left out, as diverged ones are.
+        """
+        states, recorded, kept = [], [], []
+        for i, world in enumerate(parameters):
+            seed = int(rng.integers(2**31)) if starts is None else self._seed_of(starts[i])
+            infos = self._play(seed, world, actions[i])
+            self.num_steps += len(infos) - 1
+            if len(infos) <= actions.shape[1]:
+                self.num_diverged += 1
+                continue
+            steps = np.arange(len(infos))
+            states.append(np.stack([np.full(len(steps), len(self._episodes)), steps], -1))
+            self._episodes.append((seed, np.array(actions[i])))
+            kept.append(i)
+            if record:
+                recorded.append(np.concatenate([record(_points_of(i)[None]) for i in infos]))
+        shape = (-1, actions.shape[1] + 1, 2)
+        return Rollouts(
+            parameters[kept],
+            np.array(states, float).reshape(shape),
+            actions[kept],
+            np.array(recorded).reshape(len(kept), shape[1], -1) if record else None,
+            np.array(kept, int),
+        )
+
+    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """Draw (n, 2) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
+        frames = np.empty((len(states), self.image_size, self.image_size, 3), np.uint8)
+        for episode in np.unique(states[:, 0]):
+            (mine,) = np.nonzero(states[:, 0] == episode)
+            seed, actions = self._episodes[int(episode)]
+            steps, last = states[mine, 1].astype(int), int(states[mine, 1].max())
+            drawn = {}
+
+            def draw(t: int, steps=steps, drawn=drawn) -> None:
+                if t in steps:
+                    drawn[t] = self._picture()
+
+            self._play(seed, parameters[mine[0]], actions[:last], draw)
+            frames[mine] = [drawn[t] for t in steps]
+        return frames
+
+    def film(self, rollouts: Rollouts) -> np.ndarray:
+        """Draw every state of n episodes: (n, T + 1, H, W, 3) uint8 RGB."""
+        n, num_frames, _ = rollouts.states.shape
+        parameters = np.repeat(rollouts.parameters, num_frames, axis=0)
+        frames = self.render(rollouts.states.reshape(n * num_frames, 2), parameters)
+        return frames.reshape(n, num_frames, *frames.shape[1:])
+
+    def _play(
+        self,
+        seed: int,
+        world: np.ndarray,
+        actions: np.ndarray,
+        draw: Callable[[int], None] = lambda t: None,
+    ) -> list[dict[str, Any]]:
+        """What the environment said of each state, until its time or its end."""
+        infos = [self._begin(seed, world)]
+        draw(0)
+        for t, action in enumerate(actions.astype(np.float32), start=1):
+            _, _, terminated, _, info = self._env.step(action)
+            if terminated:
+                break
+            infos.append(info)
+            draw(t)
+        return infos
+
+    def _begin(self, seed: int, world: np.ndarray) -> dict[str, Any]:
+        options = {"parameters": dict(zip(self.space.names, world.tolist(), strict=True))}
+        return self._env.reset(seed=seed, options=options)[1]
+
+    def _seed_of(self, state: np.ndarray) -> int:
+        return self._episodes[int(state[0])][0]
+
+    def _picture(self) -> np.ndarray:
+        """The middle of the present picture, as wide as it is high."""
+        picture = self._env.render()
+        if not isinstance(picture, np.ndarray) or picture.ndim != 3 or picture.dtype != np.uint8:
+            raise InputError(
+                "render() must give an (H, W, 3) uint8 array: is render_mode='rgb_array' set?"
+            )
+        height, width = picture.shape[:2]
+        beside = max(0, width - height) // 2
+        return resize(picture[:, beside : beside + height], (self.image_size, self.image_size))
+
+
+def _points_of(info: dict[str, Any]) -> np.ndarray:
+    """(L, 2) shares of the picture."""
+    return np.asarray(info.get("points", ()), float).reshape(-1, 2)

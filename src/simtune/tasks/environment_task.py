@@ -1,0 +1,58 @@
+"""A task of a gymnasium environment instead of a MuJoCo model: it can be tuned."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from simtune.errors import InputError
+from simtune.parameters import ParameterSpace
+from simtune.simulation import EnvironmentSimulator
+from simtune.simulation.environment import BoxActions
+
+_SLACK = 0.01  # by which the recordings' step may differ from the environment's
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvironmentTask:
+    """What `Task` is to a model; see `simulation.environment` for what `make` has to make."""
+
+    name: str
+    description: str
+    make: Callable[[], Any]  # a gymnasium.Env, or what acts like one
+    parameters: ParameterSpace
+    step_s: float  # that env.step simulates
+    episode_steps: int
+    camera: str = "render"  # what draws
+
+    @cached_property
+    def _env(self) -> Any:
+        return self.make()
+
+    def load_actions(self) -> BoxActions:
+        """What actions there are."""
+        return BoxActions(self._env.action_space)
+
+    def simulator(
+        self, *, image_size: int, step_s: float | None = None, supersampling: int = 1
+    ) -> EnvironmentSimulator:
+        """Its worlds; see `Task.simulator`. How smoothly it draws is its own business.
+
+        Raises InputError where recordings have another rate than the environment, or where nothing
+        says where in the picture things are, so that no motion could be seen.
+        """
+        if step_s and abs(step_s / self.step_s - 1) > _SLACK:
+            raise InputError(
+                f"{self.name} makes steps of {self.step_s:g} s, the recordings have one every "
+                f"{step_s:g} s; record at the environment's rate, or have it step as they do"
+            )
+        simulator = EnvironmentSimulator(
+            self._env, self.parameters, step_s=self.step_s, image_size=image_size
+        )
+        hidden = [p.name for p in self.parameters if not p.is_visible]
+        if hidden and not len(simulator.points()):
+            raise InputError(
+                f"{hidden[0]} shows in motion only, and {self.name} does not say where things are: "
+                'have reset() and step() give info["points"] (docs/tuning-file.md)'
+            )
+        return simulator

@@ -1,0 +1,84 @@
+"""`environment = ...` in a tuning file: a gymnasium environment instead of a model."""
+
+import importlib.util
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from simtune.errors import InputError
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.tasks.environment_task import EnvironmentTask
+from simtune.tasks.tuning_file.toml_table import TomlTable
+
+_KEYS = ("environment", "name", "description", "control_timestep_s", "episode_steps", "parameters")
+_PARAMETER_KEYS = ("name", "nominal", "low", "high", "scale", "unit", "shows_in")
+
+
+def read_environment_task(file: TomlTable) -> EnvironmentTask:
+    """The task that a file declares. Raises InputError "FILE:LINE: ..."."""
+    file.allow(*_KEYS)
+    path, named = file.file, file.text("environment")
+    with file.at("environment"):
+        make = _factory(path.parent, named)
+    entries = file.tables("parameters")
+    if not entries:
+        raise file.error("nothing to tune: declare parameters, each after a line [[parameters]]")
+    return EnvironmentTask(
+        name=file.text("name", path.stem),
+        description=file.text("description", f"{named}, of {path.name}"),
+        make=make,
+        parameters=ParameterSpace([_read(entry) for entry in entries], where=path.name),
+        step_s=file.number("control_timestep_s", above=0),
+        episode_steps=file.whole("episode_steps", 200),
+    )
+
+
+def _read(entry: TomlTable) -> Parameter:
+    entry.allow(*_PARAMETER_KEYS)
+    low = entry.number("low")
+    with entry.at():
+        return Parameter(
+            name=entry.text("name"),
+            field=f"environment.{entry.choice('shows_in', ('picture', 'motion'), 'motion')}",
+            nominal=entry.number("nominal"),
+            low=low,
+            high=entry.number("high"),
+            scale=entry.choice("scale", ("log", "linear"), "log" if low > 0 else "linear"),
+            unit=entry.text("unit", "1"),
+        )
+
+
+def _factory(folder: Path, named: str) -> Callable[[], Any]:
+    """What makes the environment: FILE.py:NAME is called, anything else is an id of gymnasium's.
+
+    Raises InputError where there is none.
+    """
+    in_file = re.fullmatch(r"(.+\.py):(\w+)", named)
+    if not in_file:
+        return lambda: _registered(named)
+    path = folder / in_file[1]
+    module_spec = importlib.util.spec_from_file_location(path.stem, path)
+    if not path.is_file() or module_spec is None or module_spec.loader is None:
+        raise InputError(f"there is no file {path}")
+    module = importlib.util.module_from_spec(module_spec)
+    try:
+        module_spec.loader.exec_module(module)
+    except ImportError as error:
+        raise InputError(f"{path} needs what is not installed: {error}") from None
+    if not callable(make := getattr(module, in_file[2], None)):
+        raise InputError(f"{path} has no {in_file[2]} to call")
+    return make
+
+
+def _registered(named: str) -> Any:
+    try:
+        import gymnasium
+    except ModuleNotFoundError:
+        raise InputError(f"{named} needs gymnasium: pip install gymnasium") from None
+    try:
+        return gymnasium.make(named, render_mode="rgb_array", disable_env_checker=True)
+    except gymnasium.error.Error as error:
+        raise InputError(
+            f"gymnasium does not know {named} ({error}); expected an id of its, or FILE.py:NAME"
+        ) from None

@@ -1,0 +1,222 @@
+"""A simulator that is not MuJoCo: played, drawn, seen and tuned like one that is."""
+
+import importlib.util
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simtune.algorithm import train
+from simtune.check import check
+from simtune.config import CheckConfig, RecordConfig, TrainConfig, TuneConfig
+from simtune.errors import InputError
+from simtune.randomization import Distribution
+from simtune.record import record
+from simtune.run import read_json
+from simtune.search_param_model.simulated import Camera, find_landmarks, simulate
+from simtune.simulation import random_actions
+from simtune.tasks import load_any_task
+from simtune.tune import tune
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "bouncing_ball"
+FILE = str(EXAMPLE / "tune.toml")
+TASK = load_any_task(FILE)
+SPACE = TASK.parameters
+SIZE = 48
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """The example's module."""
+    spec = importlib.util.spec_from_file_location("env", EXAMPLE / "env.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def some_worlds(n: int, steps: int, seed: int = 0):
+    rng = np.random.default_rng(seed)
+    parameters = Distribution.first(SPACE, SPACE.nominal).sample(n, rng)
+    return parameters, rng.uniform(-1, 1, (n, steps, 1)), rng
+
+
+# --- played and drawn ---------------------------------------------------------------------
+
+
+def test_pictures_are_those_that_the_environment_draws_on_the_way(ball):
+    simulator = TASK.simulator(image_size=96)
+    parameters, actions, rng = some_worlds(3, 12)
+    seeds = np.random.default_rng(7).integers(2**31, size=3)
+    rollouts = simulator.roll_out(parameters, actions, np.random.default_rng(7))
+    assert rollouts.states.shape == (3, 13, 2)
+    films = simulator.film(rollouts)
+    for i in range(3):
+        env = ball.BouncingBall()
+        world = dict(zip(SPACE.names, parameters[i].tolist(), strict=True))
+        env.reset(seed=int(seeds[i]), options={"parameters": world})
+        for t in range(13):
+            np.testing.assert_array_equal(films[i, t], env.render())
+            if t < 12:
+                env.step(actions[i, t].astype(np.float32))
+    # And in any order, some of them alone.
+    order = rng.permutation(39)[:10]
+    every = rollouts.states.reshape(39, 2), np.repeat(parameters, 13, axis=0)
+    drawn = simulator.render(every[0][order], every[1][order])
+    np.testing.assert_array_equal(drawn, films.reshape(39, 96, 96, 3)[order])
+    assert simulator.num_steps == 36
+
+
+def test_a_start_is_that_of_another_episode_whatever_the_world():
+    simulator = TASK.simulator(image_size=SIZE)
+    parameters, actions, rng = some_worlds(2, 3)
+    first = simulator.roll_out(parameters[:1], actions[:1], rng)
+    changed = parameters[1:].copy()
+    changed[:, [p.is_visible for p in SPACE]] = parameters[0, [p.is_visible for p in SPACE]]
+    second = simulator.roll_out(changed, actions[1:], rng, starts=first.states[:, 0])
+    one, other = simulator.film(first)[0], simulator.film(second)[0]
+    np.testing.assert_array_equal(one[0], other[0])
+    assert (one[-1] != other[-1]).any()
+
+
+def test_points_are_where_the_ball_is_in_the_picture():
+    simulator = TASK.simulator(image_size=SIZE)
+    parameters, actions, rng = some_worlds(4, 10)
+    points = simulator.points()
+    assert len(points) == 1
+    rollouts = simulator.roll_out(parameters, actions, rng, points.record)
+    frames = simulator.film(rollouts).astype(float)
+    walls = np.median(frames, axis=(0, 1))
+    weight = np.abs(frames - walls).sum(-1) * (np.abs(frames - walls).sum(-1) > 60)
+    rows, columns = np.mgrid[:SIZE, :SIZE]
+    total = weight.sum((2, 3))
+    seen = np.stack([(weight * columns).sum((2, 3)), (weight * rows).sum((2, 3))], -1)
+    far = np.abs(seen / total[..., None] - rollouts.recorded)
+    assert np.median(far) < 0.3
+    again = points.with_state(json.loads(json.dumps(points.state())))
+    np.testing.assert_array_equal(again.chosen, points.chosen)
+
+
+def test_worlds_that_end_before_their_time_are_left_out(ball):
+    class Mortal(ball.BouncingBall):
+        def step(self, action):
+            *rest, info = super().step(action)
+            rest[2] = self._place[1] < 0.2
+            return (*rest, info)
+
+    simulator = replace(TASK, make=Mortal).simulator(image_size=SIZE)
+    parameters, actions, rng = some_worlds(20, 20)
+    rollouts = simulator.roll_out(parameters, actions, rng)
+    assert 0 < len(rollouts) < 20
+    assert simulator.num_diverged == 20 - len(rollouts)
+    np.testing.assert_array_equal(rollouts.parameters, parameters[rollouts.index])
+    assert simulator.film(rollouts).shape == (len(rollouts), 21, SIZE, SIZE, 3)
+
+
+def test_worlds_to_learn_from_are_made_as_of_a_model():
+    simulator = TASK.simulator(image_size=SIZE)
+    first = Distribution.first(SPACE, SPACE.nominal)
+    points = find_landmarks(simulator, TASK.camera, first, seed=0)
+    assert len(points) == 1
+    rng = np.random.default_rng(0)
+    actions = random_actions(12, 20, simulator.action_mapping, rng).reshape(6, 2, 20, 1)
+    worlds = simulate(simulator, points, first.sample(6, rng), actions, 4, rng, Camera())
+    assert worlds.frames.shape == (6, 4, SIZE, SIZE, 3)
+    assert worlds.filmed_landmarks().shape == (6, 4, 1, 2)
+
+
+# --- tuned --------------------------------------------------------------------------------
+
+
+def test_tune_takes_it_and_goes_on(tmp_path, quick_tune, tiny):
+    config = TuneConfig(task=FILE, out=tmp_path / "run", real_episodes=2, budget_minutes=1e9)
+    result = tune(config)
+    assert list(result["parameters"]) == list(SPACE.names)
+    assert all("real" in entry for entry in result["parameters"].values())
+    assert (config.out / "videos" / "after.mp4").is_file()
+    # Its last iteration once more, from the checkpoint before: to the last bit the same.
+    newest = max((config.out / "checkpoints").iterdir())
+    for file in newest.iterdir():
+        file.unlink()
+    newest.rmdir()
+    again = tune(config)
+    assert read_json(config.out / "result.json")["parameters"] == result["parameters"]
+    assert again["sim_steps"] == result["sim_steps"]
+
+
+@pytest.mark.slow
+def test_a_known_world_is_found(tmp_path):
+    truth = {"gravity": 7.0, "bounce": 0.75, "push": 3.0, "ball_g": 0.3}
+    (tmp_path / "truth.json").write_text(json.dumps(truth))
+    result = tune(
+        TuneConfig(
+            task=FILE,
+            out=tmp_path / "run",
+            real_parameters=tmp_path / "truth.json",
+            budget_minutes=6,
+        )
+    )
+    found = result["parameters"]
+    assert found["gravity"]["percent_error"] < 10
+    assert found["bounce"]["percent_error"] < 10
+    assert found["push"]["percent_error"] < 10
+    assert found["ball_g"]["percent_error"] < 6
+
+
+# --- what cannot be -----------------------------------------------------------------------
+
+
+def refused(text: str, folder: Path) -> str:
+    """What `tune` says of a tuning file with this text."""
+    (folder / "tune.toml").write_text(text)
+    with pytest.raises(InputError) as error:
+        tune(TuneConfig(task=str(folder / "tune.toml"), out=folder / "run"))
+    assert not (folder / "run").exists()
+    return str(error.value)
+
+
+def test_files_that_name_no_environment_say_so(tmp_path):
+    text = (EXAMPLE / "tune.toml").read_text()
+    (tmp_path / "env.py").write_text((EXAMPLE / "env.py").read_text())
+    assert "tune.toml:1: there is no file" in refused(text.replace("env.py", "enf.py"), tmp_path)
+    assert "has no Ball to call" in refused(text.replace("BouncingBall", "Ball"), tmp_path)
+    by_id = text.replace("env.py:BouncingBall", "NoSuchThing-v0")
+    assert "gymnasium does not know NoSuchThing-v0" in refused(by_id, tmp_path)
+    assert "did you mean 'nominal'" in refused(text.replace("nominal", "nominel"), tmp_path)
+    assert "model" in refused('model = "a.xml"\n' + text, tmp_path)
+    (tmp_path / "env.py").write_text("import not_there_at_all")
+    assert "not installed" in refused(text, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ('{"points": [[self._place[0], 1 - self._place[1]]]}', "{}", 'info["points"]'),
+        (".astype(np.uint8)", "", "uint8"),
+        ("Box(-1, 1, (1,), np.float32)", "Discrete(3)", "must be a Box"),
+    ],
+)
+def test_environments_that_lack_something_say_what(before, after, said, tmp_path):
+    code = (EXAMPLE / "env.py").read_text()
+    assert before in code
+    (tmp_path / "env.py").write_text(code.replace(before, after, 1))
+    assert said in refused((EXAMPLE / "tune.toml").read_text(), tmp_path)
+
+
+def test_what_needs_a_model_says_so(tmp_path):
+    out = tmp_path / "out"
+    for asked in (
+        lambda: train(TrainConfig(task=FILE, out=out)),
+        lambda: check(CheckConfig(task=FILE)),
+        lambda: record(RecordConfig(task=FILE, out=out)),
+    ):
+        with pytest.raises(InputError, match="only `simtune tune` takes those"):
+            asked()
+    with pytest.raises(InputError, match="needs a MuJoCo model"):
+        tune(TuneConfig(task=FILE, out=out, search="paper"))
+    with pytest.raises(InputError, match="needs a MuJoCo model"):
+        tune(TuneConfig(task=FILE, out=out, real_gap=True))
+    with pytest.raises(InputError, match=r"steps of 0\.05 s"):
+        TASK.simulator(image_size=SIZE, step_s=0.1)
+    assert not out.exists()
