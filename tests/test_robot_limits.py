@@ -81,10 +81,10 @@ def test_a_robot_outside_of_its_workspace_is_refused():
             LIMITS.check(place)
 
 
-def test_a_robot_that_moves_faster_than_it_was_sent_is_noticed():
-    LIMITS.check_moved(START, START + np.array([30.0, 0.0, 0.0]), 0.3)
-    with pytest.raises(RobotError, match="faster than 100/s"):
-        LIMITS.check_moved(START, START + np.array([60.0, 0.0, 0.0]), 0.3)
+def test_a_robot_that_is_not_on_its_way_is_noticed():
+    LIMITS.check_follows(START, START + np.array([34.9, 0.0, 0.0]), STEP_S)
+    with pytest.raises(RobotError, match="35.1 away from where it was sent"):
+        LIMITS.check_follows(START, START + np.array([35.1, 0.0, 0.0]), STEP_S)
 
 
 def test_a_stop_lasts_until_a_person_ends_it(tmp_path):

@@ -37,11 +37,10 @@ def choose_real(
     """A real world, where the search for its parameters starts (N,), and the truth, where known.
 
     `pseudo`: a simulated world of `real_parameters`, searched from ×2/×½ of them
-    (or `start_factor`); `real_gap` puts
-    a RealityGap before it. `xarm`, `lerobot`: the robot of a file, which films into the run's folder
-    `out`, and moves only with `move`: else a dry run ends in an InputError that says what it found.
-    Anything else is the folder of a LeRobotDataset v3, searched from the
-    nominal parameters.
+    (or `start_factor`); `real_gap` puts a RealityGap before it. `xarm`, `lerobot`: the robot of a
+    file, which films into the run's folder `out` and moves only with `move`; without it, and with
+    nothing filmed yet, a dry run ends in an InputError that says what it found. Anything else is
+    the folder of a LeRobotDataset v3. They are searched from the nominal parameters.
     Raises InputError for what cannot be read.
     """
     space = task.parameters
@@ -58,7 +57,7 @@ def choose_real(
         return real, truth.wrong_start(seed, start_factor), truth
     if real_parameters is not None:
         raise InputError("--real-parameters goes with --real pseudo only")
-    if is_robot:
+    if name == "xarm" or name == "lerobot":
         if robot is None:
             raise InputError(f"--real {name} needs --robot FILE.toml (see docs/robot.md)")
         assert out is not None

@@ -8,7 +8,7 @@ from simtune.errors import InputError
 
 
 class Latch:
-    """A file beside the robot's: while it is there, nothing moves. Nobody but a person removes it."""
+    """A file beside the robot's: while it is there, nothing moves. Only a person removes it."""
 
     def __init__(self, file: Path):
         self.file = file
@@ -21,9 +21,7 @@ class Latch:
                 f"the robot was stopped ({why}): see to it, then remove {self.file} to go on"
             )
         if not os.access(self.file.parent, os.W_OK):
-            raise InputError(
-                f"{self.file.parent} must be writable, to note down there that it stopped"
-            )
+            raise InputError(f"{self.file.parent} must be writable: a stop is noted down there")
 
     def close(self, why: object) -> None:
         """Note down that it was stopped; the first reason stays."""

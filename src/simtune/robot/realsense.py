@@ -27,16 +27,22 @@ class RealSense:
         if self._playback:
             config.enable_device_from_file(str(self._playback), repeat_playback=False)
         else:
-            if self._serial:
-                config.enable_device(self._serial)
+            config.enable_device(self._find(rs))
             config.enable_stream(rs.stream.color, _WIDTH, _HEIGHT, rs.format.rgb8, _FPS)
         try:
             pipeline.start(config)
         except RuntimeError as error:
-            which = self._playback or self._serial or "any serial number"
-            raise RobotError(f"no RealSense of {which}: {error}") from None
+            raise RobotError(f"the RealSense does not start: {error}") from None
         self._pipeline = pipeline
         self._next(_FIRST_WITHIN_MS)
+
+    def _find(self, rs: Any) -> str:
+        """The serial number; asked for first, since a pipeline waits long for what is not there."""
+        known = [d.get_info(rs.camera_info.serial_number) for d in rs.context().query_devices()]
+        if self._serial in known or (self._serial is None and len(known) == 1):
+            return self._serial or known[0]
+        wanted = f"no RealSense {self._serial} is" if self._serial else "not just one RealSense is"
+        raise RobotError(f"{wanted} connected; there are: {', '.join(known) or 'none'}")
 
     def look(self) -> Picture:
         if not self._playback:  # of a file nothing is too old

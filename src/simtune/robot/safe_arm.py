@@ -22,14 +22,14 @@ class SafeArm:
         """Raises InputError where the latch is closed, RobotError where the robot may not move."""
         latch.check()
         self._robot, self._limits, self._step_s, self._latch = robot, limits, step_s, latch
-        self._before: tuple[float, np.ndarray] | None = None
+        self._sent: np.ndarray | None = None  # (D,) the latest place, while it moves
         limits.check(robot.measure())
         self._pulse: Pulse = robot.allow_motion(limits)
 
     @contextmanager
     def moving(self) -> Iterator[None]:
         """Within it the robot may move; after it, it rests."""
-        self._before = None
+        self._sent = None
         try:
             yield
         except BaseException as error:
@@ -42,18 +42,17 @@ class SafeArm:
 
     def measure(self) -> np.ndarray:
         """Where it is, (D,); says that all is well. Raises RobotError where it is not."""
-        measured, now_s = self._robot.measure(), time.monotonic()
+        measured = self._robot.measure()
         self._limits.check(measured)
-        if self._before is not None:
-            before_s, before = self._before
-            self._limits.check_moved(before, measured, now_s - before_s)
-        self._before = now_s, measured
+        if self._sent is not None:
+            self._limits.check_follows(self._sent, measured, self._step_s)
         self._pulse.beat()
         return measured
 
     def send(self, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """Set out for a place (D,), as far as the limits allow; the place (D,) that was sent."""
-        return self._robot.move_to(self._limits.cut(target, measured, self._step_s))
+        self._sent = self._robot.move_to(self._limits.cut(target, measured, self._step_s))
+        return self._sent
 
     def wait_until(self, time_s: float) -> None:
         """Watch it until a time of the monotonic clock."""

@@ -37,7 +37,8 @@ class Watchdog:
             stdout=subprocess.PIPE,
             start_new_session=True,  # what interrupts this process must not end that one
         )
-        assert self._process.stdin and self._process.stdout
+        assert self._process.stdin
+        assert self._process.stdout
         self._pipe, says = self._process.stdin.fileno(), self._process.stdout
         is_there = select.select([says], [], [], _STARTED_WITHIN_S)[0]
         if not is_there or says.readline() != _READY:

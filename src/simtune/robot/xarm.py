@@ -26,7 +26,7 @@ _DOWN_WITHIN = math.cos(math.radians(5))
 class XArm:
     """A `Robot` in the base frame of its controller, mm."""
 
-    axes = ("x", "y", "z")
+    axes: tuple[str, ...] = ("x", "y", "z")
 
     def __init__(self, ip: str, *, acceleration: float, collision_sensitivity: int, latch: Latch):
         """`acceleration` in mm/s²; `collision_sensitivity` from 1 to 5, the most sensitive."""
