@@ -1,15 +1,14 @@
-"""A robot with LeRobot's interface: it goes at once to where it is sent, and films a grey picture."""
+"""A robot with LeRobot's interface: it is at once where it is sent, and films a grey picture."""
 
 import numpy as np
 
 
 class FakeRobot:
-    """An axis of two is a little short of what is asked for, as real ones are."""
-
-    action_features = {"pan.pos": float, "lift.pos": float}
-    observation_features = {**action_features, "front": (48, 64, 3)}
+    """One of its two axes ends before its workspace does, as real ones may."""
 
     def __init__(self):
+        self.action_features = {"pan.pos": float, "lift.pos": float}
+        self.observation_features = {**self.action_features, "front": (48, 64, 3)}
         self.place = {"pan.pos": 0.0, "lift.pos": 20.0}
         self.sent: list[dict[str, float]] = []
         self.is_connected = False

@@ -83,7 +83,7 @@ def test_a_robot_outside_of_its_workspace_is_refused():
 
 def test_a_robot_that_is_not_on_its_way_is_noticed():
     LIMITS.check_follows(START, START + np.array([34.9, 0.0, 0.0]), STEP_S)
-    with pytest.raises(RobotError, match="35.1 away from where it was sent"):
+    with pytest.raises(RobotError, match=r"35\.1 away from where it was sent"):
         LIMITS.check_follows(START, START + np.array([35.1, 0.0, 0.0]), STEP_S)
 
 

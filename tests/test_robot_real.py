@@ -4,7 +4,6 @@ import fcntl
 import json
 import re
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,14 +12,16 @@ import numpy as np
 import pytest
 
 from simtune import cli
+from simtune.config import TuneConfig
 from simtune.errors import InputError, RobotError
 from simtune.real.choose import choose_real
 from simtune.real.recorded import RecordedReal
 from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.tasks import load_task
+from simtune.tune import tune
 
-STEPS = 6
+STEPS = 4
 TASK = replace(load_task("cartpole"), action_repeat=10, episode_steps=STEPS)  # 0.1 s a step
 LEROBOT = """
 address = "fake_lerobot:make"
@@ -105,7 +106,7 @@ def test_what_was_filmed_is_looked_at_again(file):
 def test_whole_episodes_outlive_one_that_fails(file, monkeypatch):
     def make():
         robot = fake_lerobot.FakeRobot()
-        robot.fails_at = STEPS + 6
+        robot.fails_at = STEPS + 4
         return robot
 
     monkeypatch.setattr(fake_lerobot, "make", make)
@@ -148,7 +149,7 @@ def test_what_the_robot_did_not_do_is_not_recorded(file):
     file.write_text(LEROBOT.replace("-pan.pos", "lift.pos"))
     (trajectory,) = make_real(file).try_out(lambda _: np.ones((1, 1)), 1, 1, seed=0)
     # From 25 by 4 a step, but it does not get beyond 30.
-    np.testing.assert_allclose(trajectory.actions[:, 0], [1, 0.25, 0, 0, 0, 0], atol=1e-5)
+    np.testing.assert_allclose(trajectory.actions[:, 0], [1, 0.25, 0, 0], atol=1e-5)
 
 
 def test_each_episode_waits_for_a_person(file, monkeypatch, capsys):
@@ -189,6 +190,23 @@ def test_a_robot_is_moved_by_one_command_at_a_time(file):
         fcntl.flock(held, fcntl.LOCK_EX)
         with pytest.raises(InputError, match="another simtune is moving the robot"):
             real.collect(1)
+
+
+@pytest.mark.slow
+def test_tune_goes_on_without_the_robot(file, quick_tune, monkeypatch):
+    def load_slow_task(name: str):
+        return replace(load_task(name), action_repeat=10, episode_steps=24)
+
+    monkeypatch.setattr("simtune.tune.load_task", load_slow_task)
+    out = file.parent / "run"
+    asked = {"task": "cartpole", "out": out, "real": "lerobot", "robot": file}
+    config = TuneConfig(**asked, real_episodes=1, budget_minutes=1e-5, move=True)
+    result = tune(config)
+    assert (result["real"], result["real_episodes"]) == ("lerobot", 1)
+    assert (out / "report.html").is_file()
+    made = len(fake_lerobot.latest)
+    tune(replace(config, move=False, budget_minutes=1e-4))
+    assert len(fake_lerobot.latest) == made
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
+_FOR_ROBOTS = ("xarm-python-sdk", "pyrealsense2")
 _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "torch", "av", "pyarrow", "numpy")
 
 
@@ -19,6 +20,11 @@ def examine(say: Callable[[str], None]) -> bool:
             say(f"{package:10s} {version(package)}")
         except PackageNotFoundError:
             say(f"{package:10s} not installed: pip install {package}")
+    for package in _FOR_ROBOTS:
+        try:
+            say(f"{package:15s} {version(package)}")
+        except PackageNotFoundError:
+            say(f"{package:15s} not installed, for --real xarm only: pip install simtune[xarm]")
     _say_devices(say)
     works = _try_renderer("raycaster", say)
     _try_renderer("opengl", say)

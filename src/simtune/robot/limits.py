@@ -44,7 +44,7 @@ class Limits:
             )
 
     def check_follows(self, sent: np.ndarray, measured: np.ndarray, step_s: float) -> None:
-        """Raises RobotError where a robot is farther from where it was sent than a step takes it."""
+        """Raises RobotError for a robot farther from where it was sent than a step takes it."""
         away = float(np.linalg.norm(measured - sent))
         if not away <= self.speed * step_s + self.tolerance:
             raise RobotError(

@@ -33,19 +33,22 @@ class XArm:
         self._ip, self._acceleration, self._latch = ip, acceleration, latch
         self._collision_sensitivity = collision_sensitivity
         self._arm: Any = None
+        self._is_woken = False
         self._limits: Limits | None = None  # once it may move
         self._yaw_deg = 0.0
 
     def connect(self) -> None:
         self._arm = open_arm(self._ip)
         if tuple(self._arm.version_number) < _FIRST_FIRMWARE:
+            self.close()
             found = ".".join(map(str, self._arm.version_number))
             raise RobotError(f"the xArm's firmware is {found}, expected 1.11.100 or newer")
 
     def allow_motion(self, limits: Limits) -> Watchdog:
         self.measure()  # an error stays until a person clears it
         self._yaw_deg = self._pose()[5]
-        self._demand("stop", self._arm.set_state(_STOPPED))  # whatever may still be queued
+        self._is_woken = True
+        self.stop()  # whatever may still be queued
         limit_controller(self._arm, limits, self._collision_sensitivity)
         self._demand("enable its motors", self._arm.motion_enable(True))
         self._demand("change its mode", self._arm.set_mode(_ONLINE_MODE))
@@ -58,9 +61,8 @@ class XArm:
                 )
             time.sleep(0.02)
         check_controller(self._arm, limits, self._collision_sensitivity)
-        watchdog = Watchdog(self._ip, self._latch)
         self._limits = limits
-        return watchdog
+        return Watchdog(self._ip, self._latch)
 
     def measure(self) -> np.ndarray:
         if not self._arm.connected:
@@ -104,10 +106,10 @@ class XArm:
         if self._arm is None:
             return
         try:
-            if self._limits is not None and self._arm.connected:
+            if self._is_woken and self._arm.connected:
                 self.stop()
         finally:
-            self._limits = None
+            self._is_woken, self._limits = False, None
             self._arm.disconnect()
 
     def _pose(self) -> np.ndarray:
