@@ -22,7 +22,7 @@ class FakeRobot:
 
     def get_observation(self):
         assert self.is_connected
-        shade = np.uint8(128 + self.place["pan.pos"])
+        shade = np.uint8(128 + np.nan_to_num(self.place["pan.pos"]))
         return {**self.place, "front": np.full((48, 64, 3), shade)}
 
     def send_action(self, action):

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyrealsense2 as rs
 import pytest
 
 from simtune.errors import RobotError
@@ -13,6 +12,8 @@ from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.robot.realsense import RealSense
 from simtune.tasks import load_task
+
+rs = pytest.importorskip("pyrealsense2")
 
 WIDTH, HEIGHT, NUM_FRAMES = 64, 48, 200
 FIRST_MS, EVERY_MS = 5000.0, 1000 / 30
@@ -46,7 +47,7 @@ def recording(tmp_path_factory) -> Path:
     return path
 
 
-def _stream() -> rs.video_stream:
+def _stream():
     stream, lens = rs.video_stream(), rs.intrinsics()
     lens.width, lens.height, lens.ppx, lens.ppy, lens.fx, lens.fy = WIDTH, HEIGHT, 32, 24, 50, 50
     lens.model, lens.coeffs = rs.distortion.none, [0.0] * 5

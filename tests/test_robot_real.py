@@ -145,6 +145,16 @@ def test_an_ill_policy_stops_the_robot(file):
     assert "must be finite" in (file.parent / "arm.toml.stopped").read_text()
 
 
+def test_a_robot_that_does_not_know_where_it_is_is_sent_nowhere(file):
+    def policy(_):
+        fake_lerobot.latest[-1].place = {"pan.pos": float("nan"), "lift.pos": 25.0}
+        return np.zeros((1, 1))
+
+    with pytest.raises(RobotError, match=r"a place must be 2 finite numbers, got \[nan, 25.0\]"):
+        make_real(file).try_out(policy, num_stacked=1, num_episodes=1, seed=1)
+    assert np.isfinite([list(action.values()) for action in fake_lerobot.latest[-1].sent]).all()
+
+
 def test_what_the_robot_did_not_do_is_not_recorded(file):
     file.write_text(LEROBOT.replace("-pan.pos", "lift.pos"))
     (trajectory,) = make_real(file).try_out(lambda _: np.ones((1, 1)), 1, 1, seed=0)

@@ -168,4 +168,4 @@ def test_strange_actions_do_not_reach_the_wire(controller, safe_xarm):
 
 @pytest.mark.slow
 def test_many_strange_actions_do_not_reach_the_wire(controller, safe_xarm):
-    assert fuzz_the_wire(controller, safe_xarm, 120.0) > 10_000
+    assert fuzz_the_wire(controller, safe_xarm, 120.0) > 2_000

@@ -15,16 +15,12 @@ _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "torch", "av", "pyarrow", "nump
 def examine(say: Callable[[str], None]) -> bool:
     """Say what there is, a line each; whether the default renderer works."""
     say(f"python     {platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores")
-    for package in _PACKAGES:
+    for package in _PACKAGES + _FOR_ROBOTS:
         try:
             say(f"{package:10s} {version(package)}")
         except PackageNotFoundError:
-            say(f"{package:10s} not installed: pip install {package}")
-    for package in _FOR_ROBOTS:
-        try:
-            say(f"{package:15s} {version(package)}")
-        except PackageNotFoundError:
-            say(f"{package:15s} not installed, for --real xarm only: pip install simtune[xarm]")
+            wanted = "simtune[xarm], for --real xarm" if package in _FOR_ROBOTS else package
+            say(f"{package:10s} not installed: pip install {wanted}")
     _say_devices(say)
     works = _try_renderer("raycaster", say)
     _try_renderer("opengl", say)

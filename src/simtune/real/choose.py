@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -44,10 +44,10 @@ def choose_real(
     Raises InputError for what cannot be read.
     """
     space = task.parameters
-    is_robot = name in get_args(Driver)
-    if camera is not None and (is_robot or name == "pseudo"):
+    driver: Driver | None = name if name == "xarm" or name == "lerobot" else None
+    if camera is not None and (driver or name == "pseudo"):
         raise InputError("--camera goes with recordings only")
-    if not is_robot and (robot is not None or move):
+    if not driver and (robot is not None or move):
         raise InputError("--robot and --move go with --real xarm or lerobot only")
     if name == "pseudo":
         truth = Truth(space, read_parameters(real_parameters, space))
@@ -57,19 +57,12 @@ def choose_real(
         return real, truth.wrong_start(seed, start_factor), truth
     if real_parameters is not None:
         raise InputError("--real-parameters goes with --real pseudo only")
-    if name == "xarm" or name == "lerobot":
-        if robot is None:
+    if driver:
+        if robot is None or out is None:
             raise InputError(f"--real {name} needs --robot FILE.toml (see docs/robot.md)")
-        assert out is not None
         stored_config(out)  # refuses what cannot be a run's folder, before anything moves
-        robot_real = RobotReal(
-            read_robot(robot, name),
-            task,
-            image_size=image_size,
-            seed=seed,
-            folder=out / FILMED,
-            move=move,
-        )
+        settings = {"image_size": image_size, "seed": seed, "folder": out / FILMED}
+        robot_real = RobotReal(read_robot(robot, driver), task, move=move, **settings)
         if not move and not robot_real.num_filmed:
             raise InputError(f"dry run: {robot_real.dry_run()}; give --move to let it move")
         return robot_real, space.nominal.copy(), None

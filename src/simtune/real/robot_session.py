@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from simtune.config.robot import RobotConfig
-from simtune.errors import InputError
+from simtune.errors import InputError, RobotError
 from simtune.recordings import resize
 from simtune.robot.displacements import Displacements
 from simtune.robot.latch import Latch
@@ -71,6 +71,8 @@ class Session:
                 frames.append(frame)
                 asked = act(t, frames)
                 measured = self._arm.measure()
+                if time.monotonic() > begun_s + (t + 1) * self._step_s:
+                    raise RobotError(f"step {t} came late, by more than its {self._step_s:g} s")
                 sent = self._arm.send(self._actions.target(asked, measured), measured)
                 sent_actions.append(self._actions.action(sent, measured))
                 note(

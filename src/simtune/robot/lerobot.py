@@ -9,7 +9,7 @@ import contextlib
 import importlib
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,10 @@ class LeRobot:
 
     def stop(self) -> None:
         """There is no such thing in the interface: it is sent to where it is."""
-        self.move_to(self.measure())
+        place = self.measure()
+        if not np.isfinite(place).all():
+            raise RobotError(f"the robot cannot be stopped: it says that it is at {place.tolist()}")
+        self.move_to(place)
 
     def close(self) -> None:
         with _told("disconnect"):
@@ -113,7 +116,7 @@ def make_lerobot(address: str, beside: Path) -> Any:
 
 
 @contextlib.contextmanager
-def _told(what: str):
+def _told(what: str) -> Iterator[None]:
     """Drivers raise whatever they like."""
     try:
         yield

@@ -35,6 +35,7 @@ class Watchdog:
             [sys.executable, "-m", "simtune.robot.watchdog", ip, str(latch.file)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
             start_new_session=True,  # what interrupts this process must not end that one
         )
         assert self._process.stdin
