@@ -246,6 +246,14 @@ def test_unusable_robot_files(file, old, new, message):
     assert not (file.parent / "filmed").exists()
 
 
+def test_the_manuals_examples_can_be_read(tmp_path):
+    manual = (Path(__file__).parents[1] / "docs" / "robot.md").read_text()
+    examples = re.findall(r"```toml\n(.*?)```", manual, re.DOTALL)
+    for driver, text in zip(("xarm", "lerobot"), examples, strict=True):
+        (tmp_path / "arm.toml").write_text(text)
+        assert read_robot(tmp_path / "arm.toml", driver).ask
+
+
 def test_an_xarm_has_limits_of_its_own(file):
     text = LEROBOT.replace('"pan.pos"', "x").replace('"lift.pos"', "z").replace("-pan.pos", "x")
     text = text.replace("z = [0, 40]", "y = [-1, 1]\nz = [0, 40]") + "\n[start]\n"

@@ -18,12 +18,14 @@ from simtune.trajectory import Trajectory
 class Filmed:
     """The datasets of a folder, the latest last."""
 
-    def __init__(self, folder: Path):
-        self._folder = folder
+    def __init__(self, folder: Path, num_actions: int):
+        self._folder, self._num_actions = folder, num_actions
 
     @property
     def num_episodes(self) -> int:
-        return sum(len(read_meta(folder).episodes) for folder in self._datasets())
+        """Raises InputError where they are damaged, or of another number of actions."""
+        metas = [read_meta(path, num_actions=self._num_actions) for path in self._datasets()]
+        return sum(len(meta.episodes) for meta in metas)
 
     def read(self, image_size: int) -> list[Trajectory]:
         """All episodes, pictures resized to `image_size`. Raises InputError for damaged ones."""

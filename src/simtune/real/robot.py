@@ -54,7 +54,7 @@ class RobotReal:
             )
         self._config, self._task, self._mapping = config, task, mapping
         self._image_size, self._seed, self._move = image_size, seed, move
-        self._filmed = Filmed(folder)
+        self._filmed = Filmed(folder, self.num_actions)
         self._displacements = Displacements.of(
             config.moved, config.step, mapping.range, config.axes, config.start
         )
