@@ -4,8 +4,13 @@ from dataclasses import replace
 
 import pytest
 import torch
+from fake_xarm import FakeXArm
+from robot_limits import LIMITS, STEP_S
 
 from simtune.fit import ShootingConfig, Stage
+from simtune.robot.latch import Latch
+from simtune.robot.safe_arm import SafeArm
+from simtune.robot.xarm import XArm
 from simtune.search_param_model.judge import JudgeConfig
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.sight import SightConfig
@@ -75,3 +80,35 @@ def quick_tune(monkeypatch, tiny, one_renderer_each):
     monkeypatch.setattr("simtune.parts._SHORTER", tiny)
     monkeypatch.setattr("simtune.comparison._NUM_STARTS", 16)
     monkeypatch.setattr("simtune.comparison._ROUNDS", 2)
+
+
+@pytest.fixture
+def controller():
+    """A controller on loopback, for the unmodified xArm SDK."""
+    try:
+        controller = FakeXArm()
+    except OSError as error:
+        pytest.skip(f"no controller can be played on loopback, port 502: {error}")
+    yield controller
+    controller.close()
+
+
+@pytest.fixture
+def latch(tmp_path) -> Latch:
+    return Latch(tmp_path / "arm.toml.stopped")
+
+
+@pytest.fixture
+def xarm(controller, latch):
+    xarm = XArm(controller.ip, acceleration=1000.0, collision_sensitivity=4, latch=latch)
+    xarm.connect()
+    yield xarm
+    xarm.close()
+
+
+@pytest.fixture
+def safe_xarm(xarm, latch):
+    """May move."""
+    arm = SafeArm(xarm, LIMITS, STEP_S, latch)
+    yield arm
+    arm.close()

@@ -111,7 +111,10 @@ def dataset(recorded, tmp_path) -> Path:
         (["tune", "cartpole", "--out", "OUT", "--real-episodes", "0"], "at least 1, got 0"),
         (["tune", "cartpole", "--out", "OUT", "--real-episodes", "1.5"], "1.5"),
         (["tune", "cartpole", "--out", "OUT", "--seed", "-1"], "not be negative, got -1"),
-        (["tune", "cartpole", "--out", "OUT", "--real", "xarm"], "xarm is not there yet"),
+        (
+            ["tune", "cartpole", "--out", "OUT", "--real", "xarm"],
+            "--real xarm needs --robot FILE.toml",
+        ),
         (["tune", "cartpole", "--out", "OUT", "--real", "NOWHERE"], "no such folder"),
         (["report", "NOWHERE"], "is no run"),
     ],

@@ -8,17 +8,19 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
+_FOR_ROBOTS = ("xarm-python-sdk", "pyrealsense2")
 _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "torch", "av", "pyarrow", "numpy")
 
 
 def examine(say: Callable[[str], None]) -> bool:
     """Say what there is, a line each; whether the default renderer works."""
     say(f"python     {platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores")
-    for package in _PACKAGES:
+    for package in _PACKAGES + _FOR_ROBOTS:
         try:
             say(f"{package:10s} {version(package)}")
         except PackageNotFoundError:
-            say(f"{package:10s} not installed: pip install {package}")
+            wanted = "simtune[xarm], for --real xarm" if package in _FOR_ROBOTS else package
+            say(f"{package:10s} not installed: pip install {wanted}")
     _say_devices(say)
     works = _try_renderer("raycaster", say)
     _try_renderer("opengl", say)

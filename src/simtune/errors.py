@@ -16,3 +16,7 @@ class UnknownName(InputError):
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {close[0]!r}?" if close else f"there are: {', '.join(known)}"
         super().__init__(f"no {kind} {name!r} in {where}; {hint}")
+
+
+class RobotError(RuntimeError):
+    """A robot fails, or was asked for what it must not do; the CLI exits with 1."""

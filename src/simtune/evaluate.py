@@ -20,7 +20,7 @@ def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
     config.check()
     parts = trained_parts(config.run_folder, say)
     if parts.truth is None:
-        raise InputError(f"{config.run_folder} is of recordings, in which no policy can be tried")
+        raise InputError(f"{config.run_folder} is of the real world, where no return is known")
     say("scoring the policy in the pseudo-real world", 0.5)
     returns, _ = parts.score(config.episodes, config.seed)
     return {"mean": float(returns.mean()), "std": float(returns.std()), "episodes": len(returns)}
@@ -36,7 +36,7 @@ def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
     if newest is None:
         raise InputError(f"{run_folder} has no sound checkpoint to take a policy from")
     asked = {f.name: stored["config"].get(f.name, f.default) for f in fields(TrainConfig)}
-    for name in ("out", "real_parameters"):
+    for name in ("out", "real_parameters", "robot"):
         asked[name] = asked[name] and Path(asked[name])
     parts = make_parts(TrainConfig(**asked), say)
     parts.load(*checkpoint.load(newest))

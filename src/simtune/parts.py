@@ -108,6 +108,9 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
         camera=config.camera,
         image_size=schedule.image_size,
         seed=config.seed,
+        robot=config.robot,
+        move=config.move,
+        out=config.out,
         start_factor=config.start_factor,
     )
     simulator = simulator_for(real, task, schedule.image_size)

@@ -63,7 +63,7 @@ class Environment:
         def act(t: int, states: np.ndarray) -> np.ndarray:
             frames = projector.show(t, states) if projector else None
             actions[:, t] = policy(Seen(self.observe(states), frames))
-            return scale_actions(simulator, actions[:, t])
+            return scale_actions(simulator.action_mapping, actions[:, t])
 
         repeat, n = self.task.action_repeat, len(parameters)
         noted = self.landmarks if film else None

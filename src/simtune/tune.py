@@ -35,6 +35,9 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         camera=config.camera,
         image_size=image_size,
         seed=config.seed,
+        robot=config.robot,
+        move=config.move,
+        out=config.out,
         real_gap=config.real_gap,
     )
     trajectories = real.collect(config.real_episodes)

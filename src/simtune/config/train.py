@@ -42,10 +42,14 @@ class TrainConfig:
     drop_far: bool = False
     """When the simulator has moved, forget what the policy did in worlds now out of its range."""
     real: str = "pseudo"
-    """The real world: `pseudo`, a simulated one that is filmed and scored against, or the folder
-    of a LeRobotDataset v3, in which no policy can be tried out."""
+    """The real world: `pseudo`, a simulated one that is filmed and scored against, the folder of a
+    LeRobotDataset v3, in which no policy can be tried out, or a robot: `xarm`, `lerobot`."""
     camera: str | None = None
     """The recordings' camera, such as observation.images.front; needed where there are several."""
+    robot: Path | None = None
+    """With `xarm` and `lerobot`: a TOML file of the robot, its limits and its camera."""
+    move: bool = False
+    """Let the robot move; without it a dry run says what would be in the way (docs/robot.md)."""
     real_parameters: Path | None = None
     """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
     start_factor: float = 2.0

@@ -24,10 +24,14 @@ class TuneConfig:
     out: Path
     """The run's folder."""
     real: str = "pseudo"
-    """The real world: `pseudo`, a simulated one that is filmed and scored against, or the folder
-    of a LeRobotDataset v3 (video and actions)."""
+    """The real world: `pseudo`, a simulated one that is filmed and scored against, the folder of a
+    LeRobotDataset v3 (video and actions), or a robot: `xarm`, `lerobot`."""
     camera: str | None = None
     """The recordings' camera, such as observation.images.front; needed where there are several."""
+    robot: Path | None = None
+    """With `xarm` and `lerobot`: a TOML file of the robot, its limits and its camera."""
+    move: bool = False
+    """Let the robot move; without it a dry run says what would be in the way (docs/robot.md)."""
     real_parameters: Path | None = None
     """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
     real_gap: bool = False

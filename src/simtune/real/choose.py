@@ -1,4 +1,4 @@
-"""The real world that a command names: `pseudo`, or a folder of recordings."""
+"""The real world that a command names: `pseudo`, a robot, or a folder of recordings."""
 
 import json
 from pathlib import Path
@@ -6,12 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from simtune.config.robot import Driver
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
+from simtune.real.robot import RobotReal
+from simtune.real.robot_file import read_robot
 from simtune.real.truth import Truth
+from simtune.run.config import FILMED, stored_config
 from simtune.simulation import AnySimulator
 from simtune.tasks import AnyTask, Task
 
@@ -25,20 +29,27 @@ def choose_real(
     image_size: int,
     seed: int,
     real_gap: bool = False,
+    robot: Path | None = None,
+    move: bool = False,
+    out: Path | None = None,
     start_factor: float = 2.0,
 ) -> tuple[RealWorld, np.ndarray, Truth | None]:
     """A real world, where the search for its parameters starts (N,), and the truth, where known.
 
     `pseudo`: a simulated world of `real_parameters`, searched from ×2/×½ of them
-    (or `start_factor`); `real_gap` puts
-    a RealityGap before it. Anything else is the folder of a LeRobotDataset v3, searched from the
-    nominal parameters.
+    (or `start_factor`); `real_gap` puts a RealityGap before it. `xarm`, `lerobot`: the robot of a
+    file, which films into the run's folder `out` and moves only with `move`; without it, and with
+    nothing filmed yet, a dry run ends in an InputError that says what it found. Anything else is
+    the folder of a LeRobotDataset v3. They are searched from the nominal parameters.
     Raises InputError for what cannot be read.
     """
     space = task.parameters
+    driver: Driver | None = name if name == "xarm" or name == "lerobot" else None
+    if camera is not None and (driver or name == "pseudo"):
+        raise InputError("--camera goes with recordings only")
+    if not driver and (robot is not None or move):
+        raise InputError("--robot and --move go with --real xarm or lerobot only")
     if name == "pseudo":
-        if camera is not None:
-            raise InputError("--camera goes with recordings only")
         truth = Truth(space, read_parameters(real_parameters, space))
         gap = RealityGap.draw(image_size, seed) if real_gap else None
         if gap and isinstance(task, Task):
@@ -51,8 +62,15 @@ def choose_real(
         return real, truth.wrong_start(seed, start_factor), truth
     if real_parameters is not None:
         raise InputError("--real-parameters goes with --real pseudo only")
-    if name == "xarm":
-        raise InputError("--real xarm is not there yet; record episodes and give their folder")
+    if driver:
+        if robot is None or out is None:
+            raise InputError(f"--real {name} needs --robot FILE.toml (see docs/robot.md)")
+        stored_config(out)  # refuses what cannot be a run's folder, before anything moves
+        settings = {"image_size": image_size, "seed": seed, "folder": out / FILMED}
+        robot_real = RobotReal(read_robot(robot, driver), task, move=move, **settings)
+        if not move and not robot_real.num_filmed:
+            raise InputError(f"dry run: {robot_real.dry_run()}; give --move to let it move")
+        return robot_real, space.nominal.copy(), None
     num_actions = len(task.load_actions().names)
     real = RecordedReal(name, camera=camera, image_size=image_size, num_actions=num_actions)
     return real, space.nominal.copy(), None

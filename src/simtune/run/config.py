@@ -10,6 +10,8 @@ import simtune
 from simtune.errors import InputError
 from simtune.run.files import read_json
 
+FILMED = "filmed"  # the folder of what a robot did; it cannot be filmed again
+
 
 def stored_config(path: Path) -> dict[str, Any] | None:
     """config.json of the run at `path`; None where a new run can start. Raises InputError."""
@@ -31,8 +33,9 @@ def stored_config(path: Path) -> dict[str, Any] | None:
 
 
 def _is_leftover(path: Path) -> bool:
-    """A temporary file of a run that was killed before its first config.json."""
-    return path.name.startswith(".") and path.name.endswith(".tmp")
+    """Of a run that ended before its first config.json: a temporary file, or what it filmed."""
+    is_temporary = path.name.startswith(".") and path.name.endswith(".tmp")
+    return is_temporary or path.name == FILMED
 
 
 def check_same(

@@ -37,7 +37,7 @@ from simtune.run.files import (
 from simtune.trajectory import Trajectory
 
 # What may change between a run and its resumption: where it lies and how long it goes on.
-MAY_DIFFER = ("out", "budget_minutes", "device")
+MAY_DIFFER = ("out", "budget_minutes", "device", "move")
 
 _LOGS = ("metrics.jsonl", "events.jsonl")
 

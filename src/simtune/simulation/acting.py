@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from simtune.simulation.actions import ActionSpace
 from simtune.simulation.simulator import Act, Simulator
 
 # (n, K, H, W, 3) uint8, the latest frames of n worlds, to (n, A) actions in [−1, 1]
@@ -27,12 +28,12 @@ class Projector:
         return self.frames[:, np.maximum(t + self._offsets, 0)]
 
 
-def scale_actions(simulator: Simulator, actions: np.ndarray) -> np.ndarray:
-    """(n, A) actions in [−1, 1], as policies give them, to the simulator's own units."""
-    low, high = simulator.action_mapping.range.T
+def scale_actions(mapping: ActionSpace, actions: np.ndarray) -> np.ndarray:
+    """(n, A) actions in [−1, 1], as policies give them, to a task's own units."""
+    low, high = mapping.range.T
     return low + (np.clip(actions, -1, 1) + 1) / 2 * (high - low)
 
 
 def on_pictures(simulator: Simulator, eye: Projector, policy: PixelPolicy) -> Act:
     """Acts in `simulator` by what a policy makes of the pictures that `eye` shows it."""
-    return lambda t, states: scale_actions(simulator, policy(eye.show(t, states)))
+    return lambda t, states: scale_actions(simulator.action_mapping, policy(eye.show(t, states)))

@@ -21,12 +21,16 @@ from simtune.simulation.mocap import Held, find_held
 _AXES = "xyz"
 
 
-class ActionMapping(Protocol):
-    """(n, A) actions to what moves n worlds."""
+class ActionSpace(Protocol):
+    """What actions there are."""
 
     names: tuple[str, ...]  # (A,) what each moves
     range: np.ndarray  # (A, 2) lowest and highest: where random ones are drawn, what policies use
     is_limited: np.ndarray  # (A,) bool: beyond its range an action is cut off
+
+
+class ActionMapping(ActionSpace, Protocol):
+    """(n, A) actions to what moves n worlds."""
 
     def settle(self, batch: Batch) -> None:
         """Put what the actions move to where fresh starts have it."""

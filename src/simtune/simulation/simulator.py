@@ -10,7 +10,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.parameters import ParameterSpace
-from simtune.simulation.actions import ActionMapping, DirectActions, MapActions
+from simtune.simulation.actions import ActionMapping, ActionSpace, DirectActions, MapActions
 from simtune.simulation.delays import count_substeps
 from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
 from simtune.simulation.renderer import RendererName, make_renderer
@@ -198,14 +198,14 @@ def _with_timestep(model: mujoco.MjModel, timestep_s: float) -> mujoco.MjModel:
 def random_actions(
     num_episodes: int,
     num_steps: int,
-    of: ActionMapping | mujoco.MjModel,
+    of: ActionSpace | mujoco.MjModel,
     rng: np.random.Generator,
     hold: int = 4,
 ) -> np.ndarray:
     """(num_episodes, num_steps, A) uniform in the actions' ranges, each held for `hold` steps.
 
-    `of`: a mapping, or a model whose controls are the actions. Held, they move the robot; drawn
-    anew every step, their effects would average out.
+    `of`: what actions there are, or a model whose controls they are. Held, they move the robot;
+    drawn anew every step, their effects would average out.
     """
     low, high = (DirectActions(of) if isinstance(of, mujoco.MjModel) else of).range.T
     drawn = rng.uniform(low, high, (num_episodes, -(-num_steps // hold), len(low)))

@@ -1,0 +1,140 @@
+"""The real world as a robot and a camera: it moves only where, and as fast as, it may."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from simtune.config.robot import RobotConfig
+from simtune.errors import InputError
+from simtune.real.filmed import Filmed
+from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
+from simtune.recordings import resize
+from simtune.robot.displacements import Displacements
+from simtune.simulation import PixelPolicy, random_actions, scale_actions
+from simtune.tasks import AnyTask
+from simtune.trajectory import Trajectory
+
+_A_FEW = 5  # episodes filmed where no number is asked for
+_SHORTEST_STEP_S = 0.1  # three pictures' time
+
+
+class RobotReal:
+    """A robot in the place of a simulated world; see docs/robot.md for what keeps it safe.
+
+    Making one connects to nothing. All that is filmed is kept in `folder`, and read back from
+    there, so that a run that goes on sees what it saw before. Without `move` nothing moves.
+    """
+
+    looks_like_simulator = False
+
+    def __init__(
+        self,
+        config: RobotConfig,
+        task: AnyTask,
+        *,
+        image_size: int,
+        seed: int,
+        folder: Path,
+        move: bool,
+    ):
+        """Raises InputError where the task's actions do not fit the robot's."""
+        mapping = task.load_actions()
+        self.step_s, self.num_actions = task.step_s, len(mapping.names)
+        if len(config.moved) != self.num_actions:
+            raise InputError(
+                f"{config.file}: {task.name} takes {self.num_actions} actions "
+                f"({', '.join(mapping.names)}), 'moved' names {len(config.moved)}"
+            )
+        if self.step_s < _SHORTEST_STEP_S:
+            raise InputError(
+                f"{task.name} takes a step every {self.step_s:g} s; a camera needs at least "
+                f"{_SHORTEST_STEP_S:g} s"
+            )
+        self._config, self._task, self._mapping = config, task, mapping
+        self._image_size, self._seed, self._move = image_size, seed, move
+        self._filmed = Filmed(folder, self.num_actions)
+        self._displacements = Displacements.of(
+            config.moved, config.step, mapping.range, config.axes, config.start
+        )
+
+    @property
+    def num_filmed(self) -> int:
+        """Episodes that there are already."""
+        return self._filmed.num_episodes
+
+    def dry_run(self) -> str:
+        """Connect, ask, look, and move nothing: what was found, in words.
+
+        Raises InputError, RobotError for what would be in the way of moving.
+        """
+        with connected(self._config) as (robot, camera):
+            place = robot.measure()
+            limits_of(self._config).check(place)
+            height, width, _ = camera.look().pixels.shape
+        where = ", ".join(
+            f"{axis} {value:.1f}" for axis, value in zip(robot.axes, place, strict=True)
+        )
+        return f"the robot is at {where}, within its workspace; pictures are {width}×{height}"
+
+    def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
+        """Episodes of random actions, by default 5; those filmed already are taken first.
+
+        Raises InputError where others are wanted and nothing may move, RobotError where the robot
+        fails: what was filmed until then is kept.
+        """
+        num_episodes = num_episodes or _A_FEW
+        done = self.num_filmed
+
+        def draw(episode: int) -> ActOnFrames:
+            rng = np.random.default_rng((self._seed, 4, done + episode))
+            drawn = random_actions(1, self._task.episode_steps, self._mapping, rng)[0]
+            return lambda t, _: drawn[t]
+
+        if num_episodes > done:
+            self._film(num_episodes - done, draw)
+        return self._filmed.read(self._image_size)[:num_episodes]
+
+    def try_out(
+        self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
+    ) -> list[Trajectory]:
+        """See `RealWorld`. Raises as `collect` does."""
+        size = (self._image_size, self._image_size)
+
+        def act(t: int, frames: list[np.ndarray]) -> np.ndarray:
+            latest = np.maximum(np.arange(t + 1 - num_stacked, t + 1), 0)
+            seen = np.stack([resize(frames[i], size) for i in latest])
+            return scale_actions(self._mapping, policy(seen[None]))[0]
+
+        return self._film(num_episodes, lambda _: act)
+
+    def _film(self, num_episodes: int, begin: Callable[[int], ActOnFrames]) -> list[Trajectory]:
+        if not self._move:
+            raise InputError("the robot has to move for this: give --move")
+        ask = self._config.ask
+        if ask and not sys.stdin.isatty():
+            raise InputError(
+                f"nobody can say when an episode may begin: run it in a terminal, "
+                f"or write ask = false into {self._config.file}"
+            )
+        with acting(self._config, self.step_s, self._displacements) as session:
+            sitting = self._filmed.new_sitting(
+                action_names=self._mapping.names,
+                robot_type=self._config.driver,
+                task=self._task.description,
+            )
+            for episode in range(num_episodes):
+                session.go_to_start()
+                if ask:
+                    _ask(f"episode {episode + 1} of {num_episodes}")
+                played = session.play(begin(episode), self._task.episode_steps, sitting.note)
+                sitting.add(played)
+        return list(sitting.read(self._image_size))
+
+
+def _ask(what: str) -> None:
+    """Wait for a person's word. Raises InputError where the terminal is gone."""
+    print(f"{what}: set the scene up, then press Enter ", end="", file=sys.stderr, flush=True)
+    if not sys.stdin.readline():
+        raise InputError("nobody is there to say when the episode may begin")

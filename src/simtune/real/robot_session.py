@@ -1,0 +1,135 @@
+"""A robot and a camera, connected: to ask, or to act."""
+
+import fcntl
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simtune.config.robot import RobotConfig
+from simtune.errors import InputError, RobotError
+from simtune.recordings import resize
+from simtune.robot.displacements import Displacements
+from simtune.robot.latch import Latch
+from simtune.robot.limits import Limits
+from simtune.robot.robot import Camera, Robot
+from simtune.robot.safe_arm import SafeArm
+from simtune.trajectory import Trajectory
+
+Note = Callable[[dict[str, Any]], None]
+# Step t and the (t + 1, H, W, 3) uint8 frames so far to an action (A,)
+ActOnFrames = Callable[[int, list[np.ndarray]], np.ndarray]
+
+
+@contextmanager
+def connected(config: RobotConfig) -> Iterator[tuple[Robot, Camera]]:
+    """Both of them, connected, and nobody else's; nothing moves. Raises InputError, RobotError."""
+    latch = Latch(config.latch)
+    latch.check()
+    with _alone(config.file), ExitStack() as open_ones:
+        robot, camera = _make(config, latch)
+        for device in (robot, camera):
+            device.connect()
+            open_ones.callback(device.close)
+        yield robot, camera
+
+
+@contextmanager
+def acting(config: RobotConfig, step_s: float, actions: Displacements) -> Iterator["Session"]:
+    """The same, ready to move. Raises InputError, RobotError."""
+    with connected(config) as (robot, camera):
+        arm = SafeArm(robot, limits_of(config), step_s, Latch(config.latch))
+        try:
+            yield Session(arm, camera, actions, step_s, config.camera.recorded_px)
+        finally:
+            arm.close()
+
+
+class Session:
+    """Plays episodes on a robot that is ready to move."""
+
+    def __init__(
+        self, arm: SafeArm, camera: Camera, actions: Displacements, step_s: float, recorded_px: int
+    ):
+        self._arm, self._camera, self._actions = arm, camera, actions
+        self._step_s, self._recorded_px = step_s, recorded_px
+
+    def go_to_start(self) -> None:
+        self._arm.go_to(self._actions.start)
+
+    def play(self, act: ActOnFrames, num_steps: int, note: Note) -> Trajectory:
+        """An episode, whose actions are what was sent. `note` is told of every step at once."""
+        act(0, [self._look()[0]])  # the first time takes long, and nothing may wait for it
+        frames, sent_actions = [], []
+        with self._arm.moving():
+            begun_s = time.monotonic()
+            for t in range(num_steps):
+                frame, taken_s = self._look()
+                frames.append(frame)
+                asked = act(t, frames)
+                measured = self._arm.measure()
+                if time.monotonic() > begun_s + (t + 1) * self._step_s:
+                    raise RobotError(f"step {t} came late, by more than its {self._step_s:g} s")
+                sent = self._arm.send(self._actions.target(asked, measured), measured)
+                sent_actions.append(self._actions.action(sent, measured))
+                note(
+                    {
+                        "step": t,
+                        "frame_s": taken_s,
+                        "sent_s": time.time(),
+                        "asked": asked,
+                        "measured": measured,
+                        "sent": sent,
+                        "action": sent_actions[-1],
+                    }
+                )
+                self._arm.wait_until(begun_s + (t + 1) * self._step_s)
+            frame, taken_s = self._look()
+            note({"step": num_steps, "frame_s": taken_s})
+        return Trajectory(np.stack([*frames, frame]), np.stack(sent_actions), self._step_s)
+
+    def _look(self) -> tuple[np.ndarray, float]:
+        """The middle of the picture, as wide as high, and when it was taken."""
+        pixels, taken_s = self._camera.look()
+        side = min(pixels.shape[:2])
+        top, left = ((length - side) // 2 for length in pixels.shape[:2])
+        middle = pixels[top : top + side, left : left + side]
+        return resize(middle, (self._recorded_px, self._recorded_px)), taken_s
+
+
+def limits_of(config: RobotConfig) -> Limits:
+    low, high = np.array(list(config.workspace.values()), float).T
+    return Limits(low=low, high=high, speed=config.speed, tolerance=config.tolerance)
+
+
+def _make(config: RobotConfig, latch: Latch) -> tuple[Robot, Camera]:
+    """Each driver imports what it needs, which few machines have."""
+    if config.driver == "lerobot":
+        from simtune.robot.lerobot import LeRobot, LeRobotCamera, make_lerobot
+
+        made = make_lerobot(config.address, config.file.parent)
+        return LeRobot(made, config.axes), LeRobotCamera(made, config.camera.name)
+    from simtune.robot.realsense import RealSense
+    from simtune.robot.xarm import XArm
+
+    arm = XArm(
+        config.address,
+        acceleration=config.acceleration,
+        collision_sensitivity=config.collision_sensitivity,
+        latch=latch,
+    )
+    return arm, RealSense(config.camera.name, config.camera.playback)
+
+
+@contextmanager
+def _alone(file: Path) -> Iterator[None]:
+    """Two commands must not move one robot."""
+    with file.open() as held:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"another simtune is moving the robot of {file}") from None
+        yield

@@ -1,0 +1,64 @@
+"""Where a robot may be and how fast it may go."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simtune.errors import RobotError
+
+# Places go over the wire as float32, which may round them up.
+_INSIDE = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """A box and a speed, in the robot's units. What is asked for is cut; what is measured is not:
+    a robot that is where it must not be is stopped."""
+
+    low: np.ndarray  # (D,)
+    high: np.ndarray  # (D,)
+    speed: float  # units/s, along the path
+    tolerance: float  # how far outside of the box a robot may be that was sent to its edge
+
+    def cut(self, target: np.ndarray, measured: np.ndarray, step_s: float) -> np.ndarray:
+        """The (D,) place towards `target` that is within the box, and reached within `step_s`.
+
+        Raises RobotError for places that are not finite numbers (D,).
+        """
+        target, measured = _place(target, self.low), _place(measured, self.low)
+        way = target - measured
+        longest = self.speed * step_s - _INSIDE
+        distance = float(np.linalg.norm(way))
+        if distance > longest:
+            target = measured + way * (longest / distance)
+        return np.clip(target, self.low + _INSIDE, self.high - _INSIDE)
+
+    def check(self, measured: np.ndarray) -> None:
+        """Raises RobotError where a measured place (D,) lies outside of the box."""
+        measured = _place(measured, self.low)
+        beyond = np.maximum(self.low - measured, measured - self.high)
+        if (beyond > self.tolerance).any():
+            raise RobotError(
+                f"the robot is at {_shown(measured)}, outside of its workspace from "
+                f"{_shown(self.low)} to {_shown(self.high)}: move it inside by hand"
+            )
+
+    def check_follows(self, sent: np.ndarray, measured: np.ndarray, step_s: float) -> None:
+        """Raises RobotError for a robot farther from where it was sent than a step takes it."""
+        away = float(np.linalg.norm(measured - sent))
+        if not away <= self.speed * step_s + self.tolerance:
+            raise RobotError(
+                f"the robot is at {_shown(measured)}, {away:.1f} away from where it was sent: "
+                "something else moves it"
+            )
+
+
+def _place(given: np.ndarray, like: np.ndarray) -> np.ndarray:
+    given = np.asarray(given, float)
+    if given.shape != like.shape or not np.isfinite(given).all():
+        raise RobotError(f"a place must be {len(like)} finite numbers, got {given.tolist()}")
+    return given
+
+
+def _shown(place: np.ndarray) -> str:
+    return f"({', '.join(f'{value:.1f}' for value in place)})"

@@ -1,0 +1,77 @@
+"""The only one that moves a robot: each step is measured, cut to the limits, and watched."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import numpy as np
+
+from simtune.errors import RobotError
+from simtune.robot.latch import Latch
+from simtune.robot.limits import Limits
+from simtune.robot.robot import Pulse, Robot
+
+_LOOK_EVERY_S = 0.025
+_ARRIVED = 0.5  # of the tolerance
+
+
+class SafeArm:
+    """A robot within limits. What goes wrong while it moves stops it and closes the latch."""
+
+    def __init__(self, robot: Robot, limits: Limits, step_s: float, latch: Latch):
+        """Raises InputError where the latch is closed, RobotError where the robot may not move."""
+        latch.check()
+        self._robot, self._limits, self._step_s, self._latch = robot, limits, step_s, latch
+        self._sent: np.ndarray | None = None  # (D,) the latest place, while it moves
+        limits.check(robot.measure())
+        self._pulse: Pulse = robot.allow_motion(limits)
+
+    @contextmanager
+    def moving(self) -> Iterator[None]:
+        """Within it the robot may move; after it, it rests."""
+        self._sent = None
+        try:
+            yield
+        except BaseException as error:
+            with suppress(RobotError):
+                self._robot.stop()
+            self._latch.close(str(error) or type(error).__name__)
+            self._pulse.close()  # stops it once more, from elsewhere
+            raise
+        self._pulse.rest()
+
+    def measure(self) -> np.ndarray:
+        """Where it is, (D,); says that all is well. Raises RobotError where it is not."""
+        measured = self._robot.measure()
+        self._limits.check(measured)
+        if self._sent is not None:
+            self._limits.check_follows(self._sent, measured, self._step_s)
+        self._pulse.beat()
+        return measured
+
+    def send(self, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
+        """Set out for a place (D,), as far as the limits allow; the place (D,) that was sent."""
+        self._sent = self._robot.move_to(self._limits.cut(target, measured, self._step_s))
+        return self._sent
+
+    def wait_until(self, time_s: float) -> None:
+        """Watch it until a time of the monotonic clock."""
+        while (left_s := time_s - time.monotonic()) > 0:
+            self.measure()
+            time.sleep(min(left_s, _LOOK_EVERY_S))
+
+    def go_to(self, place: np.ndarray) -> None:
+        """Step by step to a place (D,), and rest there."""
+        with self.moving():
+            measured = self.measure()
+            way = float(np.linalg.norm(place - measured))
+            deadline_s = time.monotonic() + 5 + 3 * way / self._limits.speed
+            while np.abs(place - measured).max() > _ARRIVED * self._limits.tolerance:
+                if time.monotonic() > deadline_s:
+                    raise RobotError(f"the robot does not get to {place.tolist()}")
+                self.send(place, measured)
+                self.wait_until(time.monotonic() + self._step_s)
+                measured = self.measure()
+
+    def close(self) -> None:
+        self._pulse.close()

@@ -1,0 +1,297 @@
+"""The real world as a robot: what it films, what it keeps, and what it refuses."""
+
+import fcntl
+import json
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import fake_lerobot
+import numpy as np
+import pytest
+
+from simtune import cli
+from simtune.config import TuneConfig
+from simtune.errors import InputError, RobotError
+from simtune.real.choose import choose_real
+from simtune.real.recorded import RecordedReal
+from simtune.real.robot import RobotReal
+from simtune.real.robot_file import read_robot
+from simtune.tasks import load_task
+from simtune.tune import tune
+
+STEPS = 4
+TASK = replace(load_task("cartpole"), action_repeat=10, episode_steps=STEPS)  # 0.1 s a step
+LEROBOT = """
+address = "fake_lerobot:make"
+speed = 100
+ask = false
+
+[actions]
+moved = "-pan.pos"
+step = 4
+
+[workspace]
+"pan.pos" = [-20, 20]
+"lift.pos" = [0, 40]
+
+[start]
+"pan.pos" = 1
+"lift.pos" = 25
+
+[camera]
+recorded_px = 32
+"""
+
+
+@pytest.fixture
+def file(tmp_path) -> Path:
+    path = tmp_path / "arm.toml"
+    path.write_text(LEROBOT)
+    return path
+
+
+def make_real(file: Path, **changes) -> RobotReal:
+    settings = {"image_size": 16, "seed": 0, "folder": file.parent / "filmed", "move": True}
+    return RobotReal(read_robot(file, "lerobot"), TASK, **settings | changes)
+
+
+def lines(file: Path, sitting: int = 0) -> list[dict]:
+    text = (file.parent / "filmed" / f"{sitting:03d}.jsonl").read_text()
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_episodes_are_what_was_sent_and_what_was_seen(file):
+    trajectories = make_real(file).collect(2)
+    robot = fake_lerobot.latest[-1]
+    assert not robot.is_connected
+    assert [t.frames.shape for t in trajectories] == [(STEPS + 1, 16, 16, 3)] * 2
+    assert trajectories[0].step_s == pytest.approx(0.1)
+    noted = lines(file)
+    assert [n["step"] for n in noted] == 2 * list(range(STEPS + 1))
+    assert [n["episode"] for n in noted] == [0] * (STEPS + 1) + [1] * (STEPS + 1)
+    steps = [n for n in noted if "sent" in n]
+    actions = np.concatenate([t.actions for t in trajectories])
+    for action, step in zip(actions, steps, strict=True):
+        # Of an action of 1 the axis goes back by 4.
+        moved = step["sent"][0] - step["measured"][0]
+        assert action == pytest.approx(-moved / 4, abs=1e-6)
+        assert action == pytest.approx(step["asked"], abs=1e-3)
+        assert step["sent"][1] == 25.0
+    # Pictures are of before the action: 128 + place.
+    shades = trajectories[1].frames[:-1].mean((1, 2, 3))
+    places = [step["measured"][0] for step in steps[STEPS:]]
+    np.testing.assert_allclose(shades, 128 + np.array(places), atol=2)
+    times_s = np.array([step["sent_s"] for step in steps]).reshape(2, STEPS)
+    np.testing.assert_allclose(np.diff(times_s), 0.1, atol=0.05)
+
+
+def test_what_was_filmed_is_looked_at_again(file):
+    first = make_real(file).collect(2)
+    made = len(fake_lerobot.latest)
+    again = make_real(file, move=False).collect(2)
+    assert len(fake_lerobot.latest) == made  # nothing was connected to
+    recorded = RecordedReal(file.parent / "filmed" / "000", image_size=16, num_actions=1).collect()
+    for a, b, c in zip(first, again, recorded, strict=True):
+        np.testing.assert_array_equal(a.frames, b.frames)
+        np.testing.assert_array_equal(a.frames, c.frames)
+        np.testing.assert_array_equal(a.actions, c.actions)
+    more = make_real(file).collect(3)
+    assert len(more) == 3
+    np.testing.assert_array_equal(more[1].actions, first[1].actions)
+    assert not np.array_equal(more[2].actions, first[0].actions)
+
+
+def test_whole_episodes_outlive_one_that_fails(file, monkeypatch):
+    def make():
+        robot = fake_lerobot.FakeRobot()
+        robot.fails_at = STEPS + 4
+        return robot
+
+    monkeypatch.setattr(fake_lerobot, "make", make)
+    with pytest.raises(RobotError, match="does not move: ConnectionError: the bus is silent"):
+        make_real(file).collect(3)
+    assert make_real(file).num_filmed == 1
+    with pytest.raises(InputError, match=r"was stopped \(.*the bus is silent"):
+        make_real(file).collect(3)
+    (file.parent / "arm.toml.stopped").unlink()
+    monkeypatch.undo()
+    assert len(make_real(file).collect(3)) == 3
+
+
+def test_a_policy_sees_the_latest_pictures_and_acts_in_its_own_units(file):
+    seen = []
+
+    def policy(frames: np.ndarray) -> np.ndarray:
+        seen.append(frames)
+        return np.array([[0.5]])
+
+    real = make_real(file)
+    (trajectory,) = real.try_out(policy, num_stacked=3, num_episodes=1, seed=1)
+    assert seen[0].shape == (1, 3, 16, 16, 3)
+    assert len(seen) == 1 + STEPS  # the first time only to get warm
+    np.testing.assert_array_equal(seen[1][0, 0], seen[1][0, 2])
+    assert (seen[-1][0, 0] > seen[-1][0, 2]).all()  # it goes back by 2 a step
+    np.testing.assert_allclose(trajectory.actions, 0.5, atol=1e-5)
+
+
+def test_an_ill_policy_stops_the_robot(file):
+    real = make_real(file)
+    with pytest.raises(RobotError, match="an action must be finite"):
+        real.try_out(lambda _: np.array([[np.nan]]), num_stacked=1, num_episodes=1, seed=1)
+    places = [action["pan.pos"] for action in fake_lerobot.latest[-1].sent]
+    assert places == pytest.approx([1.0] * len(places), abs=1e-3)
+    assert "must be finite" in (file.parent / "arm.toml.stopped").read_text()
+
+
+def test_a_robot_that_does_not_know_where_it_is_is_sent_nowhere(file):
+    def policy(_):
+        fake_lerobot.latest[-1].place = {"pan.pos": float("nan"), "lift.pos": 25.0}
+        return np.zeros((1, 1))
+
+    with pytest.raises(RobotError, match=r"a place must be 2 finite numbers, got \[nan, 25.0\]"):
+        make_real(file).try_out(policy, num_stacked=1, num_episodes=1, seed=1)
+    assert np.isfinite([list(action.values()) for action in fake_lerobot.latest[-1].sent]).all()
+
+
+def test_what_the_robot_did_not_do_is_not_recorded(file):
+    file.write_text(LEROBOT.replace("-pan.pos", "lift.pos"))
+    (trajectory,) = make_real(file).try_out(lambda _: np.ones((1, 1)), 1, 1, seed=0)
+    # From 25 by 4 a step, but it does not get beyond 30.
+    np.testing.assert_allclose(trajectory.actions[:, 0], [1, 0.25, 0, 0], atol=1e-5)
+
+
+def test_each_episode_waits_for_a_person(file, monkeypatch, capsys):
+    file.write_text(LEROBOT.replace("ask = false", "ask = true"))
+    with pytest.raises(InputError, match="nobody can say when an episode may begin"):
+        make_real(file).collect(2)
+
+    class Terminal:
+        asked = 0
+
+        def isatty(self):
+            return True
+
+        def readline(self):
+            self.asked += 1
+            assert fake_lerobot.latest[-1].place["pan.pos"] == pytest.approx(1, abs=2.5)
+            return "\n"
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdin", terminal)
+    make_real(file).collect(2)
+    assert terminal.asked == 2
+    assert "episode 2 of 2: set the scene up, then press Enter" in capsys.readouterr().err
+
+
+def test_nothing_moves_unless_it_is_said(file):
+    with pytest.raises(InputError, match="give --move"):
+        make_real(file, move=False).collect(1)
+    with pytest.raises(InputError, match=r"dry run: .* pan.pos 0.0, lift.pos 20.0.*64×48.*--move"):
+        choose_real("lerobot", TASK, image_size=16, seed=0, robot=file, out=file.parent / "run")
+    assert not fake_lerobot.latest[-1].sent
+    assert not (file.parent / "run").exists()
+
+
+def test_a_robot_is_moved_by_one_command_at_a_time(file):
+    real = make_real(file)
+    with file.open() as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(InputError, match="another simtune is moving the robot"):
+            real.collect(1)
+
+
+@pytest.mark.slow
+def test_tune_goes_on_without_the_robot(file, quick_tune, monkeypatch):
+    def load_slow_task(name: str):
+        return replace(load_task(name), action_repeat=10, episode_steps=24)
+
+    monkeypatch.setattr("simtune.tune.load_any_task", load_slow_task)
+    out = file.parent / "run"
+    asked = {"task": "cartpole", "out": out, "real": "lerobot", "robot": file}
+    config = TuneConfig(**asked, real_episodes=1, budget_minutes=1e-5, move=True)
+    result = tune(config)
+    assert (result["real"], result["real_episodes"]) == ("lerobot", 1)
+    assert (out / "report.html").is_file()
+    made = len(fake_lerobot.latest)
+    tune(replace(config, move=False, budget_minutes=1e-4))
+    assert len(fake_lerobot.latest) == made
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("address =", "adress =", r"arm.toml:2: no key 'adress'.*did you mean 'address'"),
+        ("step = 4", "step = 0", "arm.toml:8: step must be a finite number above 0, got 0"),
+        ("step = 4", "", r"\[actions\] has no step"),
+        ('"-pan.pos"', '"-tilt.pos"', "no axis '-tilt.pos' in the workspace"),
+        ('"-pan.pos"', '["pan.pos", "-pan.pos"]', "two actions move one axis"),
+        ("[-20, 20]", "[20, -20]", "must be two numbers, low and high"),
+        ('"pan.pos" = 1', '"pan.pos" = 21', "start pan.pos = 21 lies outside of the workspace"),
+        ("speed = 100", "", "has no speed: expected a finite number"),
+        ("recorded_px = 32", "recorded_px = 33", "recorded_px must be even"),
+        ("ask = false", "ask = 0", "ask must be true or false, got 0"),
+        ('"-pan.pos"', '["pan.pos", "lift.pos"]', r"cartpole takes 1 actions \(slide\), 'moved'"),
+        ("fake_lerobot:make", "fake_lerobot:mak", "fake_lerobot:mak makes no robot"),
+        ('"lift.pos"', '"lif.pos"', "no axis 'lif.pos' in the robot's.*mean 'lift.pos'"),
+        ("[camera]", '[camera]\nname = "frnt"', "no camera 'frnt' in .*did you mean 'front'"),
+    ],
+)
+def test_unusable_robot_files(file, old, new, message):
+    file.write_text(LEROBOT.replace(old, new))
+    with pytest.raises(InputError, match=message) as error:
+        make_real(file).collect(1)
+    assert "\n" not in str(error.value)
+    assert not (file.parent / "filmed").exists()
+
+
+def test_the_manuals_examples_can_be_read(tmp_path):
+    manual = (Path(__file__).parents[1] / "docs" / "robot.md").read_text()
+    examples = re.findall(r"```toml\n(.*?)```", manual, re.DOTALL)
+    for driver, text in zip(("xarm", "lerobot"), examples, strict=True):
+        (tmp_path / "arm.toml").write_text(text)
+        assert read_robot(tmp_path / "arm.toml", driver).ask
+
+
+def test_an_xarm_has_limits_of_its_own(file):
+    text = LEROBOT.replace('"pan.pos"', "x").replace('"lift.pos"', "z").replace("-pan.pos", "x")
+    text = text.replace("z = [0, 40]", "y = [-1, 1]\nz = [0, 40]") + "\n[start]\n"
+    text = text.replace("[start]\nx = 1", "[start]\ny = 0\nx = 1").removesuffix("[start]\n")
+    file.write_text(text)
+    assert read_robot(file, "xarm").speed == 100
+    file.write_text(text.replace("speed = 100", ""))
+    assert read_robot(file, "xarm").speed == 100  # mm/s
+    for old, new, message in (
+        ("speed = 100", "speed = 251", "speed must be at most 250 mm/s, got 251"),
+        ("ask = false", "collision_sensitivity = 6", "must be 1 to 5, got 6"),
+        ("y = [-1, 1]", "w = [-1, 1]", "y|w"),
+    ):
+        file.write_text(text.replace(old, new))
+        with pytest.raises(InputError, match=message):
+            read_robot(file, "xarm")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--real", "xarm"], "--real xarm needs --robot FILE.toml"),
+        (["--robot", "FILE"], "--robot and --move go with --real xarm or lerobot only"),
+        (["--move"], "--robot and --move go with"),
+        (["--real", "xarm", "--robot", "NOWHERE"], "cannot read .*nowhere.toml: No such file"),
+        (["--real", "lerobot", "--robot", "FILE", "--camera", "front"], "--camera goes with rec"),
+        (["--real", "lerobot", "--robot", "FILE"], "a step every 0.08 s; a camera needs"),
+    ],
+)
+@pytest.mark.parametrize("command", ["tune", "train"])
+def test_commands_refuse_what_cannot_be(file, monkeypatch, capsys, command, arguments, message):
+    places = {"FILE": str(file), "NOWHERE": str(file.with_name("nowhere.toml"))}
+    words = [places.get(word, word) for word in arguments]
+    out = str(file.parent / "out")
+    monkeypatch.setattr(sys, "argv", ["simtune", command, "cartpole", "--out", out, *words])
+    with pytest.raises(SystemExit) as exit_:
+        cli.main()
+    (said,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("simtune")]
+    assert exit_.value.code == 2
+    assert re.search(message, said), said
+    assert not Path(out).exists()
