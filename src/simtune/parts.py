@@ -104,9 +104,10 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
         config.real,
         task,
         config.real_parameters,
-        camera=config.camera,
+        recordings=config,
         image_size=schedule.image_size,
         seed=config.seed,
+        real_episodes=schedule.real_episodes[0],
         start_factor=config.start_factor,
     )
     simulator = simulator_for(real, task, schedule.image_size)

@@ -1,6 +1,7 @@
 """What commands are asked: one dataclass a command that runs for long."""
 
 from simtune.config.record import RecordConfig, RendererName
+from simtune.config.recordings import RecordingsConfig
 from simtune.config.train import EvaluateConfig, Method, TrainConfig
 from simtune.config.tune import CheckConfig, SearchName, TuneConfig
 
@@ -9,6 +10,7 @@ __all__ = [
     "EvaluateConfig",
     "Method",
     "RecordConfig",
+    "RecordingsConfig",
     "RendererName",
     "SearchName",
     "TrainConfig",

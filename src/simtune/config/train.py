@@ -6,13 +6,14 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
+from simtune.config.recordings import RecordingsConfig
 from simtune.errors import InputError
 
 Method = Literal["autotune", "regression", "dr", "oracle"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainConfig:
+class TrainConfig(RecordingsConfig):
     """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
 
     Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
@@ -36,10 +37,8 @@ class TrainConfig:
     policy_steps: int | None = None
     """Steps in simulation that the policy learns from; by default the task's."""
     real: str = "pseudo"
-    """The real world: `pseudo`, a simulated one that is filmed and scored against, or the folder
-    of a LeRobotDataset v3, in which no policy can be tried out."""
-    camera: str | None = None
-    """The recordings' camera, such as observation.images.front; needed where there are several."""
+    """The real world: `pseudo`, a simulated one that is filmed and scored against, or recordings
+    (docs/recordings.md), in which no policy can be tried out."""
     real_parameters: Path | None = None
     """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
     start_factor: float = 2.0
@@ -65,6 +64,7 @@ class TrainConfig:
 
     def check(self) -> None:
         """Raises InputError for what makes no sense."""
+        self.check_recordings(self.real != "pseudo")
         for name in ("real_episodes", "scored_episodes", "window"):
             if getattr(self, name) < 1:
                 flag = name.replace("_", "-")

@@ -1,4 +1,4 @@
-"""The real world that a command names: `pseudo`, or a folder of recordings."""
+"""The real world that a command names: `pseudo`, or recordings."""
 
 import json
 from pathlib import Path
@@ -6,14 +6,18 @@ from typing import Any
 
 import numpy as np
 
+from simtune.config import RecordingsConfig
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
+from simtune.recordings import Dataset, open_dataset
 from simtune.simulation import Simulator
 from simtune.tasks import Task
+
+_AS_RECORDED = RecordingsConfig()
 
 
 def choose_real(
@@ -21,9 +25,10 @@ def choose_real(
     task: Task,
     real_parameters: Path | None = None,
     *,
-    camera: str | None = None,
+    recordings: RecordingsConfig = _AS_RECORDED,
     image_size: int,
     seed: int,
+    real_episodes: int | None = None,
     real_gap: bool = False,
     start_factor: float = 2.0,
 ) -> tuple[RealWorld, np.ndarray, Truth | None]:
@@ -31,14 +36,13 @@ def choose_real(
 
     `pseudo`: a simulated world of `real_parameters`, searched from ×2/×½ of them
     (or `start_factor`); `real_gap` puts
-    a RealityGap before it. Anything else is the folder of a LeRobotDataset v3, searched from the
-    nominal parameters.
+    a RealityGap before it. Anything else is where `recordings` lie, searched from the nominal
+    parameters; the first `real_episodes` of them (None: a few) are read at once, so that what is
+    unsound is said before anything is written.
     Raises InputError for what cannot be read.
     """
     space = task.parameters
     if name == "pseudo":
-        if camera is not None:
-            raise InputError("--camera goes with recordings only")
         truth = Truth(space, read_parameters(real_parameters, space))
         gap = RealityGap.draw(image_size, seed) if real_gap else None
         simulator = gap.simulator(task) if gap else task.simulator(image_size=image_size)
@@ -48,9 +52,25 @@ def choose_real(
         raise InputError("--real-parameters goes with --real pseudo only")
     if name == "xarm":
         raise InputError("--real xarm is not there yet; record episodes and give their folder")
-    num_actions = len(task.load_actions().names)
-    real = RecordedReal(name, camera=camera, image_size=image_size, num_actions=num_actions)
+    dataset = open_recordings(name, task, recordings, image_size)
+    real = RecordedReal(dataset)
+    if real_episodes != 0:
+        real.collect(real_episodes)
     return real, space.nominal.copy(), None
+
+
+def open_recordings(
+    path: str | Path, task: Task, config: RecordingsConfig, image_size: int
+) -> Dataset:
+    """Recordings whose actions fit a task. Raises InputError for others."""
+    return open_dataset(
+        path,
+        camera=config.camera,
+        image_size=image_size,
+        num_actions=len(task.load_actions().names),
+        actions=config.action_names,
+        control_hz=config.control_hz,
+    )
 
 
 def simulator_for(real: RealWorld, task: Task, image_size: int) -> Simulator:
