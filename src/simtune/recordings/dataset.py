@@ -222,7 +222,7 @@ def _choose(source: Source, names: Sequence[str] | None, num_actions: int | None
     doubled = next((name for name in known if known.count(name) > 1), None)
     for name in names or ():
         if name not in known or name == doubled:
-            what = "has no single" if name == doubled else "has no"
+            what = "more than one" if name == doubled else "no"
             raise InputError(f"{source.path}: {what} action {name!r}; there are: {short(known)}")
     chosen = [known.index(name) for name in names] if names else list(range(len(known)))
     if num_actions is not None and len(chosen) != num_actions:

@@ -63,7 +63,8 @@ class PairsSource:
         if len(seen_s) - len(actions) not in (0, 1):
             raise InputError(
                 f"{path}: {len(actions)} rows, {self._video(episode).name} has {len(seen_s)} "
-                "frames; expected a row a frame (the last one may be missing), or a column 'time'"
+                "frames; expected a row a frame (the last may be missing), or a column 'time'; "
+                "is the video whole?"
             )
         return Rows(actions, seen_s[: len(actions)], float(seen_s[-1]))
 
