@@ -10,7 +10,7 @@ from simtune.errors import InputError
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.pictures import middle_square, resize
 from simtune.recordings.resample import step_actions, step_times, typical_step_s
-from simtune.recordings.source import Rows, Source, short
+from simtune.recordings.source import Rows, Source, choose_actions, short
 from simtune.trajectory import Trajectory
 
 
@@ -56,7 +56,7 @@ class Dataset:
         if image_size is not None and np.min(image_size) < 1:
             raise InputError(f"image_size must be at least 1 pixel, got {image_size}")
         self._source, self._image_size = source, image_size
-        self._columns = _choose(source, actions, num_actions)
+        self._columns = choose_actions(source, actions, num_actions)
         self._own_rate = control_hz is None
         self.step_s = 1 / (control_hz or source.fps)
         self._seen: dict[int, _Seen] = {}
@@ -214,23 +214,3 @@ class Dataset:
         if isinstance(self._image_size, int):
             return resize(middle_square(picture), (self._image_size, self._image_size))
         return resize(picture, self._image_size)
-
-
-def _choose(source: Source, names: Sequence[str] | None, num_actions: int | None) -> list[int]:
-    """Columns of the chosen actions."""
-    known = source.action_names
-    doubled = next((name for name in known if known.count(name) > 1), None)
-    for name in names or ():
-        if name not in known or name == doubled:
-            what = "more than one" if name == doubled else "no"
-            raise InputError(f"{source.path}: {what} action {name!r}; there are: {short(known)}")
-    chosen = [known.index(name) for name in names] if names else list(range(len(known)))
-    if num_actions is not None and len(chosen) != num_actions:
-        hint = "is it of another robot?"
-        if names or len(known) > num_actions:
-            hint = "choose them by --actions NAME,NAME,... in the task's order"
-        has = f"--actions names {len(chosen)}" if names else f"the recording has {len(known)}"
-        raise InputError(
-            f"{source.path}: the task takes {num_actions} actions, {has} ({short(known)}); {hint}"
-        )
-    return chosen

@@ -7,6 +7,8 @@ from typing import Protocol, TypeGuard
 
 import numpy as np
 
+from simtune.errors import InputError
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -57,10 +59,36 @@ LEAST_FPS, MOST_FPS = 0.01, 1_000
 
 def is_rate(fps: object) -> TypeGuard[int | float]:
     """Whether it can be meant as rows a second."""
-    is_number = isinstance(fps, int | float) and not isinstance(fps, bool)
-    return is_number and LEAST_FPS <= fps <= MOST_FPS
+    if not isinstance(fps, int | float) or isinstance(fps, bool):
+        return False
+    return LEAST_FPS <= fps <= MOST_FPS
 
 
 def short(names: Sequence[str], most: int = 12) -> str:
     """At most so many names, for a message that stays one line."""
     return ", ".join(names if len(names) <= most else [*names[:most], "..."])
+
+
+def choose_actions(
+    source: Source, names: Sequence[str] | None, num_actions: int | None
+) -> list[int]:
+    """Columns of the actions called `names` (None: all), which must be `num_actions` if given.
+
+    Raises InputError where there are no such ones.
+    """
+    known = source.action_names
+    doubled = next((name for name in known if known.count(name) > 1), None)
+    for name in names or ():
+        if name not in known or name == doubled:
+            what = "more than one" if name == doubled else "no"
+            raise InputError(f"{source.path}: {what} action {name!r}; there are: {short(known)}")
+    chosen = [known.index(name) for name in names] if names else list(range(len(known)))
+    if num_actions is not None and len(chosen) != num_actions:
+        hint = "is it of another robot?"
+        if names or len(known) > num_actions:
+            hint = "choose them by --actions NAME,NAME,... in the task's order"
+        has = f"--actions names {len(chosen)}" if names else f"the recording has {len(known)}"
+        raise InputError(
+            f"{source.path}: the task takes {num_actions} actions, {has} ({short(known)}); {hint}"
+        )
+    return chosen
