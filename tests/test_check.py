@@ -290,7 +290,7 @@ def test_warnings():
         "actions of idle are always 0.5: they excite nothing"
     ]
     rate, cut, beyond, constant = warned(0.1, (30, 40), 4.0)
-    assert "10 actions/s were recorded, the task usually takes 12.5" in rate
+    assert "take 10 steps/s, the task usually 12.5" in rate
     assert "--control-hz 12.5" in rate
     assert "30 to 40 steps" in cut
     assert "10 of 70 steps are not used" in cut

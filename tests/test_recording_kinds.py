@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
+from simtune.check.soundness import look_through
 from simtune.errors import InputError
 from simtune.recordings import Dataset, open_dataset, write_dataset, write_video
 from simtune.recordings.fingerprint import fingerprint
@@ -164,6 +165,19 @@ def test_episodes_come_in_the_names_order(tmp_path):
         dataset.skim(episode)
     assert dataset.facts(3)["steps"] == 3 * NUM_STEPS
     assert message(tmp_path / "pairs", camera="front").startswith("HERE: pairs of mp4 and csv have")
+
+
+def test_check_looks_at_every_episode(tmp_path):
+    for i in range(4):
+        rows = actions()
+        rows[7, 1] = [0, np.nan, 0, np.inf][i]
+        write_pair(tmp_path / "pairs", f"swing{i}", rows)
+    said = []
+    with pytest.raises(InputError) as caught:
+        look_through(open_dataset(tmp_path / "pairs"), lambda doing, done: said.append(done))
+    assert "swing1, row 7: action is not finite" in str(caught.value)
+    assert str(caught.value).endswith("; 1 more of 4 are unsound: swing3")
+    assert said == [0, 0.25, 0.5, 0.75]
 
 
 # --- robomimic's HDF5 ---------------------------------------------------------------------

@@ -227,6 +227,11 @@ CASES = {
         rows(DATA, set_rows(action=float("nan"))), "episode 0, row 0: action is not finite"
     ),
     "shuffled episodes": lerobot(rows(DATA, swapped), "index 0 .*got 25; episodes are mixed up"),
+    "huge integers": lerobot(rows(DATA, set_rows(frame_index=2**62)), "expected frame_index 0"),
+    "columns of columns": lerobot(
+        rows(DATA, set_rows(timestamp={"s": 0.1})), "expected numbers in column 'timestamp'"
+    ),
+    "long path": lerobot(info(data_path="x" * 300), "leads out of the dataset"),
     "no episode": lerobot(
         lambda folder: pq.write_table(
             pq.read_table(folder / EPISODES).slice(0, 0), folder / EPISODES

@@ -23,8 +23,8 @@ def warnings(
     control_hz, task_hz = facts["control_hz"], 1 / task.step_s
     if abs(control_hz / task_hz - 1) > 0.01:
         found.append(
-            f"{control_hz:.4g} actions/s were recorded, the task usually takes {task_hz:.4g}; "
-            f"the simulator follows the recordings, unless --control-hz {task_hz:.4g} is given"
+            f"the recordings take {control_hz:.4g} steps/s, the task usually {task_hz:.4g}; the "
+            f"simulator follows them, --control-hz {task_hz:.4g} brings them to it"
         )
     largest_ms, step_ms = facts["time_error_ms"]["largest"], 1e3 / control_hz
     if largest_ms > _LATE * step_ms:

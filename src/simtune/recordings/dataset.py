@@ -1,5 +1,6 @@
 """Recorded episodes as trajectories: what all kinds of recordings have in common."""
 
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -78,9 +79,9 @@ class Dataset:
     def num_episodes(self) -> int:
         return len(self.episodes)
 
-    @property
+    @functools.cached_property
     def content_hash(self) -> str:
-        """SHA-256 by which a change of the recordings is noticed."""
+        """SHA-256, when first asked for, by which a change of the recordings is noticed."""
         path = self._source.path
         return fingerprint(path if path.is_dir() else path.parent, self._source.files)
 

@@ -138,7 +138,8 @@ def _inside(folder: Path, place: str) -> Path:
     caches consist of them.
     """
     path = PurePosixPath(place)
-    if path.is_absolute() or ".." in path.parts or not place.isprintable():
+    too_long = any(len(part) > 255 for part in path.parts)
+    if path.is_absolute() or ".." in path.parts or too_long or not place.isprintable():
         raise InputError(
             f"{folder}: {reprlib.repr(place)} leads out of the dataset; "
             "expected all of its files within its folder"

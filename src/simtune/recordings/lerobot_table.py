@@ -13,7 +13,6 @@ from simtune.recordings.source import short
 
 # A file of a few kB can hold that many by repeating one, so its size says nothing.
 _MOST_VALUES = 30_000_000  # of a column: 240 MB
-_NUMBERS = ("BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE")
 
 
 def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pa.Table:
@@ -28,6 +27,9 @@ def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ())
                 names = [name for name in there if not name.startswith("stats/")]
                 raise InputError(f"{path}: no column {missing[0]!r}; there are: {short(names)}")
             wanted = [*columns, *(column for column in optional if column in there)]
+            for column in wanted:
+                if not _holds_numbers(file.schema_arrow.field(column).type):
+                    raise InputError(f"{path}: expected numbers in column {column!r}")
             _check_sizes(path, file.metadata, wanted)
             return file.read(wanted)
     except (pa.ArrowException, OSError) as error:
@@ -35,6 +37,19 @@ def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ())
         raise InputError(
             f"{path}: not a readable parquet file ({reason}); copy the file again"
         ) from None
+
+
+def _holds_numbers(kind: pa.DataType) -> bool:
+    """Numbers, or lists of them."""
+    if _is_list(kind):
+        kind = kind.value_type
+    numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null)
+    return any(is_one(kind) for is_one in numeric)
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    lists = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
+    return any(is_one(kind) for is_one in lists)
 
 
 def _check_sizes(path: Path, metadata: pq.FileMetaData, columns: Sequence[str]) -> None:
@@ -45,8 +60,6 @@ def _check_sizes(path: Path, metadata: pq.FileMetaData, columns: Sequence[str]) 
             # Of a list it is NAME.list.element, and names may have dots of their own.
             for name in columns:
                 if f"{leaf.path_in_schema}.".startswith(f"{name}."):
-                    if leaf.physical_type not in _NUMBERS:
-                        raise InputError(f"{path}: expected numbers in column {name!r}")
                     totals[name] += leaf.num_values
     name = max(totals, key=totals.__getitem__)
     if totals[name] > _MOST_VALUES or metadata.num_rows > _MOST_VALUES:
@@ -66,13 +79,13 @@ def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
 
 def lists(values: pa.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
     """(rows,) lengths of lists of numbers, and all of the numbers; plain ones count as one."""
-    if not pa.types.is_nested(values.type):
-        return np.ones(len(values), int), as_floats(values)
+    if not _is_list(values.type):
+        return np.ones(len(values), int), _floats(values)
     lengths = pc.list_value_length(values).fill_null(0)  # type: ignore[attr-defined]
     flat = pc.list_flatten(values)  # type: ignore[attr-defined]
-    return lengths.to_numpy(), as_floats(flat)
+    return lengths.to_numpy(), _floats(flat)
 
 
-def as_floats(values: pa.ChunkedArray) -> np.ndarray:
+def _floats(values: pa.ChunkedArray) -> np.ndarray:
     """float64; what is missing is NaN."""
-    return values.cast(pa.float64()).to_numpy()
+    return values.cast(pa.float64(), safe=False).to_numpy()
