@@ -279,17 +279,25 @@ def trajectories(step_s: float, lengths: tuple[int, ...], largest: float) -> lis
     ]
 
 
+def warned(step_s: float, lengths: tuple[int, ...], largest: float, late_ms: float = 0) -> list:
+    facts = {"control_hz": 1 / step_s, "time_error_ms": {"largest": late_ms, "mean": late_ms / 2}}
+    actions = [t.actions for t in trajectories(step_s, lengths, largest)]
+    return warnings(pendulum(), facts, actions, 2)
+
+
 def test_warnings():
-    assert warnings(pendulum(), trajectories(0.08, (30, 30), 1.0)) == [
+    assert warned(0.08, (30, 30, 40), 1.0) == [
         "actions of idle are always 0.5: they excite nothing"
     ]
-    rate, cut, beyond, constant = warnings(pendulum(), trajectories(0.1, (30, 40), 4.0))
-    assert "10 actions/s were recorded, the task usually takes 12.5" in rate
+    rate, cut, beyond, constant = warned(0.1, (30, 40), 4.0)
+    assert "take 10 steps/s, the task usually 12.5" in rate
+    assert "--control-hz 12.5" in rate
     assert "30 to 40 steps" in cut
     assert "10 of 70 steps are not used" in cut
     assert re.search(r"actions of turn go from -3\.\d+ to 3\.\d+, beyond .* -1 to 1", beyond)
     assert "idle" in constant
-    assert "needs at least" in warnings(pendulum(), trajectories(0.08, (5,), 1.0))[0]
+    assert "needs at least" in warned(0.08, (5,), 1.0)[0]
+    assert "up to 40 ms away from their steps of 80 ms" in warned(0.08, (30, 30), 1.0, 40)[0]
 
 
 # --- the command --------------------------------------------------------------------------
@@ -349,7 +357,8 @@ def test_the_table(simtune):
 
 def test_recordings_in_json(simtune, recorded):
     status, out, err = simtune("check", "pendulum", "--real", recorded, "--json")
-    assert (status, err) == (0, "")
+    assert status == 0
+    assert re.fullmatch(r" *0 s +0 %  reading the recordings\n", err)
     result = json.loads(out)
     assert (result["episodes"], result["steps"], result["step_s"]) == (2, 30, pytest.approx(0.1))
     assert result["recordings"]["episodes"] == 2

@@ -116,6 +116,11 @@ def dataset(recorded, tmp_path) -> Path:
             "--real xarm needs --robot FILE.toml",
         ),
         (["tune", "cartpole", "--out", "OUT", "--real", "NOWHERE"], "no such folder"),
+        (["tune", "cartpole", "--out", "OUT", "--actions", "a"], "--actions goes with recordings"),
+        (
+            ["tune", "cartpole", "--out", "OUT", "--real", "NOWHERE", "--control-hz", "0"],
+            r"must lie in \[0.01, 1000\], got 0",
+        ),
         (["report", "NOWHERE"], "is no run"),
     ],
 )
@@ -191,6 +196,20 @@ def test_unsound_recordings(simtune, tmp_path, dataset, spoil, message):
     spoil(dataset)
     arguments = ("tune", "cartpole", "--out", tmp_path / "out", "--real", dataset)
     simtune.refuses(*arguments, "--real-episodes", 2, message=message)
+
+
+def test_a_training_says_so_before_it_writes_anything(simtune, tmp_path, dataset):
+    truncate_video(dataset)
+    arguments = ("train", "cartpole", "--out", tmp_path / "out", "--real", dataset)
+    simtune.refuses(*arguments, "--real-episodes", 2, message="copy the file again")
+
+
+def test_chosen_actions(simtune, tmp_path, dataset):
+    arguments = ("tune", "cartpole", "--out", tmp_path / "out", "--real", dataset)
+    message = "no action 'slider'; there are: slide"
+    simtune.refuses(*arguments, "--actions", "slider", message=message)
+    message = "takes 1 actions, --actions names 2"
+    simtune.refuses(*arguments, "--actions", "slide,slide", message=message)
 
 
 def test_recordings_that_do_not_fit(simtune, tmp_path, dataset):

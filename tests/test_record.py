@@ -13,6 +13,7 @@ from simtune.config import RecordConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.real.recorded import RecordedReal
 from simtune.record import record
+from simtune.recordings import open_dataset
 from simtune.tasks import load_task
 
 STEPS = 24
@@ -31,7 +32,7 @@ def asked(out: Path, **changes) -> RecordConfig:
 
 
 def read(folder: Path, size: int = 64):
-    return RecordedReal(folder, image_size=size, num_actions=1).collect()
+    return RecordedReal(open_dataset(folder, image_size=size, num_actions=1)).collect()
 
 
 def test_what_was_filmed_comes_back(tmp_path):

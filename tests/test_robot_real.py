@@ -18,6 +18,7 @@ from simtune.real.choose import choose_real
 from simtune.real.recorded import RecordedReal
 from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
+from simtune.recordings import open_dataset
 from simtune.tasks import load_task
 from simtune.tune import tune
 
@@ -92,7 +93,9 @@ def test_what_was_filmed_is_looked_at_again(file):
     made = len(fake_lerobot.latest)
     again = make_real(file, move=False).collect(2)
     assert len(fake_lerobot.latest) == made  # nothing was connected to
-    recorded = RecordedReal(file.parent / "filmed" / "000", image_size=16, num_actions=1).collect()
+    recorded = RecordedReal(
+        open_dataset(file.parent / "filmed" / "000", image_size=16, num_actions=1)
+    ).collect()
     for a, b, c in zip(first, again, recorded, strict=True):
         np.testing.assert_array_equal(a.frames, b.frames)
         np.testing.assert_array_equal(a.frames, c.frames)

@@ -19,6 +19,8 @@ from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.randomization import Distribution
+from simtune.real.truth import Truth
+from simtune.recordings import write_dataset
 from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
 from simtune.schedule import PRESETS, Schedule, fast
@@ -176,6 +178,21 @@ def test_what_was_learnt_in_worlds_far_from_here_can_be_forgotten(tmp_path):
 
 
 # --- what is written ----------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_training_on_recordings(tmp_path, quick_tune):
+    simulator = load_task("cartpole").simulator(image_size=64)
+    real = Truth(SPACE, SPACE.nominal).make_real(simulator, episode_steps=STEPS, seed=0)
+    names = {"action_names": ["slide"], "robot_type": "cartpole", "task": "balance"}
+    write_dataset(tmp_path / "dataset", real.collect(2), **names)
+    dataset, out = str(tmp_path / "dataset"), tmp_path / "run"
+    result = train(asked(out, real=dataset, policy_steps=16 * STEPS))
+    assert result["real_episodes"] == 2
+    assert result["recordings"]["steps"] == 2 * STEPS
+    assert "return" not in result  # nobody can act there
+    stored = read_json(out / "config.json")["config"]["recordings"]
+    assert stored == {"dataset_hash": result["recordings"]["dataset_hash"]}
 
 
 @pytest.mark.parametrize("method", ["autotune", "regression", "dr", "oracle"])

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -152,7 +153,30 @@ def test_a_run_on_recordings(tmp_path, quick_tune):
         entry = result["parameters"][parameter.name]
         assert entry["initial"] == parameter.nominal
         assert not {"real", "percent_error"} & set(entry)
+    assert result["recordings"]["steps"] == 2 * 24
+    assert result["recordings"]["episodes_in_dataset"] == len(trajectories)
     assert (tmp_path / "run" / "report.html").is_file()
+
+
+def test_recordings_that_changed_are_noticed(tmp_path, quick_tune):
+    world = Truth(SPACE, SPACE.nominal)
+    simulator = load_task("cartpole").simulator(image_size=64)
+    config = asked(tmp_path / "run", real=str(tmp_path / "dataset"), real_episodes=1)
+    for seed in range(2):
+        real = world.make_real(simulator, episode_steps=24, seed=seed)
+        shutil.rmtree(tmp_path / "dataset", ignore_errors=True)
+        write_dataset(
+            tmp_path / "dataset",
+            real.collect(1),
+            action_names=["slide"],
+            robot_type="cartpole",
+            task="balance",
+        )
+        if seed == 0:
+            before = tune.tune(config)
+    with pytest.raises(InputError, match=r"recordings\.dataset_hash = '.*', now = '"):
+        tune.tune(config)
+    assert json.loads((tmp_path / "run" / "result.json").read_text()) == before
 
 
 # --- resuming -----------------------------------------------------------------------------
@@ -267,7 +291,9 @@ def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
     simulator = load_task("cartpole").simulator(image_size=64)
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0)
     public = {name for name in dir(real) if not name.startswith("_")}
-    assert public == {"collect", "try_out", "step_s", "num_actions", "looks_like_simulator"}
+    can = {"collect", "try_out", "step_s", "num_actions", "looks_like_simulator"}
+    assert public == {*can, "facts"}
+    assert real.facts == {}
     for name in ("parameters", "real_parameters", "state", "states", "reward", "simulator"):
         with pytest.raises(AttributeError):
             getattr(real, name)

@@ -768,10 +768,10 @@ def test_recordings_need_as_many_actions(load, tmp_path):
 
 def test_actions_in_other_units_are_warned_of(load):
     task = load(HEAD + PERCENT + MASS)
-    frames = np.zeros((41, 16, 16, 3), np.uint8)
+    facts = {"control_hz": 20, "time_error_ms": {"largest": 0.0, "mean": 0.0}}
     actions = np.linspace(-1, 1, 40, dtype=np.float32)[:, None]
-    assert warnings(task, [Trajectory(frames, 100 * actions, 0.05)]) == []
-    (said,) = warnings(task, [Trajectory(frames, 5000 * actions, 0.05)])
+    assert warnings(task, facts, [100 * actions], 1) == []
+    (said,) = warnings(task, facts, [5000 * actions], 1)
     assert "actions of elbow go from -5000 to 5000, beyond the model's range of -100 to 100" in said
 
 

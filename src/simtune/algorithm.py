@@ -41,7 +41,8 @@ def train(config: TrainConfig, say: Say = silent) -> dict[str, Any]:
     Raises InputError for what cannot be used, with nothing written.
     """
     parts = make_parts(config, say)
-    with RunFolder.create(config.out, outcome.asked(config, parts.space, parts.start)) as run:
+    asked = outcome.asked(config, parts.space, parts.start, parts.real.facts)
+    with RunFolder.create(config.out, asked) as run:
         training = Training(config, parts, run, say)
         training.resume()
         training.carry_out()
@@ -151,6 +152,7 @@ class Training:
             "step_s": parts.real.step_s,
             "sim_steps": parts.environment.simulator.num_steps,
             "wall_s": round(self._wall_s, 1),
+            **outcome.recordings(parts.real.facts),
         }
         if parts.truth is not None:
             self._say("scoring the policy in the pseudo-real world", 1.0)

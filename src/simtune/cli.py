@@ -136,8 +136,10 @@ def _print_tasks() -> None:
 
 def _check(config: CheckConfig) -> None:
     from simtune.check import check, table
+    from simtune.progress import ProgressBar
 
-    result = check(config)
+    with ProgressBar() as say:
+        result = check(config, say)
     print(json.dumps(result) if config.json else "\n".join(table(result)))
 
 

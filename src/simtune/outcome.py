@@ -16,10 +16,22 @@ from simtune.tuning.search import Estimate, Search
 _TOLD = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
 
 
-def asked(config: Any, space: ParameterSpace, start: np.ndarray) -> dict[str, Any]:
-    """What config.json remembers of a command: a run goes on only with the same."""
+def asked(
+    config: Any, space: ParameterSpace, start: np.ndarray, real_facts: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What config.json remembers of a command: a run goes on only with the same.
+
+    That holds for the content of recordings too, which may change where they lie.
+    """
     settings = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
-    return {**settings, "parameters": declared(space, start)}
+    known = real_facts.get("dataset_hash")
+    content = {"dataset_hash": known} if known else None
+    return {**settings, "recordings": content, "parameters": declared(space, start)}
+
+
+def recordings(real_facts: Mapping[str, Any]) -> dict[str, Any]:
+    """What result.json says of recordings; nothing where there are none."""
+    return {"recordings": real_facts} if real_facts else {}
 
 
 def declared(space: ParameterSpace, start: np.ndarray) -> dict[str, dict[str, Any]]:

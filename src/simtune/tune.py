@@ -32,9 +32,10 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         config.real,
         task,
         config.real_parameters,
-        camera=config.camera,
+        recordings=config,
         image_size=image_size,
         seed=config.seed,
+        real_episodes=config.real_episodes,
         robot=config.robot,
         move=config.move,
         out=config.out,
@@ -52,7 +53,8 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         real.looks_like_simulator,
     )
     search.check(trajectories)
-    with RunFolder.create(config.out, outcome.asked(config, task.parameters, start)) as run:
+    asked = outcome.asked(config, task.parameters, start, real.facts)
+    with RunFolder.create(config.out, asked) as run:
         estimate, wall_s = _search(config, run, search, simulator, trajectories)
         facts = {
             "task": task.name,
@@ -65,6 +67,7 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
             "sim_steps": simulator.num_steps,
             "num_diverged": simulator.num_diverged,
             "wall_s": round(wall_s, 1),
+            **outcome.recordings(real.facts),
         }
         result = outcome.result(facts, task.parameters, start, estimate, truth)
         run.write_result(result)

@@ -5,10 +5,13 @@ from typing import Any
 import numpy as np
 
 from simtune.check.conclusions import conclude
+from simtune.check.soundness import look_through
 from simtune.check.warnings import warnings
 from simtune.config import CheckConfig
 from simtune.fit.information import examine
-from simtune.real.recorded import RecordedReal
+from simtune.progress import Say, silent
+from simtune.real.choose import open_recordings
+from simtune.real.recorded import how_many
 from simtune.simulation import random_actions
 from simtune.tasks import load_task
 from simtune.tuning import needed_image_size
@@ -16,7 +19,7 @@ from simtune.tuning import needed_image_size
 _EPISODES = 5
 
 
-def check(config: CheckConfig) -> dict[str, Any]:
+def check(config: CheckConfig, say: Say = silent) -> dict[str, Any]:
     """What each parameter changes, how well it can be told, facts of the recordings; JSON.
 
     Raises InputError for what cannot be used.
@@ -26,16 +29,15 @@ def check(config: CheckConfig) -> dict[str, Any]:
     image_size = needed_image_size("posterior")
     facts: dict[str, Any] = {"task": task.name, "seed": config.seed}
     if config.real:
-        num_actions = len(task.load_actions().names)
-        real = RecordedReal(
-            config.real, camera=config.camera, image_size=image_size, num_actions=num_actions
-        )
-        trajectories = real.collect(config.episodes)
-        facts |= {"recordings": real.facts, "warnings": warnings(task, trajectories)}
+        dataset = open_recordings(config.real, task, config, image_size)
+        num_replayed = how_many(dataset, config.episodes)
+        recorded = look_through(dataset, say)
+        facts["recordings"] = dataset.facts(len(recorded))
+        facts["warnings"] = warnings(task, facts["recordings"], recorded, num_replayed)
         # Supersampled as in tuning: a real camera averages over its pixels.
-        simulator = task.simulator(image_size=image_size, step_s=real.step_s, supersampling=2)
-        steps = min(len(trajectory) for trajectory in trajectories)
-        actions = np.stack([trajectory.actions[:steps] for trajectory in trajectories])
+        simulator = task.simulator(image_size=image_size, step_s=dataset.step_s, supersampling=2)
+        steps = min(len(actions) for actions in recorded[:num_replayed])
+        actions = np.stack([actions[:steps] for actions in recorded[:num_replayed]])
     else:
         simulator = task.simulator(image_size=image_size)
         num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)

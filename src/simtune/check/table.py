@@ -43,10 +43,14 @@ def _said(pairs: list[dict[str, Any]]) -> list[str]:
 
 def _of_recordings(facts: dict[str, Any]) -> list[str]:
     height, width = facts["source_size"]
+    late = facts["time_error_ms"]
+    ranges = (f"{n} {low:.3g} to {high:.3g}" for n, (low, high) in facts["action_ranges"].items())
     return [
-        f"{facts['folder']}: {facts['episodes']} of {facts['episodes_in_dataset']} episodes, "
-        f"{facts['steps']} steps, {facts['fps']:g} frames/s, {width}×{height} {facts['codec']}, "
-        f"camera {facts['camera']}",
+        f"{facts['folder']}: {facts['kind']}, sound: {facts['episodes']} episodes, "
+        f"{facts['steps']} steps, {width}×{height} {facts['codec']}, camera {facts['camera']}",
+        f"{facts['fps']:.6g} steps/s recorded, {facts['control_hz']:.6g} taken; frames away from "
+        f"their steps by {late['largest']:g} ms at most, {late['mean']:g} ms on average",
+        f"actions: {', '.join(ranges)}",
         f"dataset hash {facts['dataset_hash']}",
     ]
 

@@ -1,22 +1,38 @@
 """What may be wrong with recordings, before anything is learnt from them."""
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 
 from simtune.search_param_model.judge import SHORTEST_STEPS
 from simtune.tasks import Task
-from simtune.trajectory import Trajectory
+
+_LATE = 0.3  # of a step: the simulator films exactly at each step's end
 
 
-def warnings(task: Task, trajectories: list[Trajectory]) -> list[str]:
-    """Of recordings that a task's worlds are to replay, a sentence each."""
+def warnings(
+    task: Task, facts: Mapping[str, Any], recorded: Sequence[np.ndarray], num_replayed: int
+) -> list[str]:
+    """Of recordings that a task's worlds are to replay, a sentence each.
+
+    `facts` are a dataset's, `recorded` the actions (T, A) of its episodes, of which the first
+    `num_replayed` would be tuned to.
+    """
     found = []
-    step_s = trajectories[0].step_s
-    if abs(step_s / task.step_s - 1) > 0.01:
+    control_hz, task_hz = facts["control_hz"], 1 / task.step_s
+    if abs(control_hz / task_hz - 1) > 0.01:
         found.append(
-            f"{1 / step_s:.4g} actions/s were recorded, the task usually takes "
-            f"{1 / task.step_s:.4g}; the simulator follows the recordings"
+            f"the recordings take {control_hz:.4g} steps/s, the task usually {task_hz:.4g}; the "
+            f"simulator follows them, --control-hz {task_hz:.4g} brings them to it"
         )
-    lengths = [len(trajectory) for trajectory in trajectories]
+    largest_ms, step_ms = facts["time_error_ms"]["largest"], 1e3 / control_hz
+    if largest_ms > _LATE * step_ms:
+        found.append(
+            f"frames are up to {largest_ms:.3g} ms away from their steps of {step_ms:.3g} ms: "
+            "motion will seem to stand still and jump; take a smaller --control-hz"
+        )
+    lengths = [len(actions) for actions in recorded[:num_replayed]]
     unused = sum(lengths) - len(lengths) * min(lengths)
     if unused:
         found.append(
@@ -27,7 +43,7 @@ def warnings(task: Task, trajectories: list[Trajectory]) -> list[str]:
         found.append(
             f"an episode has {min(lengths)} steps, `simtune tune` needs at least {SHORTEST_STEPS}"
         )
-    return found + _of_actions(task, np.concatenate([t.actions for t in trajectories]))
+    return found + _of_actions(task, np.concatenate(recorded))
 
 
 def _of_actions(task: Task, actions: np.ndarray) -> list[str]:

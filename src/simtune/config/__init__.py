@@ -2,6 +2,7 @@
 
 from simtune.config.export import ExportConfig
 from simtune.config.record import RecordConfig, RendererName
+from simtune.config.recordings import RecordingsConfig
 from simtune.config.train import UNTUNED, EvaluateConfig, Method, TrainConfig
 from simtune.config.tune import CheckConfig, SearchName, TuneConfig
 
@@ -12,6 +13,7 @@ __all__ = [
     "ExportConfig",
     "Method",
     "RecordConfig",
+    "RecordingsConfig",
     "RendererName",
     "SearchName",
     "TrainConfig",

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
+from simtune.config.recordings import RecordingsConfig
 from simtune.errors import InputError
 
 Method = Literal["autotune", "regression", "dr", "oracle"]
@@ -13,7 +14,7 @@ UNTUNED = ("dr", "oracle")  # these search for nothing
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainConfig:
+class TrainConfig(RecordingsConfig):
     """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
 
     Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
@@ -42,10 +43,8 @@ class TrainConfig:
     drop_far: bool = False
     """When the simulator has moved, forget what the policy did in worlds now out of its range."""
     real: str = "pseudo"
-    """The real world: `pseudo`, a simulated one that is filmed and scored against, the folder of a
-    LeRobotDataset v3, in which no policy can be tried out, or a robot: `xarm`, `lerobot`."""
-    camera: str | None = None
-    """The recordings' camera, such as observation.images.front; needed where there are several."""
+    """The real world: `pseudo`, a simulated one that is filmed and scored against, recordings
+    (docs/recordings.md), in which no policy can be tried out, or a robot: `xarm`, `lerobot`."""
     robot: Path | None = None
     """With `xarm` and `lerobot`: a TOML file of the robot, its limits and its camera."""
     move: bool = False
@@ -75,6 +74,7 @@ class TrainConfig:
 
     def check(self) -> None:
         """Raises InputError for what makes no sense."""
+        self.check_recordings(self.real not in ("pseudo", "xarm", "lerobot"))
         for name in ("real_episodes", "scored_episodes", "window"):
             if getattr(self, name) < 1:
                 flag = name.replace("_", "-")

@@ -6,13 +6,14 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
+from simtune.config.recordings import RecordingsConfig
 from simtune.errors import InputError
 
 SearchName = Literal["posterior", "paper", "regression"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneConfig:
+class TuneConfig(RecordingsConfig):
     """Find a simulator's parameters from video and actions of the real world.
 
     Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
@@ -24,10 +25,9 @@ class TuneConfig:
     out: Path
     """The run's folder."""
     real: str = "pseudo"
-    """The real world: `pseudo`, a simulated one that is filmed and scored against, the folder of a
-    LeRobotDataset v3 (video and actions), or a robot: `xarm`, `lerobot`."""
-    camera: str | None = None
-    """The recordings' camera, such as observation.images.front; needed where there are several."""
+    """The real world: `pseudo`, a simulated one that is filmed and scored against, recordings of
+    video and actions (a LeRobotDataset v3, pairs of mp4 and csv, or HDF5: docs/recordings.md), or
+    a robot: `xarm`, `lerobot`."""
     robot: Path | None = None
     """With `xarm` and `lerobot`: a TOML file of the robot, its limits and its camera."""
     move: bool = False
@@ -49,6 +49,7 @@ class TuneConfig:
 
     def check(self) -> None:
         """Raises InputError for numbers that make no sense."""
+        self.check_recordings(self.real not in ("pseudo", "xarm", "lerobot"))
         if self.real_episodes is not None and self.real_episodes < 1:
             raise InputError(f"--real-episodes must be at least 1, got {self.real_episodes}")
         if not self.budget_minutes > 0:
@@ -60,20 +61,20 @@ class TuneConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckConfig:
+class CheckConfig(RecordingsConfig):
     """Say, before any training, what each parameter changes and what recordings can tell of it.
 
-    Takes seconds and writes no file. What a parameter "shows" is the best that can be hoped for.
+    Takes seconds, beside reading recordings, and writes no file. What a parameter "shows" is the
+    best that can be hoped for.
     """
 
     task: Annotated[Positional[str], arg(metavar="TASK")]
     """A built-in task (see `simtune tasks`), or a tuning file (docs/tuning-file.md)."""
     real: Path | None = None
-    """The folder of a LeRobotDataset v3, whose actions are replayed; by default they are random."""
-    camera: str | None = None
-    """The recordings' camera, such as observation.images.front; needed where there are several."""
+    """Recordings (docs/recordings.md), whose actions are replayed; by default they are random. All
+    episodes are looked through."""
     episodes: int | None = None
-    """How many episodes to simulate (by default 5), or to take from the recordings (by default
+    """How many episodes to simulate (by default 5), or to replay of the recordings (by default
     all, at most 10)."""
     seed: int = 0
     """Of the random actions and of where simulated episodes start."""
@@ -82,8 +83,7 @@ class CheckConfig:
 
     def check(self) -> None:
         """Raises InputError for what makes no sense."""
-        if self.camera is not None and self.real is None:
-            raise InputError("--camera goes with recordings only")
+        self.check_recordings(self.real is not None)
         if self.episodes is not None and self.episodes < 1:
             raise InputError(f"--episodes must be at least 1, got {self.episodes}")
         if self.seed < 0:

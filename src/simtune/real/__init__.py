@@ -1,6 +1,6 @@
 """The real world: it hands out frames and actions, and nothing else."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
 from simtune.simulation import PixelPolicy
 from simtune.trajectory import Trajectory
@@ -20,6 +20,11 @@ class RealWorld(Protocol):
     @property
     def looks_like_simulator(self) -> bool:
         """Whether its pictures are the simulator's own, pixel by pixel."""
+        ...
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What to note down of where its pictures come from; JSON. Empty where nothing is known."""
         ...
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:

@@ -1,4 +1,4 @@
-"""The real world that a command names: `pseudo`, a robot, or a folder of recordings."""
+"""The real world that a command names: `pseudo`, a robot, or recordings."""
 
 import json
 from pathlib import Path
@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from simtune.config.robot import Driver
+from simtune.config import RecordingsConfig
+from simtune.config.robot import Driver, RobotConfig
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
@@ -15,9 +16,12 @@ from simtune.real.recorded import RecordedReal
 from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.real.truth import Truth
+from simtune.recordings import Dataset, open_dataset
 from simtune.run.config import FILMED, stored_config
 from simtune.simulation import AnySimulator
 from simtune.tasks import AnyTask, Task
+
+_AS_RECORDED = RecordingsConfig()
 
 
 def choose_real(
@@ -25,9 +29,10 @@ def choose_real(
     task: AnyTask,
     real_parameters: Path | None = None,
     *,
-    camera: str | None = None,
+    recordings: RecordingsConfig = _AS_RECORDED,
     image_size: int,
     seed: int,
+    real_episodes: int | None = None,
     real_gap: bool = False,
     robot: Path | None = None,
     move: bool = False,
@@ -40,13 +45,13 @@ def choose_real(
     (or `start_factor`); `real_gap` puts a RealityGap before it. `xarm`, `lerobot`: the robot of a
     file, which films into the run's folder `out` and moves only with `move`; without it, and with
     nothing filmed yet, a dry run ends in an InputError that says what it found. Anything else is
-    the folder of a LeRobotDataset v3. They are searched from the nominal parameters.
+    where `recordings` lie; the first `real_episodes` of them (None: a few) are read at once, so
+    that what is unsound is said before anything is written. Both are searched from the nominal
+    parameters.
     Raises InputError for what cannot be read.
     """
     space = task.parameters
     driver: Driver | None = name if name == "xarm" or name == "lerobot" else None
-    if camera is not None and (driver or name == "pseudo"):
-        raise InputError("--camera goes with recordings only")
     if not driver and (robot is not None or move):
         raise InputError("--robot and --move go with --real xarm or lerobot only")
     if name == "pseudo":
@@ -65,15 +70,38 @@ def choose_real(
     if driver:
         if robot is None or out is None:
             raise InputError(f"--real {name} needs --robot FILE.toml (see docs/robot.md)")
-        stored_config(out)  # refuses what cannot be a run's folder, before anything moves
-        settings = {"image_size": image_size, "seed": seed, "folder": out / FILMED}
-        robot_real = RobotReal(read_robot(robot, driver), task, move=move, **settings)
-        if not move and not robot_real.num_filmed:
-            raise InputError(f"dry run: {robot_real.dry_run()}; give --move to let it move")
-        return robot_real, space.nominal.copy(), None
-    num_actions = len(task.load_actions().names)
-    real = RecordedReal(name, camera=camera, image_size=image_size, num_actions=num_actions)
+        real = _robot(read_robot(robot, driver), task, image_size, seed, move, out)
+        return real, space.nominal.copy(), None
+    real = RecordedReal(open_recordings(name, task, recordings, image_size))
+    if real_episodes != 0:
+        real.collect(real_episodes)
     return real, space.nominal.copy(), None
+
+
+def _robot(
+    config: RobotConfig, task: AnyTask, image_size: int, seed: int, move: bool, out: Path
+) -> RobotReal:
+    """One that may move, or has filmed something already. Raises InputError after a dry run."""
+    stored_config(out)  # refuses what cannot be a run's folder, before anything moves
+    folder = out / FILMED
+    real = RobotReal(config, task, image_size=image_size, seed=seed, folder=folder, move=move)
+    if not move and not real.num_filmed:
+        raise InputError(f"dry run: {real.dry_run()}; give --move to let it move")
+    return real
+
+
+def open_recordings(
+    path: str | Path, task: AnyTask, config: RecordingsConfig, image_size: int
+) -> Dataset:
+    """Recordings whose actions fit a task. Raises InputError for others."""
+    return open_dataset(
+        path,
+        camera=config.camera,
+        image_size=image_size,
+        num_actions=len(task.load_actions().names),
+        actions=config.action_names,
+        control_hz=config.control_hz,
+    )
 
 
 def simulator_for(real: RealWorld, task: AnyTask, image_size: int) -> AnySimulator:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simtune.recordings import read_dataset, read_meta, write_dataset
+from simtune.recordings import Dataset, open_dataset, write_dataset
 from simtune.run.files import append_jsonl
 from simtune.trajectory import Trajectory
 
@@ -24,16 +24,18 @@ class Filmed:
     @property
     def num_episodes(self) -> int:
         """Raises InputError where they are damaged, or of another number of actions."""
-        metas = [read_meta(path, num_actions=self._num_actions) for path in self._datasets()]
-        return sum(len(meta.episodes) for meta in metas)
+        return sum(self._open(path).num_episodes for path in self._datasets())
 
     def read(self, image_size: int) -> list[Trajectory]:
         """All episodes, pictures resized to `image_size`. Raises InputError for damaged ones."""
         return [
             trajectory
             for folder in self._datasets()
-            for trajectory in read_dataset(folder, image_size=image_size).trajectories
+            for trajectory in _read(self._open(folder, image_size))
         ]
+
+    def _open(self, folder: Path, image_size: int | None = None) -> Dataset:
+        return open_dataset(folder, num_actions=self._num_actions, image_size=image_size)
 
     def new_sitting(self, **about: Any) -> "Sitting":
         """`about`: what `write_dataset` wants to know."""
@@ -73,4 +75,8 @@ class Sitting:
 
     def read(self, image_size: int) -> Sequence[Trajectory]:
         """The episodes as they will be read ever after: compressed, and resized."""
-        return read_dataset(self.folder, image_size=image_size).trajectories
+        return _read(open_dataset(self.folder, image_size=image_size))
+
+
+def _read(dataset: Dataset) -> list[Trajectory]:
+    return [dataset.read(episode) for episode in range(dataset.num_episodes)]

@@ -1,6 +1,7 @@
 """A simulated world that plays the real one."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -68,6 +69,11 @@ class PseudoReal:
             return [Trajectory(projector.frames[i], actions[i], step_s) for i in whole]
 
         self._film, self._try_out, self._seed = film, try_out, seed
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """None: whoever made this world knows them, and keeps them."""
+        return {}
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
         """Film episodes of random actions, by default 5. Worlds that diverge yield fewer."""

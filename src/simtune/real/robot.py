@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,6 +59,11 @@ class RobotReal:
         self._displacements = Displacements.of(
             config.moved, config.step, mapping.range, config.axes, config.start
         )
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Which robot it is; JSON."""
+        return {"robot": str(self._config.file), "driver": self._config.driver}
 
     @property
     def num_filmed(self) -> int:

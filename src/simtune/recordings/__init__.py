@@ -1,21 +1,19 @@
-"""Recordings of a robot: LeRobotDataset v3.0 and video files, in and out."""
+"""Recordings of a robot: three kinds of data sets in, LeRobotDataset v3.0 and video out."""
 
-from simtune.recordings.lerobot_meta import DatasetMeta, Episode, dataset_hash, read_meta
-from simtune.recordings.lerobot_reader import Recording, read_dataset
+from simtune.recordings.dataset import Dataset
 from simtune.recordings.lerobot_writer import write_dataset
-from simtune.recordings.video import VideoWriter, decode, frames_at, probe, resize, write_video
+from simtune.recordings.open import open_dataset
+from simtune.recordings.pictures import resize
+from simtune.recordings.video import decode, frames_at, probe
+from simtune.recordings.video_writer import VideoWriter, write_video
 
 __all__ = [
-    "DatasetMeta",
-    "Episode",
-    "Recording",
+    "Dataset",
     "VideoWriter",
-    "dataset_hash",
     "decode",
     "frames_at",
+    "open_dataset",
     "probe",
-    "read_dataset",
-    "read_meta",
     "resize",
     "write_dataset",
     "write_video",

@@ -25,7 +25,7 @@ from simtune.recordings.lerobot_format import (
     VIDEO_PATH,
 )
 from simtune.recordings.lerobot_stats import column_stats, count_colours, image_stats
-from simtune.recordings.video import VideoWriter
+from simtune.recordings.video_writer import VideoWriter
 from simtune.trajectory import Trajectory
 
 KEYFRAME_INTERVAL = 2  # lerobot's default: training on the dataset seeks all the time

@@ -1,0 +1,61 @@
+"""A CSV file of numbers under a header of names."""
+
+import csv
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.recordings.source import MOST_ACTIONS, MOST_ROWS, short
+
+TIMES = ("time", "timestamp")  # columns of seconds; all others are actions
+
+
+def read_header(path: Path) -> list[str]:
+    """Names of the columns."""
+    header = next(_lines(path), None)
+    if header is None:
+        raise InputError(f"{path}: is empty; expected a header with the actions' names")
+    names = [name.strip() for name in header]
+    if len(names) > MOST_ACTIONS:
+        raise InputError(f"{path}: has {len(names)} columns; expected at most {MOST_ACTIONS}")
+    if any(re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?|nan|", name) for name in names):
+        raise InputError(f"{path}: expected a header with the actions' names, got {short(names)}")
+    if sum(name in TIMES for name in names) > 1 or len(set(names)) < len(names):
+        raise InputError(
+            f"{path}: expected each column once, and one of seconds at most; got {short(names)}"
+        )
+    if set(names) <= set(TIMES):
+        raise InputError(f"{path}: expected columns of actions, got {short(names)}")
+    return names
+
+
+def read_rows(path: Path, num_columns: int) -> np.ndarray:
+    """(rows, columns) of all that follows the header."""
+    rows: list[np.ndarray] = []
+    lines = _lines(path)
+    next(lines)
+    for line in lines:
+        where = f"{path}: row {len(rows)}"
+        if len(line) != num_columns:
+            raise InputError(f"{where}: expected {num_columns} numbers, got {len(line)}")
+        try:
+            rows.append(np.array([float(cell) for cell in line]))
+        except ValueError as error:
+            raise InputError(f"{where}: {error}") from None
+        if len(rows) > MOST_ROWS:
+            raise InputError(f"{path}: has more than {MOST_ROWS} rows; split the episode")
+    if len(rows) < 2:
+        raise InputError(f"{path}: has {len(rows)} rows of numbers; expected at least 2")
+    return np.stack(rows)
+
+
+def _lines(path: Path) -> Iterator[list[str]]:
+    """Cells of each line that is not empty."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            yield from (line for line in csv.reader(file) if line)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: not readable as CSV ({error})") from None

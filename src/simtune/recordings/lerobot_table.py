@@ -1,0 +1,91 @@
+"""Parquet files: columns of numbers, no more of them than memory holds."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from simtune.errors import InputError
+from simtune.recordings.source import short
+
+# A file of a few kB can hold that many by repeating one, so its size says nothing.
+_MOST_VALUES = 30_000_000  # of a column: 240 MB
+
+
+def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pa.Table:
+    """Columns of numbers, or of lists of them; InputError where one is missing or damaged."""
+    if not path.is_file():
+        raise InputError(f"{path}: missing, though the dataset's meta files name it")
+    try:
+        with pq.ParquetFile(path) as file:
+            there = file.schema_arrow.names
+            missing = [column for column in columns if column not in there]
+            if missing:
+                names = [name for name in there if not name.startswith("stats/")]
+                raise InputError(f"{path}: no column {missing[0]!r}; there are: {short(names)}")
+            wanted = [*columns, *(column for column in optional if column in there)]
+            for column in wanted:
+                if not _holds_numbers(file.schema_arrow.field(column).type):
+                    raise InputError(f"{path}: expected numbers in column {column!r}")
+            _check_sizes(path, file.metadata, wanted)
+            return file.read(wanted)
+    except (pa.ArrowException, OSError) as error:
+        reason = str(error).splitlines()[0].rstrip(". ") if str(error) else "damaged"
+        raise InputError(
+            f"{path}: not a readable parquet file ({reason}); copy the file again"
+        ) from None
+
+
+def _holds_numbers(kind: pa.DataType) -> bool:
+    """Numbers, or lists of them."""
+    if _is_list(kind):
+        kind = kind.value_type
+    numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null)
+    return any(is_one(kind) for is_one in numeric)
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    lists = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
+    return any(is_one(kind) for is_one in lists)
+
+
+def _check_sizes(path: Path, metadata: pq.FileMetaData, columns: Sequence[str]) -> None:
+    """Before anything is read of them."""
+    totals = dict.fromkeys(columns, 0)
+    for group in map(metadata.row_group, range(metadata.num_row_groups)):
+        for leaf in map(group.column, range(group.num_columns)):
+            # Of a list it is NAME.list.element, and names may have dots of their own.
+            for name in columns:
+                if f"{leaf.path_in_schema}.".startswith(f"{name}."):
+                    totals[name] += leaf.num_values
+    name = max(totals, key=totals.__getitem__)
+    if totals[name] > _MOST_VALUES or metadata.num_rows > _MOST_VALUES:
+        raise InputError(
+            f"{path}: has {max(totals[name], metadata.num_rows)} values in column {name!r}; "
+            f"expected at most {_MOST_VALUES}: split the file, or copy it again"
+        )
+
+
+def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
+    """A column of numbers, (rows,) float64; lists of one number are taken as the number."""
+    lengths, flat = lists(table[column])
+    if (lengths != 1).any():
+        raise InputError(f"{path}: expected one number a row in column {column!r}")
+    return flat
+
+
+def lists(values: pa.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
+    """(rows,) lengths of lists of numbers, and all of the numbers; plain ones count as one."""
+    if not _is_list(values.type):
+        return np.ones(len(values), int), _floats(values)
+    lengths = pc.list_value_length(values).fill_null(0)  # type: ignore[attr-defined]
+    flat = pc.list_flatten(values)  # type: ignore[attr-defined]
+    return lengths.to_numpy(), _floats(flat)
+
+
+def _floats(values: pa.ChunkedArray) -> np.ndarray:
+    """float64; what is missing is NaN."""
+    return values.cast(pa.float64(), safe=False).to_numpy()

@@ -1,0 +1,71 @@
+"""Recordings of any kind, recognised by what is there."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from simtune.errors import InputError
+from simtune.recordings.dataset import Dataset
+from simtune.recordings.lerobot import LeRobotSource
+from simtune.recordings.lerobot_format import INFO_PATH
+from simtune.recordings.pairs import PairsSource
+from simtune.recordings.robomimic import RobomimicSource
+from simtune.recordings.source import Source, short
+
+_HDF5 = (".hdf5", ".h5")
+
+
+def open_dataset(
+    path: str | Path,
+    *,
+    camera: str | None = None,
+    image_size: tuple[int, int] | int | None = None,
+    num_actions: int | None = None,
+    actions: Sequence[str] | None = None,
+    control_hz: float | None = None,
+) -> Dataset:
+    """A LeRobotDataset v3.0, a folder of pairs NAME.mp4 and NAME.csv, or robomimic's HDF5.
+
+    What describes the episodes is read and checked, and no picture yet. `camera` is one of the
+    recordings', needed where there are several; for the rest see `Dataset`.
+
+    Raises:
+        InputError: it is none of them, or unsound; one line says what was expected.
+    """
+    source = _recognise(Path(path), camera, control_hz)
+    return Dataset(
+        source,
+        image_size=image_size,
+        num_actions=num_actions,
+        actions=actions,
+        control_hz=control_hz,
+    )
+
+
+def _recognise(path: Path, camera: str | None, control_hz: float | None) -> Source:
+    if path.is_file() and path.suffix in _HDF5:
+        return RobomimicSource(path, camera, control_hz)
+    names = _listed(path)
+    if (path / INFO_PATH).is_file():
+        return LeRobotSource(path, camera)
+    if hdf5 := [name for name in names if name.endswith(_HDF5)]:
+        if len(hdf5) > 1:
+            raise InputError(f"{path}: has several HDF5 files, give one of them: {short(hdf5)}")
+        return RobomimicSource(path / hdf5[0], camera, control_hz)
+    if any(name.endswith((".mp4", ".csv")) for name in names):
+        return PairsSource(path, camera)
+    raise InputError(
+        f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset v3.0), *.hdf5 "
+        "(robomimic) and pairs of NAME.mp4 and NAME.csv, see docs/recordings.md; "
+        + (f"it holds: {short(names)}" if names else "it is empty")
+    )
+
+
+def _listed(path: Path) -> list[str]:
+    try:
+        return sorted(entry.name for entry in path.iterdir() if not entry.name.startswith("."))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such folder; expected one of recordings") from None
+    except NotADirectoryError:
+        raise InputError(f"{path}: is a file; expected a folder of recordings") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None

@@ -1,0 +1,41 @@
+"""From the times at which something was recorded to steps that last equally long."""
+
+import numpy as np
+
+from simtune.recordings.source import Rows
+
+_ON_TIME = 0.02  # of a step: what begins that near to a step's beginning is left as it is
+
+
+def typical_step_s(times_s: np.ndarray) -> float:
+    """Seconds from one of (T,) rising times to the next, T >= 2; a few may be missing."""
+    gaps = np.diff(times_s)
+    # The median alone would be off by as much as clocks round.
+    counts = np.rint(gaps / np.median(gaps)).clip(1)
+    return float((times_s[-1] - times_s[0]) / counts.sum())
+
+
+def step_times(rows: Rows, step_s: float) -> np.ndarray:
+    """(K + 1,) seconds: where the K whole steps that fit into an episode begin, and its end."""
+    lasts_s = rows.until_s - rows.times_s[0]
+    return rows.times_s[0] + step_s * np.arange(int(lasts_s / step_s + _ON_TIME) + 1)
+
+
+def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:
+    """(K, A) the mean over each step of the action that was in force, for (K + 1,) times.
+
+    A recorded action is in force until the next one begins. Shorter steps therefore repeat it, and
+    longer ones average, which keeps the impulse of a force and the path of a speed.
+    """
+    num_steps, step_s = len(times_s) - 1, times_s[1] - times_s[0]
+    if len(rows) >= num_steps:
+        late_s = np.abs(rows.times_s[:num_steps] - times_s[:-1])
+        if late_s.max() <= _ON_TIME * step_s:
+            return rows.actions[:num_steps]
+    until_s = max(rows.until_s, times_s[-1])
+    known = rows.times_s < until_s
+    edges_s = np.append(rows.times_s[known], until_s)
+    summed = np.cumsum(rows.actions[known] * np.diff(edges_s)[:, None], 0)
+    summed = np.concatenate([np.zeros_like(summed[:1]), summed])
+    at_times = [np.interp(times_s, edges_s, column) for column in summed.T]
+    return (np.diff(at_times) / step_s).T

@@ -1,0 +1,94 @@
+"""What each kind of recordings has to tell; what all of them share is in `dataset.py`."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, TypeGuard
+
+import numpy as np
+
+from simtune.errors import InputError
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The actions of an episode, on the clock of its pictures."""
+
+    actions: np.ndarray  # (T, A) float64, all that were recorded
+    times_s: np.ndarray  # (T,) when each began to be applied, rising
+    until_s: float  # up to when both pictures and actions are known
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+
+class Source(Protocol):
+    """Episodes as they lie on disk. Errors of an episode name it."""
+
+    kind: str  # in words
+    path: Path
+    fps: float  # rows a second
+    camera: str
+    action_names: tuple[str, ...]  # (A,)
+    robot_type: str | None
+    episodes: Sequence[str]  # what each is called
+    files: Sequence[Path]  # all that its content depends on
+
+    @property
+    def codec(self) -> str:
+        """Of the pictures, e.g. "h264"."""
+        ...
+
+    def rows(self, episode: int) -> Rows:
+        """Raises InputError where they are unsound."""
+        ...
+
+    def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
+        """For each of the rising times, when the nearest picture was seen, and (H, W, 3) uint8.
+
+        Raises InputError where there is none near, or it is damaged.
+        """
+        ...
+
+
+# Nobody records longer in one piece: more is a damaged number, and is not to fill the memory.
+MOST_ROWS = 100_000  # of an episode: an hour at 30 Hz
+MOST_ACTIONS = 1_000
+LEAST_FPS, MOST_FPS = 0.01, 1_000
+
+
+def is_rate(fps: object) -> TypeGuard[int | float]:
+    """Whether it can be meant as rows a second."""
+    if not isinstance(fps, int | float) or isinstance(fps, bool):
+        return False
+    return LEAST_FPS <= fps <= MOST_FPS
+
+
+def short(names: Sequence[str], most: int = 12) -> str:
+    """At most so many names, for a message that stays one line."""
+    return ", ".join(names if len(names) <= most else [*names[:most], "..."])
+
+
+def choose_actions(
+    source: Source, names: Sequence[str] | None, num_actions: int | None
+) -> list[int]:
+    """Columns of the actions called `names` (None: all), which must be `num_actions` if given.
+
+    Raises InputError where there are no such ones.
+    """
+    known = source.action_names
+    doubled = next((name for name in known if known.count(name) > 1), None)
+    for name in names or ():
+        if name not in known or name == doubled:
+            what = "more than one" if name == doubled else "no"
+            raise InputError(f"{source.path}: {what} action {name!r}; there are: {short(known)}")
+    chosen = [known.index(name) for name in names] if names else list(range(len(known)))
+    if num_actions is not None and len(chosen) != num_actions:
+        hint = "is it of another robot?"
+        if names or len(known) > num_actions:
+            hint = "choose them by --actions NAME,NAME,... in the task's order"
+        has = f"--actions names {len(chosen)}" if names else f"the recording has {len(known)}"
+        raise InputError(
+            f"{source.path}: the task takes {num_actions} actions, {has} ({short(known)}); {hint}"
+        )
+    return chosen

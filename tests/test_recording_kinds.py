@@ -1,0 +1,352 @@
+"""Pairs of mp4 and csv, robomimic's HDF5, chosen actions, and steps of another rate."""
+
+import csv
+import json
+import os
+import shutil
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import h5py
+import numpy as np
+import pytest
+
+from simtune.check.soundness import look_through
+from simtune.errors import InputError
+from simtune.recordings import Dataset, open_dataset, write_dataset, write_video
+from simtune.recordings.fingerprint import fingerprint
+from simtune.recordings.resample import step_actions, step_times, typical_step_s
+from simtune.recordings.source import Rows
+from simtune.trajectory import Trajectory
+
+FPS, NUM_STEPS, SIZE = 10.0, 24, 32
+NAMES = ["x", "y", "grip"]
+
+
+def grey(frames: range | list[int]) -> np.ndarray:
+    """(T, SIZE, SIZE, 3): frame t is of the grey value 8 t."""
+    return (
+        np.full((len(frames), SIZE, SIZE, 3), 1, np.uint8)
+        * np.uint8(8)
+        * np.array(frames, np.uint8).reshape(-1, 1, 1, 1)
+    )
+
+
+def shown(frames: np.ndarray) -> list[int]:
+    """The inverse of `grey`."""
+    return np.rint(frames.mean((1, 2, 3)) / 8).astype(int).tolist()
+
+
+def actions(num: int = NUM_STEPS) -> np.ndarray:
+    return np.random.default_rng(0).uniform(-1, 1, (num, 3)).astype(np.float32)
+
+
+def write_pair(
+    folder: Path, name: str, rows: np.ndarray, times_s: list[float] | None = None, **video: Any
+) -> None:
+    folder.mkdir(exist_ok=True)
+    frames = grey(range(NUM_STEPS + 1))
+    write_video(folder / f"{name}.mp4", frames, video.get("fps", FPS), crf=0)
+    with (folder / f"{name}.csv").open("w", newline="") as file:
+        header = (["time"] if times_s else []) + NAMES
+        table = [[*([times_s[t]] if times_s else []), *row] for t, row in enumerate(rows.tolist())]
+        csv.writer(file).writerows([header, *table])
+
+
+def write_hdf5(path: Path, **options: Any) -> None:
+    path.parent.mkdir(exist_ok=True)
+    with h5py.File(path, "w") as file:
+        for i in (10, 9):
+            demo = file.create_group(f"data/demo_{i}")
+            demo["actions"] = np.concatenate([actions(), actions(1)])
+            for camera in ("agentview", "wrist"):
+                demo.create_dataset(
+                    f"obs/{camera}_image", data=grey(range(NUM_STEPS + 1)), **options
+                )
+            demo["obs/state"] = np.zeros((NUM_STEPS + 1, 4))
+        arguments = {"env_name": "Lift", "env_kwargs": {"control_freq": FPS}}
+        file["data"].attrs["env_args"] = json.dumps(arguments)
+
+
+def write_variable(path: Path, times_s: list[float]) -> None:
+    """A video whose frame t, of the grey value 8 t, is shown at times_s[t]."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=1000, options={"crf": "0"})
+        stream.width, stream.height, stream.pix_fmt = SIZE, SIZE, "yuv420p"
+        for picture, time_s in zip(grey(range(len(times_s))), times_s, strict=True):
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame.pts, frame.time_base = round(1000 * time_s), Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+def message(path: Path, **options: Any) -> str:
+    def read_all() -> None:
+        dataset = open_dataset(path, **options)
+        for episode in range(dataset.num_episodes):
+            dataset.skim(episode)
+
+    with pytest.raises(InputError) as caught:
+        read_all()
+    return str(caught.value).replace(str(path), "HERE")
+
+
+def assert_whole(dataset: Dataset, *, frames: int = NUM_STEPS + 1) -> None:
+    trajectory = dataset.read(0)
+    assert shown(trajectory.frames) == list(range(frames))
+    np.testing.assert_array_equal(trajectory.actions, actions()[: frames - 1])
+    assert trajectory.step_s == pytest.approx(1 / FPS)
+
+
+# --- pairs of mp4 and csv -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("num_rows", [NUM_STEPS, NUM_STEPS + 1])
+def test_a_row_a_frame(tmp_path, num_rows):
+    """The last frame may have an action, whose outcome was not filmed, or none."""
+    rows = np.concatenate([actions(), actions(1)])[:num_rows]
+    write_pair(tmp_path / "pairs", "swing", rows)
+    assert_whole(open_dataset(tmp_path / "pairs", num_actions=3))
+
+
+def test_rows_that_say_when(tmp_path):
+    times_s = [t / FPS for t in range(NUM_STEPS)]
+    write_pair(tmp_path / "pairs", "swing", actions(), times_s)
+    assert_whole(open_dataset(tmp_path / "pairs", num_actions=3))
+
+
+def test_the_camera_began_before_the_robot_and_ran_faster(tmp_path):
+    times_s = [0.4 + t / FPS for t in range(8)]
+    write_pair(tmp_path / "pairs", "swing", actions(8), times_s, fps=2 * FPS)
+    trajectory = open_dataset(tmp_path / "pairs").read(0)
+    assert shown(trajectory.frames) == list(range(8, 25, 2))
+    np.testing.assert_array_equal(trajectory.actions, actions(8))
+
+
+def test_frames_at_varying_times(tmp_path):
+    """Without a column of seconds rows belong to frames, whenever they were shown."""
+    late_s = [t / FPS for t in range(NUM_STEPS + 1)]
+    late_s[5:8] = [0.53, 0.59, 0.72]
+    write_pair(tmp_path / "pairs", "swing", actions())
+    write_variable(tmp_path / "pairs" / "swing.mp4", late_s)
+    dataset = open_dataset(tmp_path / "pairs")
+    trajectory = dataset.read(0)
+    assert shown(trajectory.frames) == list(range(NUM_STEPS + 1))
+    np.testing.assert_array_equal(trajectory.actions[9:], actions()[9:])
+    # The action of row 4 was in force until 0.53 s.
+    mixed = 0.3 * actions()[4] + 0.6 * actions()[5] + 0.1 * actions()[6]
+    np.testing.assert_allclose(trajectory.actions[5], mixed, atol=1e-6)
+    late_ms = dataset.facts(1)["time_error_ms"]
+    assert late_ms == {"largest": pytest.approx(30), "mean": pytest.approx(60 / 25)}
+
+
+def test_a_dropped_frame_is_stood_in_for_and_many_are_not(tmp_path):
+    times_s = [t / FPS for t in range(NUM_STEPS)]
+    write_pair(tmp_path / "pairs", "swing", actions(), times_s)
+    left = [t / FPS for t in range(NUM_STEPS + 1) if t != 6]
+    write_variable(tmp_path / "pairs" / "swing.mp4", left)
+    frames = shown(open_dataset(tmp_path / "pairs").read(0).frames)
+    assert frames[:6] + frames[7:] == list(range(24))
+    assert frames[6] in (5, 6)
+    left = [t / FPS for t in range(NUM_STEPS + 1) if t not in (6, 7, 8, 9)]
+    write_variable(tmp_path / "pairs" / "swing.mp4", left)
+    assert "swing, step 7: HERE/swing.mp4: no frame is shown" in message(tmp_path / "pairs")
+
+
+def test_episodes_come_in_the_names_order(tmp_path):
+    for name in ("swing10", "swing9", "swing1"):
+        write_pair(tmp_path / "pairs", name, actions())
+    (tmp_path / "pairs" / "notes.txt").touch()
+    dataset = open_dataset(tmp_path / "pairs")
+    assert dataset.episodes == ["swing1", "swing9", "swing10"]
+    for episode in range(3):
+        dataset.skim(episode)
+    assert dataset.facts(3)["steps"] == 3 * NUM_STEPS
+    assert message(tmp_path / "pairs", camera="front").startswith("HERE: pairs of mp4 and csv have")
+
+
+def test_check_looks_at_every_episode(tmp_path):
+    for i in range(4):
+        rows = actions()
+        rows[7, 1] = [0, np.nan, 0, np.inf][i]
+        write_pair(tmp_path / "pairs", f"swing{i}", rows)
+    said = []
+    with pytest.raises(InputError) as caught:
+        look_through(open_dataset(tmp_path / "pairs"), lambda doing, done: said.append(done))
+    assert "swing1, row 7: action is not finite" in str(caught.value)
+    assert str(caught.value).endswith("; 1 more of 4 are unsound: swing3")
+    assert said == [0, 0.25, 0.5, 0.75]
+
+
+# --- robomimic's HDF5 ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", [{}, {"chunks": (7, SIZE, SIZE, 3), "compression": "gzip"}])
+def test_robomimic(tmp_path, options):
+    write_hdf5(tmp_path / "robot" / "image.hdf5", **options)
+    for path in (tmp_path / "robot", tmp_path / "robot" / "image.hdf5"):
+        dataset = open_dataset(path, camera="wrist", num_actions=3)
+        assert_whole(dataset)
+        assert dataset.episodes == ["demo_9", "demo_10"]
+    facts = dataset.facts(1)
+    told = [facts[key] for key in ("robot_type", "camera", "codec", "fps", "kind")]
+    assert told == ["Lift", "wrist_image", "raw", FPS, "robomimic HDF5"]
+
+
+def test_robomimic_cameras_and_rate(tmp_path):
+    write_hdf5(tmp_path / "image.hdf5")
+    said = message(tmp_path)
+    assert said.endswith("choose one by --camera: agentview_image, wrist_image")
+    said = message(tmp_path, camera="front")
+    assert said.endswith("no camera 'front'; there are: agentview_image, wrist_image")
+    shutil.copy(tmp_path / "image.hdf5", tmp_path / "depth.hdf5")
+    with h5py.File(tmp_path / "depth.hdf5", "r+") as file:
+        del file["data"].attrs["env_args"]
+    said = message(tmp_path / "depth.hdf5", camera="wrist")
+    assert said.endswith("give the rate as --control-hz")
+    assert_whole(open_dataset(tmp_path / "depth.hdf5", camera="wrist", control_hz=FPS))
+    assert message(tmp_path).endswith("give one of them: depth.hdf5, image.hdf5")
+
+
+def test_without_h5py_it_says_what_to_install(tmp_path, monkeypatch):
+    write_hdf5(tmp_path / "image.hdf5")
+    monkeypatch.setitem(__import__("sys").modules, "h5py", None)
+    assert message(tmp_path).endswith("pip install 'simtune[robomimic]'")
+
+
+# --- which actions ------------------------------------------------------------------------
+
+
+def test_chosen_actions_in_the_order_asked_for(tmp_path):
+    write_pair(tmp_path / "pairs", "swing", actions())
+    dataset = open_dataset(tmp_path / "pairs", num_actions=2, actions=("grip", "x"))
+    np.testing.assert_array_equal(dataset.read(0).actions, actions()[:, [2, 0]])
+    assert dataset.facts(1)["action_names"] == ["grip", "x"]
+
+
+def test_actions_that_do_not_fit(tmp_path):
+    write_pair(tmp_path / "pairs", "swing", actions())
+    assert message(tmp_path / "pairs", num_actions=2) == (
+        "HERE: the task takes 2 actions, the recording has 3 (x, y, grip); "
+        "choose them by --actions NAME,NAME,... in the task's order"
+    )
+    assert message(tmp_path / "pairs", num_actions=7).endswith(
+        "(x, y, grip); is it of another robot?"
+    )
+    assert message(tmp_path / "pairs", actions=("x", "z")) == (
+        "HERE: no action 'z'; there are: x, y, grip"
+    )
+    said = message(tmp_path / "pairs", actions=("x",), num_actions=2)
+    assert "takes 2 actions, --actions names 1 (x, y, grip)" in said
+
+
+# --- steps of another rate ----------------------------------------------------------------
+
+
+def test_typical_step():
+    times_s = np.round(np.arange(100) / 30, 3)
+    assert typical_step_s(times_s) == pytest.approx(1 / 30, rel=1e-4)
+    assert typical_step_s(np.delete(times_s, [3, 50, 51])) == pytest.approx(1 / 30, rel=1e-4)
+
+
+def test_longer_steps_keep_the_impulse():
+    rows = Rows(np.array([[1.0], [2.0], [4.0], [8.0], [3.0]]), np.arange(5) / 10, 0.4)
+    np.testing.assert_allclose(step_actions(rows, step_times(rows, 0.2)), [[1.5], [6.0]])
+    thirds = step_actions(rows, step_times(rows, 0.15))
+    np.testing.assert_allclose(thirds, [[(1 + 2 / 2) / 1.5], [(2 / 2 + 4) / 1.5]])
+    np.testing.assert_allclose(step_actions(rows, step_times(rows, 0.1)), rows.actions[:4])
+
+
+def test_shorter_steps_hold():
+    rows = Rows(np.array([[1.0], [2.0], [4.0]]), np.arange(3) / 10, 0.2)
+    held = step_actions(rows, step_times(rows, 0.05))
+    np.testing.assert_allclose(held, [[1.0], [1.0], [2.0], [2.0]])
+
+
+def sum_of_a_fine_grid(rows: Rows, times_s: np.ndarray) -> np.ndarray:
+    fine_s = (np.arange(200_000) + 0.5) / 200_000 * (times_s[-1] - times_s[0]) + times_s[0]
+    held = rows.actions[np.searchsorted(rows.times_s, fine_s, side="right") - 1]
+    step = np.searchsorted(times_s, fine_s, side="right") - 1
+    return np.stack([held[step == k].mean(0) for k in range(len(times_s) - 1)])
+
+
+def test_uneven_rows_against_a_plain_mean():
+    rng = np.random.default_rng(0)
+    times_s = 0.3 + np.cumsum(rng.uniform(0.01, 0.09, 60))
+    rows = Rows(rng.normal(size=(60, 2)), times_s, times_s[-1] + 0.05)
+    grid_s = step_times(rows, 0.07)
+    assert grid_s[0] == times_s[0]
+    assert rows.until_s - 0.07 < grid_s[-1] <= rows.until_s + 1e-9
+    expected = sum_of_a_fine_grid(rows, grid_s)
+    np.testing.assert_allclose(step_actions(rows, grid_s), expected, atol=2e-3)
+
+
+def write_all(root: Path) -> dict[str, Path]:
+    trajectory = Trajectory(grey(range(NUM_STEPS + 1)), actions(), 1 / FPS)
+    write_dataset(
+        root / "lerobot", [trajectory], action_names=NAMES, robot_type="arm", task="swing", crf=0
+    )
+    write_pair(root / "pairs", "swing", actions())
+    write_hdf5(root / "robot" / "image.hdf5")
+    return {"lerobot": root / "lerobot", "pairs": root / "pairs", "robomimic": root / "robot"}
+
+
+def test_all_kinds_give_the_same(tmp_path):
+    for control_hz, frames, late_ms in (
+        (None, range(25), 0.0),
+        (5, range(0, 25, 2), 0.0),
+        (4, [0, 2, 5, 8, 10, 12, 15, 18, 20, 22], 50.0),
+        (25, None, 40.0),
+    ):
+        read = {}
+        for kind, path in write_all(tmp_path / str(control_hz)).items():
+            camera = "wrist" if kind == "robomimic" else None
+            dataset = open_dataset(path, camera=camera, control_hz=control_hz)
+            read[kind] = dataset.read(0)
+            facts = dataset.facts(1)
+            assert facts["time_error_ms"]["largest"] == pytest.approx(late_ms, abs=0.01)
+            assert facts["control_hz"] == pytest.approx(control_hz or FPS)
+            assert facts["fps"] == FPS
+        expected = read["robomimic"]
+        if frames is not None:
+            assert shown(expected.frames) in (list(frames), [0, 2, 5, 7, 10, 12, 15, 17, 20, 22])
+        for got in read.values():
+            np.testing.assert_allclose(got.actions, expected.actions, atol=1e-6)
+            assert np.abs(np.subtract(shown(got.frames), shown(expected.frames))).max() <= 1
+
+
+# --- where files lie, and whether they are the same ---------------------------------------
+
+
+def test_links_out_of_the_folder_are_followed(tmp_path):
+    """Hubs' caches keep a dataset as links to files that lie elsewhere."""
+    for kind, path in write_all(tmp_path / "real").items():
+        linked = tmp_path / "linked" / kind
+        for file in path.rglob("*.*"):
+            if file.is_file():
+                link = linked / file.relative_to(path)
+                link.parent.mkdir(parents=True, exist_ok=True)
+                os.symlink(file, link)
+        camera = "wrist" if kind == "robomimic" else None
+        dataset = open_dataset(linked, camera=camera)
+        assert shown(dataset.read(0).frames) == list(range(25))
+        assert dataset.content_hash == open_dataset(path, camera=camera).content_hash
+
+
+def test_large_files_are_told_apart_by_blocks(tmp_path):
+    path = tmp_path / "large.bin"
+    with path.open("wb") as file:
+        file.truncate(200_000_000)
+    before = fingerprint(tmp_path, [path])
+    for place in (0, 199_999_999):
+        with path.open("r+b") as file:
+            file.seek(place)
+            file.write(b"x")
+        after = fingerprint(tmp_path, [path])
+        assert after != before
+        before = after
+    with path.open("r+b") as file:
+        file.truncate(199_999_999)
+    assert fingerprint(tmp_path, [path]) != before

@@ -1,0 +1,381 @@
+"""Recordings that are damaged or hostile: one line, status 2, nothing written, little memory."""
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from simtune.recordings import write_dataset, write_video
+from simtune.trajectory import Trajectory
+
+NUM_STEPS, FPS, SIZE = 24, 12.5, 32
+VIDEO = "videos/observation.images.camera0/chunk-000/file-000.mp4"
+DATA = "data/chunk-000/file-000.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+INFO = "meta/info.json"
+HDF5 = "demo.hdf5"
+MOST_MB = 150  # of growth; all of them need 25, and huge ones would need gigabytes
+
+
+# --- sound ones, to spoil -----------------------------------------------------------------
+
+
+def trajectories() -> list[Trajectory]:
+    rng = np.random.default_rng(0)
+    frames = rng.integers(256, size=(2, NUM_STEPS + 1, 8, 8, 3)).repeat(4, 2).repeat(4, 3)
+    actions = rng.uniform(-1, 1, (2, NUM_STEPS, 1)).astype(np.float32)
+    return [
+        Trajectory(f.astype(np.uint8), a, 1 / FPS) for f, a in zip(frames, actions, strict=True)
+    ]
+
+
+def write_lerobot(folder: Path) -> None:
+    names = ["slide"]
+    write_dataset(folder, trajectories(), action_names=names, robot_type="arm", task="balance")
+
+
+def write_pairs(folder: Path) -> None:
+    folder.mkdir()
+    for i, trajectory in enumerate(trajectories()):
+        write_video(folder / f"swing{i}.mp4", trajectory.frames, FPS)
+        write_table(folder, i, ["slide"], trajectory.actions.tolist())
+
+
+def write_table(folder: Path, episode: int, header: list[str], rows: list[list]) -> None:
+    with (folder / f"swing{episode}.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+
+
+def write_hdf5(folder: Path) -> None:
+    folder.mkdir()
+    with h5py.File(folder / HDF5, "w") as file:
+        data = file.create_group("data")
+        data.attrs["env_args"] = json.dumps({"env_kwargs": {"control_freq": FPS}})
+        for i, trajectory in enumerate(trajectories()):
+            data[f"demo_{i}/actions"] = np.concatenate([trajectory.actions, [[0.0]]])
+            data[f"demo_{i}/obs/agentview_image"] = trajectory.frames
+
+
+SOUND = {"lerobot": write_lerobot, "pairs": write_pairs, "hdf5": write_hdf5}
+
+
+# --- ways to spoil them -------------------------------------------------------------------
+
+
+def cut(name: str, share: float) -> Callable[[Path], None]:
+    """Leave so much of a file."""
+
+    def spoil(folder: Path) -> None:
+        content = (folder / name).read_bytes()
+        (folder / name).write_bytes(content[: int(len(content) * share)])
+
+    return spoil
+
+
+def info(**changes: object) -> Callable[[Path], None]:
+    def spoil(folder: Path) -> None:
+        content = json.loads((folder / INFO).read_text())
+        (folder / INFO).write_text(json.dumps(content | changes))
+
+    return spoil
+
+
+def feature(name: str, **changes: object) -> Callable[[Path], None]:
+    """Change a feature in meta/info.json."""
+
+    def spoil(folder: Path) -> None:
+        features = json.loads((folder / INFO).read_text())["features"]
+        info(features=features | {name: features.get(name, {}) | changes})(folder)
+
+    return spoil
+
+
+def text(name: str, content: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).write_text(content) and None
+
+
+def rows(name: str, edit: Callable[[list[dict]], list[dict]]) -> Callable[[Path], None]:
+    """Change a parquet file's rows."""
+
+    def spoil(folder: Path) -> None:
+        table = pa.Table.from_pylist(edit(pq.read_table(folder / name).to_pylist()))
+        pq.write_table(table, folder / name)
+
+    return spoil
+
+
+def huge_table(folder: Path) -> None:
+    """A few kB that are 40 million rows."""
+    table = pq.read_table(folder / DATA)
+    million = table.take(np.zeros(1_000_000, int))
+    with pq.ParquetWriter(folder / DATA, table.schema) as writer:
+        for _ in range(40):
+            writer.write_table(million)
+
+
+def huge_pictures(folder: Path) -> None:
+    with av.open(str(folder / VIDEO), "w") as container:
+        stream = container.add_stream("mjpeg", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 9000, 5000, "yuvj420p"
+        container.mux(stream.encode(av.VideoFrame(9000, 5000, "yuvj420p")))
+        container.mux(stream.encode(None))
+
+
+def hostile_camera(folder: Path) -> None:
+    """A camera whose name leads out."""
+    key = "observation.images.camera0"
+    name = json.loads((folder / INFO).read_text())["features"]
+    name["../../../x"] = name.pop(key)
+    info(features=name)(folder)
+    rows(EPISODES, lambda rs: [{k.replace(key, "../../../x"): r[k] for k in r} for r in rs])(folder)
+
+
+def swapped(data: list[dict]) -> list[dict]:
+    return [row | {"episode_index": 1 - row["episode_index"]} for row in data]
+
+
+def table(*lines: str) -> Callable[[Path], None]:
+    return text("swing1.csv", "\n".join(lines) + "\n")
+
+
+def timed(first_s: float, step_s: float) -> Callable[[Path], None]:
+    """Rows of the second episode that say when they began."""
+
+    def spoil(folder: Path) -> None:
+        for i in range(2):
+            times_s = [(first_s if i else 0) + (step_s if i else 0.08) * t for t in range(24)]
+            write_table(folder, i, ["time", "slide"], [[time_s, 0.1] for time_s in times_s])
+
+    return spoil
+
+
+def hdf5(edit: Callable[[h5py.Group, Path], object]) -> Callable[[Path], None]:
+    """Change /data, given the folder too."""
+
+    def spoil(folder: Path) -> None:
+        with h5py.File(folder / HDF5, "r+") as file:
+            edit(file["data"], folder)
+
+    return spoil
+
+
+def replaced(demo: str, key: str, **options: object) -> Callable[[Path], None]:
+    def edit(data: h5py.Group, _: Path) -> None:
+        del data[demo][key]
+        data[demo].create_dataset(key, **options)
+
+    return hdf5(edit)
+
+
+def linked(data: h5py.Group, folder: Path) -> None:
+    with h5py.File(folder.parent / "elsewhere.h5", "w") as file:
+        file["actions"] = np.zeros((25, 1))
+    del data["demo_1/actions"]
+    data["demo_1/actions"] = h5py.ExternalLink("../elsewhere.h5", "/actions")
+
+
+def borrowed(data: h5py.Group, _: Path) -> None:
+    del data["demo_1/actions"]
+    source = [("/etc/passwd", 0, 200)]
+    data["demo_1"].create_dataset("actions", (25, 1), "f8", external=source)
+
+
+@dataclass(frozen=True)
+class Case:
+    kind: str
+    spoil: Callable[[Path], object]
+    message: str  # a regular expression
+
+
+def lerobot(spoil: Callable[[Path], object], message: str) -> Case:
+    return Case("lerobot", spoil, message)
+
+
+def pairs(spoil: Callable[[Path], object], message: str) -> Case:
+    return Case("pairs", spoil, message)
+
+
+def demos(spoil: Callable[[Path], object], message: str) -> Case:
+    return Case("hdf5", spoil, message)
+
+
+def set_rows(**changes: object) -> Callable[[list[dict]], list[dict]]:
+    return lambda found: [row | changes for row in found]
+
+
+CASES = {
+    "truncated video": lerobot(cut(VIDEO, 0.6), "episode [01].*copy the file again"),
+    "wrong fps": lerobot(info(fps=30), "episode 0, row 1: .*is fps in meta/info.json right"),
+    "huge fps": lerobot(info(fps=1e300), r"fps as a number from 0.01 to 1000, got 1e\+300"),
+    "no column": lerobot(
+        rows(DATA, lambda found: [{k: r[k] for k in r if k != "timestamp"} for r in found]),
+        "no column 'timestamp'; there are: action",
+    ),
+    "NaN": lerobot(
+        rows(DATA, set_rows(action=float("nan"))), "episode 0, row 0: action is not finite"
+    ),
+    "shuffled episodes": lerobot(rows(DATA, swapped), "index 0 .*got 25; episodes are mixed up"),
+    "huge integers": lerobot(rows(DATA, set_rows(frame_index=2**62)), "expected frame_index 0"),
+    "columns of columns": lerobot(
+        rows(DATA, set_rows(timestamp={"s": 0.1})), "expected numbers in column 'timestamp'"
+    ),
+    "long path": lerobot(info(data_path="x" * 300), "leads out of the dataset"),
+    "no episode": lerobot(
+        lambda folder: pq.write_table(
+            pq.read_table(folder / EPISODES).slice(0, 0), folder / EPISODES
+        ),
+        "holds no episode",
+    ),
+    "huge pictures": lerobot(huge_pictures, "9000×5000 pixels; expected at most 7680×4320"),
+    "huge number of rows": lerobot(huge_table, "has 40000000 values in column"),
+    "huge claimed length": lerobot(
+        rows(EPISODES, set_rows(length=10**12)),
+        "episode 0 has 1000000000000 rows; expected at most",
+    ),
+    "huge claimed episodes": lerobot(
+        info(total_episodes=10**12), "expected 1000000000000 episodes"
+    ),
+    "huge claimed action": lerobot(feature("action", shape=[10**9]), "with A from 1 to 1000, got"),
+    "data elsewhere": lerobot(
+        info(data_path="../secret/{chunk_index}"), "leads out of the dataset"
+    ),
+    "video elsewhere": lerobot(info(video_path="/etc/passwd"), "leads out of the dataset"),
+    "camera elsewhere": lerobot(hostile_camera, "leads out of the dataset"),
+    "wide template": lerobot(info(data_path="{chunk_index:09999999999d}"), "expected a data_path"),
+    "sly template": lerobot(info(data_path="{chunk_index.real}"), "expected a data_path like"),
+    "half a JSON": lerobot(cut(INFO, 0.5), "not readable as JSON"),
+    "deep JSON": lerobot(text(INFO, "[" * 100_000), "not readable as JSON"),
+    "long number": lerobot(text(INFO, '{"fps": 1' + "0" * 10_000 + "}"), "not readable as JSON"),
+    "huge JSON": lerobot(
+        lambda folder: (folder / INFO).open("r+b").truncate(10**10),
+        "expected a few kB, got 10000 MB",
+    ),
+    "no partner": pairs(
+        lambda folder: (folder / "swing1.csv").unlink(), "swing1.mp4 has no swing1.csv"
+    ),
+    "too many rows": pairs(
+        table("slide", *["0.1"] * 40), "40 rows, swing1.mp4 has 25 frames; expected a row a frame"
+    ),
+    "ragged row": pairs(table("slide", "0.1", "0.1,0.2"), "row 1: expected 1 numbers, got 2"),
+    "a word": pairs(table("slide", "0.1", "left"), "row 1: could not convert .* 'left'"),
+    "a NaN": pairs(table("slide", *["0.1"] * 23, "nan"), "swing1, row 23: action is not finite"),
+    "no header": pairs(table("0.1", "0.2"), "expected a header with the actions' names, got 0.1"),
+    "another header": pairs(table("cart", "0.2"), r"columns of swing0.csv \(slide\), got cart"),
+    "nothing": pairs(text("swing1.csv", ""), "swing1.csv: is empty"),
+    "no text": pairs(lambda folder: (folder / "swing1.csv").write_bytes(b"\xff\xfe\0"), "as CSV"),
+    "one endless line": pairs(text("swing1.csv", "slide\n" + "1" * 10**6), "not readable as CSV"),
+    "time runs back": pairs(timed(0.5, -0.01), "row 1: expected rising seconds"),
+    "another clock": pairs(timed(1.7e9, 0.08), "swing1.mp4 ends at 1.92 s; expected seconds since"),
+    "another rate": pairs(timed(0.0, 0.05), "swing1 has 20 actions/s, the first episode 12.5"),
+    "a truncated video": pairs(cut("swing1.mp4", 0.6), "has 13 frames; .*is the video whole"),
+    "no actions": demos(hdf5(lambda data, _: data.pop("demo_1/actions")), "demo_1 has no actions"),
+    "no demos": demos(
+        hdf5(lambda data, _: [data.pop(name) for name in list(data)]), "holds no episode"
+    ),
+    "no rate": demos(
+        hdf5(lambda data, _: data.attrs.pop("env_args")), "give the rate as --control-hz"
+    ),
+    "truncated file": demos(cut(HDF5, 0.5), "not readable as HDF5 .*copy the file again"),
+    "floats": demos(
+        replaced("demo_1", "obs/agentview_image", shape=(25, 8, 8, 3), dtype="f4"),
+        r"demo_1: expected obs/agentview_image as \(T, H, W, 3\) uint8",
+    ),
+    "fewer pictures": demos(
+        replaced("demo_1", "obs/agentview_image", shape=(9, 8, 8, 3), dtype="u1"),
+        "demo_1 has 25 actions and 9 pictures",
+    ),
+    "huge claimed actions": demos(
+        replaced("demo_1", "actions", shape=(10**12, 1), dtype="f8", chunks=(1000, 1)),
+        r"demo_1: expected actions \(T, A\) with T up to 100000 .*got \(1000000000000, 1\)",
+    ),
+    "huge chunk": demos(
+        replaced(
+            "demo_1",
+            "obs/agentview_image",
+            shape=(25, 8, 8, 3),
+            dtype="u1",
+            chunks=(10**7, 8, 8, 3),
+            maxshape=(None, 8, 8, 3),
+        ),
+        "chunks of 1920 MB",
+    ),
+    "another file": demos(hdf5(linked), "demo_1: actions leads out of the file"),
+    "another file's bytes": demos(hdf5(borrowed), "demo_1: actions leads out of the file"),
+}
+
+# Runs commands in one process, as imports take seconds; says what each did and took.
+RUNNER = """
+import contextlib, io, json, re, sys
+from pathlib import Path
+from simtune import cli
+import simtune.check, simtune.tune
+from simtune.tasks import Task, load_task
+task = load_task("cartpole")  # once, as a model takes longer to compile than recordings to fail
+actions = task.load_actions()
+Task.load_actions = lambda self: actions
+simtune.tune.load_task = sys.modules["simtune.check.check"].load_task = lambda name: task
+def now_mb(which):
+    return int(re.search(which + r":\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]) / 1e3
+for name, command in json.loads(sys.stdin.read()):
+    Path("/proc/self/clear_refs").write_text("5")  # the peak so far is forgotten
+    out, err, before = io.StringIO(), io.StringIO(), now_mb("VmRSS")
+    sys.argv = ["simtune", *command]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            cli.main()
+            status = 0
+        except SystemExit as exit_:
+            status = exit_.code
+    told = {"status": status, "out": out.getvalue(), "err": err.getvalue()}
+    print(json.dumps([name, command[0], told | {"mb": now_mb("VmHWM") - before}]), flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory) -> dict[tuple[str, str], dict]:
+    """What `check` and `tune` say of each case."""
+    root = tmp_path_factory.mktemp("unsound")
+    for kind, write in SOUND.items():
+        write(root / kind)
+    commands = []
+    for name, case in CASES.items():
+        folder = root / name.replace(" ", "_") / "recordings"
+        shutil.copytree(root / case.kind, folder)
+        case.spoil(folder)
+        real = ("cartpole", "--real", str(folder))
+        commands.append((name, ("check", *real)))
+        tune = ("--out", str(folder.parent / "out"), "--real-episodes", "2")
+        commands.append((name, ("tune", *real, *tune)))
+    done = subprocess.run(
+        [sys.executable, "-c", RUNNER], input=json.dumps(commands), capture_output=True, text=True
+    )
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    left = [str(path) for path in root.glob("*/*") if path.name == "out"]
+    assert len(lines) == len(commands), done.stderr
+    assert left == []
+    return {(name, command): said for name, command, said in lines}
+
+
+@pytest.mark.parametrize("command", ["check", "tune"])
+@pytest.mark.parametrize("name", CASES)
+def test_it_is_refused_in_one_line(told, name: str, command: str):
+    said = told[name, command]
+    lines = [line for line in said["err"].splitlines() if not re.match(r" *\d+ s +\d+ %", line)]
+    assert (said["status"], said["out"]) == (2, ""), lines
+    assert len(lines) == 1
+    assert lines[0].startswith("simtune: ")
+    assert re.search(CASES[name].message, lines[0]), lines[0]
+    assert len(lines[0]) < 500
+    assert said["mb"] < MOST_MB
