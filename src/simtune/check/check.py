@@ -9,7 +9,6 @@ from simtune.check.warnings import warnings
 from simtune.config import CheckConfig
 from simtune.fit.information import examine
 from simtune.real.recorded import RecordedReal
-from simtune.simulation import random_actions
 from simtune.tasks import load_task
 from simtune.tuning import needed_image_size
 
@@ -39,7 +38,11 @@ def check(config: CheckConfig) -> dict[str, Any]:
     else:
         simulator = task.simulator(image_size=image_size)
         num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
-        actions = random_actions(num, task.episode_steps, simulator.action_mapping, rng)
+        act, worlds = (
+            simulator.explore(num, task.episode_steps, rng),
+            np.tile(task.parameters.nominal, (num, 1)),
+        )
+        actions = simulator.play(worlds, act, task.episode_steps, rng).actions
     looks_alike = config.real is None
     information = examine(simulator, task.camera, actions, config.seed, looks_alike)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}

@@ -10,7 +10,7 @@ from simtune.search_param_model.landmarks import (
     candidate_landmarks,
     choose_landmarks,
 )
-from simtune.simulation import Simulator, random_actions
+from simtune.simulation import Simulator
 
 PILOT_STEPS = 3200  # simulated to choose landmarks by
 _PILOTS = 32
@@ -124,13 +124,13 @@ def whole_sets(index: np.ndarray, episodes: int) -> np.ndarray:
 def find_landmarks(
     simulator: Simulator, camera: str, distribution: Distribution, seed: int
 ) -> Landmarks:
-    """Few landmarks from which all others follow, judged by a few random episodes."""
+    """Few landmarks from which all others follow, judged by a few exploring episodes."""
     rng = np.random.default_rng(seed)
     every = candidate_landmarks(simulator.model, camera, simulator.image_size)
     if not len(every):
         return every
     steps = PILOT_STEPS // _PILOTS
-    actions = random_actions(_PILOTS, steps, simulator.action_mapping, rng)
-    rollouts = simulator.roll_out(distribution.sample(_PILOTS, rng), actions, rng, every.record)
+    act, parameters = simulator.explore(_PILOTS, steps, rng), distribution.sample(_PILOTS, rng)
+    rollouts = simulator.play(parameters, act, steps, rng, watch=every.record).episodes(parameters)
     assert rollouts.recorded is not None, "asked for above"
     return every.select(choose_landmarks(rollouts.recorded.reshape(-1, len(every), 2)))

@@ -11,7 +11,14 @@ from simtune.simulation.actions import (
 from simtune.simulation.delays import remember_controls
 from simtune.simulation.quality import OPENGL_DM_CONTROL, OPENGL_FAST, OpenGLQuality
 from simtune.simulation.renderer import Renderer, RendererName, make_renderer
-from simtune.simulation.simulator import Act, Played, Rollouts, Simulator, random_actions
+from simtune.simulation.simulator import (
+    Act,
+    Played,
+    Rollouts,
+    Script,
+    Simulator,
+    random_actions,
+)
 from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 
@@ -31,6 +38,7 @@ __all__ = [
     "RendererName",
     "Rollouts",
     "ScaledActions",
+    "Script",
     "Simulator",
     "StateSpace",
     "Worlds",
