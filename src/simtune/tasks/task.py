@@ -49,6 +49,12 @@ class Task:
     # Joints whose position makes no difference, such as how far a robot went; `observe` drops it.
     free_joints: tuple[str, ...] = ()
 
+    @property
+    def goals(self) -> dict[str, Callable[[Batch], np.ndarray]]:
+        """What an episode can have reached at its end, by the names that results have."""
+        named = {"success": self.success, "near_success": self.near_success}
+        return {name: goal for name, goal in named.items() if goal}
+
     def load_model(self, step_s: float | None = None) -> mujoco.MjModel:
         """The nominal model, compiled anew, for actions of `step_s` s, by default a policy step.
 
