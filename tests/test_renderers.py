@@ -195,7 +195,8 @@ def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(name, monk
     task, simulator = load_task(name), simulator_of(name)
     rng = np.random.default_rng(2)
     parameters = task.parameters.from_unit(rng.uniform(0, 1, (8, len(task.parameters))))
-    rollouts = simulator.roll_out(parameters, random_actions(8, 5, simulator.action_mapping, rng), rng)
+    actions = random_actions(8, 5, simulator.action_mapping, rng)
+    rollouts = simulator.roll_out(parameters, actions, rng)
     expected = mujoco_warps_own(
         monkeypatch, simulator.model, task.parameters, task.camera, simulator.image_size
     )
@@ -293,7 +294,8 @@ def filmed_otherwise(name: str) -> tuple[Simulator, np.ndarray, np.ndarray]:
     is_camera = [p.field.startswith("cam_") or p.is_delay for p in space]
     drawn = space.from_unit(rng.uniform(0, 1, parameters.shape))
     parameters[:, is_camera] = drawn[:, is_camera]
-    rollouts = simulator.roll_out(parameters, random_actions(8, 6, simulator.action_mapping, rng), rng)
+    actions = random_actions(8, 6, simulator.action_mapping, rng)
+    rollouts = simulator.roll_out(parameters, actions, rng)
     return simulator, rollouts.states[:, -1], rollouts.parameters
 
 
@@ -436,7 +438,8 @@ def test_both_renderers_draw_the_same_pictures_of_every_task(name):
     space = task.parameters
     rng = np.random.default_rng(0)
     parameters = space.from_unit(rng.uniform(0.3, 0.7, (4, len(space))))
-    rollouts = simulator.roll_out(parameters, random_actions(4, 10, simulator.action_mapping, rng), rng)
+    actions = random_actions(4, 10, simulator.action_mapping, rng)
+    rollouts = simulator.roll_out(parameters, actions, rng)
     states, parameters = rollouts.states[:, [0, -1]].reshape(8, -1), np.repeat(parameters, 2, 0)
     cast = simulator.render(states, parameters).astype(int)
     for quality, most in ((SHADOWS, 4.5), (OPENGL_DM_CONTROL, 5)):
@@ -454,7 +457,8 @@ def test_both_renderers_put_the_robot_at_the_same_pixels(name):
     space = task.parameters
     rng = np.random.default_rng(1)
     nominal = np.tile(space.nominal, (6, 1))
-    rollouts = simulator.roll_out(nominal, random_actions(6, 10, simulator.action_mapping, rng), rng)
+    actions = random_actions(6, 10, simulator.action_mapping, rng)
+    rollouts = simulator.roll_out(nominal, actions, rng)
     states = rollouts.states[:, -1]
     thing = THINGS.get(name, "body")
     channels = [space.index(f"{thing}_{channel}") for channel in "rgb"]
