@@ -22,6 +22,7 @@ def check(config: CheckConfig) -> dict[str, Any]:
     """
     config.check()
     task = load_task(config.task)
+    space = task.parameters
     image_size = needed_image_size("posterior")
     facts: dict[str, Any] = {"task": task.name, "seed": config.seed}
     if config.real:
@@ -40,10 +41,11 @@ def check(config: CheckConfig) -> dict[str, Any]:
         num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
         act, worlds = (
             simulator.explore(num, task.episode_steps, rng),
-            np.tile(task.parameters.nominal, (num, 1)),
+            np.tile(space.nominal, (num, 1)),
         )
         actions = simulator.play(worlds, act, task.episode_steps, rng).actions
+        facts["actions"] = "scripted" if task.script else "random"
     looks_alike = config.real is None
     information = examine(simulator, task.camera, actions, config.seed, looks_alike)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
-    return facts | conclude(task.parameters, information)
+    return facts | conclude(space, information)

@@ -65,14 +65,15 @@ class CheckConfig:
     task: Annotated[Positional[str], arg(metavar="TASK")]
     """A built-in task (see `simtune tasks`), or a tuning file (docs/tuning-file.md)."""
     real: Path | None = None
-    """The folder of a LeRobotDataset v3, whose actions are replayed; by default they are random."""
+    """The folder of a LeRobotDataset v3, whose actions are replayed; by default they are
+    random, or the task's script with noise."""
     camera: str | None = None
     """The recordings' camera, such as observation.images.front; needed where there are several."""
     episodes: int | None = None
     """How many episodes to simulate (by default 5), or to take from the recordings (by default
     all, at most 10)."""
     seed: int = 0
-    """Of the random actions and of where simulated episodes start."""
+    """Of the actions and of where simulated episodes start."""
     json: bool = False
     """Print one JSON object instead of a table."""
 
