@@ -13,6 +13,7 @@ from simtune.errors import InputError
 from simtune.parameters import ModelWriter
 from simtune.randomization import Distribution
 from simtune.record import record
+from simtune.rollout import Environment
 from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import Simulator, random_actions
 from simtune.tasks import Task, load_task
@@ -178,6 +179,17 @@ class TestBoth:
         assert success[:, -1].mean() > 0.85
         assert (reward[success[:, -1] == 1, -1] > reward[success[:, -1] == 1, 0] + 0.1).all()
 
+    def test_episodes_say_what_they_reached(self, name):
+        task, simulator = task_of(name), simulator_of(name)
+        environment, scripted = Environment(task, simulator, 1), simulator.follow_script(2)
+        worlds, rng = worlds_of(name, 2), np.random.default_rng(0)
+        idle = environment.play(lambda seen: still(0, seen.state), worlds, rng, film=False)
+        good = environment.play(lambda seen: scripted(0, seen.state), worlds, rng, film=False)
+        assert good.reached.shape == (2, len(task.goals))
+        assert good.reached.all()
+        assert not idle.reached.any()
+        assert (good.rewards.sum(1) > idle.rewards.sum(1)).all()
+
     def test_exploring_is_the_script_and_more(self, name):
         simulator = simulator_of(name)
         played = simulator.play(
@@ -234,6 +246,15 @@ class TestBoth:
 
 
 class TestRopePeg:
+    def test_the_pieces_share_the_length(self):
+        model, space = task_of("rope_peg").load_model(), task_of("rope_peg").parameters
+        before = model.body_pos.copy()
+        ModelWriter(space, model).write(model, space.from_dict({"rope_length": 0.18}))
+        pieces = [model.body(name).id for name in space["rope_length"].objects]
+        np.testing.assert_allclose(model.body_pos[pieces], [[0, 0, 0.03]] * 6)
+        others = np.setdiff1d(np.arange(model.nbody), pieces)
+        np.testing.assert_array_equal(model.body_pos[others], before[others])
+
     @pytest.mark.parametrize("length_m", [0.05, 0.12, 0.2])
     def test_rope_length_is_how_deep_the_peg_hangs(self, length_m):
         worlds = worlds_of("rope_peg", 1, rope_length=length_m)
