@@ -39,10 +39,8 @@ def check(config: CheckConfig) -> dict[str, Any]:
     else:
         simulator = task.simulator(image_size=image_size)
         num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
-        act, worlds = (
-            simulator.explore(num, task.episode_steps, rng),
-            np.tile(space.nominal, (num, 1)),
-        )
+        worlds = np.tile(space.nominal, (num, 1))
+        act = simulator.explore(num, task.episode_steps, rng)
         actions = simulator.play(worlds, act, task.episode_steps, rng).actions
         facts["actions"] = "scripted" if task.script else "random"
     looks_alike = config.real is None
