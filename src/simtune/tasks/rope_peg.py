@@ -105,7 +105,7 @@ def _near_success(batch: Batch) -> np.ndarray:
 
 
 def _is_over(peg: np.ndarray, batch: Batch) -> np.ndarray:
-    """(nsim,) bool: somewhere between the middle of the hole and a hand's breadth above it."""
+    """(nsim,) bool: seen from above, the peg is at the hole's mouth."""
     offset = peg - place_of(batch, "mouth")
     return _distance(offset[:, :2], 0) < _OVER_M
 
