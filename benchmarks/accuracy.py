@@ -37,7 +37,7 @@ _NEEDED = {"npe": "sbi", "cmaes": "cma", "sysid": "plotly"}  # a module of the g
 
 
 def main(
-    tasks: tuple[str, ...] = tuple(TASKS),
+    tasks: tuple[str, ...] = ("ball_in_cup", "walker", "cheetah", "finger", "cartpole"),
     worlds: int = 5,
     methods: tuple[Method, ...] = ("posterior",),
     minutes: float = 10.0,

@@ -79,6 +79,8 @@ class DMControl:
 
 
 def start_dm_control(task: str, size: int) -> DMControl | None:
+    if task not in _DM_CONTROL_TASKS:
+        return None
     for backend in ("egl", "osmesa"):
         dm_control = DMControl(task, size, backend)
         if dm_control.works:
@@ -92,7 +94,7 @@ def simtune_frames_per_s(simulator: Simulator, num_steps: int, seed: int) -> flo
     rng = np.random.default_rng(seed)
     space = simulator.space
     parameters = space.from_unit(rng.uniform(0.3, 0.7, (_NUM_WORLDS, len(space))))
-    actions = random_actions(_NUM_WORLDS, num_steps, simulator.model, rng, hold=1)
+    actions = random_actions(_NUM_WORLDS, num_steps, simulator.action_mapping, rng, hold=1)
     start = time.perf_counter()
     frames = simulator.film(simulator.roll_out(parameters, actions, rng))
     return frames.shape[0] * frames.shape[1] / (time.perf_counter() - start)

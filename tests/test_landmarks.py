@@ -77,8 +77,9 @@ def test_projection_is_that_of_a_plain_loop(name):
     model = task.load_model()
     camera = model.camera(task.camera).id
     data = mujoco.MjData(model)
+    writer = ModelWriter(task.parameters, model)  # which takes the model for the nominal one
     for world in range(3):
-        ModelWriter(task.parameters, model).write(model, parameters[world])
+        writer.write(model, parameters[world])
         mujoco.mj_setState(model, data, worlds.state[world], STATE)
         mujoco.mj_forward(model, data)
         expected = []

@@ -73,22 +73,24 @@ def test_sizes_that_a_video_would_pad_are_kept():
 def test_the_robot_follows_one_step_late_and_the_commands_are_recorded(simulator, monkeypatch):
     played, filmed = [], []
 
-    def spy(self, parameters, actions, rng, *rest, **options):
-        played.append(actions)
-        return roll_out(self, parameters, actions, rng, *rest, **options)
+    def spy(self, *given, **options):
+        played.append(play(self, *given, **options))
+        return played[-1]
 
     def film(self, rollouts):
         filmed.append(rollouts.states)
         return take(self, rollouts)
 
-    roll_out, take = Simulator.roll_out, Simulator.film
-    monkeypatch.setattr(Simulator, "roll_out", spy)
+    play, take = Simulator.play, Simulator.film
+    monkeypatch.setattr(Simulator, "play", spy)
     monkeypatch.setattr(Simulator, "film", film)
     trajectories = collect(simulator, STILL)
     commanded = np.stack([t.actions for t in trajectories])
     assert (commanded != 0).all()
-    np.testing.assert_array_equal(played[0][:, 0], 0)  # still until the first command arrives
-    np.testing.assert_allclose(played[0][:, 1:], commanded, rtol=1e-6)
+    np.testing.assert_array_equal(
+        played[0].actions[:, 0], 0
+    )  # still until the first command arrives
+    np.testing.assert_allclose(played[0].actions[:, 1:], commanded, rtol=1e-6)
     speed = filmed[0][:, :, 3]  # a row is time, qpos (2), qvel (2), ...
     assert filmed[0].shape[1] == STEPS + 1
     pushed = np.sign(np.diff(speed, axis=1))

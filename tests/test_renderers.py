@@ -50,6 +50,12 @@ SCENE = """
 SPACE = ParameterSpace(
     [*colour("ground", ("ground",), (0.4, 0.4, 0.4)), *colour("ball", ("ball",), (0.2, 0.9, 0.2))]
 )
+THINGS = {  # that a parameter paints; elsewhere "body"
+    "ball_in_cup": "cup",
+    "finger": "finger",
+    "rope_peg": "box",
+    "cabinet_slide": "cabinet",
+}
 RED, GREY, BLUE = (0.8, 0.1, 0.1), (0.5, 0.5, 0.5), (0.1, 0.1, 0.8)
 
 
@@ -189,7 +195,8 @@ def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(name, monk
     task, simulator = load_task(name), simulator_of(name)
     rng = np.random.default_rng(2)
     parameters = task.parameters.from_unit(rng.uniform(0, 1, (8, len(task.parameters))))
-    rollouts = simulator.roll_out(parameters, random_actions(8, 5, simulator.model, rng), rng)
+    actions = random_actions(8, 5, simulator.action_mapping, rng)
+    rollouts = simulator.roll_out(parameters, actions, rng)
     expected = mujoco_warps_own(
         monkeypatch, simulator.model, task.parameters, task.camera, simulator.image_size
     )
@@ -287,7 +294,8 @@ def filmed_otherwise(name: str) -> tuple[Simulator, np.ndarray, np.ndarray]:
     is_camera = [p.field.startswith("cam_") or p.is_delay for p in space]
     drawn = space.from_unit(rng.uniform(0, 1, parameters.shape))
     parameters[:, is_camera] = drawn[:, is_camera]
-    rollouts = simulator.roll_out(parameters, random_actions(8, 6, simulator.model, rng), rng)
+    actions = random_actions(8, 6, simulator.action_mapping, rng)
+    rollouts = simulator.roll_out(parameters, actions, rng)
     return simulator, rollouts.states[:, -1], rollouts.parameters
 
 
@@ -430,7 +438,8 @@ def test_both_renderers_draw_the_same_pictures_of_every_task(name):
     space = task.parameters
     rng = np.random.default_rng(0)
     parameters = space.from_unit(rng.uniform(0.3, 0.7, (4, len(space))))
-    rollouts = simulator.roll_out(parameters, random_actions(4, 10, simulator.model, rng), rng)
+    actions = random_actions(4, 10, simulator.action_mapping, rng)
+    rollouts = simulator.roll_out(parameters, actions, rng)
     states, parameters = rollouts.states[:, [0, -1]].reshape(8, -1), np.repeat(parameters, 2, 0)
     cast = simulator.render(states, parameters).astype(int)
     for quality, most in ((SHADOWS, 4.5), (OPENGL_DM_CONTROL, 5)):
@@ -448,9 +457,10 @@ def test_both_renderers_put_the_robot_at_the_same_pixels(name):
     space = task.parameters
     rng = np.random.default_rng(1)
     nominal = np.tile(space.nominal, (6, 1))
-    rollouts = simulator.roll_out(nominal, random_actions(6, 10, simulator.model, rng), rng)
+    actions = random_actions(6, 10, simulator.action_mapping, rng)
+    rollouts = simulator.roll_out(nominal, actions, rng)
     states = rollouts.states[:, -1]
-    thing = {"ball_in_cup": "cup", "finger": "finger"}.get(name, "body")
+    thing = THINGS.get(name, "body")
     channels = [space.index(f"{thing}_{channel}") for channel in "rgb"]
     dark, bright = nominal.copy(), nominal.copy()
     dark[:, channels], bright[:, channels] = 0, 1

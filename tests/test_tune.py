@@ -322,15 +322,12 @@ def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
 def test_a_pseudo_real_world_of_which_all_episodes_diverge_says_so(monkeypatch):
     simulator = load_task("cartpole").simulator(image_size=64)
 
-    def lose_all(parameters, actions, rng):
-        rollouts = roll_out(parameters, actions, rng)
-        none = slice(0, 0)
-        return type(rollouts)(
-            rollouts.parameters[none], rollouts.states[none], rollouts.actions[none]
-        )
+    def lose_all(*given, **options):
+        played = play(*given, **options)
+        return dataclasses.replace(played, lengths=np.zeros_like(played.lengths))
 
-    roll_out = simulator.roll_out
-    monkeypatch.setattr(simulator, "roll_out", lose_all)
+    play = simulator.play
+    monkeypatch.setattr(simulator, "play", lose_all)
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0)
     with pytest.raises(RuntimeError, match="diverged"):
         real.collect(2)

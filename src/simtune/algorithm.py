@@ -156,10 +156,9 @@ class Training:
         }
         if parts.truth is not None:
             self._say("scoring the policy in the pseudo-real world", 1.0)
-            returns, film = parts.score(config.scored_episodes, config.seed)
+            scores, film = parts.score(config.scored_episodes, config.seed)
             write_video(self.run.videos / "policy.mp4", film, round(1 / parts.real.step_s, 3))
-            mean, std = float(returns.mean()), float(returns.std())
-            facts["return"] = {"mean": mean, "std": std, "episodes": len(returns)}
+            facts |= {name: outcome.summary(values) for name, values in scores.items()}
         return outcome.result(facts, parts.space, parts.start, self.estimate, parts.truth)
 
     @property

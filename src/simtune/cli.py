@@ -163,6 +163,9 @@ def _train(config: TrainConfig) -> None:
     if "return" in result:
         score = result["return"]
         print(f"return {score['mean']:.0f} ± {score['std']:.0f} in {score['episodes']} episodes")
+    for goal in ("success", "near_success"):
+        if goal in result:
+            print(f"{goal.replace('_', ' ')} in {100 * result[goal]['mean']:.0f} % of them")
     print(f"\nreport: {config.out / 'report.html'}")
 
 

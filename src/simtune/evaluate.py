@@ -6,6 +6,7 @@ from typing import Any
 
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
+from simtune.outcome import summary
 from simtune.parts import Parts, make_parts
 from simtune.progress import Say, silent
 from simtune.run import checkpoint
@@ -13,7 +14,7 @@ from simtune.run.config import stored_config
 
 
 def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
-    """Returns of the policy of a run that `train` wrote, in its pseudo-real world.
+    """Returns of the policy of a run that `train` wrote, in its pseudo-real world; goals by name.
 
     Nothing is written. Raises InputError where there is no policy, or no world to score it in.
     """
@@ -22,8 +23,9 @@ def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
     if parts.truth is None:
         raise InputError(f"{config.run_folder} is of the real world, where no return is known")
     say("scoring the policy in the pseudo-real world", 0.5)
-    returns, _ = parts.score(config.episodes, config.seed)
-    return {"mean": float(returns.mean()), "std": float(returns.std()), "episodes": len(returns)}
+    scores, _ = parts.score(config.episodes, config.seed)
+    returns = summary(scores.pop("return"))
+    return returns | {goal: summary(reached) for goal, reached in scores.items()}
 
 
 def trained_parts(run_folder: Path, say: Say = silent) -> Parts:

@@ -67,6 +67,11 @@ def result(
     return content
 
 
+def summary(values: np.ndarray) -> dict[str, float]:
+    """Of (n,) episodes' returns, or of whether they reached a goal."""
+    return {"mean": float(values.mean()), "std": float(values.std()), "episodes": len(values)}
+
+
 def scalars(search: Search, estimate: Estimate) -> dict[str, float]:
     """An iteration's estimates and ranges, as a line of metrics.jsonl has them."""
     ranges = search.distribution

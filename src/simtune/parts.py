@@ -58,8 +58,11 @@ class Parts:
     def space(self) -> ParameterSpace:
         return self.task.parameters
 
-    def score(self, num_episodes: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """(num_episodes,) returns in the pseudo-real world, of pixels alone; and a film."""
+    def score(self, num_episodes: int, seed: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """(num_episodes,) of "return" and of goals reached, by pixels alone; and a film.
+
+        In the pseudo-real world.
+        """
         assert self.truth is not None
         rng = np.random.default_rng((seed, 3))  # episodes that nothing was learnt from
         worlds = np.tile(self.truth.for_oracle(), (num_episodes, 1))
@@ -70,7 +73,9 @@ class Parts:
 
         played = self.environment.play(act, worlds, rng)
         assert played.frames is not None
-        return played.rewards.sum(1), played.frames[0]
+        assert played.reached is not None
+        scores = dict(zip(self.task.goals, played.reached.T, strict=True))
+        return {"return": played.rewards.sum(1), **scores}, played.frames[0]
 
     def saved(self) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
         """Tensors and JSON of all that changes."""

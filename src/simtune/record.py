@@ -24,7 +24,7 @@ from simtune.trajectory import Trajectory
 
 
 def record(config: RecordConfig, say: Say = silent) -> Path:
-    """Film episodes of one world, by random actions or by a trained policy; returns the folder.
+    """Film episodes of one world, and whatever acts in it; returns the folder.
 
     One episode is in memory at a time. Raises InputError for what cannot be used, with nothing
     written.
@@ -73,12 +73,16 @@ def _film(
 
 
 class _Actor:
-    """Random actions, or the policy of a training, which sees its own pictures of the world."""
+    """Random actions, the task's script, or the policy of a training, which sees own pictures."""
 
     def __init__(self, policy: str, task: Task, simulator: Simulator, rng: np.random.Generator):
         self.rng = rng
         self._steps, self._simulator = task.episode_steps, simulator
-        self._parts = None if policy == "random" else trained_parts(Path(policy))
+        self._is_scripted = policy == "scripted"
+        if self._is_scripted and task.script is None:
+            raise InputError(f"{task.name} has no script to act by: --policy random or a run")
+        is_trained = policy not in ("random", "scripted")
+        self._parts = trained_parts(Path(policy)) if is_trained else None
         if self._parts and self._parts.task.name != task.name:
             raise InputError(
                 f"--policy {policy} was trained for {self._parts.task.name}, not for {task.name}"
@@ -86,6 +90,8 @@ class _Actor:
 
     def begin(self, world: np.ndarray) -> Act:
         """What acts in the next episode of a (1, N) world."""
+        if self._is_scripted:
+            return self._simulator.follow_script(len(world))
         if self._parts is None:
             mapping = self._simulator.action_mapping
             actions = random_actions(1, self._steps, mapping, self.rng)

@@ -66,11 +66,11 @@ class Environment:
             return scale_actions(simulator.action_mapping, actions[:, t])
 
         repeat, n = self.task.action_repeat, len(parameters)
-        noted = self.landmarks if film else None
+        noted, goals = self.landmarks if film else None, self.task.goals
 
         def watch(batch: Batch) -> np.ndarray:
-            reward = self._reward(batch)[:, None]
-            return np.hstack([reward, noted.record(batch)]) if noted else reward
+            told = np.stack([self._reward(batch), *(goal(batch) for goal in goals.values())], 1)
+            return np.hstack([told, noted.record(batch)]) if noted else told
 
         played = simulator.play(
             parameters, act, num_steps, rng, watch=watch, watches_per_step=repeat
@@ -80,7 +80,11 @@ class Environment:
         watched = played.watched
         assert watched is not None, "asked for above"
         rewards = watched[:, 1:, 0].reshape(n, num_steps, repeat).sum(2)
-        landmarks = watched[:, ::repeat, 1:].reshape(n, num_steps + 1, -1, 2) if noted else None
+        reached = watched[:, -1, 1 : 1 + len(goals)] > 0
+        landmarks = None
+        if noted:
+            seen = watched[:, ::repeat, 1 + len(goals) :]
+            landmarks = seen.reshape(n, num_steps + 1, -1, 2).astype(np.float32)
         return Episodes(
             parameters=parameters,
             rows=played.states,
@@ -90,5 +94,6 @@ class Environment:
             lengths=played.lengths,
             terminated=played.lengths < num_steps,
             frames=projector.frames if projector else None,
-            landmarks=None if landmarks is None else landmarks.astype(np.float32),
+            landmarks=landmarks,
+            reached=reached & (played.lengths == num_steps)[:, None],
         )

@@ -12,7 +12,6 @@ from simtune.fit.information import examine
 from simtune.progress import Say, silent
 from simtune.real.choose import open_recordings
 from simtune.real.recorded import how_many
-from simtune.simulation import random_actions
 from simtune.tasks import load_task
 from simtune.tuning import needed_image_size
 
@@ -26,6 +25,7 @@ def check(config: CheckConfig, say: Say = silent) -> dict[str, Any]:
     """
     config.check()
     task = load_task(config.task)
+    space = task.parameters
     image_size = needed_image_size("posterior")
     facts: dict[str, Any] = {"task": task.name, "seed": config.seed}
     if config.real:
@@ -41,8 +41,11 @@ def check(config: CheckConfig, say: Say = silent) -> dict[str, Any]:
     else:
         simulator = task.simulator(image_size=image_size)
         num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
-        actions = random_actions(num, task.episode_steps, simulator.action_mapping, rng)
+        worlds = np.tile(space.nominal, (num, 1))
+        act = simulator.explore(num, task.episode_steps, rng)
+        actions = simulator.play(worlds, act, task.episode_steps, rng).actions
+        facts["actions"] = "scripted" if task.script else "random"
     looks_alike = config.real is None
     information = examine(simulator, task.camera, actions, config.seed, looks_alike)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
-    return facts | conclude(task.parameters, information)
+    return facts | conclude(space, information)

@@ -7,7 +7,7 @@ _HEAD = ("parameter", "value", "tried", "picture", "of pixels", "motion", "at mo
 
 def table(result: dict[str, Any]) -> list[str]:
     """Lines of plain text."""
-    kind = "the recordings'" if "recordings" in result else "random"
+    kind = result.get("actions", "the recordings'")
     lines = [
         f"{result['task']}: {result['episodes']} episodes of {result['steps']} steps of "
         f"{result['step_s']:.3g} s with {kind} actions"

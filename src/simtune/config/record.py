@@ -24,7 +24,8 @@ class RecordConfig:
     parameters: Path | None = None
     """A JSON object of the world's parameters, {name: value}; those missing are nominal."""
     policy: str = "random"
-    """Who acts: `random`, or a folder that `simtune train` wrote."""
+    """Who acts: `random`, a folder that `simtune train` wrote, or `scripted`: by what only a
+    simulator knows, for tasks that have such a script."""
     renderer: RendererName = "raycaster"
     """raycaster: as the simulator sees; opengl: with shadows, reflections and smooth edges."""
     image_size: int = 128

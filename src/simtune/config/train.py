@@ -54,7 +54,7 @@ class TrainConfig(RecordingsConfig):
     start_factor: float = 2.0
     """With `pseudo`: so many times too high or too low is every parameter at the start."""
     real_episodes: int = 5
-    """Real episodes of random actions before the policy is tried out in the real world."""
+    """Real episodes of random actions, or of a noisy script, before the policy is tried out."""
     scored_episodes: int = 10
     """Episodes in the pseudo-real world that the policy is scored on; nothing learns from them."""
     range_policy: float = 0.1

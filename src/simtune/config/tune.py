@@ -71,13 +71,13 @@ class CheckConfig(RecordingsConfig):
     task: Annotated[Positional[str], arg(metavar="TASK")]
     """A built-in task (see `simtune tasks`), or a tuning file (docs/tuning-file.md)."""
     real: Path | None = None
-    """Recordings (docs/recordings.md), whose actions are replayed; by default they are random. All
-    episodes are looked through."""
+    """Recordings (docs/recordings.md), whose actions are replayed; by default they are random, or
+    the task's script with noise. All episodes are looked through."""
     episodes: int | None = None
     """How many episodes to simulate (by default 5), or to replay of the recordings (by default
     all, at most 10)."""
     seed: int = 0
-    """Of the random actions and of where simulated episodes start."""
+    """Of the actions and of where simulated episodes start."""
     json: bool = False
     """Print one JSON object instead of a table."""
 

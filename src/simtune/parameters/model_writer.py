@@ -115,6 +115,8 @@ def _write_one(fields, parameter: Parameter, place: tuple, nominal, values: np.n
         return
     before = nominal[parameter.field][place]  # (objects, ...)
     shaped = values.reshape(-1, *[1] * before.ndim)
+    if parameter.is_total:
+        shaped = shaped / parameter.nominal
     after = (
         before * shaped
         if parameter.is_factor

@@ -38,7 +38,8 @@ class Parameter:
     """One tunable number of an MjModel.
 
     On one object the value is the field's own, in `unit`; on several objects it is a factor
-    on their nominal values (unit "×", nominal 1). Colours and delays are absolute either way.
+    on their nominal values (unit "×", nominal 1), or, with `is_total`, what they add up to, each
+    keeping its share. Colours and delays are absolute either way.
     On a field of orientations ("cam_quat") the value is the angle, rad, by which the objects are
     turned from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
     """
@@ -52,6 +53,7 @@ class Parameter:
     high: float
     scale: str = "log"  # "log" or "linear": how values are spread between low and high
     unit: str
+    is_total: bool = False  # of several objects: a rope's length, for one, is its pieces'
 
     def __post_init__(self) -> None:
         if self.scale not in ("log", "linear"):

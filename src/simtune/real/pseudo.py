@@ -6,14 +6,7 @@ from typing import Any
 import numpy as np
 
 from simtune.real.gap import RealityGap
-from simtune.simulation import (
-    AnySimulator,
-    PixelPolicy,
-    Projector,
-    Simulator,
-    on_pictures,
-    random_actions,
-)
+from simtune.simulation import AnySimulator, PixelPolicy, Projector, Simulator, on_pictures
 from simtune.trajectory import Trajectory
 
 
@@ -41,10 +34,16 @@ class PseudoReal:
         self.num_actions = simulator.num_actions
 
         def film(num_episodes: int) -> list[Trajectory]:
-            rng = first_rng
-            actions = random_actions(num_episodes, episode_steps, simulator.action_mapping, rng)
-            played = np.pad(actions, ((0, 0), (delay_steps, 0), (0, 0)))
-            rollouts = simulator.roll_out(np.tile(parameters, (num_episodes, 1)), played, rng)
+            rng, worlds = first_rng, np.tile(parameters, (num_episodes, 1))
+            explore = simulator.explore(num_episodes, episode_steps, rng)
+            coming = np.zeros((num_episodes, episode_steps + delay_steps, simulator.num_actions))
+
+            def act(t: int, states: np.ndarray) -> np.ndarray:
+                if t < episode_steps:
+                    coming[:, t + delay_steps] = explore(t, states)
+                return coming[:, t]
+
+            rollouts = simulator.play(worlds, act, coming.shape[1], rng).episodes(worlds)
             if not len(rollouts):
                 raise RuntimeError("every episode of the pseudo-real world diverged")
             seen = replace(rollouts, states=rollouts.states[:, : episode_steps + 1])
@@ -76,7 +75,7 @@ class PseudoReal:
         return {}
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
-        """Film episodes of random actions, by default 5. Worlds that diverge yield fewer."""
+        """Film exploring episodes, by default 5. Worlds that diverge yield fewer."""
         return self._film(num_episodes or 5)
 
     def try_out(

@@ -11,7 +11,7 @@ from simtune.search_param_model.landmarks import (
     candidate_landmarks,
     choose_landmarks,
 )
-from simtune.simulation import AnySimulator, Points, Simulator, random_actions
+from simtune.simulation import AnySimulator, Points, Simulator
 
 PILOT_STEPS = 3200  # simulated to choose landmarks by
 _PILOTS = 32
@@ -133,7 +133,7 @@ def find_landmarks(
 def find_landmarks(
     simulator: AnySimulator, camera: str, distribution: Distribution, seed: int
 ) -> Landmarks | Points:
-    """Few landmarks from which all others follow, judged by a few random episodes."""
+    """Few landmarks from which all others follow, judged by a few exploring episodes."""
     rng = np.random.default_rng(seed)
     if isinstance(simulator, Simulator):
         every = candidate_landmarks(simulator.model, camera, simulator.image_size)
@@ -142,7 +142,7 @@ def find_landmarks(
     if not len(every):
         return every
     steps = PILOT_STEPS // _PILOTS
-    actions = random_actions(_PILOTS, steps, simulator.action_mapping, rng)
-    rollouts = simulator.roll_out(distribution.sample(_PILOTS, rng), actions, rng, every.record)
+    act, parameters = simulator.explore(_PILOTS, steps, rng), distribution.sample(_PILOTS, rng)
+    rollouts = simulator.play(parameters, act, steps, rng, watch=every.record).episodes(parameters)
     assert rollouts.recorded is not None, "asked for above"
     return every.select(choose_landmarks(rollouts.recorded.reshape(-1, len(every), 2)))

@@ -12,7 +12,14 @@ from simtune.simulation.delays import count_substeps, remember_controls
 from simtune.simulation.environment import EnvironmentSimulator, Points
 from simtune.simulation.quality import OPENGL_DM_CONTROL, OPENGL_FAST, OpenGLQuality
 from simtune.simulation.renderer import Renderer, RendererName, make_renderer
-from simtune.simulation.simulator import Act, Played, Rollouts, Simulator, random_actions
+from simtune.simulation.simulator import (
+    Act,
+    Played,
+    Rollouts,
+    Script,
+    Simulator,
+    random_actions,
+)
 from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 
@@ -37,6 +44,7 @@ __all__ = [
     "RendererName",
     "Rollouts",
     "ScaledActions",
+    "Script",
     "Simulator",
     "StateSpace",
     "Worlds",

@@ -19,7 +19,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.recordings import resize
-from simtune.simulation.simulator import Record, Rollouts
+from simtune.simulation.simulator import Act, Played, Record, Rollouts, random_actions
 
 _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
 
@@ -96,6 +96,40 @@ class EnvironmentSimulator:
         num = len(_points_of(self._begin(0, self.space.nominal)))
         return Points(np.arange(num), self.image_size)
 
+    def play(
+        self,
+        parameters: np.ndarray,
+        act: Act,
+        num_steps: int,
+        rng: np.random.Generator,
+        *,
+        starts: np.ndarray | None = None,
+        watch: Record | None = None,
+    ) -> Played:
+        """Act in n worlds of (n, N) parameters, each from its own start; see `Simulator.play`.
+
+        `act` is asked for all actions at first, so it sees no states. `starts`: states of episodes
+        that begin alike. `watch` is handed the points, (1, all, 2), of every state. Worlds that end
+        before their time stay where they ended, as diverged ones do.
+        """
+        n = len(parameters)
+        actions = np.stack([act(t, np.empty((n, 2))) for t in range(num_steps)], 1)
+        states, lengths = np.empty((n, num_steps + 1, 2)), np.empty(n, int)
+        watched = []
+        for i, world in enumerate(parameters):
+            seed = int(rng.integers(2**31)) if starts is None else self._seed_of(starts[i])
+            infos = self._play(seed, world, actions[i])
+            lengths[i] = len(infos) - 1
+            states[i, :, 0] = len(self._episodes)
+            states[i, :, 1] = np.minimum(np.arange(num_steps + 1), lengths[i])
+            self._episodes.append((seed, actions[i].copy()))
+            infos += infos[-1:] * (num_steps - lengths[i])
+            if watch:
+                watched.append(np.concatenate([watch(_points_of(info)[None]) for info in infos]))
+        self.num_diverged += int((lengths < num_steps).sum())
+        self.num_steps += n * num_steps
+        return Played(states, actions, lengths, np.stack(watched) if watch else None)
+
     def roll_out(
         self,
         parameters: np.ndarray,
@@ -104,33 +138,17 @@ class EnvironmentSimulator:
         record: Record | None = None,
         starts: np.ndarray | None = None,
     ) -> Rollouts:
-        """Play (n, T, A) actions in n worlds of (n, N) parameters, each from its own start.
-
-        `record` is handed the points, (1, all, 2), of every state. `starts`: states of episodes
-        that begin alike. Worlds that end before their time are left out, as diverged ones are.
-        """
-        states, recorded, kept = [], [], []
-        for i, world in enumerate(parameters):
-            seed = int(rng.integers(2**31)) if starts is None else self._seed_of(starts[i])
-            infos = self._play(seed, world, actions[i])
-            self.num_steps += len(infos) - 1
-            if len(infos) <= actions.shape[1]:
-                self.num_diverged += 1
-                continue
-            steps = np.arange(len(infos))
-            states.append(np.stack([np.full(len(steps), len(self._episodes)), steps], -1))
-            self._episodes.append((seed, np.array(actions[i])))
-            kept.append(i)
-            if record:
-                recorded.append(np.concatenate([record(_points_of(i)[None]) for i in infos]))
-        shape = (-1, actions.shape[1] + 1, 2)
-        return Rollouts(
-            parameters[kept],
-            np.array(states, float).reshape(shape),
-            actions[kept],
-            np.array(recorded).reshape(len(kept), shape[1], -1) if record else None,
-            np.array(kept, int),
+        """Play (n, T, A) actions in n worlds of (n, N) parameters. See `play`."""
+        num_steps = actions.shape[1]
+        played = self.play(
+            parameters, lambda t, _: actions[:, t], num_steps, rng, starts=starts, watch=record
         )
+        return played.episodes(parameters)
+
+    def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
+        """Random actions in so many worlds."""
+        drawn = random_actions(num_worlds, num_steps, self.action_mapping, rng)
+        return lambda t, _: drawn[:, t]
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, 2) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""

@@ -17,11 +17,13 @@ from simtune.simulation.renderer import RendererName, make_renderer
 from simtune.simulation.worlds import Worlds
 
 _CHUNK = 256  # supersampled pictures drawn at a time
+_EXPLORING_SHARE = 0.5  # of random actions, added to a script's
 
 
 # Of what a simulator knows of a state, (n, D): a Batch of worlds, or an environment's points
 Record = Callable[[Any], np.ndarray]
 Act = Callable[[int, np.ndarray], np.ndarray]  # step t and (n, S) states to (n, A) actions
+Script = Callable[[Batch], np.ndarray]  # worlds in their present state to (n, A) actions
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,15 @@ class Played:
     actions: np.ndarray  # (n, T, A)
     lengths: np.ndarray  # (n,) steps after which the physics was still finite
     watched: np.ndarray | None  # (n, 1 + T·watches_per_step, D)
+
+    def episodes(self, parameters: np.ndarray, keep_diverged: bool = False) -> "Rollouts":
+        """As episodes of worlds of (n, N) parameters; those that diverged only where asked for."""
+        kept = self.lengths == self.actions.shape[1]
+        if keep_diverged:
+            kept[:] = True
+        watched = None if self.watched is None else self.watched[kept]
+        index = np.flatnonzero(kept)
+        return Rollouts(parameters[kept], self.states[kept], self.actions[kept], watched, index)
 
 
 @dataclass(frozen=True)
@@ -52,7 +63,8 @@ class Simulator:
     """Rolls worlds of one model out, and draws their states.
 
     An action is held for `step_s` seconds; `initialize(batch, rng)` starts the worlds; what actions
-    do, `action_mapping` says, which `map_actions` makes for the model.
+    do, `action_mapping` says, which `map_actions` makes for the model. A `script` acts by what only
+    a simulator knows.
     With `supersampling` k, k × k points of each pixel are averaged, as a camera's sensor does:
     thin things blend with what is behind them instead of vanishing between the points.
     """
@@ -70,6 +82,7 @@ class Simulator:
         quality: OpenGLQuality = OPENGL_FAST,
         supersampling: int = 1,
         map_actions: MapActions = DirectActions,
+        script: Script | None = None,
     ):
         self.num_substeps = count_substeps(step_s, model.opt.timestep)
         self.model = _with_timestep(model, step_s / self.num_substeps)
@@ -82,6 +95,7 @@ class Simulator:
         drawn_size = image_size * supersampling
         self.renderer = make_renderer(renderer, self.model, space, camera, drawn_size, quality)
         self.action_mapping: ActionMapping = map_actions(self.model)
+        self.script = script
         self._initialize = initialize
         self._worlds: dict[int, Worlds] = {}
 
@@ -102,7 +116,7 @@ class Simulator:
         rng: np.random.Generator,
         *,
         starts: np.ndarray | None = None,
-        watch: Callable[[Batch], np.ndarray] | None = None,
+        watch: Record | None = None,
         watches_per_step: int = 1,
     ) -> Played:
         """Act in n worlds of (n, N) parameters, each from its own start. Nothing else steps any.
@@ -151,14 +165,31 @@ class Simulator:
         Worlds that diverge are left out of the result; with `keep_diverged` they stay in it,
         where their physics stopped. See `play`.
         """
-        num_steps = actions.shape[1]
         played = self.play(
-            parameters, lambda t, _: actions[:, t], num_steps, rng, starts=starts, watch=record
+            parameters,
+            lambda t, _: actions[:, t],
+            actions.shape[1],
+            rng,
+            starts=starts,
+            watch=record,
         )
-        kept = np.full(len(actions), True) if keep_diverged else played.lengths == num_steps
-        recorded = None if played.watched is None else played.watched[kept]
-        index = np.flatnonzero(kept)
-        return Rollouts(parameters[kept], played.states[kept], actions[kept], recorded, index)
+        return played.episodes(parameters, keep_diverged)
+
+    def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
+        """What excites so many worlds: random actions, or the script and half of them on top."""
+        drawn = random_actions(num_worlds, num_steps, self.action_mapping, rng)
+        if self.script is None:
+            return lambda t, _: drawn[:, t]
+        scripted, (low, high) = self.follow_script(num_worlds), self.action_mapping.range.T
+        noise = _EXPLORING_SHARE * (drawn - (low + high) / 2)
+        return lambda t, states: np.clip(scripted(t, states) + noise[:, t], low, high)
+
+    def follow_script(self, num_worlds: int) -> Act:
+        """What the script does in the worlds that are played at the time."""
+        script = self.script
+        if script is None:
+            raise ValueError("this simulator has no script to follow")
+        return lambda t, states: script(self._worlds_for(num_worlds).batch)
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""

@@ -4,7 +4,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 from simtune.errors import InputError, UnknownName
-from simtune.tasks import ball_in_cup, cartpole, cheetah, finger, walker
+from simtune.tasks import (
+    ball_in_cup,
+    cabinet_slide,
+    cartpole,
+    cheetah,
+    finger,
+    rope_peg,
+    walker,
+)
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
 from simtune.tasks.tuning_file import load_tuning_file
@@ -16,6 +24,8 @@ TASKS: dict[str, Callable[[], Task]] = {
     "walker": walker.walk,
     "cheetah": cheetah.run,
     "finger": finger.spin,
+    "rope_peg": rope_peg.insert,
+    "cabinet_slide": cabinet_slide.slide,
     "cartpole": cartpole.balance,
 }
 

@@ -15,6 +15,7 @@ from simtune.simulation import (
     MapActions,
     OpenGLQuality,
     RendererName,
+    Script,
     Simulator,
     remember_controls,
 )
@@ -40,8 +41,19 @@ class Task:
     # control timestep; a policy step's reward is the sum over its action_repeat of them.
     # Tuning looks at no reward: None where no policy is to be trained.
     reward: Callable[[Batch], np.ndarray] | None = None
+    # (nsim,) bool of the batch's present state: done, and nearly so; None where nobody has said.
+    success: Callable[[Batch], np.ndarray] | None = None
+    near_success: Callable[[Batch], np.ndarray] | None = None
+    # Acts well by what only a simulator knows: explores what random actions seldom touch.
+    script: Script | None = None
     # Joints whose position makes no difference, such as how far a robot went; `observe` drops it.
     free_joints: tuple[str, ...] = ()
+
+    @property
+    def goals(self) -> dict[str, Callable[[Batch], np.ndarray]]:
+        """What an episode can have reached at its end, by the names that results have."""
+        named = {"success": self.success, "near_success": self.near_success}
+        return {name: goal for name, goal in named.items() if goal}
 
     def load_model(self, step_s: float | None = None) -> mujoco.MjModel:
         """The nominal model, compiled anew, for actions of `step_s` s, by default a policy step.
@@ -82,4 +94,5 @@ class Task:
             quality=quality,
             supersampling=supersampling,
             map_actions=self.map_actions,
+            script=self.script,
         )

@@ -1,0 +1,88 @@
+"""Cabinet slide: an arm pushes the lid of a cabinet open by its handle.
+
+After Du et al. 2021 (arXiv:2104.07662, Sec. V), by a scene of our own. The arm starts where its
+workspace ends (z 1.02 m; theirs starts 5 cm above that). Their success lies beyond the end of the
+lid's way; here the lid has to be within a centimetre of it.
+"""
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.parameters import ParameterSpace, colour, dynamics
+from simtune.tasks.task import Task
+from simtune.tasks.xarm7.scene import (
+    CAMERA,
+    EPISODE_STEPS,
+    STEP_S,
+    lighting,
+    load_scene,
+    move_hand,
+    place_of,
+    start_arm,
+    towards,
+)
+
+_WORKSPACE_M = [[-0.25, 0.35], [0.196, 0.546], [0.82, 1.02]]  # of the hand
+_OPEN_X_M = -0.075  # of the handle
+_DONE_M = 0.01  # from fully open
+_BESIDE_M = np.array([0.05, 0.0, 0.04])  # from the handle to where the tool begins to push
+_PUSH_M = 0.015  # a step, gently: how far the lid lags behind then tells its friction
+_CLEAR_M = 0.1  # above the handle the tool passes over it
+_CABINET = tuple(f"cabinet_{side}" for side in ("left", "right", "front", "back"))
+
+
+def slide() -> Task:
+    parameters = [
+        dynamics("cabinet_friction", "dof_frictionloss", ("lid",), nominal=5.0, unit="N"),
+        lighting(),
+        *colour("cabinet", (*_CABINET, "lid"), (0.84, 0.77, 0.7)),
+        *colour("table", ("table",), (1, 1, 1)),
+    ]
+    return Task(
+        name="cabinet_slide",
+        description="slide a cabinet's lid open",
+        load_spec=_load_spec,
+        parameters=ParameterSpace(parameters, where="cabinet_slide"),
+        camera=CAMERA,
+        control_timestep_s=STEP_S,
+        action_repeat=1,
+        episode_steps=EPISODE_STEPS,
+        initialize=_initialize,
+        map_actions=move_hand(_WORKSPACE_M),
+        reward=_reward,
+        success=_success,
+        script=_script,
+    )
+
+
+def _load_spec() -> mujoco.MjSpec:
+    return load_scene("cabinet_slide")
+
+
+def _initialize(batch: Batch, rng: np.random.Generator) -> None:
+    """Always the same."""
+    start_arm(batch)
+    batch.forward()
+
+
+def _reward(batch: Batch) -> np.ndarray:
+    """Minus the way from the hand to the handle and from there to where it shall be, m."""
+    hand, handle = place_of(batch, "hand"), place_of(batch, "handle")
+    return -np.linalg.norm(hand - handle, axis=-1) - np.abs(handle[:, 0] - _OPEN_X_M)
+
+
+def _success(batch: Batch) -> np.ndarray:
+    return place_of(batch, "handle")[:, 0] < _OPEN_X_M + _DONE_M
+
+
+def _script(batch: Batch) -> np.ndarray:
+    """Above the place beside the handle, down to it, then push until the lid is open."""
+    hand, handle = place_of(batch, "hand"), place_of(batch, "handle")
+    way = handle + _BESIDE_M - hand
+    is_beside = (np.abs(way[:, 0]) < 0.03) & (np.abs(way[:, 1]) < 0.02)
+    is_down = np.abs(way[:, 2]) < 0.015
+    way[~is_beside, 2] += _CLEAR_M
+    left = _OPEN_X_M - handle[:, 0]
+    way[:, 0] = np.where(is_beside & is_down, np.clip(left, -_PUSH_M, 0), way[:, 0])
+    return towards(way)

@@ -1,0 +1,125 @@
+"""Rope peg-in-hole: an arm lowers a peg, which hangs on a rope, into the hole of a tilted box.
+
+After Du et al. 2021 (arXiv:2104.07662, Sec. V), by a scene of our own. The arm starts higher than
+theirs (z 1.0 m instead of 0.87 m), so that longer ropes, too, hang clear of the table. Theirs is a
+tendon, which no ray caster draws; here the rope is always taut.
+"""
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.parameters import Parameter, ParameterSpace, colour, dynamics
+from simtune.tasks.task import Task
+from simtune.tasks.xarm7.scene import (
+    CAMERA,
+    EPISODE_STEPS,
+    STEP_S,
+    lighting,
+    load_scene,
+    move_hand,
+    place_of,
+    start_arm,
+    towards,
+)
+
+_WORKSPACE_M = [[-0.25, 0.25], [0.196, 0.546], [0.8, 1.02]]  # of the hand
+_UP = np.array([0.0, 0.0, 1.0])
+_SWING_STD = 0.05  # rad, of the rope at the start
+_ABOVE_M = 0.06  # how high above the hole's mouth the peg comes first
+_OVER_M = 0.03  # of its middle the peg is over the hole
+_THERE_M = 0.03  # of where it shall be the hand is there
+_IN_M = 0.06  # of the hole's middle the peg is in it
+_ROPE = (*(f"rope{i}" for i in range(1, 6)), "peg")  # each hangs on the one before
+_BOX = tuple(f"box_{side}" for side in ("left", "right", "front", "back", "bottom"))
+
+
+def insert() -> Task:
+    parameters = [
+        _rope_length(),
+        dynamics("peg_mass", "body_mass", ("peg",), nominal=0.5, unit="kg"),
+        lighting(),
+        *colour("peg", ("peg",), (1, 0.8, 0.1)),
+        *colour("box", _BOX, (0.75, 0.75, 0.75)),
+    ]
+    return Task(
+        name="rope_peg",
+        description="lower a peg that hangs on a rope into a hole",
+        load_spec=_load_spec,
+        parameters=ParameterSpace(parameters, where="rope_peg"),
+        camera=CAMERA,
+        control_timestep_s=STEP_S,
+        action_repeat=1,
+        episode_steps=EPISODE_STEPS,
+        initialize=_initialize,
+        map_actions=move_hand(_WORKSPACE_M),
+        reward=_reward,
+        success=_success,
+        near_success=_near_success,
+        script=_script,
+    )
+
+
+def _rope_length() -> Parameter:
+    return Parameter(
+        name="rope_length",
+        field="body_pos",
+        objects=_ROPE,
+        component=2,
+        nominal=0.12,
+        low=0.04,
+        high=0.24,  # much longer ones could not be lifted over the box
+        unit="m",
+        is_total=True,
+    )
+
+
+def _load_spec() -> mujoco.MjSpec:
+    return load_scene("rope_peg")
+
+
+def _initialize(batch: Batch, rng: np.random.Generator) -> None:
+    """The arm always at the same place, the rope nearly still."""
+    start_arm(batch)
+    swing = batch.model.joint("swing_x").qposadr[0]
+    batch.qpos[:, swing : swing + 2] = rng.normal(0, _SWING_STD, (batch.nsim, 2))
+    batch.forward()
+
+
+def _reward(batch: Batch) -> np.ndarray:
+    """Minus the way to the hole, m: over it first, and then down."""
+    peg, hole = place_of(batch, "peg"), place_of(batch, "hole")
+    above = place_of(batch, "mouth") + _UP * _ABOVE_M
+    detour = _distance(peg, above) + _distance(above, hole)
+    return -np.where(_is_over(peg, batch), _distance(peg, hole), detour)
+
+
+def _success(batch: Batch) -> np.ndarray:
+    """The peg is in the hole."""
+    return _distance(place_of(batch, "peg"), place_of(batch, "hole")) < _IN_M
+
+
+def _near_success(batch: Batch) -> np.ndarray:
+    """The peg is in the hole or over it."""
+    return _success(batch) | _is_over(place_of(batch, "peg"), batch)
+
+
+def _is_over(peg: np.ndarray, batch: Batch) -> np.ndarray:
+    """(nsim,) bool: seen from above, the peg is at the hole's mouth."""
+    offset = peg - place_of(batch, "mouth")
+    return _distance(offset[:, :2], 0) < _OVER_M
+
+
+def _distance(a: np.ndarray, b: np.ndarray | float) -> np.ndarray:
+    return np.linalg.norm(a - b, axis=-1)
+
+
+def _script(batch: Batch) -> np.ndarray:
+    """The hand over the hole, without chasing a peg that swings, and then the peg down into it."""
+    hand, peg = place_of(batch, "hand"), place_of(batch, "peg")
+    rope = _UP * np.linalg.norm(hand - peg, axis=-1, keepdims=True)
+    above = place_of(batch, "mouth") + _UP * _ABOVE_M + rope
+    is_there = _distance((above - hand)[:, :2], 0) < _THERE_M
+    down = _success(batch) | (is_there & _is_over(peg, batch))
+    goal = np.where(down[:, None], place_of(batch, "hole") + rope, above)
+    return towards(goal - hand)

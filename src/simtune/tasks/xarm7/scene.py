@@ -1,0 +1,62 @@
+"""Scenes with the arm: their models, what actions do, where they start, and where things are."""
+
+from functools import partial
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.parameters import Parameter
+from simtune.simulation import MapActions, MocapActions
+from simtune.tasks.batch_state import computed, reset_to_default
+
+STEP_S = 0.3  # of a policy step
+EPISODE_STEPS = 60
+CAMERA = "over_shoulder"
+_STEP_M = 0.025  # that an action moves the hand at most, along each axis
+_LIGHTS = ("left", "right", "front")
+_SCENES = Path(__file__).parent
+
+
+def load_scene(name: str) -> mujoco.MjSpec:
+    """The scene of a folder beside this file."""
+    return mujoco.MjSpec.from_file(str(_SCENES / name / "scene.xml"))
+
+
+def lighting() -> Parameter:
+    """How bright all three lights are."""
+    return Parameter(
+        name="lighting",
+        field="light_diffuse",
+        objects=_LIGHTS,
+        nominal=0.3,
+        low=0.0,
+        high=1.0,
+        scale="linear",
+        unit="1",
+    )
+
+
+def move_hand(workspace_m: list[list[float]]) -> MapActions:
+    """An action is where the hand goes from where it is: x, y, z in [−1, 1], times 2.5 cm.
+
+    `workspace_m`: [low, high] along each axis, which it does not leave.
+    """
+    return partial(MocapActions, body="target", metres_per_unit=_STEP_M, workspace_m=workspace_m)
+
+
+def start_arm(batch: Batch) -> None:
+    """Everything as the scene's keyframe has it, at rest."""
+    reset_to_default(batch)
+    batch.qpos[:] = batch.model.key("start").qpos
+
+
+def place_of(batch: Batch, site: str) -> np.ndarray:
+    """(nsim, 3) where a site is, m."""
+    return computed(batch, "site_xpos")[:, batch.model.site(site).id]
+
+
+def towards(way_m: np.ndarray) -> np.ndarray:
+    """(nsim, 3) the action that moves the hand by `way_m`, or as far of it as one can."""
+    return np.clip(way_m / _STEP_M, -1, 1)
