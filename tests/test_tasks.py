@@ -14,6 +14,7 @@ from mujoco.batch import MODEL_FIELDS, Batch
 
 from simtune.errors import UnknownName
 from simtune.parameters import ModelWriter
+from simtune.rollout import Environment
 from simtune.tasks import TASKS, load_task
 
 VEL = mujoco.mjtStage.mjSTAGE_VEL.value
@@ -342,3 +343,24 @@ def drawn_rgba(model):
     grey = (rgba == np.float32([0.5, 0.5, 0.5, 1])).all(1) & (model.geom_matid >= 0)
     rgba[grey] = model.mat_rgba[model.geom_matid[grey]]
     return rgba
+
+
+@pytest.mark.parametrize("name", [n for n in TASKS if load_task(n).symmetric_hinges])
+def test_what_is_said_to_be_symmetric_looks_and_moves_alike(name):
+    task = load_task(name)
+    simulator = task.simulator(image_size=48)
+    environment = Environment(task, simulator, num_stacked=1)
+    rng = np.random.default_rng(0)
+    worlds = np.tile(task.parameters.nominal, (8, 1))
+    actions = rng.uniform(-1, 1, (8, 30, simulator.num_actions))
+    first = simulator.roll_out(worlds, actions, rng)
+    for hinge, order in task.symmetric_hinges.items():
+        starts = first.states[:, 0].copy()
+        starts[:, 1 + simulator.model.joint(hinge).qposadr[0]] += 2 * np.pi / order
+        other = simulator.roll_out(worlds, actions, rng, starts=starts)
+        np.testing.assert_array_equal(simulator.film(first), simulator.film(other))
+        seen, seen_other = (environment.observe(r.states) for r in (first, other))
+        np.testing.assert_allclose(seen, seen_other, atol=1e-4)
+        turned = first.states[:, 0].copy()
+        turned[:, 1 + simulator.model.joint(hinge).qposadr[0]] += 0.7 * 2 * np.pi / order
+        assert np.abs(environment.observe(turned) - seen[:, 0]).max() > 0.1

@@ -34,7 +34,10 @@ class Environment:
         self.task, self.simulator, self._reward = task, simulator, task.reward
         self.num_stacked, self.landmarks = num_stacked, landmarks
         self._space = StateSpace(simulator.model)
-        self._free = [simulator.model.joint(name).qposadr[0] for name in task.free_joints]
+        joint = simulator.model.joint
+        self._free = [joint(name).qposadr[0] for name in task.free_joints]
+        self._turning = [joint(name).qposadr[0] for name in task.symmetric_hinges]
+        self._turns = list(task.symmetric_hinges.values())
 
     @property
     def num_states(self) -> int:
@@ -46,6 +49,7 @@ class Environment:
         # A row begins with time.
         known = states[..., 1 : 1 + self._space.nq + self._space.nv].copy()
         known[..., self._free] = 0
+        known[..., self._turning] *= self._turns
         return self._space.features(known).astype(np.float32)
 
     def play(

@@ -37,6 +37,7 @@ def spin() -> Task:
         initialize=_initialize,
         reward=_reward,
         policy_steps=160_000,
+        symmetric_hinges={"hinge": 2},  # the spinner's caps are alike
     )
 
 

@@ -1,7 +1,7 @@
 """What a task is: a model, where to look at it, how it starts, what is good, what is tuned."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -48,6 +48,9 @@ class Task:
     script: Script | None = None
     # Joints whose position makes no difference, such as how far a robot went; `observe` drops it.
     free_joints: tuple[str, ...] = ()
+    # {hinge: n}: after an nth of a turn everything looks and moves the same, so that no picture
+    # tells one from the other; `observe` does not either.
+    symmetric_hinges: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def goals(self) -> dict[str, Callable[[Batch], np.ndarray]]:
