@@ -27,8 +27,10 @@ NAMES = {
     "cheetah": ["mass", "body", "ground"],
     "finger": ["spinner_mass", "proximal_damping", "finger", "spinner", "ground"],
     "cartpole": ["pole_mass", "actuator_gain", "body", "ground"],
+    "rope_peg": ["rope_length", "peg_mass", "lighting", "peg", "box"],
+    "cabinet_slide": ["cabinet_friction", "lighting", "cabinet", "table"],
 }
-COLOURED = {"cup", "ball", "ground", "body", "finger", "spinner"}
+COLOURED = {"cup", "ball", "ground", "body", "finger", "spinner", "peg", "box", "cabinet", "table"}
 
 
 class Simtune:

@@ -1,5 +1,6 @@
 """report.html: whole, offline, escaped, and made of whatever the run folder holds."""
 
+import base64
 import json
 import re
 import shutil
@@ -10,6 +11,7 @@ import av
 import numpy as np
 import pytest
 
+from simtune.comparison import overlay
 from simtune.errors import InputError
 from simtune.report import write_report
 from simtune.report.rank_plots import expected
@@ -352,3 +354,49 @@ def test_of_methods_that_tune_nothing_no_verdict_is_shown(method, tmp_path):
     assert "Worlds trained in" in words
     for absent in ("identified", "mean error", "Verdict", "How to read this"):
         assert absent not in words
+
+
+def test_each_verdict_says_what_to_take(tmp_path):
+    path = make_run(tmp_path / "run")
+    result = json.loads((path / "result.json").read_text())
+    mass = {"mean": 0.1, "low": 0.096, "high": 0.12, "verdict": "weak"}
+    result["parameters"]["ball_mass"] |= mass
+    result["parameters"]["cup_r"] |= {"mean": 0.5, "low": 0.48, "high": 0.53}
+    (path / "result.json").write_text(json.dumps(result))
+    words = " ".join(" ".join(_Page(write_report(path).read_text()).words).split())
+    assert "4.0 % below and 20 % above the estimate: take the interval" in words
+    assert "0.0200 below and 0.0300 above the estimate: take the estimate" in words
+    assert "these videos do not tell" in words
+
+
+def test_the_recordings_are_told_and_everything_can_be_downloaded(tmp_path):
+    path = make_run(tmp_path / "run")
+    shutil.copy(path / "videos" / "after.mp4", path / "videos" / "overlay.mp4")
+    result = json.loads((path / "result.json").read_text())
+    facts = {"folder": "a<b>", "kind": "pairs", "episodes": 5, "episodes_in_dataset": 8}
+    facts |= {"steps": 1000, "source_size": [480, 640], "codec": "h264", "camera": "front"}
+    facts |= {"fps": 30.0, "control_hz": 10.0, "time_error_ms": {"largest": 12.5, "mean": 4}}
+    facts |= {"action_ranges": {"push": [-1, 0.5]}, "dataset_hash": "abc123"}
+    (path / "result.json").write_text(json.dumps(result | {"recordings": facts}))
+    page = _Page(write_report(path).read_text())
+    words = " ".join(" ".join(page.words).split())
+    assert "a<b>" in words
+    assert "5 of 8, 1,000 steps" in words
+    assert "640×480 pixels, h264, camera front" in words
+    assert "at most 12.5 ms" in words
+    assert "push -1.00 to 0.500" in words
+    names = [a["download"] for tag, a in page.tags if tag == "a" and "download" in a]
+    assert names == ["real.mp4", "before.mp4", "after.mp4", "overlay.mp4", "result.json"]
+    (data,) = [a["href"] for tag, a in page.tags if a.get("download") == "result.json"]
+    saved = json.loads(base64.b64decode(data.split(",")[1]))
+    assert saved["recordings"] == facts
+
+
+def test_an_overlay_is_grey_where_both_are_alike():
+    real = np.full((3, 4, 4, 3), 100, np.uint8)
+    simulated = real[:2].copy()  # that world diverged: its last picture stays
+    simulated[:, 0, 0] = 200
+    seen = overlay(real, simulated)
+    assert seen.shape == real.shape
+    np.testing.assert_array_equal(seen[:, 1:], 100)
+    np.testing.assert_array_equal(seen[2, 0, 0], [100, 200, 200])

@@ -17,7 +17,7 @@ from simtune.parameters import ModelWriter, Parameter, ParameterSpace
 from simtune.real.choose import choose_real
 from simtune.recordings import write_dataset
 from simtune.simulation import DirectActions, MocapActions, ScaledActions, random_actions
-from simtune.tasks import Task, load_task
+from simtune.tasks import Task, load_any_task, load_task
 from simtune.tasks.tuning_file import load as loading
 from simtune.tasks.tuning_file import parameters as reading
 from simtune.tasks.tuning_file.toml_lines import key_lines
@@ -25,6 +25,7 @@ from simtune.trajectory import Trajectory
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "cart_pendulum" / "tune.toml"
+BALL = ROOT / "examples" / "bouncing_ball"
 SCENE = """
 <mujoco>
   <option timestep="0.005"/>
@@ -131,7 +132,12 @@ def documented() -> list[str]:
 
 
 @pytest.mark.parametrize("block", documented())
-def test_every_example_in_the_documentation_loads(load, block):
+def test_every_example_in_the_documentation_loads(load, block, tmp_path):
+    if block.startswith("environment"):
+        (tmp_path / "env.py").write_text((BALL / "env.py").read_text())
+        (tmp_path / "tune.toml").write_text(block)
+        assert len(load_any_task(str(tmp_path / "tune.toml")).simulator(image_size=16).points())
+        return
     head = "" if "model =" in block else HEAD
     task = load(head + block + ("" if "[[parameters]]" in block else MASS))
     assert len(task.parameters) >= 1

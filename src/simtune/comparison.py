@@ -26,13 +26,25 @@ def write_comparison(
     after: np.ndarray,
     seed: int,
 ) -> None:
-    """Write real.mp4, before.mp4, after.mp4 of one real episode and (N,) parameters."""
+    """Write real.mp4, before.mp4, after.mp4, overlay.mp4 of one real episode; (N,) parameters."""
     start = find_start(simulator, trajectory, after, np.random.default_rng(seed))
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
     for name, parameters in (("before", before), ("after", after)):
         frames = _film(simulator, trajectory.actions, parameters, start)
         write_video(folder / f"{name}.mp4", frames, fps)
+    write_video(folder / "overlay.mp4", overlay(trajectory.frames, frames), fps)
+
+
+def overlay(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:
+    """Two films (T, H, W, 3) uint8 as one: grey where alike, red where only the real is brighter.
+
+    Where only the simulated one is, it is cyan. The shorter one's last picture stays.
+    """
+    last = len(simulated) - 1
+    ends = np.minimum(np.arange(len(real)), last)
+    one, other = (film.mean(-1) for film in (real, simulated[ends]))
+    return np.rint(np.stack([one, other, other], -1)).astype(np.uint8)
 
 
 def find_start(

@@ -50,7 +50,7 @@ def _of_recordings(facts: dict[str, Any]) -> list[str]:
         f"{facts['steps']} steps, {width}×{height} {facts['codec']}, camera {facts['camera']}",
         f"{facts['fps']:.6g} steps/s recorded, {facts['control_hz']:.6g} taken; frames away from "
         f"their steps by {late['largest']:g} ms at most, {late['mean']:g} ms on average",
-        f"actions: {', '.join(ranges)}",
+        f"actions: {', '.join(ranges) or 'none'}",
         f"dataset hash {facts['dataset_hash']}",
     ]
 

@@ -27,8 +27,6 @@ def read_header(path: Path) -> list[str]:
         raise InputError(
             f"{path}: expected each column once, and one of seconds at most; got {short(names)}"
         )
-    if set(names) <= set(TIMES):
-        raise InputError(f"{path}: expected columns of actions, got {short(names)}")
     return names
 
 

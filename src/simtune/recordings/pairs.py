@@ -1,4 +1,7 @@
-"""A folder of pairs: NAME.mp4, and NAME.csv with a row a control step (docs/recordings.md)."""
+"""A folder of pairs: NAME.mp4, and NAME.csv with a row a control step (docs/recordings.md).
+
+Or of videos alone, of what nobody acts on.
+"""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -30,7 +33,7 @@ class PairsSource:
         self.robot_type: str | None = None
         files = [p for p in folder.iterdir() if p.suffix in _PAIR and not p.name.startswith(".")]
         videos, tables = ({p.stem for p in files if p.suffix == end} for end in _PAIR)
-        for name in sorted(videos ^ tables):
+        for name in sorted(videos ^ tables if tables else ()):
             there, missing = ("mp4", "csv") if name in videos else ("csv", "mp4")
             raise InputError(
                 f"{folder}: {name}.{there} has no {name}.{missing} beside it; expected pairs of "
@@ -38,7 +41,8 @@ class PairsSource:
             )
         self.episodes: Sequence[str] = sorted(videos, key=_natural)
         self.files: Sequence[Path] = files
-        self._header = read_header(self._table(0))
+        self._is_acted_on = bool(tables)
+        self._header = read_header(self._table(0)) if tables else []
         self.action_names = tuple(name for name in self._header if name not in TIMES)
         self.fps = self._fps()
 
@@ -47,6 +51,9 @@ class PairsSource:
         return video.probe(self._video(0)).codec
 
     def rows(self, episode: int) -> Rows:
+        if not self._is_acted_on:
+            seen_s = video.frame_times(self._video(episode))
+            return Rows(np.empty((len(seen_s), 0)), seen_s, float(seen_s[-1]))
         path = self._table(episode)
         header = read_header(path)
         if header != self._header:
@@ -85,7 +92,8 @@ class PairsSource:
         times_s = self.rows(0).times_s
         fps = float(f"{1 / typical_step_s(times_s):.6g}")  # clocks are no more exact than that
         if not is_rate(fps):
-            raise InputError(f"{self._table(0)}: its rows come {fps:g} times a second; in seconds?")
+            where = self._table(0) if self._is_acted_on else self._video(0)
+            raise InputError(f"{where}: its rows come {fps:g} times a second; in seconds?")
         return fps
 
     def _timed(

@@ -32,6 +32,8 @@ def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:
         late_s = np.abs(rows.times_s[:num_steps] - times_s[:-1])
         if late_s.max() <= _ON_TIME * step_s:
             return rows.actions[:num_steps]
+    if not rows.actions.shape[1]:
+        return np.empty((num_steps, 0))
     until_s = max(rows.until_s, times_s[-1])
     known = rows.times_s < until_s
     edges_s = np.append(rows.times_s[known], until_s)

@@ -10,7 +10,7 @@ from simtune.config import UNTUNED
 from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
 
-VIDEOS = ("real", "before", "after")
+VIDEOS = ("real", "before", "after", "overlay")
 POLICY_VIDEO = "policy"  # the same policy as is scored
 _KEYS = ("mean", "low", "high", "range_low", "range_high")
 

@@ -1,15 +1,18 @@
 """Put the report together and write it into the run folder."""
 
+import base64
 import json
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import Any
 
 from simtune.errors import InputError
 from simtune.report import sections
 from simtune.report.data import RunData, read_run
 from simtune.report.policy import policy
+from simtune.report.recordings import recordings
 from simtune.report.tables import parameters
 from simtune.report.trust import trust
 from simtune.report.words import text
@@ -43,12 +46,22 @@ def _page(run: RunData) -> str:
         policy=policy(run),
         parameters=parameters(run),
         trust=trust(run),
+        recordings=recordings(run),
         plots=sections.plots(run) if run.is_tuned else "",
         events=sections.events(run),
         reading=_asset("reading.html") if run.is_tuned else "",
         provenance=sections.provenance(run),
+        result=_json_link(run.result) if run.result else "",
         config=text(json.dumps(run.config, indent=2, ensure_ascii=False)),
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    )
+
+
+def _json_link(result: dict[str, Any]) -> str:
+    data = base64.b64encode(json.dumps(result, indent=2).encode()).decode()
+    return (
+        "<p><a download='result.json' "
+        f"href='data:application/json;base64,{data}'>Download result.json</a></p>"
     )
 
 

@@ -1,4 +1,9 @@
 (() => {
+  // Each video is in the page once: its link takes it from there.
+  document.querySelectorAll("figure").forEach((f) => {
+    const link = f.querySelector("a[download]");
+    if (link) link.href = f.querySelector("video").src;
+  });
   const videos = [...document.querySelectorAll("#videos video")];
   const controls = document.querySelector("#videos .controls");
   const [button, slider] = controls.children;

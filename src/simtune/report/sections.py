@@ -6,6 +6,7 @@ from typing import Any
 from simtune.report.data import VIDEOS, RunData, is_number
 from simtune.report.plots import estimate_plot, survival_plot
 from simtune.report.tables import chip
+from simtune.report.verdicts import explanation
 from simtune.report.words import (
     count,
     duration,
@@ -21,6 +22,7 @@ _CAPTIONS = {
     "real": ("Real world", "the video that was given"),
     "before": ("Simulator before", "same actions, parameters at their start"),
     "after": ("Simulator after", "same actions, parameters as estimated"),
+    "overlay": ("Both", "grey: alike; red: only the real one is bright; cyan: only the simulator"),
 }
 
 
@@ -73,7 +75,8 @@ def videos(run: RunData) -> str:
         figures.append(
             f"<figure><video muted loop playsinline preload='auto' aria-label='{caption}' "
             f"src='data:video/mp4;base64,{data}'></video>"
-            f"<figcaption><b>{caption}</b>{detail}</figcaption></figure>"
+            f"<figcaption><b>{caption}</b>{detail} <a download='{name}.mp4'>download</a>"
+            "</figcaption></figure>"
         )
     if not figures:
         return ""
@@ -110,7 +113,9 @@ def _card(run: RunData, name: str) -> str:
         return ""
     value = f"{number(p.get('mean'))}{unit(p.get('unit'))} <small>{interval(low, high)}</small>"
     head = f"<h3>{text(name)}</h3><span class='value'>{value}</span>{chip(p.get('verdict'))}"
-    return f"<article><header>{head}</header><div>{drawn}</div></article>"
+    why = explanation(p, is_colour)
+    said = f"<p class='note'>{why}</p>" if why else ""
+    return f"<article><header>{head}</header><div>{drawn}</div>{said}</article>"
 
 
 def _legend(has_truth: bool) -> str:

@@ -90,7 +90,7 @@ def simulate(
         played[late, :, 0] = 0
     rollouts = simulator.roll_out(
         np.repeat(parameters, num_episodes, axis=0),
-        played.reshape(-1, *actions.shape[2:]),
+        played.reshape(len(played) * num_episodes, *actions.shape[2:]),  # there may be no actions
         rng,
         landmarks.record,
     )

@@ -1,0 +1,60 @@
+"""report.html in a real browser: its script runs, and it fits a phone."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from test_report import make_run
+
+from simtune.report import write_report
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-dev-shm-usage --no-first-run --disable-sync"
+)
+FLAGS += " --disable-background-networking --disable-component-update --disable-quic"
+# What only a browser knows, left in the page where the test finds it.
+MEASURE = """
+<script>
+addEventListener("load", () => setTimeout(() => {
+  const page = document.documentElement, data = document.body.dataset;
+  data.overflow = page.scrollWidth - innerWidth;
+  data.controls = !document.querySelector("#videos .controls").hidden;
+  data.links = [...document.querySelectorAll("a[download]")].filter((a) => a.href).length;
+  data.playing = [...document.querySelectorAll("video")].filter((v) => v.duration > 0).length;
+}, 1500));
+</script>
+"""
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed")
+
+
+def browse(page: Path, folder: Path, *flags: str) -> str:
+    """What the browser prints."""
+    assert CHROMIUM
+    own = [f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=8000"]
+    command = [CHROMIUM, *FLAGS.split(), *own, *flags, page.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("width", [500, 1280])
+def test_the_script_runs_and_nothing_overflows(width, tmp_path):
+    page = write_report(make_run(tmp_path / "run"))
+    measured = tmp_path / "measured.html"
+    measured.write_text(page.read_text().replace("</body>", MEASURE + "</body>"))
+    dom = browse(measured, tmp_path, f"--window-size={width},2000", "--dump-dom")
+    said = dict(re.findall(r'data-(\w+)="(-?\w+)"', re.search(r"<body[^>]*>", dom)[0]))
+    assert int(said["overflow"]) <= 0
+    assert said["controls"] == "true"
+    assert int(said["links"]) == 4  # three films and result.json
+    assert int(said["playing"]) == 3
+
+
+def test_it_can_be_looked_at(tmp_path):
+    page, picture = write_report(make_run(tmp_path / "run")), tmp_path / "page.png"
+    browse(page, tmp_path, "--window-size=1100,1500", f"--screenshot={picture}")
+    assert picture.stat().st_size > 20_000  # an empty page has a few kB
