@@ -133,6 +133,15 @@ def test_one_experiment_that_claims_to_know_all_does_not_outweigh_the_others():
     assert 0.001 < np.sqrt(covariance[0, 0]) < 0.01
 
 
+def test_experiments_that_know_one_combination_only_and_that_well_can_be_combined():
+    known = np.array([1.0, 2.0, 0, 0, 0, 0, 0])  # of seven parameters
+    information = np.repeat(1e8 * np.outer(known, known)[None], 6, 0)
+    slope = 1e4 * known * np.random.default_rng(0).normal(size=(6, 1))
+    change, covariance, _ = combine(information, slope, FIRST_VARIANCE, np.ones(6))
+    assert np.abs(change).max() < 1e-3
+    assert np.isfinite(covariance).all()
+
+
 def test_what_nothing_tells_stays_as_unknown_as_it_was():
     information = np.zeros((20, 2, 2))
     information[:, 0, 0] = 1e4  # of the first parameter only

@@ -28,7 +28,9 @@ def combine(
     if not len(eye):
         return np.zeros(0), np.zeros((0, 0)), variance
     shrink = np.linalg.inv(eye + variance * information)  # (W, P, P)
-    spread = information + variance * information @ information + 1e-9 * eye
+    spread = information + variance * information @ information
+    # One that knows only a combination, and that very well, leaves no number to divide by else.
+    spread += (1e-9 + 1e-12 * np.trace(spread, axis1=1, axis2=2))[:, None, None] * eye
     surprise = np.einsum("wp,wp->w", slope, np.linalg.solve(spread, slope[..., None])[..., 0])
     surprise /= len(eye)
     count = trust * (_STUDENT + 1) / (_STUDENT + surprise)  # (W,)
