@@ -11,7 +11,7 @@ from simtune.search_param_model.landmarks import (
     candidate_landmarks,
     choose_landmarks,
 )
-from simtune.simulation import AnySimulator, Points, Simulator
+from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
 
 PILOT_STEPS = 3200  # simulated to choose landmarks by
 _PILOTS = 32
@@ -138,6 +138,7 @@ def find_landmarks(
     if isinstance(simulator, Simulator):
         every = candidate_landmarks(simulator.model, camera, simulator.image_size)
     else:
+        assert isinstance(simulator, EnvironmentSimulator)
         every = simulator.points()
     if not len(every):
         return every

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from simtune.simulation.actions import ActionSpace
-from simtune.simulation.simulator import Act, Simulator
+from simtune.simulation.played import Act
+from simtune.simulation.simulator import Simulator
 
 # (n, K, H, W, 3) uint8, the latest frames of n worlds, to (n, A) actions in [−1, 1]
 PixelPolicy = Callable[[np.ndarray], np.ndarray]

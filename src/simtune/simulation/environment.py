@@ -19,7 +19,8 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.recordings import resize
-from simtune.simulation.simulator import Act, Played, Record, Rollouts, random_actions
+from simtune.simulation.played import Act, AnySimulator, Played, Record
+from simtune.simulation.simulator import random_actions
 
 _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
 
@@ -66,7 +67,7 @@ class BoxActions:
         self.is_limited = finite
 
 
-class EnvironmentSimulator:
+class EnvironmentSimulator(AnySimulator):
     """Rolls worlds of one environment out, one after the other; see `Simulator`.
 
     A state is the number of an episode and a step of it: to draw it, the episode is played again.
@@ -77,19 +78,14 @@ class EnvironmentSimulator:
     def __init__(self, env: Any, space: ParameterSpace, *, step_s: float, image_size: int):
         """`env`: a gymnasium.Env, or what acts like one. Raises InputError for other actions."""
         self.space, self.step_s, self.image_size = space, step_s, image_size
-        self.action_mapping = BoxActions(env.action_space)
+        self._actions = BoxActions(env.action_space)
         self.num_diverged = self.num_steps = 0
         self._env = env
         self._episodes: list[tuple[int, np.ndarray]] = []  # seed and actions of each
 
     @property
-    def num_actions(self) -> int:
-        return len(self.action_mapping.names)
-
-    @property
-    def action_scale(self) -> np.ndarray:
-        """(A,) the largest magnitude of each action: 1 where there is no limit."""
-        return np.abs(self.action_mapping.range).max(-1)
+    def action_mapping(self) -> BoxActions:
+        return self._actions
 
     def points(self) -> Points:
         """All that the environment tells of; none, if it tells of none."""
@@ -130,21 +126,6 @@ class EnvironmentSimulator:
         self.num_steps += n * num_steps
         return Played(states, actions, lengths, np.stack(watched) if watch else None)
 
-    def roll_out(
-        self,
-        parameters: np.ndarray,
-        actions: np.ndarray,
-        rng: np.random.Generator,
-        record: Record | None = None,
-        starts: np.ndarray | None = None,
-    ) -> Rollouts:
-        """Play (n, T, A) actions in n worlds of (n, N) parameters. See `play`."""
-        num_steps = actions.shape[1]
-        played = self.play(
-            parameters, lambda t, _: actions[:, t], num_steps, rng, starts=starts, watch=record
-        )
-        return played.episodes(parameters)
-
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
         """Random actions in so many worlds."""
         drawn = random_actions(num_worlds, num_steps, self.action_mapping, rng)
@@ -166,13 +147,6 @@ class EnvironmentSimulator:
             self._play(seed, parameters[mine[0]], actions[:last], draw)
             frames[mine] = [drawn[t] for t in steps]
         return frames
-
-    def film(self, rollouts: Rollouts) -> np.ndarray:
-        """Draw every state of n episodes: (n, T + 1, H, W, 3) uint8 RGB."""
-        n, num_frames, _ = rollouts.states.shape
-        parameters = np.repeat(rollouts.parameters, num_frames, axis=0)
-        frames = self.render(rollouts.states.reshape(n * num_frames, 2), parameters)
-        return frames.reshape(n, num_frames, *frames.shape[1:])
 
     def _play(
         self,

@@ -1,9 +1,7 @@
-"""Simulated worlds one can act in and film: what is asked of a simulator, in two methods."""
+"""Worlds of a MuJoCo model, in batches."""
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,6 +10,7 @@ from mujoco.batch import Batch
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import ActionMapping, ActionSpace, DirectActions, MapActions
 from simtune.simulation.delays import count_substeps
+from simtune.simulation.played import Act, AnySimulator, Played, Record
 from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
 from simtune.simulation.renderer import RendererName, make_renderer
 from simtune.simulation.worlds import Worlds
@@ -20,46 +19,10 @@ _CHUNK = 256  # supersampled pictures drawn at a time
 _EXPLORING_SHARE = 0.5  # of random actions, added to a script's
 
 
-# Of what a simulator knows of a state, (n, D): a Batch of worlds, or an environment's points
-Record = Callable[[Any], np.ndarray]
-Act = Callable[[int, np.ndarray], np.ndarray]  # step t and (n, S) states to (n, A) actions
 Script = Callable[[Batch], np.ndarray]  # worlds in their present state to (n, A) actions
 
 
-@dataclass(frozen=True)
-class Played:
-    """What came of acting in n worlds for T steps."""
-
-    states: np.ndarray  # (n, T + 1, S) rows that a renderer draws
-    actions: np.ndarray  # (n, T, A)
-    lengths: np.ndarray  # (n,) steps after which the physics was still finite
-    watched: np.ndarray | None  # (n, 1 + T·watches_per_step, D)
-
-    def episodes(self, parameters: np.ndarray, keep_diverged: bool = False) -> "Rollouts":
-        """As episodes of worlds of (n, N) parameters; those that diverged only where asked for."""
-        kept = self.lengths == self.actions.shape[1]
-        if keep_diverged:
-            kept[:] = True
-        watched = None if self.watched is None else self.watched[kept]
-        index = np.flatnonzero(kept)
-        return Rollouts(parameters[kept], self.states[kept], self.actions[kept], watched, index)
-
-
-@dataclass(frozen=True)
-class Rollouts:
-    """n simulated episodes, of worlds whose physics stayed finite."""
-
-    parameters: np.ndarray  # (n, N) of each episode's world
-    states: np.ndarray  # (n, T + 1, S) rows that a renderer draws
-    actions: np.ndarray  # (n, T, A)
-    recorded: np.ndarray | None = None  # (n, T + 1, D) of `record`, where asked for
-    index: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # (n,) of those asked for
-
-    def __len__(self) -> int:
-        return len(self.states)
-
-
-class Simulator:
+class Simulator(AnySimulator):
     """Rolls worlds of one model out, and draws their states.
 
     An action is held for `step_s` seconds; `initialize(batch, rng)` starts the worlds; what actions
@@ -94,19 +57,14 @@ class Simulator:
         self.supersampling = supersampling
         drawn_size = image_size * supersampling
         self.renderer = make_renderer(renderer, self.model, space, camera, drawn_size, quality)
-        self.action_mapping: ActionMapping = map_actions(self.model)
+        self._mapping = map_actions(self.model)
         self.script = script
         self._initialize = initialize
         self._worlds: dict[int, Worlds] = {}
 
     @property
-    def num_actions(self) -> int:
-        return len(self.action_mapping.names)
-
-    @property
-    def action_scale(self) -> np.ndarray:
-        """(A,) the largest magnitude of each action: 1 where there is no limit."""
-        return np.abs(self.action_mapping.range).max(-1)
+    def action_mapping(self) -> ActionMapping:
+        return self._mapping
 
     def play(
         self,
@@ -150,31 +108,6 @@ class Simulator:
         self.num_steps += n * num_steps
         return Played(states, actions, lengths, np.stack(watched, 1) if watch else None)
 
-    def roll_out(
-        self,
-        parameters: np.ndarray,
-        actions: np.ndarray,
-        rng: np.random.Generator,
-        record: Record | None = None,
-        starts: np.ndarray | None = None,
-        keep_diverged: bool = False,
-    ) -> Rollouts:
-        """Play (n, T, A) actions in n worlds of (n, N) parameters, each from its own start.
-
-        `record(batch)`, (n, D), is kept of every state, as only a simulator knows it.
-        Worlds that diverge are left out of the result; with `keep_diverged` they stay in it,
-        where their physics stopped. See `play`.
-        """
-        played = self.play(
-            parameters,
-            lambda t, _: actions[:, t],
-            actions.shape[1],
-            rng,
-            starts=starts,
-            watch=record,
-        )
-        return played.episodes(parameters, keep_diverged)
-
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
         """What excites so many worlds: random actions, or the script and half of them on top."""
         drawn = random_actions(num_worlds, num_steps, self.action_mapping, rng)
@@ -203,13 +136,6 @@ class Simulator:
             blocks = large.reshape(-1, size, k, size, k, 3)
             frames[part] = (blocks.sum((2, 4), dtype=np.uint16) + k * k // 2) // (k * k)
         return frames
-
-    def film(self, rollouts: Rollouts) -> np.ndarray:
-        """Draw every state of n episodes: (n, T + 1, H, W, 3) uint8 RGB."""
-        n, num_frames, _ = rollouts.states.shape
-        parameters = np.repeat(rollouts.parameters, num_frames, axis=0)
-        frames = self.render(rollouts.states.reshape(n * num_frames, -1), parameters)
-        return frames.reshape(n, num_frames, *frames.shape[1:])
 
     def _worlds_for(self, num_worlds: int) -> Worlds:
         if num_worlds not in self._worlds:
