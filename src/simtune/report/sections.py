@@ -85,7 +85,7 @@ def videos(run: RunData) -> str:
         "<input type='range' min='0' max='1' step='any' value='0' aria-label='Position'></div>"
     )
     shown = f"<div class='videos'>{''.join(figures)}</div>{controls}"
-    return f"<section id='videos'><h2>The same actions, seen three ways</h2>{shown}</section>"
+    return f"<section id='videos'><h2>The same actions, side by side</h2>{shown}</section>"
 
 
 def plots(run: RunData) -> str:
