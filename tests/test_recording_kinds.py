@@ -350,3 +350,17 @@ def test_large_files_are_told_apart_by_blocks(tmp_path):
     with path.open("r+b") as file:
         file.truncate(199_999_999)
     assert fingerprint(tmp_path, [path]) != before
+
+
+@pytest.mark.parametrize("control_hz", [None, 5.0])
+def test_videos_alone_are_of_what_nobody_acts_on(control_hz, tmp_path):
+    write_pair(tmp_path / "pairs", "swing", actions())
+    (tmp_path / "pairs" / "swing.csv").unlink()
+    dataset = open_dataset(tmp_path / "pairs", num_actions=0, control_hz=control_hz)
+    trajectory = dataset.read(0)
+    every = 1 if control_hz is None else 2
+    assert shown(trajectory.frames) == list(range(0, NUM_STEPS + 1, every))
+    assert trajectory.actions.shape == (NUM_STEPS // every, 0)
+    assert dataset.facts(1)["action_ranges"] == {}
+    with pytest.raises(InputError, match="takes 3 actions.*write a CSV of them beside each video"):
+        open_dataset(tmp_path / "pairs", num_actions=3)

@@ -483,6 +483,7 @@ def test_no_dataset(tmp_path: Path):
     assert message(tmp_path) == looked_for + "it holds: notes.txt"
     assert message(tmp_path / "notes.txt") == "HERE: is a file; expected a folder of recordings"
     (tmp_path / "film.mp4").touch()
+    (tmp_path / "other.csv").touch()
     assert message(tmp_path) == (
         "HERE: film.mp4 has no film.csv beside it; expected pairs of a video and its actions, "
         "see docs/recordings.md"

@@ -227,10 +227,8 @@ def few_windows(**settings):
     return PaperConfig(**settings)
 
 
-def one_move(total_steps, real_episodes, *, many_searches):
-    return dataclasses.replace(
-        fast(total_steps, real_episodes, many_searches=many_searches), searches=(1, 1)
-    )
+def one_move(*asked_for, **settings):
+    return dataclasses.replace(fast(*asked_for, **settings), searches=(1, 1))
 
 
 def test_ranges_are_those_asked_for(tmp_path):
