@@ -362,5 +362,5 @@ def test_videos_alone_are_of_what_nobody_acts_on(control_hz, tmp_path):
     assert shown(trajectory.frames) == list(range(0, NUM_STEPS + 1, every))
     assert trajectory.actions.shape == (NUM_STEPS // every, 0)
     assert dataset.facts(1)["action_ranges"] == {}
-    with pytest.raises(InputError, match="takes 3 actions.*write a CSV of them beside each video"):
+    with pytest.raises(InputError, match=r"takes 3 actions.*write a CSV of them beside each video"):
         open_dataset(tmp_path / "pairs", num_actions=3)
