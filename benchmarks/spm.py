@@ -18,6 +18,7 @@ import torch
 import tyro
 from common import machine
 
+from simtune.config import RealConfig
 from simtune.progress import Say
 from simtune.real.choose import choose_real
 from simtune.search_param_model.paper import PaperConfig
@@ -65,7 +66,7 @@ def follow(
     began_s = time.monotonic()
     deadline_s = began_s + 60 * minutes
     task, image_size = load_task(task_name), needed_image_size(name)
-    real, start, truth = choose_real("pseudo", task, image_size=image_size, seed=seed)
+    real, start, truth = choose_real(RealConfig(seed=seed), task, image_size)
     assert truth is not None
     trajectories = real.collect(real_episodes)
     simulator = task.simulator(image_size=image_size, step_s=real.step_s)

@@ -24,12 +24,12 @@ from simtune.trajectory import Trajectory
 _CHECK = "from simtune.cli import main; main()"
 _COLLECT = """
 import sys
-from simtune.config import RecordingsConfig
+from simtune.config import RealConfig
 from simtune.real.choose import choose_real
 from simtune.tasks import load_task
 import simtune.tune
 folder, num_episodes = sys.argv[1], int(sys.argv[2])
-choose_real(folder, load_task("cartpole"), image_size=64, seed=0, real_episodes=num_episodes)
+choose_real(RealConfig(real=folder), load_task("cartpole"), 64, real_episodes=num_episodes)
 """
 _STEP_S = 0.08  # cartpole's
 _LIMIT_MB = 2000

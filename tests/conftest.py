@@ -7,7 +7,7 @@ import torch
 from fake_xarm import FakeXArm
 from robot_limits import LIMITS, STEP_S
 
-from simtune.fit import ShootingConfig, Stage
+from simtune.fit import ParticleConfig, ShootingConfig, Stage
 from simtune.robot.latch import Latch
 from simtune.robot.safe_arm import SafeArm
 from simtune.robot.xarm import XArm
@@ -47,6 +47,7 @@ def tiny() -> PosteriorSearchConfig:
         state_updates=4,
         least_updates=2,
         replicas=(1, 1),
+        particles=ParticleConfig(num=8, steps=4),
         shooting=ShootingConfig(stages=(Stage(4, 1, 2.0), Stage(8, 1)), num_windows=6),
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simtune import tune
-from simtune.config import TuneConfig
+from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
@@ -36,7 +36,7 @@ def collect(simulator: Simulator, gap: RealityGap | None, seed: int = 0) -> list
 
 def drawn_by_opengl(seed: int, real_gap: bool = True) -> list[Trajectory]:
     try:
-        real, *_ = choose_real("pseudo", TASK, image_size=SIZE, seed=seed, real_gap=real_gap)
+        real, *_ = choose_real(RealConfig(seed=seed), TASK, SIZE, real_gap=real_gap)
     except InputError as error:
         pytest.skip(str(error))
     return real.collect(2)
@@ -141,7 +141,7 @@ def test_without_opengl_the_renderer_says_so(monkeypatch):
     # Other tests may have had renderers kept.
     monkeypatch.setattr("simtune.simulation.simulator.make_renderer", make_renderer)
     with pytest.raises(InputError, match="the opengl renderer cannot be used"):
-        choose_real("pseudo", TASK, image_size=SIZE, seed=0, real_gap=True)
+        choose_real(RealConfig(), TASK, SIZE, real_gap=True)
 
 
 def test_a_gap_needs_a_pseudo_real_world(tmp_path):

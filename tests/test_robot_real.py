@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from simtune import cli
-from simtune.config import TuneConfig
+from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError, RobotError
 from simtune.real.choose import choose_real
 from simtune.real.recorded import RecordedReal
@@ -192,7 +192,7 @@ def test_nothing_moves_unless_it_is_said(file):
     with pytest.raises(InputError, match="give --move"):
         make_real(file, move=False).collect(1)
     with pytest.raises(InputError, match=r"dry run: .* pan.pos 0.0, lift.pos 20.0.*64×48.*--move"):
-        choose_real("lerobot", TASK, image_size=16, seed=0, robot=file, out=file.parent / "run")
+        choose_real(RealConfig(real="lerobot", robot=file), TASK, 16, out=file.parent / "run")
     assert not fake_lerobot.latest[-1].sent
     assert not (file.parent / "run").exists()
 

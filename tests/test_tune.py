@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from simtune import comparison, outcome, tune
-from simtune.config import TuneConfig
+from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.real.choose import choose_real, read_parameters
 from simtune.real.pseudo import PseudoReal
@@ -279,7 +279,7 @@ def test_the_truth_is_read_by_nothing_but_scoring(tmp_path, truth_file, quick_tu
 
 
 def test_true_parameters_come_from_the_file(truth_file):
-    real, _, truth = choose_real("pseudo", load_task("cartpole"), truth_file, image_size=64, seed=0)
+    real, _, truth = choose_real(RealConfig(real_parameters=truth_file), load_task("cartpole"), 64)
     assert isinstance(real, PseudoReal)
     assert truth is not None
     expected = [TRUTH.get(p.name, p.nominal) for p in SPACE]

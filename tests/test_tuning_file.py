@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 
 from simtune.check import check
 from simtune.check.warnings import warnings
-from simtune.config import CheckConfig
+from simtune.config import CheckConfig, RealConfig
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, Parameter, ParameterSpace
 from simtune.real.choose import choose_real
@@ -753,7 +753,7 @@ def record(folder: Path, num_actions: int, steps: int = 24) -> Path:
 
 def test_a_pseudo_real_world_takes_its_actions(load):
     task = replace(load(HEAD + PERCENT + MASS), episode_steps=30)
-    real, start, truth = choose_real("pseudo", task, image_size=16, seed=0)
+    real, start, truth = choose_real(RealConfig(), task, 16)
     assert truth is not None
     (trajectory,) = real.collect(1)
     assert real.num_actions == 1
@@ -764,12 +764,12 @@ def test_a_pseudo_real_world_takes_its_actions(load):
 
 def test_recordings_need_as_many_actions(load, tmp_path):
     task = load(HEAD + PERCENT + MASS)
-    real, start, _ = choose_real(str(record(tmp_path / "one", 1)), task, image_size=16, seed=0)
+    real, start, _ = choose_real(RealConfig(real=str(record(tmp_path / "one", 1))), task, 16)
     assert real.num_actions == 1
     np.testing.assert_array_equal(start, task.parameters.nominal)
     three = str(record(tmp_path / "three", 3))
     with pytest.raises(InputError, match="the task takes 1 actions, the recording has 3"):
-        choose_real(three, task, image_size=16, seed=0)
+        choose_real(RealConfig(real=three), task, 16)
 
 
 def test_actions_in_other_units_are_warned_of(load):

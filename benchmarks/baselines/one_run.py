@@ -3,7 +3,6 @@
 As a script it takes one JSON object, the fields of `OneRun` and a core to stay on (or null).
 """
 
-import functools
 import json
 import os
 import sys
@@ -61,13 +60,11 @@ def true_parameters(task: str, space: ParameterSpace, world: int) -> dict[str, f
 
 def carry_out(run: OneRun) -> None:
     """Write the run's result.json."""
-    from simtune.real.truth import Truth
     from simtune.tasks import load_task
 
     truth = run.folder.parent / "truths" / f"{run.task}-{run.world}.json"
     truth.parent.mkdir(parents=True, exist_ok=True)
     write_json(truth, true_parameters(run.task, load_task(run.task).parameters, run.world))
-    options: dict[str, Any] = {"real_gap": True} if run.gap else {}
     config = TuneConfig(
         task=run.task,
         out=run.folder,
@@ -76,16 +73,15 @@ def carry_out(run: OneRun) -> None:
         search="posterior" if run.method in BASELINES else run.method,
         budget_minutes=run.minutes,
         seed=run.world,
-        **options,
+        real_gap=run.gap,
+        start_factor=_FAR if run.far else _NEAR,
     )
-    start = functools.partialmethod(Truth.wrong_start, factor=_FAR if run.far else _NEAR)
-    with patch.object(Truth, "wrong_start", start):
-        if run.method in SEARCHES:
-            from simtune.tune import tune
+    if run.method in SEARCHES:
+        from simtune.tune import tune
 
-            tune(config)
-        else:
-            _carry_out_baseline(run, config)
+        tune(config)
+    else:
+        _carry_out_baseline(run, config)
 
 
 def _carry_out_baseline(run: OneRun, config: TuneConfig) -> None:
@@ -96,11 +92,8 @@ def _carry_out_baseline(run: OneRun, config: TuneConfig) -> None:
 
     find = import_module(f"baselines.{run.method}").find
     task = load_task(run.task)
-    options: dict[str, Any] = {"real_gap": True} if run.gap else {}
     with _watching() as rollouts:
-        real, start, truth = choose_real(
-            "pseudo", task, config.real_parameters, image_size=64, seed=run.world, **options
-        )
+        real, start, truth = choose_real(config, task, 64, real_gap=run.gap)
         trajectories = real.collect(run.real_episodes)
     assert truth is not None, "it is a pseudo-real world"
     simulator = task.simulator(  # as tune makes it
@@ -149,13 +142,13 @@ def _watching() -> Iterator[list[Any]]:
     """All rollouts played meanwhile: the true states, which no real world would show."""
     from simtune.simulation import Simulator
 
-    played, roll_out = [], Simulator.roll_out
+    played, play = [], Simulator.play
 
     def watched(self: Simulator, *args: Any, **options: Any) -> Any:
-        played.append(roll_out(self, *args, **options))
+        played.append(play(self, *args, **options))
         return played[-1]
 
-    with patch.object(Simulator, "roll_out", watched):
+    with patch.object(Simulator, "play", watched):
         yield played
 
 

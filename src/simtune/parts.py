@@ -106,20 +106,11 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
     search_name = _search_name(config)
     schedule = _schedule(config, task, search_name)
     say("looking at the real world", 0.0)
+    image_size, num_real = schedule.image_size, schedule.real_episodes[0]
     real, start, truth = choose_real(
-        config.real,
-        task,
-        config.real_parameters,
-        recordings=config,
-        image_size=schedule.image_size,
-        seed=config.seed,
-        real_episodes=schedule.real_episodes[0],
-        robot=config.robot,
-        move=config.move,
-        out=config.out,
-        start_factor=config.start_factor,
+        config, task, image_size, real_episodes=num_real, out=config.out
     )
-    simulator = simulator_for(real, task, schedule.image_size)
+    simulator = simulator_for(real, task, image_size)
     assert isinstance(simulator, Simulator), "load_task gives models' only"
     first = Distribution.first(task.parameters, task.parameters.nominal)
     landmarks = find_landmarks(simulator, task.camera, first, seed=0)

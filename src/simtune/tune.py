@@ -29,17 +29,12 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
     image_size = needed_image_size(config.search)
     say("looking at the real world", 0.0)
     real, start, truth = choose_real(
-        config.real,
+        config,
         task,
-        config.real_parameters,
-        recordings=config,
-        image_size=image_size,
-        seed=config.seed,
+        image_size,
         real_episodes=config.real_episodes,
-        robot=config.robot,
-        move=config.move,
-        out=config.out,
         real_gap=config.real_gap,
+        out=config.out,
     )
     trajectories = real.collect(config.real_episodes)
     simulator = simulator_for(real, task, image_size)

@@ -1,17 +1,20 @@
 """What commands are asked: one dataclass a command that runs for long."""
 
 from simtune.config.export import ExportConfig
+from simtune.config.real import ROBOTS, RealConfig
 from simtune.config.record import RecordConfig, RendererName
 from simtune.config.recordings import RecordingsConfig
 from simtune.config.train import UNTUNED, EvaluateConfig, Method, TrainConfig
 from simtune.config.tune import CheckConfig, SearchName, TuneConfig
 
 __all__ = [
+    "ROBOTS",
     "UNTUNED",
     "CheckConfig",
     "EvaluateConfig",
     "ExportConfig",
     "Method",
+    "RealConfig",
     "RecordConfig",
     "RecordingsConfig",
     "RendererName",

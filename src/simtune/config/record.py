@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
+from simtune.config.checks import at_least
 from simtune.errors import InputError
 
 RendererName = Literal["raycaster", "opengl"]
@@ -35,11 +36,9 @@ class RecordConfig:
 
     def check(self) -> None:
         """Raises InputError for numbers that make no sense."""
-        if self.episodes < 1:
-            raise InputError(f"--episodes must be at least 1, got {self.episodes}")
+        at_least(self, 1, "episodes")
+        at_least(self, 0, "seed")
         if self.image_size < 16 or self.image_size % 2:
             raise InputError(
                 f"--image-size must be an even number of at least 16, got {self.image_size}"
             )
-        if self.seed < 0:
-            raise InputError(f"--seed must not be negative, got {self.seed}")

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from simtune.config.checks import flag
 from simtune.errors import InputError
 
 
@@ -25,6 +26,6 @@ class RecordingsConfig:
         """Raises InputError for what makes no sense, `given` recordings or none."""
         for name in ("camera", "actions", "control_hz"):
             if getattr(self, name) is not None and not given:
-                raise InputError(f"--{name.replace('_', '-')} goes with recordings only")
+                raise InputError(f"{flag(name)} goes with recordings only")
         if self.control_hz is not None and not 0.01 <= self.control_hz <= 1000:
             raise InputError(f"--control-hz must lie in [0.01, 1000], got {self.control_hz:g}")

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from simtune.config.recordings import RecordingsConfig
+from simtune.config.checks import at_least, flag
+from simtune.config.real import RealConfig
 from simtune.errors import InputError
 
 Method = Literal["autotune", "regression", "dr", "oracle"]
@@ -14,7 +15,7 @@ UNTUNED = ("dr", "oracle")  # these search for nothing
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainConfig(RecordingsConfig):
+class TrainConfig(RealConfig):
     """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
 
     Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
@@ -42,17 +43,6 @@ class TrainConfig(RecordingsConfig):
     at; then what the policy does there is filmed, not random actions (sim-to-real, Sec. VI-B)."""
     drop_far: bool = False
     """When the simulator has moved, forget what the policy did in worlds now out of its range."""
-    real: str = "pseudo"
-    """The real world: `pseudo`, a simulated one that is filmed and scored against, recordings
-    (docs/recordings.md), in which no policy can be tried out, or a robot: `xarm`, `lerobot`."""
-    robot: Path | None = None
-    """With `xarm` and `lerobot`: a TOML file of the robot, its limits and its camera."""
-    move: bool = False
-    """Let the robot move; without it a dry run says what would be in the way (docs/robot.md)."""
-    real_parameters: Path | None = None
-    """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
-    start_factor: float = 2.0
-    """With `pseudo`: so many times too high or too low is every parameter at the start."""
     real_episodes: int = 5
     """Real episodes of random actions, or of a noisy script, before the policy is tried out."""
     scored_episodes: int = 10
@@ -69,30 +59,17 @@ class TrainConfig(RecordingsConfig):
     """Frames that --search paper and regression look at together (Sec. V)."""
     device: str = "auto"
     """Of the policy's networks: auto, cpu, cuda or cuda:N."""
-    seed: int = 0
-    """Of all random numbers; with `pseudo` it also chooses which parameters start too high."""
 
     def check(self) -> None:
         """Raises InputError for what makes no sense."""
-        self.check_recordings(self.real not in ("pseudo", "xarm", "lerobot"))
-        for name in ("real_episodes", "scored_episodes", "window"):
-            if getattr(self, name) < 1:
-                flag = name.replace("_", "-")
-                raise InputError(f"--{flag} must be at least 1, got {getattr(self, name)}")
+        self.check_real()
+        at_least(self, 1, "real_episodes", "scored_episodes", "window", "policy_steps")
+        at_least(self, 0, "pretrain_steps")
         for name in ("range_policy", "range_dr", "range_spm", "step_size"):
             if not 0 < getattr(self, name) <= 1:
-                flag = name.replace("_", "-")
-                raise InputError(f"--{flag} must lie in (0, 1], got {getattr(self, name):g}")
-        if self.policy_steps is not None and self.policy_steps < 1:
-            raise InputError(f"--policy-steps must be at least 1, got {self.policy_steps}")
-        if self.pretrain_steps < 0:
-            raise InputError(f"--pretrain-steps must not be negative, got {self.pretrain_steps}")
+                raise InputError(f"{flag(name)} must lie in (0, 1], got {getattr(self, name):g}")
         if self.pretrain_steps and self.method in UNTUNED:
             raise InputError("--pretrain-steps goes with --method autotune or regression")
-        if not self.start_factor >= 1:
-            raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
-        if self.seed < 0:
-            raise InputError(f"--seed must not be negative, got {self.seed}")
         if self.method == "oracle" and self.real != "pseudo":
             raise InputError("--method oracle needs --real pseudo: nobody knows other truths")
         if self.search and self.method != "autotune":
@@ -115,7 +92,5 @@ class EvaluateConfig:
 
     def check(self) -> None:
         """Raises InputError for numbers that make no sense."""
-        if self.episodes < 1:
-            raise InputError(f"--episodes must be at least 1, got {self.episodes}")
-        if self.seed < 0:
-            raise InputError(f"--seed must not be negative, got {self.seed}")
+        at_least(self, 1, "episodes")
+        at_least(self, 0, "seed")

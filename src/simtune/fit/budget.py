@@ -1,42 +1,55 @@
-"""How much of a fit can be afforded: physics that is slow gets fewer windows."""
+"""How much of a fit can be afforded: physics that is slow gets fewer particles and windows."""
 
 import time
 from dataclasses import replace
 
 import numpy as np
 
+from simtune.fit.particles import ParticleConfig
 from simtune.fit.shooting import ShootingConfig
 from simtune.search_param_model.landmarks import Landmarks
 from simtune.simulation import Simulator
 
-_FEWEST_WINDOWS = 20
+_PARTICLES_SHARE = 0.6  # of the time; the rest is for windows
+_SIDES = 2  # from which windows are fitted
+_FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20
 _TRIED_WORLDS = 64
 
 
 def affordable(
-    config: ShootingConfig,
+    particles: ParticleConfig,
+    shooting: ShootingConfig,
     simulator: Simulator,
     landmarks: Landmarks,
     parameters: np.ndarray,
+    num_steps: int,
     seconds: float,
-) -> ShootingConfig:
-    """`config` with as many windows as can be fitted in about so many seconds."""
-    step_s = _seconds_per_step(simulator, landmarks, parameters)
+) -> tuple[ParticleConfig, ShootingConfig]:
+    """Both with as many as so many seconds allow, for episodes of `num_steps` in all."""
+    step_s, begun_step_s = _seconds_per_step(simulator, landmarks, parameters)
+    each_s = begun_step_s * num_steps / particles.steps
+    num = int(np.clip(_PARTICLES_SHARE * seconds / each_s, _FEWEST_PARTICLES, particles.num))
     # Each iteration plays every window once a state and parameter to derive by, and a few more.
     played = 3 + 2 * simulator.model.nv + len(simulator.space)
-    window_s = step_s * played * sum(s.window * s.iterations for s in config.stages)
-    num_windows = int(np.clip(seconds / window_s, _FEWEST_WINDOWS, config.num_windows))
-    return replace(config, num_windows=num_windows)
+    window_s = step_s * played * sum(s.window * s.iterations for s in shooting.stages) * _SIDES
+    windows = (1 - _PARTICLES_SHARE) * seconds / window_s
+    num_windows = int(np.clip(windows, _FEWEST_WINDOWS, shooting.num_windows))
+    return replace(particles, num=num), replace(shooting, num_windows=num_windows)
 
 
 def _seconds_per_step(
     simulator: Simulator, landmarks: Landmarks, parameters: np.ndarray, steps: int = 12
-) -> float:
-    """Of one world's policy step, among many at once."""
+) -> tuple[float, float]:
+    """Of one world's policy step, among many at once: of several in a row, and of a single one."""
     rng = np.random.default_rng(0)
     worlds = np.repeat(parameters[None], _TRIED_WORLDS, 0)
-    actions = np.zeros((_TRIED_WORLDS, steps, simulator.num_actions))
-    simulator.roll_out(worlds, actions, rng)  # makes the worlds, which takes time once
-    began_s = time.monotonic()
-    simulator.roll_out(worlds, actions, rng, landmarks.record)
-    return (time.monotonic() - began_s) / _TRIED_WORLDS / steps
+    still = np.zeros((_TRIED_WORLDS, steps, simulator.num_actions))
+    starts = simulator.roll_out(worlds, still, rng, keep_diverged=True).states[:, -1]
+    seconds = []
+    for count in (steps, 1):
+        began_s = time.monotonic()
+        simulator.roll_out(
+            worlds, still[:, :count], rng, landmarks.record, starts, keep_diverged=True
+        )
+        seconds.append((time.monotonic() - began_s) / _TRIED_WORLDS / count)
+    return seconds[0], seconds[1]

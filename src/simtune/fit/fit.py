@@ -6,6 +6,7 @@ import numpy as np
 
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.found import Fit, Misfit
+from simtune.fit.particles import ParticleConfig, Particles
 from simtune.fit.pictures import PictureFit, aligned, fit_pictures
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
 from simtune.fit.tracks import Tracks, noise_px, to_tracks, track
@@ -21,6 +22,7 @@ _SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fit
 _FEWEST_TO_FIT = 2  # episodes
 _UNSEEN_PX = 0.2
 _SIDESTEP = (0.01, 0.1)  # at least, at most, from a start, in unit coordinates
+_SPREAD = (0.02, 0.1)  # of particles: at least, at most, in unit coordinates
 _PRIOR_SPREADS = 3.0  # as far as a first guess may be off, in terms of its usual error
 _CLEARLY_BETTER = 0.05  # by so much a delay has to lower −log likelihood to be believed
 
@@ -39,14 +41,16 @@ class ReplayFit:
         landmarks: Landmarks,
         sight: Sight,
         seed: int,
-        config: ShootingConfig | None = None,
+        particles: ParticleConfig | None = None,
+        shooting: ShootingConfig | None = None,
     ):
         self._simulator, self._landmarks, self._sight = simulator, landmarks, sight
         self._space = StateSpace(simulator.model)
         appearance = np.array([p.is_appearance for p in simulator.space])
         self._moving, self._appearance = np.flatnonzero(~appearance), np.flatnonzero(appearance)
         self._seed = seed
-        self._config = config or ShootingConfig()
+        self._particles = particles or ParticleConfig()
+        self._config = shooting or ShootingConfig()
 
     def learn(self, worlds: SimulatedWorlds, seen: Seen, progress: Progress) -> float:
         """From filmed worlds that sight was not taught on: its noise, and to guess states.
@@ -85,10 +89,10 @@ class ReplayFit:
         if lag is None:
             lag = self._find_lag(tracks, start)
         tracks = tracks.delayed(lag)
-        states = self._estimator(tracks)
         num, kept = len(tracks.actions), num_fitted(len(tracks.actions))
         fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
         space = self._simulator.space
+        states, start, start_std = self._follow(tracks, fitted, start, start_std)
         motion, apart = self._fit_motion(tracks.episodes(fitted), states[fitted], start, start_std)
         unit = space.to_unit(start)
         unit[self._moving] = motion.unit
@@ -125,6 +129,27 @@ class ReplayFit:
             self._row,
             config or self._config,
         )
+
+    def _follow(
+        self, tracks: Tracks, fitted: slice, start: np.ndarray, start_std: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """States of all episodes; parameters, and their std in unit coordinates, of `fitted`."""
+        particles = Particles(
+            self._simulator,
+            self._landmarks,
+            self._noise_px,
+            self._estimator.spread,
+            self._moving,
+            self._row,
+            self._particles,
+        )
+        unit, std = self._simulator.space.to_unit(start), start_std.copy()
+        guessed = self._estimator(tracks)
+        followed = particles.follow(tracks, guessed, unit, np.clip(start_std, *_SPREAD))
+        each = followed.unit[fitted]
+        unit[self._moving] = np.median(each, 0)
+        std[self._moving] = each.std(0) / np.sqrt(len(each))
+        return followed.states, self._simulator.space.from_unit(unit), std
 
     def _fit_motion(
         self, tracks: Tracks, states: np.ndarray, start: np.ndarray, start_std: np.ndarray

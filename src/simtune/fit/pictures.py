@@ -15,7 +15,10 @@ from simtune.simulation.states import StateSpace
 _DELTA = 0.03  # of a parameter, to derive by: several of a pixel's 256 levels
 _ROBUST = 3.0  # noise levels from which a pixel counts less: edges, what is not modelled
 _SMALLEST_NOISE = 1.0 / 255
+_FIRST_NOISE = 0.1  # at least, then half as much each time: a colour far off is no outlier yet
 _LARGEST_STEP = 0.2
+_ROUNDING = 1 / 255 / 12**0.5  # standard deviation
+_SHOWN = 0.05  # of the full scale, that a pixel changes over a parameter's whole range
 _PLACES = 25  # tried for each picture
 _SQUARE_PX = 4  # neighbouring pixels tell the same: so many by so many count as one
 
@@ -36,7 +39,7 @@ def fit_pictures(
     rows: np.ndarray,
     parameters: np.ndarray,
     fitted: np.ndarray,
-    iterations: int = 5,
+    iterations: int = 8,
 ) -> PictureFit:
     """Fit parameters `fitted` (indices) to (M, H, W, 3) frames of (M, S) states.
 
@@ -46,16 +49,14 @@ def fit_pictures(
     unit, variance = space.to_unit(parameters), FIRST_VARIANCE
     covariance = np.zeros((len(fitted),) * 2)
     real = frames.astype(np.float32).reshape(len(frames), -1) / 255
-    noise, residual = _SMALLEST_NOISE, np.zeros_like(real)
-    for _ in range(iterations):
+    noise = residual = np.zeros_like(real)
+    rounding = np.zeros(len(fitted))
+    for iteration in range(iterations):
         drawn, sign = _draw(simulator, rows, unit, fitted)
         residual = drawn[0] - real  # (M, pixels)
-        # Most pixels may show what does not depend on anything: only the others are asked.
         slopes = (drawn[1:] - drawn[0]) / sign[:, None, None]  # (V, M, pixels)
-        shown = np.abs(slopes).max(0, initial=0) > 0.05
-        noise = max(
-            _SMALLEST_NOISE, 1.48 * float(np.median(np.abs(residual[shown]))) if shown.any() else 0
-        )
+        floor = max(_SMALLEST_NOISE, _FIRST_NOISE / 2**iteration)
+        noise = np.maximum(floor, _noise(residual, np.abs(slopes) > _SHOWN))  # (M, pixels)
         weight = 1 / (1 + np.square(residual / (_ROBUST * noise))) ** 2 / noise**2 / _SQUARE_PX**2
         information = np.einsum("vmp,mp,ump->mvu", slopes, weight, slopes, optimize=True)
         slope = np.einsum("vmp,mp,mp->mv", slopes, weight, residual, optimize=True)
@@ -64,8 +65,23 @@ def fit_pictures(
             information.astype(float), slope.astype(float), variance, trusted(cost)
         )
         unit[fitted] = np.clip(unit[fitted] + np.clip(change, -_LARGEST_STEP, _LARGEST_STEP), 0, 1)
+        rounding = _ROUNDING / np.maximum(np.abs(slopes).max((1, 2), initial=0), _SHOWN)
     far = np.abs(residual).reshape(len(frames), -1, 3).max(-1) > 0.12
-    return PictureFit(unit[fitted], covariance, noise, float(far.mean()))
+    # Pixels of one colour are all rounded alike: of that, many pictures tell no more than one.
+    covariance += np.diag(rounding**2)
+    return PictureFit(unit[fitted], covariance, float(np.median(noise)), float(far.mean()))
+
+
+def _noise(residual: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """(M, pixels) robust standard deviation of (M, pixels), where (V, M, pixels) show a parameter.
+
+    Of each parameter by itself: that the ground fits tells nothing of a thin pole.
+    """
+    noise = np.zeros_like(residual)
+    for where in shown[shown.any((1, 2))]:
+        own = 1.48 * float(np.median(np.abs(residual[where])))
+        noise = np.where(where, np.maximum(noise, own), noise)
+    return noise
 
 
 def aligned(

@@ -7,6 +7,7 @@ import numpy as np
 from simtune.search_param_model.sight import Seen, Sight, look
 
 _SURE = 0.8
+_SUREST = 0.99  # sight gives what it never saw in simulation no chance at all; there is some
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def to_tracks(seen: Seen, actions: np.ndarray) -> Tracks:
     """What sight made of the frames of (E, T, A) actions' episodes, one after the other."""
     episodes = (len(actions), actions.shape[1] + 1)
     places = seen.places.reshape(*episodes, *seen.places.shape[1:])
-    probability = seen.probability.reshape(*episodes, *seen.probability.shape[1:])
+    probability = _SUREST * seen.probability.reshape(*episodes, *seen.probability.shape[1:])
     return Tracks(places, probability, actions.astype(float))
 
 

@@ -31,28 +31,37 @@ class Windows:
 
     def cost(self, residual: np.ndarray) -> np.ndarray:
         """(G, W) −log likelihoods of (G, W, K, 2, L, 2) residuals in units of sight's noise."""
-        near, wide, elsewhere = self._terms(residual)
-        return -np.log((near + wide).sum(-2) + elsewhere).sum((-1, -2))
+        return -log_likelihood(residual, self.probability)
 
     def weight(self, residual: np.ndarray) -> np.ndarray:
         """(W, M) how much each coordinate counts: the mixture as if it were normal just here."""
-        near, wide, elsewhere = self._terms(residual)
+        near, wide, elsewhere = _terms(residual, self.probability)
         total = (near + wide).sum(-2) + elsewhere
         weight = (near + wide / _WIDE**2).max(-2) / total  # (W, K, L)
         return np.repeat(weight[..., None], 2, -1).reshape(len(weight), -1)
 
     def nearest(self, residual: np.ndarray) -> np.ndarray:
         """(W, K, L, 2) residuals to the place that explains best."""
-        near, wide, _ = self._terms(residual)
+        near, wide, _ = _terms(residual, self.probability)
         best = (near + wide).argmax(-2)[..., None, :, None]
         return np.take_along_axis(residual, best, -3)[..., 0, :, :]
 
-    def _terms(self, residual: np.ndarray):
-        """(..., K, 2, L) near and wide, (..., K, L) elsewhere: densities that add up."""
-        square = np.minimum(np.square(residual).sum(-1), 1e3)
-        near = self.probability * np.exp(-0.5 * square)
-        wide = self.probability * _WIDE_SHARE * np.exp(-0.5 * square / _WIDE**2)
-        return near, wide, (1 - self.probability.sum(2)) * _ELSEWHERE + 1e-12
+
+def log_likelihood(residual: np.ndarray, probability: np.ndarray) -> np.ndarray:
+    """(...) of K frames with (..., K, 2, L, 2) residuals in units of sight's noise.
+
+    `probability`, (..., K, 2, L), that the landmark is at either place.
+    """
+    near, wide, elsewhere = _terms(residual, probability)
+    return np.log((near + wide).sum(-2) + elsewhere).sum((-1, -2))
+
+
+def _terms(residual: np.ndarray, probability: np.ndarray):
+    """(..., K, 2, L) near and wide, (..., K, L) elsewhere: densities that add up."""
+    square = np.minimum(np.square(residual).sum(-1), 1e3)
+    near = probability * np.exp(-0.5 * square)
+    wide = probability * _WIDE_SHARE * np.exp(-0.5 * square / _WIDE**2)
+    return near, wide, (1 - probability.sum(-2)) * _ELSEWHERE + 1e-12
 
 
 def cut(tracks: Tracks, states: np.ndarray, steps: int, at_most: int) -> Windows:
@@ -66,6 +75,6 @@ def cut(tracks: Tracks, states: np.ndarray, steps: int, at_most: int) -> Windows
         episode, step = episode[kept], step[kept]
     frames = step[:, None] + np.arange(length + 1)
     at = (episode[:, None], frames)
-    probability = tracks.probability[at] * 0.99  # sight is never all that sure
+    probability = tracks.probability[at]
     actions = tracks.actions[episode[:, None], frames[:, :-1]]
     return Windows(tracks.places[at], probability, actions, states[episode, step], episode, step)

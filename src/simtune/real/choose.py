@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from simtune.config import RecordingsConfig
-from simtune.config.robot import Driver, RobotConfig
+from simtune.config import ROBOTS, RealConfig, RecordingsConfig
+from simtune.config.robot import Driver
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
@@ -21,71 +21,65 @@ from simtune.run.config import FILMED, stored_config
 from simtune.simulation import AnySimulator
 from simtune.tasks import AnyTask, Task
 
-_AS_RECORDED = RecordingsConfig()
-
 
 def choose_real(
-    name: str,
+    config: RealConfig,
     task: AnyTask,
-    real_parameters: Path | None = None,
-    *,
-    recordings: RecordingsConfig = _AS_RECORDED,
     image_size: int,
-    seed: int,
+    *,
     real_episodes: int | None = None,
     real_gap: bool = False,
-    robot: Path | None = None,
-    move: bool = False,
     out: Path | None = None,
-    start_factor: float = 2.0,
 ) -> tuple[RealWorld, np.ndarray, Truth | None]:
     """A real world, where the search for its parameters starts (N,), and the truth, where known.
 
-    `pseudo`: a simulated world of `real_parameters`, searched from ×2/×½ of them
-    (or `start_factor`); `real_gap` puts a RealityGap before it. `xarm`, `lerobot`: the robot of a
-    file, which films into the run's folder `out` and moves only with `move`; without it, and with
-    nothing filmed yet, a dry run ends in an InputError that says what it found. Anything else is
-    where `recordings` lie; the first `real_episodes` of them (None: a few) are read at once, so
-    that what is unsound is said before anything is written. Both are searched from the nominal
-    parameters.
+    `pseudo`: a simulated world of `real_parameters`, searched from `start_factor` times too high
+    or too low; `real_gap` puts a RealityGap before it. A robot films into the run's folder `out`
+    and moves only with `move`; without it, and with nothing filmed yet, a dry run ends in an
+    InputError that says what it found. Of recordings the first `real_episodes` (None: a few) are
+    read at once, so that what is unsound is said before anything is written. Both are searched
+    from the nominal parameters.
     Raises InputError for what cannot be read.
     """
+    config.check_real()
     space = task.parameters
-    driver: Driver | None = name if name == "xarm" or name == "lerobot" else None
-    if not driver and (robot is not None or move):
-        raise InputError("--robot and --move go with --real xarm or lerobot only")
-    if name == "pseudo":
-        truth = Truth(space, read_parameters(real_parameters, space))
-        gap = RealityGap.draw(image_size, seed) if real_gap else None
+    if config.real == "pseudo":
+        truth = Truth(space, read_parameters(config.real_parameters, space))
+        gap = RealityGap.draw(image_size, config.seed) if real_gap else None
         if gap and isinstance(task, Task):
             simulator = gap.simulator(task)
         elif gap:
             raise InputError("--real-gap needs a MuJoCo model, to draw it another way")
         else:
             simulator = task.simulator(image_size=image_size)
-        real = truth.make_real(simulator, episode_steps=task.episode_steps, seed=seed, gap=gap)
-        return real, truth.wrong_start(seed, start_factor), truth
-    if real_parameters is not None:
-        raise InputError("--real-parameters goes with --real pseudo only")
-    if driver:
-        if robot is None or out is None:
-            raise InputError(f"--real {name} needs --robot FILE.toml (see docs/robot.md)")
-        real = _robot(read_robot(robot, driver), task, image_size, seed, move, out)
-        return real, space.nominal.copy(), None
-    real = RecordedReal(open_recordings(name, task, recordings, image_size))
+        steps = task.episode_steps
+        real = truth.make_real(simulator, episode_steps=steps, seed=config.seed, gap=gap)
+        return real, truth.wrong_start(config.seed, config.start_factor), truth
+    if config.real in ROBOTS:
+        return _robot(config, task, image_size, out), space.nominal.copy(), None
+    real = RecordedReal(open_recordings(config.real, task, config, image_size))
     if real_episodes != 0:
         real.collect(real_episodes)
     return real, space.nominal.copy(), None
 
 
-def _robot(
-    config: RobotConfig, task: AnyTask, image_size: int, seed: int, move: bool, out: Path
-) -> RobotReal:
+def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None) -> RobotReal:
     """One that may move, or has filmed something already. Raises InputError after a dry run."""
+    assert config.robot is not None, "checked"
+    if out is None:
+        raise ValueError("a robot needs a folder `out` to film into")
+    driver: Driver = "xarm" if config.real == "xarm" else "lerobot"
+    robot = read_robot(config.robot, driver)
     stored_config(out)  # refuses what cannot be a run's folder, before anything moves
-    folder = out / FILMED
-    real = RobotReal(config, task, image_size=image_size, seed=seed, folder=folder, move=move)
-    if not move and not real.num_filmed:
+    real = RobotReal(
+        robot,
+        task,
+        image_size=image_size,
+        seed=config.seed,
+        folder=out / FILMED,
+        move=config.move,
+    )
+    if not config.move and not real.num_filmed:
         raise InputError(f"dry run: {real.dry_run()}; give --move to let it move")
     return real
 

@@ -87,9 +87,10 @@ class Simulator(AnySimulator):
         worlds = self._worlds_for(n)
         if watch:
             watch(worlds.batch)  # binds the fields it reads, so that they are computed
-        worlds.reset(parameters, self._initialize, rng)
-        if starts is not None:
-            worlds.start_from(starts)
+        if starts is None:
+            worlds.reset(parameters, self._initialize, rng)
+        else:
+            worlds.start_from(parameters, starts)
         self.action_mapping.settle(worlds.batch)
         states = np.empty((n, num_steps + 1, worlds.state.shape[1]))
         states[:, 0] = worlds.state

@@ -1,7 +1,7 @@
 """Many worlds of one model, each with its own parameters, stepped at once (mujoco.batch)."""
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import mujoco
@@ -51,19 +51,24 @@ class Worlds:
 
     def reset(self, parameters: np.ndarray, initialize, rng: np.random.Generator) -> None:
         """Write (num_worlds, N) parameters and start anew by `initialize(batch, rng)`."""
+        self._begin(parameters, lambda: initialize(self.batch, rng))
+
+    def start_from(self, parameters: np.ndarray, states: np.ndarray) -> None:
+        """Write (num_worlds, N) parameters and start anew in (num_worlds, S) states."""
+
+        def put() -> None:
+            self.batch.state[...] = states
+
+        self._begin(parameters, put)
+
+    def _begin(self, parameters: np.ndarray, start: Callable[[], None]) -> None:
         self._writer.write_batch(self.batch, parameters)
         with _no_printed_warnings():
             self.batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-            initialize(self.batch, rng)
+            start()
             self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
         self._dead[:] = False
         self._count_dead()
-
-    def start_from(self, states: np.ndarray) -> None:
-        """Put the worlds into (num_worlds, S) states, with their own parameters."""
-        self.batch.state[...] = states
-        with _no_printed_warnings():
-            self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
 
     def step(self, controls: np.ndarray, num_substeps: int) -> None:
         """Hold (num_worlds, nu) controls for a number of physics steps."""

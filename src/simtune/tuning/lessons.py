@@ -73,7 +73,8 @@ class Lessons:
         seen = self.model.look_at(unseen)
         errors = self.model.sight_errors(unseen, seen, distribution)
         losses |= self._to_judge(worlds, errors, distribution, seconds * config.judge_share)
-        return self._to_follow(unseen, seen, distribution, seconds), losses
+        num_steps = min(len(t) for t in real) * len(real)
+        return self._to_follow(unseen, seen, distribution, num_steps, seconds), losses
 
     def _affordable_worlds(self, real: list[Trajectory], seconds: float) -> int:
         """As many as the config says, or fewer where they would take longer than `seconds`."""
@@ -138,8 +139,14 @@ class Lessons:
         return {"loss/judge": loss, "sight/error_px": error_px}
 
     def _to_follow(
-        self, unseen: SimulatedWorlds, seen: Seen, distribution: Distribution, seconds: float
+        self,
+        unseen: SimulatedWorlds,
+        seen: Seen,
+        distribution: Distribution,
+        num_steps: int,
+        seconds: float,
     ) -> ReplayFit | None:
+        """`num_steps`: of all real episodes together."""
         simulator, landmarks = self.simulator, self.landmarks
         # To fit, worlds have to be begun anywhere, which environments need not be able to.
         if not isinstance(simulator, Simulator) or not isinstance(landmarks, Landmarks):
@@ -147,9 +154,15 @@ class Lessons:
         if not len(landmarks):
             return None
         config, scene = self._config, (simulator, landmarks)
-        budget_s = seconds * config.fit_share / 2  # it is begun from two sides
-        shooting = affordable(config.shooting, *scene, distribution.mean, budget_s)
-        replay = ReplayFit(*scene, self.model.sight, self._seed, shooting)
+        particles, shooting = affordable(
+            config.particles,
+            config.shooting,
+            *scene,
+            distribution.mean,
+            num_steps,
+            seconds * config.fit_share,
+        )
+        replay = ReplayFit(*scene, self.model.sight, self._seed, particles, shooting)
         seconds *= config.state_share
         progress = self._progress(config.state_updates, seconds, "learning to follow", 0.7, 0.8)
         replay.learn(unseen, seen, progress)

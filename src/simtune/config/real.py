@@ -1,0 +1,43 @@
+"""What every command that looks at a real world is asked of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from simtune.config.checks import at_least
+from simtune.config.recordings import RecordingsConfig
+from simtune.errors import InputError
+
+ROBOTS = ("xarm", "lerobot")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealConfig(RecordingsConfig):
+    """Which real world, and from how far away its parameters are searched."""
+
+    real: str = "pseudo"
+    """The real world: `pseudo`, a simulated one that is filmed and scored against, recordings of
+    video and actions (a LeRobotDataset v3, pairs of mp4 and csv, or HDF5: docs/recordings.md), or
+    a robot: `xarm`, `lerobot`."""
+    robot: Path | None = None
+    """With `xarm` and `lerobot`: a TOML file of the robot, its limits and its camera."""
+    move: bool = False
+    """Let the robot move; without it a dry run says what would be in the way (docs/robot.md)."""
+    real_parameters: Path | None = None
+    """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
+    start_factor: float = 2.0
+    """With `pseudo`: so many times too high or too low is every parameter at the start."""
+    seed: int = 0
+    """Of all random numbers; with `pseudo` it also chooses which parameters start too high."""
+
+    def check_real(self) -> None:
+        """Raises InputError for what makes no sense."""
+        self.check_recordings(self.real not in ("pseudo", *ROBOTS))
+        if self.real not in ROBOTS and (self.robot is not None or self.move):
+            raise InputError("--robot and --move go with --real xarm or lerobot only")
+        if self.real in ROBOTS and self.robot is None:
+            raise InputError(f"--real {self.real} needs --robot FILE.toml (see docs/robot.md)")
+        if self.real != "pseudo" and self.real_parameters is not None:
+            raise InputError("--real-parameters goes with --real pseudo only")
+        if not self.start_factor >= 1:
+            raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
+        at_least(self, 0, "seed")

@@ -1,0 +1,158 @@
+"""Many simulated motions at once follow what sight saw; the likely ones go on.
+
+A particle filter (Gordon, Salmond and Smith 1993) of states and parameters together. What single
+pictures leave open, a left leg that may be the right one, the motion decides after a while: until
+then both go on. Gradients, as in `shooting`, never leave the first of the two.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from simtune.fit.tracks import Tracks
+from simtune.fit.windows import log_likelihood
+from simtune.search_param_model.landmarks import Landmarks
+from simtune.simulation import Simulator
+from simtune.simulation.states import StateSpace
+
+_TEMPER = 0.3  # sight's errors in neighbouring frames and landmarks go together
+_FRESH = 0.2  # share that begins anew from the first guess, should all others have gone astray
+_FRESH_PENALTY = 2.0  # of their log likelihood
+_STATE_JITTER = 0.1  # in terms of the first guess's usual errors
+_UNIT_JITTER = 0.005  # of parameters, in unit coordinates, each time
+_FEWEST = 0.5  # share of particles that still count below which they are chosen anew
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParticleConfig:
+    num: int = 192  # of each episode, at most
+    steps: int = 1  # between choices
+    look_ahead: int = 12  # steps after which a state is what the likeliest motion came from
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What particles found in E episodes."""
+
+    states: np.ndarray  # (E, T + 1, nq + nv)
+    unit: np.ndarray  # (E, P) means over the episodes' second halves, in unit coordinates
+
+
+@dataclass
+class _History:
+    states: list[np.ndarray] = field(default_factory=list)  # (E, K, steps, nq + nv) of a segment
+    parent: list[np.ndarray] = field(default_factory=list)  # (E, K) in the segment before
+    best: list[np.ndarray] = field(default_factory=list)  # (E,) of a segment, at its end
+    unit: list[np.ndarray] = field(default_factory=list)  # (E, P) means
+
+
+class Particles:
+    """Follows tracks in worlds of one simulator."""
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        landmarks: Landmarks,
+        noise_px: np.ndarray,
+        spread: np.ndarray,
+        fitted: np.ndarray,
+        row: np.ndarray,
+        config: ParticleConfig,
+    ):
+        """`spread`: (2 nv,) usual errors of first guesses; the rest as for `Shooting`."""
+        self._simulator, self._landmarks, self._config = simulator, landmarks, config
+        self._space, self._noise_px, self._spread = StateSpace(simulator.model), noise_px, spread
+        self._fitted, self._row = fitted, row
+
+    def follow(
+        self, tracks: Tracks, states: np.ndarray, unit: np.ndarray, unit_std: np.ndarray
+    ) -> Followed:
+        """From guesses at the (E, T + 1, nq + nv) states and the (N,) parameters, and their std."""
+        rng, config, history = np.random.default_rng(0), self._config, _History()
+        num_episodes, num_steps, _ = tracks.actions.shape
+        shape = (num_episodes, config.num)
+        now = self._fresh(states[:, 0], config.num, rng)  # (E, K, nq + nv)
+        drawn = rng.normal(size=(*shape, len(self._fitted)))
+        units = np.clip(unit[self._fitted] + unit_std[self._fitted] * drawn, 0, 1)
+        weight = np.zeros(shape)  # logarithms
+        parent = np.tile(np.arange(config.num), (num_episodes, 1))
+        for start in range(0, num_steps, config.steps):
+            end = min(start + config.steps, num_steps)
+            played, seen = self._play(now, unit, units, tracks.actions[:, start:end])
+            first = 0 if start == 0 else 1
+            likely = log_likelihood(
+                (seen[:, :, first:, None] - tracks.places[:, None, start + first : end + 1])
+                / self._noise_px[:, None],
+                tracks.probability[:, None, start + first : end + 1],
+            )
+            weight = weight + _TEMPER * likely
+            share = np.exp(weight - weight.max(1, keepdims=True))
+            share /= share.sum(1, keepdims=True)
+            history.states.append(played if start == 0 else played[:, :, 1:])
+            history.parent.append(parent)
+            history.best.append(weight.argmax(1))
+            history.unit.append(np.einsum("ek,ekp->ep", share, units))
+            now, units, weight, parent = self._choose(
+                played[:, :, -1], units, weight, share, states[:, end], rng
+            )
+        half = len(history.unit) // 2
+        return Followed(self._path(history), np.mean(history.unit[half:], 0))
+
+    def _fresh(self, states: np.ndarray, num: int, rng: np.random.Generator) -> np.ndarray:
+        """(E, num, nq + nv) around first guesses (E, nq + nv)."""
+        around = np.repeat(states[:, None], num, 1)
+        errors = rng.normal(size=(*around.shape[:2], self._space.num_tangent))
+        return self._space.move(around, errors * self._spread)
+
+    def _play(self, states: np.ndarray, unit: np.ndarray, units: np.ndarray, actions: np.ndarray):
+        """States (E, K, steps + 1, nq + nv) and landmarks of what happens next."""
+        num_episodes, num, size = states.shape
+        rows = np.repeat(self._row[None], num_episodes * num, 0)
+        rows[:, 1 : 1 + size] = states.reshape(-1, size)
+        worlds = np.repeat(unit[None], len(rows), 0)
+        worlds[:, self._fitted] = units.reshape(len(rows), -1)
+        played = self._simulator.roll_out(
+            self._simulator.space.from_unit(worlds),
+            np.repeat(actions, num, 0),
+            np.random.default_rng(0),  # starts are given: nothing is drawn
+            self._landmarks.record,
+            rows,
+            keep_diverged=True,
+        )
+        assert played.recorded is not None, "asked for above"
+        shape = (num_episodes, num, actions.shape[1] + 1)
+        seen = np.nan_to_num(played.recorded.reshape(*shape, -1, 2), nan=-1e3)
+        return np.nan_to_num(played.states.reshape(*shape, -1)[..., 1 : 1 + size]), seen
+
+    def _choose(self, states, units, weight, share, guesses, rng: np.random.Generator):
+        """Where few are left that count: the likely ones again, a little different."""
+        num = weight.shape[1]
+        states, units, weight = states.copy(), units.copy(), weight.copy()
+        parent = np.tile(np.arange(num), (len(weight), 1))
+        num_fresh = int(_FRESH * num)
+        for episode in np.flatnonzero(1 / np.square(share).sum(1) < _FEWEST * num):
+            at = (rng.uniform() + np.arange(num)) / num
+            chosen = np.searchsorted(np.cumsum(share[episode]), at).clip(0, num - 1)
+            rng.shuffle(chosen)  # any of them may have to make room
+            errors = rng.normal(size=(num, self._space.num_tangent)) * self._spread
+            states[episode] = self._space.move(states[episode, chosen], _STATE_JITTER * errors)
+            states[episode, :num_fresh] = self._fresh(guesses[episode][None], num_fresh, rng)[0]
+            drawn = rng.normal(size=units[episode].shape)
+            units[episode] = np.clip(units[episode, chosen] + _UNIT_JITTER * drawn, 0, 1)
+            weight[episode] = 0
+            weight[episode, :num_fresh] = -_FRESH_PENALTY
+            parent[episode] = chosen
+        return states, units, weight, parent
+
+    def _path(self, history: _History) -> np.ndarray:
+        """(E, T + 1, nq + nv): each segment as the one looks whose motion was the best later on."""
+        episodes = np.arange(len(history.best[0]))
+        ahead, last = -(-self._config.look_ahead // self._config.steps), len(history.best) - 1
+        path = []
+        for segment in range(last + 1):
+            later = min(segment + ahead, last)
+            at = history.best[later]
+            for step in range(later, segment, -1):
+                at = history.parent[step][episodes, at]
+            path.append(history.states[segment][episodes, at])
+        return np.concatenate(path, 1)
