@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -16,7 +17,7 @@ from simtune.randomization import Distribution
 from simtune.record import record
 from simtune.run import read_json
 from simtune.search_param_model.simulated import Camera, find_landmarks, simulate
-from simtune.simulation import random_actions
+from simtune.simulation import EnvironmentSimulator, random_actions
 from simtune.tasks import load_any_task
 from simtune.tune import tune
 
@@ -78,6 +79,49 @@ def test_a_start_is_that_of_another_episode_whatever_the_world():
     one, other = simulator.film(first)[0], simulator.film(second)[0]
     np.testing.assert_array_equal(one[0], other[0])
     assert (one[-1] != other[-1]).any()
+
+
+class Letterbox(gymnasium.Wrapper):
+    """Grey bars beside the picture, or above and below: half as much again."""
+
+    def __init__(self, env, axis: int):
+        super().__init__(env)
+        self._axis = axis
+
+    def _told(self, info):
+        points = np.array(info["points"])
+        points[:, 1 - self._axis] = (points[:, 1 - self._axis] + 0.25) / 1.5
+        return {"points": points}
+
+    def reset(self, **options):
+        seen, info = self.env.reset(**options)
+        return seen, self._told(info)
+
+    def step(self, action):
+        *rest, info = self.env.step(action)
+        return (*rest, self._told(info))
+
+    def render(self):
+        picture = self.env.render()
+        wide = [(0, 0), (0, 0), (0, 0)]
+        wide[self._axis] = (len(picture) // 4,) * 2
+        return np.pad(picture, wide, constant_values=128)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_of_a_picture_that_is_no_square_the_middle_is_looked_at(ball, axis):
+    parameters, actions, _ = some_worlds(2, 6)
+    plain, boxed = (
+        EnvironmentSimulator(env, SPACE, step_s=0.05, image_size=SIZE)
+        for env in (ball.BouncingBall(), Letterbox(ball.BouncingBall(), axis))
+    )
+    seen = []
+    for simulator in (plain, boxed):
+        rng, points = np.random.default_rng(3), simulator.points()
+        rollouts = simulator.roll_out(parameters, actions, rng, points.record)
+        seen.append((simulator.film(rollouts), rollouts.recorded))
+    np.testing.assert_array_equal(seen[0][0], seen[1][0])
+    np.testing.assert_allclose(seen[0][1], seen[1][1], atol=1e-4)
 
 
 def test_points_are_where_the_ball_is_in_the_picture():

@@ -155,6 +155,9 @@ def test_the_script_makes_a_tuned_copy_of_a_file(scene, tmp_path):
     model = mujoco.MjModel.from_xml_path(str(tuned))
     masses = mujoco.MjModel.from_xml_path(str(scene.parent / "scene.xml")).body_mass * mean[0]
     np.testing.assert_allclose(model.body_mass, masses, rtol=1e-5)
+    expected = the_tuned_world(str(scene), mean)
+    np.testing.assert_allclose(model.actuator_delay, expected.actuator_delay, rtol=1e-5)
+    np.testing.assert_array_equal(model.actuator_history, expected.actuator_history)
 
 
 def test_the_physics_steps_are_those_of_the_run(tmp_path):

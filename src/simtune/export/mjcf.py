@@ -11,7 +11,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.parameters import ModelWriter, rows_of
 from simtune.run import write_atomically
-from simtune.simulation import count_substeps, remember_controls
+from simtune.simulation import count_substeps
 from simtune.tasks import Task
 
 _ASSETS = "assets"
@@ -28,8 +28,7 @@ def tuned_model(
     `step_s`: how long an action lasted in the run; physics steps are a whole part of it.
     """
     step_s = step_s or task.step_s
-    spec = task.load_spec()
-    remember_controls(spec, task.parameters, step_s)
+    spec = task.spec_for(step_s)
     spec.option.timestep = step_s / count_substeps(step_s, spec.option.timestep)
     model = spec.compile()
     writer = ModelWriter(task.parameters, model)
@@ -46,12 +45,8 @@ def write_mjcf(
     Raises InputError for a file that cannot be read, RuntimeError for a field that MJCF lacks.
     """
     spec.copy_back(model)
-    for field in set(_NOT_COPIED) & writer.written.keys():
-        kind, _, attribute = field.partition("_")
-        for name in writer.written[field]:
-            element = getattr(spec, {"mat": "material"}.get(kind, kind))(name)
-            (value,) = getattr(model, field)[rows_of(model, field, name)].tolist()
-            setattr(element, attribute, value)
+    for kind, name, attribute, value in not_copied(writer, model):
+        setattr(getattr(spec, kind)(name), attribute, value)
     copied: dict[Path, str] = {}
     for owner, where, name in _files(spec):
         source = Path(spec.modelfiledir or "") / where / name
@@ -62,6 +57,19 @@ def write_mjcf(
     spec.modelfiledir = str(folder)  # writing looks at the files once more
     write_atomically(folder / "model.xml", spec.to_xml().encode())
     _compare(mujoco.MjModel.from_xml_path(str(folder / "model.xml")), model, writer)
+
+
+def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:
+    """(kind of element, name, attribute, value) of what `copy_back` leaves out of a spec."""
+    for field in sorted(set(_NOT_COPIED) & writer.written.keys()):
+        kind, _, attribute = field.partition("_")
+        for name in writer.written[field]:
+            (value,) = getattr(model, field)[rows_of(model, field, name)].tolist()
+            if field == "actuator_delay":  # worth nothing without a memory of controls
+                num_samples, interp = model.actuator_history[model.actuator(name).id].tolist()
+                yield kind, name, "nsample", num_samples
+                yield kind, name, "interp", interp
+            yield {"mat": "material"}.get(kind, kind), name, attribute, value
 
 
 def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, writer: ModelWriter) -> None:

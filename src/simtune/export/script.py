@@ -6,6 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from simtune.export.mjcf import not_copied
 from simtune.parameters import ModelWriter, rows_of
 
 _SCRIPT = '''"""Write what simtune found into a MuJoCo model.
@@ -40,7 +41,7 @@ def apply(model: mujoco.MjModel) -> None:
 
 if __name__ == "__main__":
     spec = mujoco.MjSpec.from_file(sys.argv[1])
-    model = spec.compile()
+{not_copied}    model = spec.compile()
     apply(model)
     spec.copy_back(model)
     spec.to_file(sys.argv[2])
@@ -57,7 +58,11 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
         for field, kind, name, values in _found(writer, model)
     ]
     note = _DELAYS if any(p.is_delay for p in writer.space) else ""
-    return _SCRIPT.format(rows="\n".join(rows), note=note)
+    left_out = "".join(
+        f"    spec.{kind}({name!r}).{attribute} = {value!r}\n"
+        for kind, name, attribute, value in not_copied(writer, model)
+    )
+    return _SCRIPT.format(rows="\n".join(rows), note=note, not_copied=left_out)
 
 
 def _found(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:

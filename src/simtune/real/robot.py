@@ -9,7 +9,7 @@ import numpy as np
 
 from simtune.config.robot import RobotConfig
 from simtune.errors import InputError
-from simtune.real.filmed import Filmed
+from simtune.real.filmed import Filmed, Sitting
 from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
 from simtune.recordings import resize
 from simtune.robot.displacements import Displacements
@@ -113,9 +113,9 @@ class RobotReal:
             seen = np.stack([resize(frames[i], size) for i in latest])
             return scale_actions(self._mapping, policy(seen[None]))[0]
 
-        return self._film(num_episodes, lambda _: act)
+        return list(self._film(num_episodes, lambda _: act).read(self._image_size))
 
-    def _film(self, num_episodes: int, begin: Callable[[int], ActOnFrames]) -> list[Trajectory]:
+    def _film(self, num_episodes: int, begin: Callable[[int], ActOnFrames]) -> Sitting:
         if not self._move:
             raise InputError("the robot has to move for this: give --move")
         ask = self._config.ask
@@ -136,7 +136,7 @@ class RobotReal:
                     _ask(f"episode {episode + 1} of {num_episodes}")
                 played = session.play(begin(episode), self._task.episode_steps, sitting.note)
                 sitting.add(played)
-        return list(sitting.read(self._image_size))
+        return sitting
 
 
 def _ask(what: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from simtune.config.robot import RobotConfig
 from simtune.errors import InputError, RobotError
-from simtune.recordings import resize
+from simtune.recordings import middle_square, resize
 from simtune.robot.displacements import Displacements
 from simtune.robot.latch import Latch
 from simtune.robot.limits import Limits
@@ -94,10 +94,8 @@ class Session:
     def _look(self) -> tuple[np.ndarray, float]:
         """The middle of the picture, as wide as high, and when it was taken."""
         pixels, taken_s = self._camera.look()
-        side = min(pixels.shape[:2])
-        top, left = ((length - side) // 2 for length in pixels.shape[:2])
-        middle = pixels[top : top + side, left : left + side]
-        return resize(middle, (self._recorded_px, self._recorded_px)), taken_s
+        size = (self._recorded_px, self._recorded_px)
+        return resize(middle_square(pixels), size), taken_s
 
 
 def limits_of(config: RobotConfig) -> Limits:

@@ -9,7 +9,14 @@ from typing import Any
 from simtune.errors import InputError
 from simtune.recordings.lerobot_episodes import Episode, read_episodes
 from simtune.recordings.lerobot_format import IMAGES_PREFIX, INFO_PATH
-from simtune.recordings.source import LEAST_FPS, MOST_ACTIONS, MOST_FPS, is_rate, short
+from simtune.recordings.source import (
+    LEAST_FPS,
+    MOST_ACTIONS,
+    MOST_FPS,
+    choose_camera,
+    is_rate,
+    short,
+)
 
 _MOST_BYTES = 100_000_000  # of a JSON file, which is read whole
 
@@ -128,16 +135,7 @@ def _choose_camera(folder: Path, features: dict[str, Any], camera: str | None) -
             f"{folder}: no camera, that is no feature of dtype 'video'; "
             f"there are: {short(list(features))}"
         )
-    if camera is None:
-        if len(cameras) > 1:
-            raise InputError(
-                f"{folder}: has several cameras, choose one by --camera: {short(cameras)}"
-            )
-        return cameras[0]
-    for key in (camera, IMAGES_PREFIX + camera):
-        if key in cameras:
-            return key
-    raise InputError(f"{folder}: no camera {camera!r}; there are: {short(cameras)}")
+    return choose_camera(folder, cameras, camera, lambda name: IMAGES_PREFIX + name)
 
 
 def _as_list(value: object) -> list[Any]:

@@ -6,9 +6,10 @@ import numpy as np
 
 
 def middle_square(frame: np.ndarray) -> np.ndarray:
-    """The middle of a picture (H, W, 3) that is at least as wide as high: (H, H, 3)."""
-    beside = (frame.shape[1] - frame.shape[0]) // 2
-    return frame[:, beside : beside + frame.shape[0]]
+    """The middle of a picture (H, W, 3), (side, side, 3): as wide as it is high."""
+    side = min(frame.shape[:2])
+    top, left = ((length - side) // 2 for length in frame.shape[:2])
+    return frame[top : top + side, left : left + side]
 
 
 def resize(frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.recordings.source import MOST_ACTIONS, MOST_ROWS, Rows, is_rate, short
+from simtune.recordings.source import (
+    MOST_ACTIONS,
+    MOST_ROWS,
+    Rows,
+    choose_camera,
+    is_rate,
+    short,
+)
 from simtune.recordings.video import MOST_PIXELS
 
 _BLOCK_BYTES = 1 << 24  # of pictures read at once: compressed ones are stored several together
@@ -117,14 +124,7 @@ class RobomimicSource:
                 f"{self.path}: no pictures (T, H, W, 3) uint8 in /data/{self.episodes[0]}/obs; "
                 f"there are: {short(list(observed))}"
             )
-        if camera is None and len(cameras) > 1:
-            raise InputError(
-                f"{self.path}: has several cameras, choose one by --camera: {short(cameras)}"
-            )
-        for key in (camera or cameras[0], f"{camera}_image"):
-            if key in cameras:
-                return key
-        raise InputError(f"{self.path}: no camera {camera!r}; there are: {short(cameras)}")
+        return choose_camera(self.path, cameras, camera, lambda name: f"{name}_image")
 
 
 def _open(path: Path) -> Any:

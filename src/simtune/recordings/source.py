@@ -1,6 +1,6 @@
 """What each kind of recordings has to tell; what all of them share is in `dataset.py`."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeGuard
@@ -67,6 +67,25 @@ def is_rate(fps: object) -> TypeGuard[int | float]:
 def short(names: Sequence[str], most: int = 12) -> str:
     """At most so many names, for a message that stays one line."""
     return ", ".join(names if len(names) <= most else [*names[:most], "..."])
+
+
+def choose_camera(
+    where: Path, cameras: Sequence[str], asked: str | None, longer: Callable[[str], str]
+) -> str:
+    """The asked one of `cameras`, by its name or what is `longer`; the only one, if none was.
+
+    Raises InputError where there is no such one.
+    """
+    if asked is None:
+        if len(cameras) > 1:
+            raise InputError(
+                f"{where}: has several cameras, choose one by --camera: {short(cameras)}"
+            )
+        return cameras[0]
+    for key in (asked, longer(asked)):
+        if key in cameras:
+            return key
+    raise InputError(f"{where}: no camera {asked!r}; there are: {short(cameras)}")
 
 
 def choose_actions(

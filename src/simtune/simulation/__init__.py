@@ -10,10 +10,10 @@ from simtune.simulation.actions import (
 )
 from simtune.simulation.delays import count_substeps, remember_controls
 from simtune.simulation.environment import EnvironmentSimulator, Points
-from simtune.simulation.played import Act, AnySimulator, Played, Rollouts
+from simtune.simulation.played import Act, AnySimulator, Played, Rollouts, random_actions
 from simtune.simulation.quality import OPENGL_DM_CONTROL, OPENGL_FAST, OpenGLQuality
 from simtune.simulation.renderer import Renderer, RendererName, make_renderer
-from simtune.simulation.simulator import Script, Simulator, random_actions
+from simtune.simulation.simulator import Script, Simulator
 from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 

@@ -8,6 +8,8 @@ What an environment has to do, beside gymnasium's usual:
 * `info["points"]` of `reset` and `step`, (L, 2), says where in the picture points are that move
   with its parts: 0 to 1 from the left and from the top. Only a simulator knows them, and sight
   learns to see them.
+
+Of pictures that are no squares the middle is looked at.
 """
 
 from collections.abc import Callable
@@ -18,9 +20,8 @@ import numpy as np
 
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
-from simtune.recordings import resize
+from simtune.recordings import middle_square, resize
 from simtune.simulation.played import Act, AnySimulator, Played, Record
-from simtune.simulation.simulator import random_actions
 
 _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
 
@@ -81,6 +82,7 @@ class EnvironmentSimulator(AnySimulator):
         self._actions = BoxActions(env.action_space)
         self.num_diverged = self.num_steps = 0
         self._env = env
+        self._shape: tuple[int, ...] | None = None  # (H, W) of its pictures
         self._episodes: list[tuple[int, np.ndarray]] = []  # seed and actions of each
 
     @property
@@ -89,7 +91,7 @@ class EnvironmentSimulator(AnySimulator):
 
     def points(self) -> Points:
         """All that the environment tells of; none, if it tells of none."""
-        num = len(_points_of(self._begin(0, self.space.nominal)))
+        num = len(self._points_of(self._begin(0, self.space.nominal)))
         return Points(np.arange(num), self.image_size)
 
     def play(
@@ -121,19 +123,16 @@ class EnvironmentSimulator(AnySimulator):
             self._episodes.append((seed, actions[i].copy()))
             infos += infos[-1:] * (num_steps - lengths[i])
             if watch:
-                watched.append(np.concatenate([watch(_points_of(info)[None]) for info in infos]))
+                points = [self._points_of(info)[None] for info in infos]
+                watched.append(np.concatenate([watch(p) for p in points]))
         self.num_diverged += int((lengths < num_steps).sum())
         self.num_steps += n * num_steps
         return Played(states, actions, lengths, np.stack(watched) if watch else None)
 
-    def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
-        """Random actions in so many worlds."""
-        drawn = random_actions(num_worlds, num_steps, self.action_mapping, rng)
-        return lambda t, _: drawn[:, t]
-
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, 2) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
-        frames = np.empty((len(states), self.image_size, self.image_size, 3), np.uint8)
+        size = (self.image_size, self.image_size)
+        frames = np.empty((len(states), *size, 3), np.uint8)
         for episode in np.unique(states[:, 0]):
             (mine,) = np.nonzero(states[:, 0] == episode)
             seed, actions = self._episodes[int(episode)]
@@ -142,7 +141,7 @@ class EnvironmentSimulator(AnySimulator):
 
             def draw(t: int, steps=steps, drawn=drawn) -> None:
                 if t in steps:
-                    drawn[t] = self._picture()
+                    drawn[t] = resize(middle_square(self._picture()), size)
 
             self._play(seed, parameters[mine[0]], actions[:last], draw)
             frames[mine] = [drawn[t] for t in steps]
@@ -174,17 +173,18 @@ class EnvironmentSimulator(AnySimulator):
         return self._episodes[int(state[0])][0]
 
     def _picture(self) -> np.ndarray:
-        """The middle of the present picture, as wide as it is high."""
+        """The present picture as the environment draws it."""
         picture = self._env.render()
         if not isinstance(picture, np.ndarray) or picture.ndim != 3 or picture.dtype != np.uint8:
             raise InputError(
                 "render() must give an (H, W, 3) uint8 array: is render_mode='rgb_array' set?"
             )
-        height, width = picture.shape[:2]
-        beside = max(0, width - height) // 2
-        return resize(picture[:, beside : beside + height], (self.image_size, self.image_size))
+        return picture
 
-
-def _points_of(info: dict[str, Any]) -> np.ndarray:
-    """(L, 2) shares of the picture."""
-    return np.asarray(info.get("points", ()), float).reshape(-1, 2)
+    def _points_of(self, info: dict[str, Any]) -> np.ndarray:
+        """(L, 2) shares of the square in the middle, which may lie outside of it."""
+        if self._shape is None:
+            self._shape = self._picture().shape[:2]
+        points = np.asarray(info.get("points", ()), float).reshape(-1, 2)
+        width_height = np.array(self._shape[::-1])
+        return ((points - 0.5) * width_height) / width_height.min() + 0.5

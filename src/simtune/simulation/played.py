@@ -5,10 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from simtune.parameters import ParameterSpace
-from simtune.simulation.actions import ActionSpace
+from simtune.simulation.actions import ActionSpace, DirectActions
 
 # Of what a simulator knows of a state, (n, D): a Batch of worlds, or an environment's points
 Record = Callable[[Any], np.ndarray]
@@ -83,9 +84,10 @@ class AnySimulator(ABC):
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
 
-    @abstractmethod
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
-        """What excites so many worlds."""
+        """What excites so many worlds: random actions."""
+        drawn = random_actions(num_worlds, num_steps, self.action_mapping, rng)
+        return lambda t, _: drawn[:, t]
 
     @property
     def num_actions(self) -> int:
@@ -123,3 +125,20 @@ class AnySimulator(ABC):
         parameters = np.repeat(rollouts.parameters, num_frames, axis=0)
         frames = self.render(rollouts.states.reshape(n * num_frames, size), parameters)
         return frames.reshape(n, num_frames, *frames.shape[1:])
+
+
+def random_actions(
+    num_episodes: int,
+    num_steps: int,
+    of: ActionSpace | mujoco.MjModel,
+    rng: np.random.Generator,
+    hold: int = 4,
+) -> np.ndarray:
+    """(num_episodes, num_steps, A) uniform in the actions' ranges, each held for `hold` steps.
+
+    `of`: what actions there are, or a model whose controls they are. Held, they move the robot;
+    drawn anew every step, their effects would average out.
+    """
+    low, high = (DirectActions(of) if isinstance(of, mujoco.MjModel) else of).range.T
+    drawn = rng.uniform(low, high, (num_episodes, -(-num_steps // hold), len(low)))
+    return np.repeat(drawn, hold, axis=1)[:, :num_steps]

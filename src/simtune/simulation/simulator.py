@@ -8,7 +8,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.parameters import ParameterSpace
-from simtune.simulation.actions import ActionMapping, ActionSpace, DirectActions, MapActions
+from simtune.simulation.actions import ActionMapping, DirectActions, MapActions
 from simtune.simulation.delays import count_substeps
 from simtune.simulation.played import Act, AnySimulator, Played, Record
 from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
@@ -111,12 +111,16 @@ class Simulator(AnySimulator):
 
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
         """What excites so many worlds: random actions, or the script and half of them on top."""
-        drawn = random_actions(num_worlds, num_steps, self.action_mapping, rng)
+        at_random = super().explore(num_worlds, num_steps, rng)
         if self.script is None:
-            return lambda t, _: drawn[:, t]
+            return at_random
         scripted, (low, high) = self.follow_script(num_worlds), self.action_mapping.range.T
-        noise = _EXPLORING_SHARE * (drawn - (low + high) / 2)
-        return lambda t, states: np.clip(scripted(t, states) + noise[:, t], low, high)
+
+        def act(t: int, states: np.ndarray) -> np.ndarray:
+            noise = _EXPLORING_SHARE * (at_random(t, states) - (low + high) / 2)
+            return np.clip(scripted(t, states) + noise, low, high)
+
+        return act
 
     def follow_script(self, num_worlds: int) -> Act:
         """What the script does in the worlds that are played at the time."""
@@ -151,20 +155,3 @@ def _with_timestep(model: mujoco.MjModel, timestep_s: float) -> mujoco.MjModel:
     model = copy.copy(model)
     model.opt.timestep = timestep_s
     return model
-
-
-def random_actions(
-    num_episodes: int,
-    num_steps: int,
-    of: ActionSpace | mujoco.MjModel,
-    rng: np.random.Generator,
-    hold: int = 4,
-) -> np.ndarray:
-    """(num_episodes, num_steps, A) uniform in the actions' ranges, each held for `hold` steps.
-
-    `of`: what actions there are, or a model whose controls they are. Held, they move the robot;
-    drawn anew every step, their effects would average out.
-    """
-    low, high = (DirectActions(of) if isinstance(of, mujoco.MjModel) else of).range.T
-    drawn = rng.uniform(low, high, (num_episodes, -(-num_steps // hold), len(low)))
-    return np.repeat(drawn, hold, axis=1)[:, :num_steps]

@@ -5,19 +5,14 @@ workspace ends (z 1.02 m; theirs starts 5 cm above that). Their success lies bey
 lid's way; here the lid has to be within a centimetre of it.
 """
 
-import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.parameters import ParameterSpace, colour, dynamics
+from simtune.parameters import colour, dynamics
 from simtune.tasks.task import Task
 from simtune.tasks.xarm7.scene import (
-    CAMERA,
-    EPISODE_STEPS,
-    STEP_S,
+    arm_task,
     lighting,
-    load_scene,
-    move_hand,
     place_of,
     start_arm,
     towards,
@@ -39,25 +34,16 @@ def slide() -> Task:
         *colour("cabinet", (*_CABINET, "lid"), (0.84, 0.77, 0.7)),
         *colour("table", ("table",), (1, 1, 1)),
     ]
-    return Task(
-        name="cabinet_slide",
+    return arm_task(
+        "cabinet_slide",
+        parameters,
+        _WORKSPACE_M,
         description="slide a cabinet's lid open",
-        load_spec=_load_spec,
-        parameters=ParameterSpace(parameters, where="cabinet_slide"),
-        camera=CAMERA,
-        control_timestep_s=STEP_S,
-        action_repeat=1,
-        episode_steps=EPISODE_STEPS,
         initialize=_initialize,
-        map_actions=move_hand(_WORKSPACE_M),
         reward=_reward,
         success=_success,
         script=_script,
     )
-
-
-def _load_spec() -> mujoco.MjSpec:
-    return load_scene("cabinet_slide")
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:

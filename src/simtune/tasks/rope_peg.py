@@ -5,19 +5,14 @@ theirs (z 1.0 m instead of 0.87 m), so that longer ropes, too, hang clear of the
 tendon, which no ray caster draws; here the rope is always taut.
 """
 
-import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.parameters import Parameter, ParameterSpace, colour, dynamics
+from simtune.parameters import Parameter, colour, dynamics
 from simtune.tasks.task import Task
 from simtune.tasks.xarm7.scene import (
-    CAMERA,
-    EPISODE_STEPS,
-    STEP_S,
+    arm_task,
     lighting,
-    load_scene,
-    move_hand,
     place_of,
     start_arm,
     towards,
@@ -42,17 +37,12 @@ def insert() -> Task:
         *colour("peg", ("peg",), (1, 0.8, 0.1)),
         *colour("box", _BOX, (0.75, 0.75, 0.75)),
     ]
-    return Task(
-        name="rope_peg",
+    return arm_task(
+        "rope_peg",
+        parameters,
+        _WORKSPACE_M,
         description="lower a peg that hangs on a rope into a hole",
-        load_spec=_load_spec,
-        parameters=ParameterSpace(parameters, where="rope_peg"),
-        camera=CAMERA,
-        control_timestep_s=STEP_S,
-        action_repeat=1,
-        episode_steps=EPISODE_STEPS,
         initialize=_initialize,
-        map_actions=move_hand(_WORKSPACE_M),
         reward=_reward,
         success=_success,
         near_success=_near_success,
@@ -72,10 +62,6 @@ def _rope_length() -> Parameter:
         unit="m",
         is_total=True,
     )
-
-
-def _load_spec() -> mujoco.MjSpec:
-    return load_scene("rope_peg")
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:

@@ -59,13 +59,17 @@ class Task:
         return {name: goal for name, goal in named.items() if goal}
 
     def load_model(self, step_s: float | None = None) -> mujoco.MjModel:
-        """The nominal model, compiled anew, for actions of `step_s` s, by default a policy step.
+        """The nominal model, compiled anew; see `spec_for`."""
+        return self.spec_for(step_s).compile()
+
+    def spec_for(self, step_s: float | None = None) -> mujoco.MjSpec:
+        """The nominal model, editable, for actions of `step_s` s, by default a policy step.
 
         Actuators whose delay is a parameter remember as many controls as the longest one needs.
         """
         spec = self.load_spec()
         remember_controls(spec, self.parameters, step_s or self.step_s)
-        return spec.compile()
+        return spec
 
     def load_actions(self) -> ActionMapping:
         """What actions do in the nominal model."""

@@ -2,26 +2,46 @@
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.parameters import Parameter
-from simtune.simulation import MapActions, MocapActions
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.simulation import MocapActions
 from simtune.tasks.batch_state import computed, reset_to_default
+from simtune.tasks.task import Task
 
-STEP_S = 0.3  # of a policy step
-EPISODE_STEPS = 60
-CAMERA = "over_shoulder"
+_STEP_S = 0.3  # of a policy step
+_EPISODE_STEPS = 60
+_CAMERA = "over_shoulder"
 _STEP_M = 0.025  # that an action moves the hand at most, along each axis
 _LIGHTS = ("left", "right", "front")
 _SCENES = Path(__file__).parent
 
 
-def load_scene(name: str) -> mujoco.MjSpec:
-    """The scene of a folder beside this file."""
-    return mujoco.MjSpec.from_file(str(_SCENES / name / "scene.xml"))
+def arm_task(
+    name: str, parameters: list[Parameter], workspace_m: list[list[float]], **rest: Any
+) -> Task:
+    """A task in the scene of the folder `name` beside this file.
+
+    An action is where the hand goes from where it is: x, y, z in [−1, 1], times 2.5 cm, within
+    `workspace_m`, [low, high] along each axis. `rest`: what else a `Task` is.
+    """
+    scene = str(_SCENES / name / "scene.xml")
+    hand = {"body": "target", "metres_per_unit": _STEP_M, "workspace_m": workspace_m}
+    return Task(
+        name=name,
+        load_spec=lambda: mujoco.MjSpec.from_file(scene),
+        parameters=ParameterSpace(parameters, where=name),
+        camera=_CAMERA,
+        control_timestep_s=_STEP_S,
+        action_repeat=1,
+        episode_steps=_EPISODE_STEPS,
+        map_actions=partial(MocapActions, **hand),
+        **rest,
+    )
 
 
 def lighting() -> Parameter:
@@ -36,14 +56,6 @@ def lighting() -> Parameter:
         scale="linear",
         unit="1",
     )
-
-
-def move_hand(workspace_m: list[list[float]]) -> MapActions:
-    """An action is where the hand goes from where it is: x, y, z in [−1, 1], times 2.5 cm.
-
-    `workspace_m`: [low, high] along each axis, which it does not leave.
-    """
-    return partial(MocapActions, body="target", metres_per_unit=_STEP_M, workspace_m=workspace_m)
 
 
 def start_arm(batch: Batch) -> None:
