@@ -12,6 +12,7 @@ import pytest
 from simtune import comparison, outcome, tune
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.parameters import Parameter
 from simtune.real.choose import choose_real, read_parameters
 from simtune.real.pseudo import PseudoReal
 from simtune.real.truth import Truth
@@ -41,6 +42,36 @@ def truth_file(tmp_path) -> Path:
 # --- what is written ----------------------------------------------------------------------
 
 
+def keeps_the_contract(entry: dict, parameter: Parameter) -> None:
+    """What result.json says of one parameter, started at ×2 or ×½ of TRUTH."""
+    real = TRUTH.get(parameter.name, parameter.nominal)
+    numbers = {"nominal", "initial", "mean", "low", "high", "real", "percent_error"}
+    assert set(entry) == numbers | {"unit", "verdict"}
+    assert all(type(entry[key]) is float for key in numbers)
+    assert (entry["unit"], entry["nominal"]) == (parameter.unit, parameter.nominal)
+    assert entry["real"] == pytest.approx(real)
+    doubled, halved = min(2 * real, parameter.high), real / 2
+    assert entry["initial"] in (pytest.approx(doubled), pytest.approx(halved))
+    assert parameter.low <= entry["low"] <= entry["mean"] <= entry["high"] <= parameter.high
+    assert entry["verdict"] in ("identified", "weak", "not identifiable")
+    expected = 100 * abs(entry["mean"] - real) / real
+    assert entry["percent_error"] == pytest.approx(expected)
+
+
+def metrics_keep_the_contract(lines: list[dict], result: dict) -> None:
+    """What metrics.jsonl says of two iterations."""
+    assert [line["iteration"] for line in lines] == [1, 2]
+    assert list(lines[0]) == list(lines[1])
+    assert list(lines[0])[:3] == ["step", "real_episodes", "wall_s"]
+    for column in ("mean", "low", "high", "range_low", "range_high"):
+        assert all(f"{column}/{name}" in lines[0] for name in SPACE.names)
+    assert lines[0]["step"] < lines[1]["step"] == result["sim_steps"]
+    assert lines[0]["wall_s"] < lines[1]["wall_s"]
+    assert all(line["real_episodes"] == 2 for line in lines)
+    assert lines[1]["mean/pole_mass"] == result["parameters"]["pole_mass"]["mean"]
+    assert not any("percent_error" in key or "real/" in key for key in lines[0])
+
+
 def test_the_run_folder_keeps_its_contract(tmp_path, truth_file, quick_tune, monkeypatch):
     def eventful(*args):
         moved, _ = move(*args)
@@ -63,33 +94,12 @@ def test_the_run_folder_keeps_its_contract(tmp_path, truth_file, quick_tune, mon
     assert isinstance(result["wall_s"], float)
     assert list(result["parameters"]) == list(SPACE.names)
     for parameter in SPACE:
-        entry = result["parameters"][parameter.name]
-        real = TRUTH.get(parameter.name, parameter.nominal)
-        numbers = {"nominal", "initial", "mean", "low", "high", "real", "percent_error"}
-        assert set(entry) == numbers | {"unit", "verdict"}
-        assert all(type(entry[key]) is float for key in numbers)
-        assert (entry["unit"], entry["nominal"]) == (parameter.unit, parameter.nominal)
-        assert entry["real"] == pytest.approx(real)
-        doubled, halved = min(2 * real, parameter.high), real / 2
-        assert entry["initial"] in (pytest.approx(doubled), pytest.approx(halved))
-        assert parameter.low <= entry["low"] <= entry["mean"] <= entry["high"] <= parameter.high
-        assert entry["verdict"] in ("identified", "weak", "not identifiable")
-        expected = 100 * abs(entry["mean"] - real) / real
-        assert entry["percent_error"] == pytest.approx(expected)
+        keeps_the_contract(result["parameters"][parameter.name], parameter)
     errors = [entry["percent_error"] for entry in result["parameters"].values()]
     assert result["percent_error"] == pytest.approx(np.mean(errors))
 
     lines = read_jsonl(out / "metrics.jsonl")
-    assert [line["iteration"] for line in lines] == [1, 2]
-    assert list(lines[0]) == list(lines[1])
-    assert list(lines[0])[:3] == ["step", "real_episodes", "wall_s"]
-    for column in ("mean", "low", "high", "range_low", "range_high"):
-        assert all(f"{column}/{name}" in lines[0] for name in SPACE.names)
-    assert lines[0]["step"] < lines[1]["step"] == result["sim_steps"]
-    assert lines[0]["wall_s"] < lines[1]["wall_s"]
-    assert all(line["real_episodes"] == 2 for line in lines)
-    assert lines[1]["mean/pole_mass"] == result["parameters"]["pole_mass"]["mean"]
-    assert not any("percent_error" in key or "real/" in key for key in lines[0])
+    metrics_keep_the_contract(lines, result)
 
     events = read_jsonl(out / "events.jsonl")
     assert [e["step"] for e in events] == [line["step"] for line in lines]

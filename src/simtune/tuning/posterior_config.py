@@ -24,9 +24,9 @@ class PosteriorSearchConfig:
     state_updates: int = 600
     least_updates: int = 200  # of each, however late it is
     time_shares: tuple[float, ...] = (0.4, 0.6)  # of the time, for each iteration
-    collect_share: float = 0.22  # of an iteration's time, at most, goes into simulating
+    collect_share: float = 0.2  # of an iteration's time, at most, goes into simulating
     sight_share: float = 0.38  # of an iteration's time
     judge_share: float = 0.06
     state_share: float = 0.08
-    fit_share: float = 0.2  # of one fit, about; particles and windows are fewer for slow physics
+    fit_share: float = 0.15  # of one fit, about; particles and windows are fewer for slow physics
     replicas: tuple[int, int] = (2, 8)  # worlds fitted as the real one is: at least, at most

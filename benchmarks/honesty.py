@@ -1,0 +1,153 @@
+"""Does simtune say so where videos cannot tell, or where no simulator fits?
+
+Worlds made for it, all variants of cartpole:
+
+    right       nothing is wrong: all is found, nobody is warned (what the others compare with)
+    wrong       the real pole is 1.2 times as long, which is not tuned: a warning
+    unseeable   the mass of a stone that never moves is asked for: "not identifiable", and an
+                interval as wide as the first range
+    together    the cart's mass is asked for as well: all masses and the gain go together, so that
+                only their ratios are told; their correlations say so
+
+One run each. Runs that are done already, in OUT, are not done again; the last line is one JSON
+object.
+"""
+
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import tyro
+from common import machine
+
+from simtune.parameters import Parameter, ParameterSpace, dynamics
+from simtune.real.truth import Truth
+from simtune.run.files import read_json, write_json
+from simtune.tasks import Task, load_task
+from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.posterior_config import PosteriorSearchConfig
+
+_LONGER = 1.2
+_QUICK = PosteriorSearchConfig(
+    num_worlds=64, unseen_worlds=32, sight_updates=(30,), judge_updates=20, state_updates=20
+)
+
+
+def right(task: Task) -> tuple[Task, Task]:
+    return task, task
+
+
+def wrong(task: Task) -> tuple[Task, Task]:
+    def longer() -> mujoco.MjSpec:
+        spec = task.load_spec()
+        pole = spec.geom("pole_1")
+        pole.fromto = pole.fromto * _LONGER  # from its hinge, at 0, to its end
+        return spec
+
+    return replace(task, load_spec=longer), task
+
+
+def unseeable(task: Task) -> tuple[Task, Task]:
+    def with_stone() -> mujoco.MjSpec:
+        spec = task.load_spec()
+        stone = spec.worldbody.add_body(name="stone", pos=[1.2, 0, 0.1])
+        stone.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0], contype=0, conaffinity=0
+        )
+        return spec
+
+    asked = _asked(task, dynamics("stone_mass", "body_mass", ("stone",), nominal=1.0, unit="kg"))
+    return (replace(task, load_spec=with_stone, parameters=asked),) * 2
+
+
+def together(task: Task) -> tuple[Task, Task]:
+    mass_kg = float(task.load_model().body("cart").mass[0])
+    asked = _asked(task, dynamics("cart_mass", "body_mass", ("cart",), nominal=mass_kg, unit="kg"))
+    return (replace(task, parameters=asked),) * 2
+
+
+# Each makes, of a task, the one that is filmed and the one that is tuned.
+CASES: tuple[Callable[[Task], tuple[Task, Task]], ...] = (right, wrong, unseeable, together)
+
+
+def main(
+    minutes: float = 5.0,
+    real_episodes: int = 5,
+    seed: int = 0,
+    out: Path = Path("runs/honesty"),
+    quick: bool = False,
+) -> None:
+    """Run them all.
+
+    Args:
+        minutes: For each.
+        real_episodes: Of 200 steps each, with random actions.
+        seed: Of everything; it also chooses which parameters start too high.
+        out: Folder for what each case found.
+        quick: No time to learn, nothing kept.
+    """
+    config, found = PosteriorSearchConfig(), {}
+    with tempfile.TemporaryDirectory() as temporary:
+        if quick:
+            minutes, real_episodes, out, config = 0.1, 3, Path(temporary), _QUICK
+        out.mkdir(parents=True, exist_ok=True)
+        for case in CASES:
+            path = out / f"{case.__name__}-{seed}.json"
+            if not path.exists():
+                print(f"running {path}", file=sys.stderr)
+                worlds = case(load_task("cartpole"))
+                write_json(path, tuned(*worlds, config, minutes, real_episodes, seed))
+            found[case.__name__] = read_json(path)
+    print(json.dumps({"benchmark": "honesty", "quick": quick, **machine(), "cases": found}))
+
+
+def tuned(
+    filmed: Task,
+    task: Task,
+    config: PosteriorSearchConfig,
+    minutes: float,
+    real_episodes: int,
+    seed: int,
+) -> dict[str, Any]:
+    """What a search makes of videos of `filmed`, its parameters nominal, by tuning `task`."""
+    truth, began_s = Truth(filmed.parameters, filmed.parameters.nominal), time.monotonic()
+    world = truth.make_real(
+        filmed.simulator(image_size=64), episode_steps=filmed.episode_steps, seed=seed
+    )
+    real, simulator = world.collect(real_episodes), task.simulator(image_size=64)
+    start = truth.wrong_start(seed)
+    search = PosteriorSearch(simulator, task.camera, start, config, seed=seed)
+    while True:
+        estimate, _, _ = search.iterate(real, began_s + 60 * minutes)
+        if search.finished:
+            break
+    _, errors = truth.score(estimate.mean)
+    width = (estimate.high - estimate.low) / (search.first.high - search.first.low)
+    told = zip(task.parameters.names, errors, estimate.verdict, width, strict=True)
+    return {
+        "warnings": estimate.warnings,
+        "correlations": estimate.correlations,
+        "parameters": {
+            name: {
+                "percent_error": round(float(error), 2),
+                "verdict": verdict,
+                "interval_to_first_range": round(float(share), 3),
+            }
+            for name, error, verdict, share in told
+        },
+        "seconds": round(time.monotonic() - began_s, 1),
+    }
+
+
+def _asked(task: Task, parameter: Parameter) -> ParameterSpace:
+    return ParameterSpace([*task.parameters, parameter], where=task.name)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
