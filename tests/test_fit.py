@@ -208,6 +208,19 @@ def test_colours_are_found_from_pixels(simulator, played):
     assert found.unexplained < 0.01
 
 
+def test_colours_far_off_are_found_though_most_pictures_show_other_states(simulator, played):
+    _, truth, rollouts = played
+    rows = rollouts.states[:, ::8].reshape(-1, rollouts.states.shape[-1])
+    frames = simulator.render(rows, np.repeat(truth[None], len(rows), 0))
+    lost = np.random.default_rng(0).random(len(rows)) < 0.6
+    moved = rows.copy()
+    moved[lost, 1] += 0.3  # m, of the cart
+    start = SPACE.to_unit(truth)
+    start[APPEARANCE] -= 0.12
+    fit = fit_pictures(simulator, frames, moved, SPACE.from_unit(start), APPEARANCE)
+    np.testing.assert_allclose(fit.unit, SPACE.to_unit(truth)[APPEARANCE], atol=0.01)
+
+
 def a_fit(motion_px: float = 0.3, picture: float = 0.004, lag: int = 0) -> Fit:
     correlation = np.array([[1, 0.9], [0.9, 1]])
     misfit = Misfit(1.0, motion_px, picture, 0.0)
