@@ -113,3 +113,19 @@ def test_the_table_and_the_picture_are_of_what_is_there(tmp_path):
     assert "| – |" in lines[3]
     draw(results, tmp_path / "accuracy.png", "title")
     assert (tmp_path / "accuracy.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_worlds_that_videos_cannot_tell_are_what_they_are_called():
+    import honesty
+
+    task = load_task("cartpole")
+    worlds = {case.__name__: case(task) for case in honesty.CASES}
+    filmed, tuned = (world.load_model() for world in worlds["wrong"])
+    pole = filmed.body("pole_1").id
+    assert filmed.geom_size[-1, 1] == pytest.approx(1.2 * tuned.geom_size[-1, 1])
+    assert filmed.body_mass[pole] == tuned.body_mass[pole], "longer, but no heavier"
+    still = worlds["unseeable"][0].load_model()
+    assert still.body("stone").jntnum[0] == 0
+    assert worlds["unseeable"][1].parameters.names[-1] == "stone_mass"
+    assert worlds["together"][1].parameters.names[-1] == "cart_mass"
+    assert worlds["right"][0] is worlds["right"][1]
