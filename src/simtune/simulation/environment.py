@@ -91,7 +91,7 @@ class EnvironmentSimulator(AnySimulator):
 
     def points(self) -> Points:
         """All that the environment tells of; none, if it tells of none."""
-        num = len(self._points_of(self._begin(0, self.space.nominal)))
+        num = len(_told(self._begin(0, self.space.nominal)))
         return Points(np.arange(num), self.image_size)
 
     def play(
@@ -185,6 +185,10 @@ class EnvironmentSimulator(AnySimulator):
         """(L, 2) shares of the square in the middle, which may lie outside of it."""
         if self._shape is None:
             self._shape = self._picture().shape[:2]
-        points = np.asarray(info.get("points", ()), float).reshape(-1, 2)
         width_height = np.array(self._shape[::-1])
-        return ((points - 0.5) * width_height) / width_height.min() + 0.5
+        return (_told(info) - 0.5) * width_height / width_height.min() + 0.5
+
+
+def _told(info: dict[str, Any]) -> np.ndarray:
+    """(L, 2) shares of the whole picture."""
+    return np.asarray(info.get("points", ()), float).reshape(-1, 2)
