@@ -9,6 +9,7 @@ import pytest
 from simtune.fit.combine import FIRST_VARIANCE, combine
 from simtune.fit.conclusions import correlations, doubts, widened
 from simtune.fit.found import Fit, Misfit
+from simtune.fit.physics import Physics
 from simtune.fit.pictures import fit_pictures
 from simtune.fit.replicas import Replicas
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
@@ -71,7 +72,8 @@ def shooting(simulator, landmarks, rollouts, noise_px: float, fitted=MOVING) -> 
     config = ShootingConfig(stages=(Stage(4, 4, 4.0), Stage(12, 8)))
     noise = np.full(len(landmarks), noise_px)
     spread = np.array([0.1, 0.1, 0.5, 0.5])
-    return Shooting(simulator, landmarks, noise, spread, fitted, rollouts.states[0, 0], config)
+    physics = Physics(simulator, landmarks, rollouts.states[0, 0])
+    return Shooting(physics, noise, spread, fitted, config)
 
 
 def rough_states(rollouts, rng) -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simtune.fit.particles import ParticleConfig, Particles
+from simtune.fit.physics import Physics
 from simtune.fit.tracks import Tracks
 from simtune.fit.windows import log_likelihood
 from simtune.randomization import Distribution
@@ -40,10 +41,8 @@ def scene():
 def particles(scene, **config) -> Particles:
     simulator, landmarks, _, rollouts, _ = scene
     noise = np.full(len(landmarks), NOISE_PX)
-    row = rollouts.states[0, 0]
-    return Particles(
-        simulator, landmarks, noise, SPREAD, MOVING, row, ParticleConfig(**{"num": 128, **config})
-    )
+    physics = Physics(simulator, landmarks, rollouts.states[0, 0])
+    return Particles(physics, noise, SPREAD, MOVING, ParticleConfig(**{"num": 128, **config}))
 
 
 def test_states_and_parameters_are_found_from_rough_guesses(scene):

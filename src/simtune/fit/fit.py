@@ -7,6 +7,7 @@ import numpy as np
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.found import Fit, Misfit
 from simtune.fit.particles import ParticleConfig, Particles
+from simtune.fit.physics import Physics
 from simtune.fit.pictures import PictureFit, aligned, fit_pictures
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
 from simtune.fit.tracks import Tracks, noise_px, to_tracks, track
@@ -61,7 +62,7 @@ class ReplayFit:
         actions = worlds.actions[np.arange(len(at))[:, None], 0, at]
         tracks = to_tracks(seen, actions)
         self._noise_px = noise_px(tracks, worlds.filmed_landmarks())
-        self._row = worlds.states[0, 0]
+        self._physics = Physics(self._simulator, self._landmarks, worlds.states[0, 0])
         self._estimator = StateEstimator(
             self._space,
             len(self._landmarks),
@@ -121,12 +122,10 @@ class ReplayFit:
 
     def _shooting(self, fitted: np.ndarray, config: ShootingConfig | None = None) -> Shooting:
         return Shooting(
-            self._simulator,
-            self._landmarks,
+            self._physics,
             self._noise_px,
             self._estimator.spread,
             fitted,
-            self._row,
             config or self._config,
         )
 
@@ -135,12 +134,10 @@ class ReplayFit:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """States of all episodes; parameters, and their std in unit coordinates, of `fitted`."""
         particles = Particles(
-            self._simulator,
-            self._landmarks,
+            self._physics,
             self._noise_px,
             self._estimator.spread,
             self._moving,
-            self._row,
             self._particles,
         )
         unit, std = self._simulator.space.to_unit(start), start_std.copy()
@@ -196,14 +193,9 @@ class ReplayFit:
         """
         space, num = self._space, self._space.nv
         changes = np.diag(_PRIOR_SPREADS * self._estimator.spread)[:num]
-        state = self._row[1 : 1 + space.nq + space.nv]
-        rows = np.repeat(self._row[None], 1 + num, 0)
-        rows[1:, 1 : 1 + len(state)] = space.move(state, changes)
-        parameters = np.repeat(self._simulator.space.nominal[None], 1 + num, 0)
-        still = np.zeros((1 + num, 1, self._simulator.num_actions))
-        rng = np.random.default_rng(0)  # starts are given: nothing is drawn
-        seen = self._simulator.roll_out(
-            parameters, still, rng, self._landmarks.record, rows, keep_diverged=True
-        ).recorded
-        assert seen is not None, "asked for above"
-        return changes[np.abs(seen[1:, 0] - seen[:1, 0]).max(-1) < _UNSEEN_PX]
+        moved = space.move(self._physics.some_state, np.vstack([0 * changes[:1], changes]))
+        nominal = self._physics.parameters.to_unit(self._physics.parameters.nominal)
+        units = np.repeat(nominal[None], len(moved), 0)
+        still = np.zeros((len(moved), 1, self._simulator.num_actions))
+        _, seen = self._physics.play(moved, units, still)
+        return changes[np.abs(seen[1:, 0] - seen[:1, 0]).max((1, 2), initial=0) < _UNSEEN_PX]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simtune.fit.physics import Physics
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.fit.tracks import Tracks
 from simtune.parameters import ParameterSpace
@@ -14,7 +15,6 @@ from simtune.randomization import Distribution
 from simtune.search_param_model.landmarks import Landmarks
 from simtune.search_param_model.simulated import Camera, find_landmarks
 from simtune.simulation import Rollouts, Simulator
-from simtune.simulation.states import StateSpace
 
 WINDOW_STEPS = 12  # chaotic motion diverges anyway: no fit follows it for longer
 _FACTOR, _TENTH = 1.2, 0.1  # what a parameter is changed by: on a log scale, on a linear one
@@ -165,17 +165,15 @@ def told_by_motion(
 ) -> np.ndarray:
     """(P, P) covariance in unit coordinates of the `fitted` parameters, at best."""
     assert episodes.recorded is not None, "asked for where they were played"
-    space = StateSpace(simulator.model)
-    states = episodes.states[..., 1 : 1 + space.nq + space.nv]
+    physics = Physics(simulator, landmarks, episodes.states[0, 0])
+    states = physics.states(episodes.states)
     # A start is somewhere where these episodes go; Shooting believes a guess a third as much.
-    spread = space.difference(states, states[:1, :1]).std((0, 1)) / 3
+    spread = physics.space.difference(states, states[:1, :1]).std((0, 1)) / 3
     shooting = Shooting(
-        simulator,
-        landmarks,
+        physics,
         np.full(len(landmarks), _SIGHT_PX),
         np.maximum(spread, 1e-3),
         fitted,
-        episodes.states[0, 0],
         ShootingConfig(stages=(Stage(WINDOW_STEPS, 0),)),
     )
     places = episodes.recorded.reshape(*states.shape[:2], 1, -1, 2).repeat(2, 2)

@@ -9,11 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from simtune.fit.physics import Physics
 from simtune.fit.tracks import Tracks
 from simtune.fit.windows import log_likelihood
-from simtune.search_param_model.landmarks import Landmarks
-from simtune.simulation import Simulator
-from simtune.simulation.states import StateSpace
 
 _TEMPER = 0.3  # sight's errors in neighbouring frames and landmarks go together
 _FRESH = 0.2  # share that begins anew from the first guess, should all others have gone astray
@@ -51,18 +49,15 @@ class Particles:
 
     def __init__(
         self,
-        simulator: Simulator,
-        landmarks: Landmarks,
+        physics: Physics,
         noise_px: np.ndarray,
         spread: np.ndarray,
         fitted: np.ndarray,
-        row: np.ndarray,
         config: ParticleConfig,
     ):
-        """`spread`: (2 nv,) usual errors of first guesses; the rest as for `Shooting`."""
-        self._simulator, self._landmarks, self._config = simulator, landmarks, config
-        self._space, self._noise_px, self._spread = StateSpace(simulator.model), noise_px, spread
-        self._fitted, self._row = fitted, row
+        """See `Shooting`."""
+        self._physics, self._space, self._config = physics, physics.space, config
+        self._noise_px, self._spread, self._fitted = noise_px, spread, fitted
 
     def follow(
         self, tracks: Tracks, states: np.ndarray, unit: np.ndarray, unit_std: np.ndarray
@@ -77,18 +72,12 @@ class Particles:
         weight = np.zeros(shape)  # logarithms
         parent = np.tile(np.arange(config.num), (num_episodes, 1))
         for start in range(0, num_steps, config.steps):
-            end = min(start + config.steps, num_steps)
+            end, new = min(start + config.steps, num_steps), int(start > 0)
             played, seen = self._play(now, unit, units, tracks.actions[:, start:end])
-            first = 0 if start == 0 else 1
-            likely = log_likelihood(
-                (seen[:, :, first:, None] - tracks.places[:, None, start + first : end + 1])
-                / self._noise_px[:, None],
-                tracks.probability[:, None, start + first : end + 1],
-            )
-            weight = weight + _TEMPER * likely
+            weight = weight + self._likely(seen[:, :, new:], tracks, slice(start + new, end + 1))
             share = np.exp(weight - weight.max(1, keepdims=True))
             share /= share.sum(1, keepdims=True)
-            history.states.append(played if start == 0 else played[:, :, 1:])
+            history.states.append(played[:, :, new:])
             history.parent.append(parent)
             history.best.append(weight.argmax(1))
             history.unit.append(np.einsum("ek,ekp->ep", share, units))
@@ -107,22 +96,20 @@ class Particles:
     def _play(self, states: np.ndarray, unit: np.ndarray, units: np.ndarray, actions: np.ndarray):
         """States (E, K, steps + 1, nq + nv) and landmarks of what happens next."""
         num_episodes, num, size = states.shape
-        rows = np.repeat(self._row[None], num_episodes * num, 0)
-        rows[:, 1 : 1 + size] = states.reshape(-1, size)
-        worlds = np.repeat(unit[None], len(rows), 0)
-        worlds[:, self._fitted] = units.reshape(len(rows), -1)
-        played = self._simulator.roll_out(
-            self._simulator.space.from_unit(worlds),
-            np.repeat(actions, num, 0),
-            np.random.default_rng(0),  # starts are given: nothing is drawn
-            self._landmarks.record,
-            rows,
-            keep_diverged=True,
+        worlds = np.repeat(unit[None], num_episodes * num, 0)
+        worlds[:, self._fitted] = units.reshape(len(worlds), -1)
+        rows, seen = self._physics.play(
+            states.reshape(-1, size), worlds, np.repeat(actions, num, 0)
         )
-        assert played.recorded is not None, "asked for above"
         shape = (num_episodes, num, actions.shape[1] + 1)
-        seen = np.nan_to_num(played.recorded.reshape(*shape, -1, 2), nan=-1e3)
-        return np.nan_to_num(played.states.reshape(*shape, -1)[..., 1 : 1 + size]), seen
+        played = np.nan_to_num(self._physics.states(rows)).reshape(*shape, size)
+        return played, seen.reshape(*shape, -1, 2)
+
+    def _likely(self, seen: np.ndarray, tracks: Tracks, frames: slice) -> np.ndarray:
+        """(E, K) tempered log likelihoods of (E, K, frames, L, 2) landmarks."""
+        apart = seen[:, :, :, None] - tracks.places[:, None, frames]
+        probability = tracks.probability[:, None, frames]
+        return _TEMPER * log_likelihood(apart / self._noise_px[:, None], probability)
 
     def _choose(self, states, units, weight, share, guesses, rng: np.random.Generator):
         """Where few are left that count: the likely ones again, a little different."""

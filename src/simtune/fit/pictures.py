@@ -49,14 +49,10 @@ def fit_pictures(
     unit, variance = space.to_unit(parameters), FIRST_VARIANCE
     covariance = np.zeros((len(fitted),) * 2)
     real = frames.astype(np.float32).reshape(len(frames), -1) / 255
-    noise = residual = np.zeros_like(real)
-    rounding = np.zeros(len(fitted))
+    drawn, slopes = _draw(simulator, rows, unit, fitted)
     for iteration in range(iterations):
-        drawn, sign = _draw(simulator, rows, unit, fitted)
-        residual = drawn[0] - real  # (M, pixels)
-        slopes = (drawn[1:] - drawn[0]) / sign[:, None, None]  # (V, M, pixels)
-        floor = max(_SMALLEST_NOISE, _FIRST_NOISE / 2**iteration)
-        noise = np.maximum(floor, _noise(residual, np.abs(slopes) > _SHOWN))  # (M, pixels)
+        residual = drawn - real
+        noise = _noise(residual, slopes, max(_SMALLEST_NOISE, _FIRST_NOISE / 2**iteration))
         weight = 1 / (1 + np.square(residual / (_ROBUST * noise))) ** 2 / noise**2 / _SQUARE_PX**2
         information = np.einsum("vmp,mp,ump->mvu", slopes, weight, slopes, optimize=True)
         slope = np.einsum("vmp,mp,mp->mv", slopes, weight, residual, optimize=True)
@@ -65,19 +61,22 @@ def fit_pictures(
             information.astype(float), slope.astype(float), variance, trusted(cost)
         )
         unit[fitted] = np.clip(unit[fitted] + np.clip(change, -_LARGEST_STEP, _LARGEST_STEP), 0, 1)
-        rounding = _ROUNDING / np.maximum(np.abs(slopes).max((1, 2), initial=0), _SHOWN)
+        drawn, slopes = _draw(simulator, rows, unit, fitted)
+    residual = drawn - real
+    noise = _noise(residual, slopes, _SMALLEST_NOISE)
+    rounding = _ROUNDING / np.maximum(np.abs(slopes).max((1, 2), initial=0), _SHOWN)
     far = np.abs(residual).reshape(len(frames), -1, 3).max(-1) > 0.12
     # Pixels of one colour are all rounded alike: of that, many pictures tell no more than one.
     covariance += np.diag(rounding**2)
     return PictureFit(unit[fitted], covariance, float(np.median(noise)), float(far.mean()))
 
 
-def _noise(residual: np.ndarray, shown: np.ndarray) -> np.ndarray:
+def _noise(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndarray:
     """(M, pixels) robust standard deviation of (M, pixels), where (V, M, pixels) show a parameter.
 
     Of each parameter by itself: that the ground fits tells nothing of a thin pole.
     """
-    noise = np.zeros_like(residual)
+    noise, shown = np.full_like(residual, at_least), np.abs(slopes) > _SHOWN
     for where in shown[shown.any((1, 2))]:
         own = 1.48 * float(np.median(np.abs(residual[where])))
         noise = np.where(where, np.maximum(noise, own), noise)
@@ -108,10 +107,11 @@ def aligned(
 
 
 def _draw(simulator: Simulator, rows: np.ndarray, unit: np.ndarray, fitted: np.ndarray):
-    """(1 + V, M, pixels) as drawn now, and with each parameter changed by `sign` (V,)."""
+    """(M, pixels) as drawn now, and (V, M, pixels) by how much each parameter changes them."""
     units = np.repeat(unit[None], 1 + len(fitted), 0)
-    sign = np.where(unit[fitted] > 0.5, -_DELTA, _DELTA)
-    units[1 + np.arange(len(fitted)), fitted] += sign
+    change = np.where(unit[fitted] > 0.5, -_DELTA, _DELTA)
+    units[1 + np.arange(len(fitted)), fitted] += change
     parameters = np.repeat(simulator.space.from_unit(units), len(rows), 0)
     drawn = simulator.render(np.tile(rows, (len(units), 1)), parameters)
-    return drawn.reshape(len(units), len(rows), -1).astype(np.float32) / 255, sign
+    drawn = drawn.reshape(len(units), len(rows), -1).astype(np.float32) / 255
+    return drawn[0], (drawn[1:] - drawn[0]) / change[:, None, None]

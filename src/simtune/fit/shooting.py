@@ -11,11 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE, combine, trusted
+from simtune.fit.physics import Physics
 from simtune.fit.tracks import Tracks
 from simtune.fit.windows import Windows, cut
-from simtune.search_param_model.landmarks import Landmarks
-from simtune.simulation import Simulator
-from simtune.simulation.states import StateSpace
 
 _PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
 _STATES_ONLY = 3.0  # with more blur than this, parameters wait for the states
@@ -53,25 +51,21 @@ class Shooting:
 
     def __init__(
         self,
-        simulator: Simulator,
-        landmarks: Landmarks,
+        physics: Physics,
         noise_px: np.ndarray,
-        state_spread: np.ndarray,
+        spread: np.ndarray,
         fitted: np.ndarray,
-        row: np.ndarray,
         config: ShootingConfig,
     ):
-        """`noise_px`: (L,) where sight is sure; `state_spread`: (2 nv,); `row`: (S,) any state."""
-        self._simulator, self._landmarks, self.config = simulator, landmarks, config
-        self._space = StateSpace(simulator.model)
+        """`noise_px`: (L,) where sight is sure; `spread`: (2 nv,) usual errors of first guesses."""
+        self._physics, self._space, self.config = physics, physics.space, config
         self._noise_px = self._noise = np.asarray(noise_px)  # of sight, and as it is blurred
-        self._spread, self.fitted, self._row = state_spread * _PRIOR, np.asarray(fitted), row
-        self._rng = np.random.default_rng(0)  # starts are given: nothing is drawn
+        self._spread, self.fitted = spread * _PRIOR, np.asarray(fitted)
 
     def fit(self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
         """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
         whole = windows = self._cut(tracks, states)
-        unit = self._simulator.space.to_unit(parameters)
+        unit = self._physics.parameters.to_unit(parameters)
         guess = _Guess(
             windows.states.copy(), unit, np.full(len(windows.states), 1e-2), FIRST_VARIANCE
         )
@@ -105,7 +99,7 @@ class Shooting:
         ones. The windows' initial states count as unknown, and FIRST_VARIANCE lies between windows.
         """
         windows = self._cut(tracks, states)
-        unit = self._simulator.space.to_unit(parameters)
+        unit = self._physics.parameters.to_unit(parameters)
         guess = _Guess(windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE)
         residual, by_state, by_parameter = self._linearise(windows, guess)
         weight = windows.weight(residual)
@@ -184,18 +178,14 @@ class Shooting:
 
     def _play(self, windows: Windows, states: np.ndarray, units: np.ndarray):
         """(G, W, nq + nv) initial states, (G, N) parameters to rows and landmarks of all steps."""
-        groups, num_windows, _ = states.shape
-        rows = np.repeat(self._row[None], groups * num_windows, 0)
-        rows[:, 1 : 1 + states.shape[-1]] = states.reshape(groups * num_windows, -1)
-        parameters = np.repeat(self._simulator.space.from_unit(units), num_windows, 0)
-        actions = np.tile(windows.actions, (groups, 1, 1))
-        played = self._simulator.roll_out(
-            parameters, actions, self._rng, self._landmarks.record, starts=rows, keep_diverged=True
+        groups, num_windows, size = states.shape
+        rows, seen = self._physics.play(
+            states.reshape(-1, size),
+            np.repeat(units, num_windows, 0),
+            np.tile(windows.actions, (groups, 1, 1)),
         )
-        assert played.recorded is not None, "asked for above"
-        shape = (groups, num_windows, windows.actions.shape[1] + 1)
-        seen = np.nan_to_num(played.recorded.reshape(*shape, -1, 2), nan=-1e3)
-        return played.states.reshape(*shape, -1), seen
+        shape = (groups, num_windows)
+        return rows.reshape(*shape, *rows.shape[1:]), seen.reshape(*shape, *seen.shape[1:])
 
     def _residual(self, windows: Windows, seen: np.ndarray) -> np.ndarray:
         """(G, W, K, 2, L, 2) to each place, in units of sight's noise."""

@@ -1,0 +1,50 @@
+"""Physics as a fit asks for it: states and parameters in, states and landmarks out."""
+
+import numpy as np
+
+from simtune.search_param_model.landmarks import Landmarks
+from simtune.simulation import Simulator
+from simtune.simulation.states import StateSpace
+
+_NOWHERE_PX = -1e3  # landmarks of a world that diverged
+
+
+class Physics:
+    """Of one simulator, its states as positions and velocities, its parameters as coordinates."""
+
+    def __init__(self, simulator: Simulator, landmarks: Landmarks, row: np.ndarray):
+        """`row`: (S,) any state; what is neither position nor velocity is taken from it."""
+        self.space, self.parameters = StateSpace(simulator.model), simulator.space
+        self._simulator, self._landmarks, self._row = simulator, landmarks, row
+        self._rng = np.random.default_rng(0)  # starts are given: nothing is drawn
+
+    def play(
+        self, states: np.ndarray, units: np.ndarray, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(n, T + 1, S) rows and (n, T + 1, L, 2) landmarks of n worlds.
+
+        They begin in (n, nq + nv) states, have (n, N) parameters in unit coordinates and play
+        (n, T, A) actions. A world that diverges stays where it does.
+        """
+        rows = np.repeat(self._row[None], len(states), 0)
+        rows[:, 1 : 1 + states.shape[1]] = states
+        played = self._simulator.roll_out(
+            self.parameters.from_unit(units),
+            actions,
+            self._rng,
+            self._landmarks.record,
+            rows,
+            keep_diverged=True,
+        )
+        assert played.recorded is not None, "asked for above"
+        seen = played.recorded.reshape(*played.recorded.shape[:2], -1, 2)
+        return played.states, np.nan_to_num(seen, nan=_NOWHERE_PX)
+
+    @property
+    def some_state(self) -> np.ndarray:
+        """(nq + nv,)"""
+        return self.states(self._row)
+
+    def states(self, rows: np.ndarray) -> np.ndarray:
+        """(..., nq + nv) positions and velocities of (..., S) rows."""
+        return rows[..., 1 : 1 + self.space.nq + self.space.nv]
