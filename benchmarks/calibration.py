@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 from baselines.one_run import true_parameters
-from common import machine
+from common import QUICK, machine
 
 from simtune.real.truth import Truth
 from simtune.tasks import TASKS, Task, load_task
@@ -27,9 +27,6 @@ from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _INSIDE = (0.05, 0.95)
-_QUICK = PosteriorSearchConfig(
-    num_worlds=64, unseen_worlds=32, sight_updates=(30,), judge_updates=20, state_updates=20
-)
 
 
 def main(
@@ -56,7 +53,7 @@ def main(
     with tempfile.TemporaryDirectory() as temporary:
         if quick:
             tasks, worlds, minutes, real_episodes = tasks[-1:], 1, 0.1, 1
-            out, config = Path(temporary), _QUICK
+            out, config = Path(temporary), QUICK
         out.mkdir(parents=True, exist_ok=True)
         for name in tasks:
             task = load_task(name)

@@ -1,10 +1,17 @@
-"""What every benchmark's JSON says of the machine; run as a script it prints just that."""
+"""What benchmarks share. Run as a script it prints what every one's JSON says of the machine."""
 
 import json
 import os
 import platform
 from importlib.metadata import version
 from typing import Any
+
+from simtune.tuning.posterior_config import PosteriorSearchConfig
+
+# A search in seconds that finds nothing, to see that all of a benchmark runs.
+QUICK = PosteriorSearchConfig(
+    num_worlds=64, unseen_worlds=32, sight_updates=(30,), judge_updates=20, state_updates=20
+)
 
 _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "warp-lang", "torch")
 

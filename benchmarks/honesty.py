@@ -24,7 +24,7 @@ from typing import Any
 
 import mujoco
 import tyro
-from common import machine
+from common import QUICK, machine
 
 from simtune.parameters import Parameter, ParameterSpace, dynamics
 from simtune.real.truth import Truth
@@ -34,9 +34,6 @@ from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _LONGER = 1.2
-_QUICK = PosteriorSearchConfig(
-    num_worlds=64, unseen_worlds=32, sight_updates=(30,), judge_updates=20, state_updates=20
-)
 
 
 def right(task: Task) -> tuple[Task, Task]:
@@ -95,7 +92,7 @@ def main(
     config, found = PosteriorSearchConfig(), {}
     with tempfile.TemporaryDirectory() as temporary:
         if quick:
-            minutes, real_episodes, out, config = 0.1, 3, Path(temporary), _QUICK
+            minutes, real_episodes, out, config = 0.1, 3, Path(temporary), QUICK
         out.mkdir(parents=True, exist_ok=True)
         for case in CASES:
             path = out / f"{case.__name__}-{seed}.json"

@@ -112,7 +112,7 @@ def test_its_actions_know_no_parameters():
 
 def small_student() -> Student:
     with seeded(0):
-        return Student(2, SIZE, 3, 1, SMALL.student)
+        return Student(2, 1, SIZE, 3, 1, SMALL.student)
 
 
 def dots(num: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
@@ -132,11 +132,13 @@ def test_a_student_learns_to_see():
     frames, places = dots(512)
     for i in range(150):
         at = torch.randint(512, (16,), generator=generator)
-        student.learn_to_see(frames[at], places[at], i / 150, generator)
+        height = (places[at, 0, :1] - 16) / 6  # of a standard deviation of about 1
+        student.learn_to_see(frames[at], places[at], height, i / 150, generator)
     unseen, truth = dots(32, seed=1)
     seen = student.look(unseen)
     found = (seen[:, :4].reshape(-1, 2, 2) + 1) / 2 * SIZE
     assert (found - truth).abs().median() < 0.5  # pixels
+    assert (seen[:, -1] - (truth[:, 0, 0] - 16) / 6).abs().median() < 0.3
 
 
 def test_what_is_remembered_is_what_would_be_seen():
@@ -160,6 +162,7 @@ def make_agent(**changes) -> TeacherStudent:
         num_stacked=3,
         num_landmarks=2,
         num_states=3,
+        num_positions=2,
         num_actions=1,
         knows=np.arange(len(SPACE)) < 2,
         total_steps=10 * WORLDS * STEPS,

@@ -344,6 +344,7 @@ def test_agents_plug_in_by_name(name):
             num_stacked=3,
             num_landmarks=2,
             num_states=5,
+            num_positions=3,
             num_actions=2,
             knows=np.array([True, False]),
             total_steps=100_000,

@@ -191,6 +191,7 @@ def _agent(
         num_stacked=schedule.num_stacked,
         num_landmarks=num_landmarks,
         num_states=environment.num_states,
+        num_positions=environment.num_positions,
         num_actions=environment.simulator.num_actions,
         knows=np.array([not p.is_appearance for p in environment.task.parameters]),
         total_steps=schedule.total_steps,

@@ -44,6 +44,11 @@ class Environment:
         """Numbers that `observe` gives."""
         return self.observe(np.zeros((1, 1 + self._space.nq + self._space.nv))).shape[1]
 
+    @property
+    def num_positions(self) -> int:
+        """The first so many of them; velocities follow."""
+        return self.num_states - self._space.nv
+
     def observe(self, states: np.ndarray) -> np.ndarray:
         """(..., S) rows to (..., D): positions and velocities, without what makes no difference."""
         # A row begins with time.

@@ -16,6 +16,7 @@ def make_agent(
     num_stacked: int,
     num_landmarks: int,
     num_states: int,
+    num_positions: int,
     num_actions: int,
     knows: np.ndarray,
     total_steps: int,
@@ -24,6 +25,7 @@ def make_agent(
 ) -> Agent:
     """An agent that acts on `num_stacked` square pictures of `image_size` pixels a side.
 
+    States are `num_positions` positions, then velocities.
     `knows`, (N,) bool: parameters that may be told to whoever knows the state.
     `total_steps`: of the whole training, for what changes in its course.
     """
@@ -33,6 +35,7 @@ def make_agent(
             num_stacked=num_stacked,
             num_landmarks=num_landmarks,
             num_states=num_states,
+            num_positions=num_positions,
             num_actions=num_actions,
             knows=knows,
             total_steps=total_steps,

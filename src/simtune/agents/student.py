@@ -3,7 +3,8 @@
 Learning to act from pixels end to end is slow because seeing has to be learnt from what an action
 was worth. In simulation it is known where things are in a picture, so the student is taught that
 first, as the SPM's sight is (`search_param_model/sight.py`): some hundred updates. To act on what
-it saw lately is then little to learn.
+it saw lately is then little to learn. Besides landmarks it learns to tell the state's positions:
+to a camera that goes with a cheetah, only the ground shows how high the cheetah is.
 """
 
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ from simtune.networks import mlp, predicting
 from simtune.search_param_model.sight import Sight, SightConfig, to_input
 
 _PLACES = 2  # for each landmark: what looks alike, left and right, gets mixed up
+_POSITIONS_WIDTH = 4.0  # of the range that errors count relative to, in standard deviations
 _CHUNK = 256  # pictures looked at at once
 
 
@@ -44,6 +46,7 @@ class Student(nn.Module):
     def __init__(
         self,
         num_landmarks: int,
+        num_positions: int,
         image_size: int,
         num_stacked: int,
         num_actions: int,
@@ -51,9 +54,10 @@ class Student(nn.Module):
     ):
         super().__init__()
         self.config = config
-        self.sight = Sight(num_landmarks, 0, image_size, config.sight)
+        self.sight = Sight(num_landmarks, num_positions, image_size, config.sight)
         self._image_size = image_size
-        self.num_features = num_landmarks * _PLACES * 3  # x, y, and how probable
+        # Of each place x, y and how probable it is
+        self.num_features = num_landmarks * _PLACES * 3 + num_positions
         hidden = config.hidden_size
         sizes = (num_stacked * self.num_features, hidden, hidden, num_actions)
         self.head = mlp(sizes, nn.ReLU)
@@ -82,29 +86,34 @@ class Student(nn.Module):
             return self(seen)
 
     def look(self, frames: torch.Tensor) -> torch.Tensor:
-        """(n, H, W, 3) uint8 to (n, F) what sight makes of them: two places for each landmark."""
+        """(n, H, W, 3) uint8 to (n, F): two places for each landmark, and positions."""
         parts = []
         with predicting(self):
             for part in frames.split(_CHUNK):
-                heatmaps, _, _ = self.sight(to_input(part))
+                heatmaps, _, positions = self.sight(to_input(part))
                 places, probability = self.sight.places(heatmaps)
                 centred = places / self._image_size * 2 - 1
-                parts.append(torch.cat([centred.flatten(1), probability.flatten(1)], 1))
+                found = (centred.flatten(1), probability.flatten(1), positions)
+                parts.append(torch.cat(found, 1))
         return torch.cat(parts)
 
     def learn_to_see(
         self,
         frames: torch.Tensor,
         landmarks: torch.Tensor,
+        positions: torch.Tensor,
         progress: float,
         generator: torch.Generator,
     ) -> torch.Tensor:
-        """One step on (B, H, W, 3) frames whose (B, L, 2) landmarks are known; the loss."""
+        """One step on (B, H, W, 3) frames of known (B, L, 2) landmarks; the loss.
+
+        `positions`: (B, P) of the state, with a standard deviation of about 1.
+        """
         config = self.config.sight
         pictures = to_input(frames)
         noise = torch.randn(pictures.shape, generator=generator, device=pictures.device)
-        nothing = pictures.new_empty(len(pictures), 0)
-        loss = self.sight.loss(pictures + 2 * config.noise * noise, landmarks, nothing, nothing[0])
+        width = torch.full_like(positions[0], _POSITIONS_WIDTH)
+        loss = self.sight.loss(pictures + 2 * config.noise * noise, landmarks, positions, width)
         self._step(self.sight_optimizer, loss, config.learning_rate, progress)
         self.num_updates += 1
         self._memory = None  # it sees otherwise now

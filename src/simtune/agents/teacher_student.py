@@ -45,6 +45,7 @@ class TeacherStudent:
         num_stacked: int,
         num_landmarks: int,
         num_states: int,
+        num_positions: int,  # the first of them, without velocities
         num_actions: int,
         knows: np.ndarray,  # (N,) bool: parameters that the teacher's critics are told
         total_steps: int,  # of the whole training: what shares are of
@@ -56,10 +57,11 @@ class TeacherStudent:
         self.device = torch.device(device)
         self._knows = torch.as_tensor(np.flatnonzero(knows), device=device)
         self._total_steps, self._num_actions = total_steps, num_actions
+        self._num_positions = num_positions
         with seeded(seed):
             sizes = (num_states, num_actions, len(self._knows))
             self.teacher = Teacher(*sizes, config.teacher).to(device)
-            sizes = (num_landmarks, image_size, num_stacked, num_actions)
+            sizes = (num_landmarks, num_positions, image_size, num_stacked, num_actions)
             self.student = Student(*sizes, config.student).to(device)
         self._generator = torch.Generator(self.device).manual_seed(seed)
         self.num_steps = self._num_filmed = 0
@@ -117,8 +119,12 @@ class TeacherStudent:
         if not student.num_updates:
             num_updates *= config.first_sight_factor
         for _ in range(round(num_updates)):
-            frames, landmarks = replay.pictures(config.student.sight.batch_size, self._generator)
-            losses["sight"] = student.learn_to_see(frames, landmarks, progress, self._generator)
+            size = config.student.sight.batch_size
+            frames, landmarks, states = replay.pictures(size, self._generator)
+            positions = self.teacher.normalized(states)[:, : self._num_positions]
+            losses["sight"] = student.learn_to_see(
+                frames, landmarks, positions, progress, self._generator
+            )
 
         slots = replay.latest_filmed(config.remembered_episodes)
         lengths = replay.lengths[slots]

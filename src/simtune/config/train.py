@@ -19,7 +19,8 @@ class TrainConfig(RealConfig):
     """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
 
     Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
-    a run that was interrupted, to the same result.
+    a run that was interrupted, to the same result. In recordings no policy can be tried out: the
+    simulator is tuned with those that there are.
     """
 
     task: Annotated[Positional[str], arg(metavar="TASK")]

@@ -48,10 +48,10 @@ class Replay(EpisodeStore):
 
     def pictures(
         self, batch_size: int, generator: torch.Generator
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """(B, H, W, 3) frames drawn from all that are stored, and their (B, L, 2) landmarks."""
-        episode, t = self._draw(batch_size, generator, filmed=True)
-        return self.frames[episode, t], self.landmarks[episode, t]
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """(B, H, W, 3) frames drawn from all that are stored; their landmarks and states."""
+        at = self._draw(batch_size, generator, filmed=True)
+        return self.frames[at], self.landmarks[at], self.states[at]
 
     @property
     def stack_offsets(self) -> torch.Tensor:
