@@ -31,7 +31,7 @@ def affordable(
     num = int(np.clip(_PARTICLES_SHARE * seconds / each_s, _FEWEST_PARTICLES, particles.num))
     # Each iteration plays every window once a state and parameter to derive by, and a few more.
     played = 3 + 2 * simulator.model.nv + len(simulator.space)
-    window_s = step_s * played * sum(s.window * s.iterations for s in shooting.stages) * _SIDES
+    window_s = step_s * played * shooting.steps_per_window * _SIDES
     windows = (1 - _PARTICLES_SHARE) * seconds / window_s
     num_windows = int(np.clip(windows, _FEWEST_WINDOWS, shooting.num_windows))
     return replace(particles, num=num), replace(shooting, num_windows=num_windows)

@@ -99,7 +99,7 @@ class ReplayFit:
         unit[self._moving] = motion.unit
         pictures = self._fit_pictures(motion, frames, space.from_unit(unit))
         unit[self._appearance] = pictures.unit
-        test = self._shooting(self._moving[:0]).fit(
+        test = self._shooting(self._moving[:0], replace(self._config, longer=())).fit(
             tracks.episodes(held_out), states[held_out], space.from_unit(unit)
         )
         deviation = np.sqrt(np.diag(motion.covariance))
@@ -164,7 +164,8 @@ class ReplayFit:
     def _find_lag(self, tracks: Tracks, start: np.ndarray) -> int:
         """The delay of the actions, of 0 to 2 steps, with which the motion fits best."""
         stages = (Stage(4, 3, 3.0), Stage(8, 3))
-        quick = ShootingConfig(stages=stages, num_windows=max(12, self._config.num_windows // 3))
+        num_windows = max(12, self._config.num_windows // 3)
+        quick = ShootingConfig(stages=stages, longer=(), num_windows=num_windows)
         misfits = []
         for lag in range(3):
             late = tracks.delayed(lag)
@@ -176,10 +177,14 @@ class ReplayFit:
     def _fit_pictures(
         self, motion: ShootingFit, frames: np.ndarray, parameters: np.ndarray
     ) -> PictureFit:
-        """Pictures in the middle of the windows that fit well, spread over all of them."""
-        middle = motion.rows.shape[1] // 2
+        """Pictures of the windows that fit well, spread over all of them."""
         good = np.flatnonzero(motion.misfit <= np.quantile(motion.misfit, 0.6))
-        chosen = good[np.linspace(0, len(good) - 1, min(_NUM_PICTURES, len(good))).astype(int)]
+        length = motion.rows.shape[1] - 1
+        # Not from the windows' ends, where less is known of the states.
+        within = np.arange(-(-length // 4), length - length // 4 + 1)
+        spread = np.linspace(0, len(good) * len(within) - 1, _NUM_PICTURES)
+        at = np.unique(spread.round().astype(int))
+        chosen, middle = good[at // len(within)], within[at % len(within)]
         shown = frames[motion.episode[chosen], motion.step[chosen] + middle]
         rows = motion.rows[chosen, middle]
         for tangent in self._unseen_by_landmarks():

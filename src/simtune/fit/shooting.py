@@ -2,7 +2,8 @@
 
 In each window the initial state is unknown as well, so that no error grows for long and no
 contact is followed for long. Gauss-Newton finds parameters and initial states together; finite
-differences are free, since all perturbed worlds run at once.
+differences are free, since all perturbed worlds run at once. Where short windows do not tell
+enough, they grow for as long as they are explained as well: a slow swing shows its period late.
 """
 
 from dataclasses import dataclass, replace
@@ -18,6 +19,8 @@ from simtune.fit.windows import Windows, cut
 _PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
 _STATES_ONLY = 3.0  # with more blur than this, parameters wait for the states
 _LARGEST_STEP = 0.12  # of the whole range (unit coordinates)
+_ENOUGH = 0.01  # standard deviation of a parameter, in unit coordinates
+_AS_WELL = 0.3  # by so much −log likelihood may rise: more than chance, less than another motion
 
 
 class Stage(NamedTuple):
@@ -30,7 +33,15 @@ class Stage(NamedTuple):
 class ShootingConfig:
     # Short and blurred first, which brings the states near from far away.
     stages: tuple[Stage, ...] = (Stage(4, 6, 6.0), Stage(8, 3, 2.0), Stage(12, 6))
-    num_windows: int = 90  # at most; spread evenly
+    longer: tuple[int, ...] = (24, 48, 96)  # windows, where those do not tell enough
+    longer_iterations: int = 12
+    num_windows: int = 90  # at most; spread evenly. Of longer ones fewer: as many steps in all
+
+    @property
+    def steps_per_window(self) -> int:
+        """How many steps are played for each of these windows, if all sizes are tried."""
+        by_stages = sum(stage.window * stage.iterations for stage in self.stages)
+        return by_stages + len(self.longer) * self.longer_iterations * self.stages[-1].window
 
 
 @dataclass(frozen=True)
@@ -64,16 +75,31 @@ class Shooting:
 
     def fit(self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
         """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
-        whole = windows = self._cut(tracks, states)
-        unit = self._physics.parameters.to_unit(parameters)
+        config, unit = self.config, self._physics.parameters.to_unit(parameters)
+        best = found = self._fit(self._cut(tracks, states), unit, config.stages)
+        limit = np.median(best.misfit) + _AS_WELL
+        for window in config.longer:
+            told = np.diag(best.covariance).max(initial=0) < _ENOUGH**2
+            if told or window > tracks.actions.shape[1]:
+                break
+            unit[self.fitted] = found.unit
+            longer = self._cut(tracks, self._improved(states, found), window)
+            found = self._fit(longer, unit, (Stage(window, config.longer_iterations),))
+            if np.median(found.misfit) < limit:
+                best = found
+        return best
+
+    def _fit(self, whole: Windows, unit: np.ndarray, stages: tuple[Stage, ...]) -> ShootingFit:
+        """From (N,) parameters in unit coordinates."""
+        windows = whole
         guess = _Guess(
             windows.states.copy(), unit, np.full(len(windows.states), 1e-2), FIRST_VARIANCE
         )
         covariance = np.zeros((len(self.fitted),) * 2)
-        for stage in self.config.stages:
+        for stage in stages:
             windows = whole.first(stage.window)
             self._noise = stage.blur * self._noise_px
-            guess = replace(guess, damping=np.full(len(guess.damping), 1e-2))
+            guess = replace(guess, damping=np.full(len(guess.damping), 1e-2), boldness=1.0)
             for iteration in range(stage.iterations):
                 step_size = 0.0 if stage.blur > _STATES_ONLY else 1.0 if iteration < 3 else 0.5
                 guess, covariance = self._step(windows, guess, step_size)
@@ -119,24 +145,28 @@ class Shooting:
         slope = np.einsum("wsm,wm,wm->ws", by_state, weight, flat) + pull / self._spread
         of_parameters = np.einsum("wpm,wm,wm->wp", by_parameter, weight, flat)
         of_parameters -= np.einsum("wsp,ws->wp", to_parameters, slope)
-        trust = trusted(windows.cost(residual[None])[0]) / (1 + guess.damping)
-        change, covariance, variance = combine(information, of_parameters, guess.variance, trust)
-        change = np.clip(step_size * change, -_LARGEST_STEP, _LARGEST_STEP)
+        trust = trusted(windows.cost(residual[None])[0])
+        change, covariance, variance = combine(
+            information, of_parameters, guess.variance, trust / (1 + guess.damping)
+        )
+        change = np.clip(step_size * guess.boldness * change, -_LARGEST_STEP, _LARGEST_STEP)
         unit = guess.unit.copy()
         unit[self.fitted] = np.clip(unit[self.fitted] + change, 0, 1)
+        change = unit[self.fitted] - guess.unit[self.fitted]
         damped = hessian + guess.damping[:, None, None] * _diagonal(hessian)
         tangent = -np.linalg.solve(damped, (slope + cross @ change)[..., None])[..., 0]
         tangent = np.clip(tangent, -4 * self._spread, 4 * self._spread)
         moved = self._space.move(guess.states, tangent)
         _, seen = self._play(windows, np.stack([moved, guess.states]), np.stack([unit, unit]))
-        costs = windows.cost(self._residual(windows, seen))
-        costs += 0.5 * np.square(
-            self._space.difference(np.stack([moved, guess.states]), windows.states) / self._spread
-        ).sum(-1)
+        after = self._residual(windows, seen)
+        costs = self._cost(windows, np.stack([moved, guess.states]), after)
+        before = self._cost(windows, guess.states[None], residual[None])[0]
+        if trust @ costs.min(0) > trust @ before:  # too far: not as straight as it looked
+            return replace(guess, boldness=guess.boldness / 4), covariance
         better = costs[0] < costs[1]
         states = np.where(better[:, None], moved, guess.states)
         damping = np.where(better, guess.damping / 4, guess.damping * 8).clip(1e-6, 1e4)
-        return _Guess(states, unit, damping, variance), covariance
+        return _Guess(states, unit, damping, variance, min(1.0, 2 * guess.boldness)), covariance
 
     def _eliminate(self, by_state: np.ndarray, by_parameter: np.ndarray, weight: np.ndarray):
         """The windows' unknown initial states out of the equations.
@@ -152,8 +182,18 @@ class Shooting:
         information = np.einsum("wpm,wm,wqm->wpq", by_parameter, weight, by_parameter)
         return hessian, cross, to_parameters, information - cross.swapaxes(1, 2) @ to_parameters
 
-    def _cut(self, tracks: Tracks, states: np.ndarray) -> Windows:
-        return cut(tracks, states, self.config.stages[-1].window, self.config.num_windows)
+    def _cut(self, tracks: Tracks, states: np.ndarray, steps: int | None = None) -> Windows:
+        """By default as long as the last stage's; however long, of as many steps in all."""
+        usual = self.config.stages[-1].window
+        steps = steps or usual
+        return cut(tracks, states, steps, max(1, self.config.num_windows * usual // steps))
+
+    def _improved(self, states: np.ndarray, fit: ShootingFit) -> np.ndarray:
+        """(E, T + 1, nq + nv) states, those of a fit's windows as it has them."""
+        states = states.copy()
+        steps = fit.step[:, None] + np.arange(fit.rows.shape[1])
+        states[fit.episode[:, None], steps] = self._physics.states(fit.rows)
+        return states
 
     def _linearise(self, windows: Windows, guess: "_Guess"):
         """Residuals (W, K, 2, L, 2) and derivatives (W, 2 nv, M), (W, P, M) at a guess.
@@ -187,6 +227,11 @@ class Shooting:
         shape = (groups, num_windows)
         return rows.reshape(*shape, *rows.shape[1:]), seen.reshape(*shape, *seen.shape[1:])
 
+    def _cost(self, windows: Windows, states: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """(G, W) −log likelihoods of (G, W, nq + nv) initial states and their residuals."""
+        pull = self._space.difference(states, windows.states) / self._spread
+        return windows.cost(residual) + 0.5 * np.square(pull).sum(-1)
+
     def _residual(self, windows: Windows, seen: np.ndarray) -> np.ndarray:
         """(G, W, K, 2, L, 2) to each place, in units of sight's noise."""
         return (seen[:, :, :, None] - windows.places) / self._noise[:, None]
@@ -203,3 +248,4 @@ class _Guess:
     unit: np.ndarray  # (N,)
     damping: np.ndarray  # (W,) of the states' steps
     variance: float  # of the parameters between windows
+    boldness: float = 1.0  # share of a step in the parameters that is taken
