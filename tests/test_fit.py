@@ -11,7 +11,7 @@ from simtune.fit.conclusions import correlations, doubts, widened
 from simtune.fit.found import Fit, Misfit
 from simtune.fit.physics import Physics
 from simtune.fit.pictures import fit_pictures
-from simtune.fit.replicas import Replicas
+from simtune.fit.replicas import Replicas, make_replicas
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.fit.tracks import Tracks
 from simtune.parameters import ParameterSpace
@@ -240,6 +240,25 @@ def test_replicas_say_how_much_too_sure_a_fit_is():
     np.testing.assert_allclose(replicas_of(errors).inflation(), 1, atol=0.5)
     np.testing.assert_allclose(replicas_of(3 * errors).inflation(), 3, atol=1)
     assert (replicas_of(errors[:0]).inflation() == 3).all()  # nothing known: careful
+
+
+def test_replicas_that_went_astray_do_not_count_and_none_is_drawn_from_farther_than_was_known(
+    simulator,
+):
+    real = replace(a_fit(), std=np.full(len(SPACE), 5.0))  # the fit says nothing at all
+    guess_std, filmed, distances = np.full(len(SPACE), 0.02), [], [0.3, 0.6, 0.4]
+
+    class FakeReplay:
+        def fit(self, frames, actions, start, start_std, lag):
+            filmed.append(SPACE.to_unit(start))
+            return replace(real, misfit=Misfit(1.0, distances[len(filmed) - 1], 0.0, 0.0))
+
+    actions, rng = np.zeros((1, 4, 1)), np.random.default_rng(0)
+    made = make_replicas(FakeReplay(), simulator, real, actions, 3, guess_std, None, rng)
+    assert made.errors.shape == (2, len(SPACE))
+    assert [misfit.motion_px for misfit in made.misfits] == distances
+    unit = SPACE.to_unit(real.parameters)
+    assert np.abs(np.array(filmed) - unit).max() < 0.15  # a truth's and a guess's distance
 
 
 def test_intervals_widen_where_the_videos_fit_worse_than_simulated_ones():

@@ -99,7 +99,7 @@ class ReplayFit:
         unit[self._moving] = motion.unit
         pictures = self._fit_pictures(motion, frames, space.from_unit(unit))
         unit[self._appearance] = pictures.unit
-        test = self._shooting(self._moving[:0], replace(self._config, longer=())).fit(
+        test = self._shooting(self._moving[:0]).fit(
             tracks.episodes(held_out), states[held_out], space.from_unit(unit)
         )
         deviation = np.sqrt(np.diag(motion.covariance))
@@ -151,13 +151,19 @@ class ReplayFit:
     def _fit_motion(
         self, tracks: Tracks, states: np.ndarray, start: np.ndarray, start_std: np.ndarray
     ) -> tuple[ShootingFit, np.ndarray]:
-        """From below and from above: the middle, and (P,) how far apart the two end."""
+        """From below and from above: the middle, and (P,) how far apart the two end.
+
+        Unless windows grow from the better one: those have the last word.
+        """
         space, shooting = self._simulator.space, self._shooting(self._moving)
         unit, fits = space.to_unit(start), []
         for side in (-1, 1):
             begin = space.from_unit(unit + side * np.clip(start_std, *_SIDESTEP))
             fits.append(shooting.fit(tracks, states, begin))
         better = min(fits, key=lambda fit: float(np.median(fit.misfit)))
+        grown = shooting.grow(tracks, states, start, better)
+        if grown is not better:
+            return grown, np.zeros(len(self._moving))
         one, other = (fit.unit for fit in fits)
         return replace(better, unit=(one + other) / 2), np.abs(one - other) / 2
 
@@ -165,7 +171,7 @@ class ReplayFit:
         """The delay of the actions, of 0 to 2 steps, with which the motion fits best."""
         stages = (Stage(4, 3, 3.0), Stage(8, 3))
         num_windows = max(12, self._config.num_windows // 3)
-        quick = ShootingConfig(stages=stages, longer=(), num_windows=num_windows)
+        quick = ShootingConfig(stages=stages, num_windows=num_windows)
         misfits = []
         for lag in range(3):
             late = tracks.delayed(lag)

@@ -21,6 +21,8 @@ _POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of eac
 _USUAL = 0.85  # share of errors that are taken to be no accident
 _SMALLEST_SPREAD = 0.01  # of replicas around the estimate, in unit coordinates
 _FEW_EPISODES = 3  # are enough to compare errors with what a fit thinks of itself
+# A replica that fits so many times worse went astray where the real world's fit did not.
+_ASTRAY = 1.5
 _MARGIN = 0.002  # truths keep so far from the bounds
 
 
@@ -30,7 +32,7 @@ class Replicas:
 
     errors: np.ndarray  # (K, N) in terms of each fit's own standard deviations
     groups: np.ndarray  # (N,) parameters of the same number are about as hard to find
-    misfits: list[Misfit] = field(default_factory=list)
+    misfits: list[Misfit] = field(default_factory=list)  # also of fits whose errors say nothing
 
     def inflation(self) -> np.ndarray:
         """(N,) by how much standard deviations have to be multiplied; at least 1."""
@@ -85,7 +87,8 @@ def make_replicas(
     """
     space, actions = simulator.space, actions[:_FEW_EPISODES]
     unit = space.to_unit(fit.parameters)
-    spread = np.maximum(2 * fit.std, _SMALLEST_SPREAD)
+    # Not farther away than was known before: what the fit leaves open may fill the whole space.
+    spread = np.clip(2 * fit.std, _SMALLEST_SPREAD, np.maximum(guess_std, _SMALLEST_SPREAD))
     errors, misfits = [], []
     for _ in range(num):
         truth = np.clip(unit + spread * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
@@ -98,7 +101,8 @@ def make_replicas(
             frames = camera.film(frames, rng)
         guess = space.from_unit(truth + guess_std * rng.normal(size=len(unit)))
         found = replay.fit(frames, actions, guess, guess_std, fit.lag)
-        errors.append((space.to_unit(found.parameters) - truth) / found.std)
         misfits.append(found.misfit)
+        if not found.misfit.motion_px > _ASTRAY * fit.misfit.motion_px:  # either may be NaN
+            errors.append((space.to_unit(found.parameters) - truth) / found.std)
     is_moving = np.isin(np.arange(len(unit)), fit.moving)
     return Replicas(np.array(errors).reshape(-1, len(unit)), is_moving, misfits)

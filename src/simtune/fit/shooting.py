@@ -20,7 +20,7 @@ _PRIOR = 3.0  # a first guess at a state counts as this much less sure than it m
 _STATES_ONLY = 3.0  # with more blur than this, parameters wait for the states
 _LARGEST_STEP = 0.12  # of the whole range (unit coordinates)
 _ENOUGH = 0.01  # standard deviation of a parameter, in unit coordinates
-_AS_WELL = 0.3  # by so much −log likelihood may rise: more than chance, less than another motion
+_AS_WELL = 0.5  # by so much −log likelihood may rise: distances a fifth larger, or so
 
 
 class Stage(NamedTuple):
@@ -34,14 +34,13 @@ class ShootingConfig:
     # Short and blurred first, which brings the states near from far away.
     stages: tuple[Stage, ...] = (Stage(4, 6, 6.0), Stage(8, 3, 2.0), Stage(12, 6))
     longer: tuple[int, ...] = (24, 48, 96)  # windows, where those do not tell enough
-    longer_iterations: int = 12
+    longer_iterations: int = 20
     num_windows: int = 90  # at most; spread evenly. Of longer ones fewer: as many steps in all
 
     @property
     def steps_per_window(self) -> int:
-        """How many steps are played for each of these windows, if all sizes are tried."""
-        by_stages = sum(stage.window * stage.iterations for stage in self.stages)
-        return by_stages + len(self.longer) * self.longer_iterations * self.stages[-1].window
+        """How many steps a fit plays of each of these windows; what grows is rare."""
+        return sum(stage.window * stage.iterations for stage in self.stages)
 
 
 @dataclass(frozen=True)
@@ -75,8 +74,18 @@ class Shooting:
 
     def fit(self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
         """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
+        unit = self._physics.parameters.to_unit(parameters)
+        return self._fit(self._cut(tracks, states), unit, self.config.stages)
+
+    def grow(
+        self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray, fit: ShootingFit
+    ) -> ShootingFit:
+        """`fit`, or one with the longest windows that are nearly as well explained.
+
+        The others, (N,) parameters, and states outside of the fit's windows, are as for `fit`.
+        """
         config, unit = self.config, self._physics.parameters.to_unit(parameters)
-        best = found = self._fit(self._cut(tracks, states), unit, config.stages)
+        best = found = fit
         limit = np.median(best.misfit) + _AS_WELL
         for window in config.longer:
             told = np.diag(best.covariance).max(initial=0) < _ENOUGH**2

@@ -19,7 +19,7 @@ class PosteriorSearchConfig:
     unseen_worlds: int = 256  # of an iteration, that sight is not taught on but tested on
     unseen_steps: int = 64  # of each, filmed
     iterations: int = 2
-    sight_updates: tuple[int, ...] = (2500, 1500)  # first iteration, later ones
+    sight_updates: tuple[int, ...] = (2500, 6000)  # at most: first iteration, later ones
     judge_updates: int = 800
     state_updates: int = 600
     least_updates: int = 200  # of each, however late it is
