@@ -19,8 +19,9 @@ from simtune.fit.windows import Windows, cut
 _PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
 _STATES_ONLY = 3.0  # with more blur than this, parameters wait for the states
 _LARGEST_STEP = 0.12  # of the whole range (unit coordinates)
+_GROWN_BLUR = 3.0
 _ENOUGH = 0.01  # standard deviation of a parameter, in unit coordinates
-_AS_WELL = 0.5  # by so much −log likelihood may rise: distances a fifth larger, or so
+_AS_WELL = 1.0  # by so much −log likelihood may rise: distances half as large again, or so
 
 
 class Stage(NamedTuple):
@@ -34,7 +35,7 @@ class ShootingConfig:
     # Short and blurred first, which brings the states near from far away.
     stages: tuple[Stage, ...] = (Stage(4, 6, 6.0), Stage(8, 3, 2.0), Stage(12, 6))
     longer: tuple[int, ...] = (24, 48, 96)  # windows, where those do not tell enough
-    longer_iterations: int = 20
+    longer_iterations: int = 10  # blurred, and as many that are not
     num_windows: int = 90  # at most; spread evenly. Of longer ones fewer: as many steps in all
 
     @property
@@ -93,7 +94,11 @@ class Shooting:
                 break
             unit[self.fitted] = found.unit
             longer = self._cut(tracks, self._improved(states, found), window)
-            found = self._fit(longer, unit, (Stage(window, config.longer_iterations),))
+            # Blurred at first: what ends far away after so long is no outlier yet.
+            count = config.longer_iterations
+            found = self._fit(
+                longer, unit, (Stage(window, count, _GROWN_BLUR), Stage(window, count))
+            )
             if np.median(found.misfit) < limit:
                 best = found
         return best
