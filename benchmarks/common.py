@@ -6,11 +6,17 @@ import platform
 from importlib.metadata import version
 from typing import Any
 
+from simtune.fit import ShootingConfig
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 # A search in seconds that finds nothing, to see that all of a benchmark runs.
 QUICK = PosteriorSearchConfig(
-    num_worlds=64, unseen_worlds=32, sight_updates=(30,), judge_updates=20, state_updates=20
+    num_worlds=64,
+    unseen_worlds=32,
+    sight_updates=(30,),
+    judge_updates=20,
+    state_updates=20,
+    shooting=ShootingConfig(longer=()),
 )
 
 _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "warp-lang", "torch")

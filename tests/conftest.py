@@ -48,7 +48,12 @@ def tiny() -> PosteriorSearchConfig:
         least_updates=2,
         replicas=(1, 1),
         particles=ParticleConfig(num=8, steps=4),
-        shooting=ShootingConfig(stages=(Stage(4, 1, 2.0), Stage(8, 1)), num_windows=6),
+        shooting=ShootingConfig(
+            stages=(Stage(4, 1, 2.0), Stage(8, 1)),
+            longer=(16,),
+            longer_iterations=1,
+            num_windows=6,
+        ),
     )
 
 

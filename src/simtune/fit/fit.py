@@ -16,7 +16,6 @@ from simtune.search_param_model.landmarks import Landmarks
 from simtune.search_param_model.sight import Seen, Sight
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.simulation import Simulator
-from simtune.simulation.states import StateSpace
 
 _NUM_PICTURES = 40
 _SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fits end sometime
@@ -46,7 +45,6 @@ class ReplayFit:
         shooting: ShootingConfig | None = None,
     ):
         self._simulator, self._landmarks, self._sight = simulator, landmarks, sight
-        self._space = StateSpace(simulator.model)
         appearance = np.array([p.is_appearance for p in simulator.space])
         self._moving, self._appearance = np.flatnonzero(~appearance), np.flatnonzero(appearance)
         self._seed = seed
@@ -64,14 +62,13 @@ class ReplayFit:
         self._noise_px = noise_px(tracks, worlds.filmed_landmarks())
         self._physics = Physics(self._simulator, self._landmarks, worlds.states[0, 0])
         self._estimator = StateEstimator(
-            self._space,
+            self._physics.space,
             len(self._landmarks),
             self._simulator.action_scale,
             self._simulator.image_size / 8,
             self._seed,
         )
-        states = worlds.states[..., 1 : 1 + self._space.nq + self._space.nv]
-        return self._estimator.train(tracks, states, progress)
+        return self._estimator.train(tracks, self._physics.states(worlds.states), progress)
 
     def fit(
         self,
@@ -194,7 +191,7 @@ class ReplayFit:
         shown = frames[motion.episode[chosen], motion.step[chosen] + middle]
         rows = motion.rows[chosen, middle]
         for tangent in self._unseen_by_landmarks():
-            rows = aligned(self._simulator, shown, rows, parameters, self._space, tangent)
+            rows = aligned(self._simulator, shown, rows, parameters, self._physics.space, tangent)
         return fit_pictures(self._simulator, shown, rows, parameters, self._appearance)
 
     def _unseen_by_landmarks(self) -> np.ndarray:
@@ -202,8 +199,8 @@ class ReplayFit:
 
         A camera that follows the robot, say: how far it went shows in the ground's texture only.
         """
-        space, num = self._space, self._space.nv
-        changes = np.diag(_PRIOR_SPREADS * self._estimator.spread)[:num]
+        space = self._physics.space
+        changes = np.diag(_PRIOR_SPREADS * self._estimator.spread)[: space.nv]
         moved = space.move(self._physics.some_state, np.vstack([0 * changes[:1], changes]))
         nominal = self._physics.parameters.to_unit(self._physics.parameters.nominal)
         units = np.repeat(nominal[None], len(moved), 0)

@@ -159,7 +159,8 @@ class Shooting:
         slope = np.einsum("wsm,wm,wm->ws", by_state, weight, flat) + pull / self._spread
         of_parameters = np.einsum("wpm,wm,wm->wp", by_parameter, weight, flat)
         of_parameters -= np.einsum("wsp,ws->wp", to_parameters, slope)
-        trust = trusted(windows.cost(residual[None])[0])
+        cost = windows.cost(residual[None])[0]
+        trust, anchored = trusted(cost), 0.5 * np.square(pull).sum(-1)
         change, covariance, variance = combine(
             information, of_parameters, guess.variance, trust / (1 + guess.damping)
         )
@@ -172,10 +173,10 @@ class Shooting:
         tangent = np.clip(tangent, -4 * self._spread, 4 * self._spread)
         moved = self._space.move(guess.states, tangent)
         _, seen = self._play(windows, np.stack([moved, guess.states]), np.stack([unit, unit]))
-        after = self._residual(windows, seen)
-        costs = self._cost(windows, np.stack([moved, guess.states]), after)
-        before = self._cost(windows, guess.states[None], residual[None])[0]
-        if trust @ costs.min(0) > trust @ before:  # too far: not as straight as it looked
+        pulled = self._space.difference(moved, windows.states) / self._spread
+        costs = windows.cost(self._residual(windows, seen))
+        costs += np.stack([0.5 * np.square(pulled).sum(-1), anchored])
+        if trust @ costs.min(0) > trust @ (cost + anchored):  # too far for a straight line
             return replace(guess, boldness=guess.boldness / 4), covariance
         better = costs[0] < costs[1]
         states = np.where(better[:, None], moved, guess.states)
@@ -240,11 +241,6 @@ class Shooting:
         )
         shape = (groups, num_windows)
         return rows.reshape(*shape, *rows.shape[1:]), seen.reshape(*shape, *seen.shape[1:])
-
-    def _cost(self, windows: Windows, states: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """(G, W) −log likelihoods of (G, W, nq + nv) initial states and their residuals."""
-        pull = self._space.difference(states, windows.states) / self._spread
-        return windows.cost(residual) + 0.5 * np.square(pull).sum(-1)
 
     def _residual(self, windows: Windows, seen: np.ndarray) -> np.ndarray:
         """(G, W, K, 2, L, 2) to each place, in units of sight's noise."""
