@@ -227,7 +227,7 @@ def a_fit(motion_px: float = 0.3, picture: float = 0.004, lag: int = 0) -> Fit:
     correlation = np.array([[1, 0.9], [0.9, 1]])
     misfit = Misfit(1.0, motion_px, picture, 0.0)
     std = np.full(len(SPACE), 0.01)
-    return Fit(SPACE.nominal, std, correlation, MOVING, misfit, lag)
+    return Fit(SPACE.nominal, std, correlation, MOVING, misfit, np.zeros(1), lag)
 
 
 def replicas_of(errors: np.ndarray) -> Replicas:

@@ -19,6 +19,7 @@ from simtune.real.truth import Truth
 from simtune.recordings import decode, write_dataset
 from simtune.run import read_json, read_jsonl
 from simtune.tasks import load_task
+from simtune.trajectory import Trajectory
 from simtune.tuning import posterior
 from simtune.tuning.search import Estimate, Event
 
@@ -394,6 +395,22 @@ def test_the_start_of_an_episode_is_found_in_its_pictures(one_renderer_each, mon
     actions = np.zeros((64, 1, simulator.num_actions))
     others = simulator.roll_out(np.tile(parameters, (64, 1)), actions, rng).states[:, 0]
     assert distance(found[None])[0] < 0.1 * np.median(distance(others))
+
+
+def test_the_start_that_a_fit_found_is_where_the_search_begins(one_renderer_each, monkeypatch):
+    monkeypatch.setattr(comparison, "_NUM_STARTS", 8)
+    task = load_task("cartpole")
+    simulator, parameters = task.simulator(image_size=32), task.parameters.nominal
+    # Where the task never begins: the cart far off, the pole hanging.
+    began = simulator.roll_out(parameters[None], np.zeros((1, 1, 1)), np.random.default_rng(0))
+    began = began.states[:, 0]
+    began[0, 1:3] = 1.1, np.pi
+    played = simulator.roll_out(parameters[None], np.zeros((1, 6, 1)), None, starts=began)
+    film = Trajectory(simulator.film(played)[0], np.zeros((6, 1), np.float32), simulator.step_s)
+    fitted = began[0] + [0, 0.05, 0.1, *np.zeros(began.shape[1] - 3)]
+    for near, is_found in ((None, False), (fitted.tolist(), True)):
+        found = comparison.find_start(simulator, film, parameters, np.random.default_rng(1), near)
+        assert (np.abs(found[1:3] - began[0, 1:3]).max() < 0.11) == is_found
 
 
 def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_renderer_each):

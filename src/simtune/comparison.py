@@ -1,9 +1,10 @@
 """The same actions side by side: the real episode, the simulator before and after tuning.
 
 A video does not say what state it starts from, so the start whose first pictures look most like
-the real ones is searched for: many random starts, then many near the best.
+the real ones is searched for: what a fit found and many random starts, then many near the best.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +26,13 @@ def write_comparison(
     before: np.ndarray,
     after: np.ndarray,
     seed: int,
+    near: Sequence[float] | None = None,
 ) -> None:
-    """Write real.mp4, before.mp4, after.mp4, overlay.mp4 of one real episode; (N,) parameters."""
-    start = find_start(simulator, trajectory, after, np.random.default_rng(seed))
+    """Write real.mp4, before.mp4, after.mp4, overlay.mp4 of one real episode; (N,) parameters.
+
+    `near`: (S,) the state that it is believed to begin in.
+    """
+    start = find_start(simulator, trajectory, after, np.random.default_rng(seed), near)
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
     for name, parameters in (("before", before), ("after", after)):
@@ -52,33 +57,40 @@ def find_start(
     trajectory: Trajectory,
     parameters: np.ndarray,
     rng: np.random.Generator,
+    near: Sequence[float] | None = None,
 ) -> np.ndarray:
     """(S,) the state from which the simulator's first pictures are nearest to the real ones."""
-    steps = min(_COMPARED_STEPS, len(trajectory))
-    actions = np.repeat(trajectory.actions[None, :steps].astype(float), _NUM_STARTS, axis=0)
-    worlds = np.repeat(parameters[None], _NUM_STARTS, axis=0)
-    real = trajectory.frames[: steps + 1].astype(np.float32)
-    ahead_states, ahead = np.empty((0, 0)), np.empty(0)  # the nearest so far, and how near
+    first = trajectory.first(_COMPARED_STEPS)
+    states, distance = _compare(simulator, first, parameters, rng, None)
+    spread = _spread(simulator, states)
+    if near is not None:
+        its_state, its_distance = _compare(simulator, first, parameters, rng, np.array([near]))
+        states, distance = np.append(states, its_state, 0), np.append(distance, its_distance)
     # An environment begins where its seeds say, and nowhere near them.
-    num_rounds = _ROUNDS if isinstance(simulator, Simulator) else 1
-    starts, spread = None, np.zeros(0)
-    for round_ in range(num_rounds):
-        rollouts = simulator.roll_out(worlds, actions, rng, starts=starts)
-        if not len(rollouts):
-            raise RuntimeError("the tuned simulator diverges from every start; see the parameters")
-        states = rollouts.states[:, 0]
-        frames = simulator.film(rollouts).astype(np.float32)
-        distance = np.square(frames - real).mean((1, 2, 3, 4))
-        if round_ == 0:
-            spread = _spread(simulator, states)
-        else:
-            states = np.concatenate([ahead_states, states])
-            distance = np.concatenate([ahead, distance])
+    for round_ in range(1, _ROUNDS if isinstance(simulator, Simulator) else 1):
         nearest = np.argsort(distance)[:_ELITE]
-        ahead_states, ahead = states[nearest], distance[nearest]
-        starts = ahead_states[rng.integers(len(nearest), size=_NUM_STARTS)]
-        starts = starts + spread * 0.5 ** (round_ + 1) * rng.normal(size=starts.shape)
-    return ahead_states[0]
+        states, distance = states[nearest], distance[nearest]
+        starts = states[rng.integers(len(nearest), size=_NUM_STARTS)]
+        starts = starts + spread * 0.5**round_ * rng.normal(size=starts.shape)
+        more, its_distance = _compare(simulator, first, parameters, rng, starts)
+        states, distance = np.append(states, more, 0), np.append(distance, its_distance)
+    return states[np.argmin(distance)]
+
+
+def _compare(
+    simulator: AnySimulator,
+    real: Trajectory,
+    parameters: np.ndarray,
+    rng: np.random.Generator,
+    starts: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n, S) starts, or the task's own, and (n,) how far their pictures are from the real ones."""
+    num = _NUM_STARTS if starts is None else len(starts)
+    actions = np.repeat(real.actions[None].astype(float), num, axis=0)
+    worlds = np.repeat(parameters[None], num, axis=0)
+    rollouts = simulator.roll_out(worlds, actions, rng, starts=starts, keep_diverged=True)
+    difference = simulator.film(rollouts).astype(np.float32) - real.frames
+    return rollouts.states[:, 0], np.square(difference).mean((1, 2, 3, 4))
 
 
 def _spread(simulator: AnySimulator, states: np.ndarray) -> np.ndarray:

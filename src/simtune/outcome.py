@@ -14,6 +14,7 @@ from simtune.real.truth import Truth
 from simtune.tuning.search import Estimate, Search
 
 _TOLD = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
+_KEPT = ("verdict", *_TOLD, "start")
 
 
 def asked(
@@ -93,7 +94,7 @@ def to_json(estimate: Estimate) -> dict[str, Any]:
     """An estimate as a checkpoint holds it."""
     arrays = {key: getattr(estimate, key).tolist() for key in ("mean", "low", "high")}
     pairs = {name: (c.tolist(), p.tolist()) for name, (c, p) in estimate.curves.items()}
-    kept = {key: getattr(estimate, key) for key in ("verdict", *_TOLD)}
+    kept = {key: getattr(estimate, key) for key in _KEPT}
     return {**arrays, **kept, "curves": pairs}
 
 
@@ -101,5 +102,5 @@ def from_json(saved: Mapping[str, Any]) -> Estimate:
     """The inverse of `to_json`."""
     arrays = {key: np.array(saved[key]) for key in ("mean", "low", "high")}
     pairs = {name: (np.array(c), np.array(p)) for name, (c, p) in saved["curves"].items()}
-    kept = {key: saved[key] for key in ("verdict", *_TOLD)}
+    kept = {key: saved[key] for key in _KEPT}
     return Estimate(**arrays, **kept, curves=pairs)

@@ -1,6 +1,6 @@
 """A trajectory: the frames of an episode and the actions between them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,3 +32,7 @@ class Trajectory:
     def __len__(self) -> int:
         """Number of steps T."""
         return len(self.actions)
+
+    def first(self, steps: int) -> "Trajectory":
+        """Only its first so many steps, or all where there are fewer."""
+        return replace(self, frames=self.frames[: steps + 1], actions=self.actions[:steps])

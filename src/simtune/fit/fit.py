@@ -114,6 +114,7 @@ class ReplayFit:
                 pictures.noise,
                 pictures.unexplained,
             ),
+            motion.rows[0, 0],
             lag,
         )
 

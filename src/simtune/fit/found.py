@@ -24,4 +24,5 @@ class Fit:
     correlation: np.ndarray  # (P, P) between the fitted parameters that are no mere appearance
     moving: np.ndarray  # (P,) which those are
     misfit: Misfit
+    start: np.ndarray  # (S,) the state in which the first episode began
     lag: int  # steps by which the actions seem to come late

@@ -167,6 +167,7 @@ class PosteriorSearch:
             correlations=correlations(found, names),
             ranks=ranks(replicas, names),
             warnings=doubts(found, replicas),
+            start=found.start.tolist(),
         )
         return estimate, prob_higher
 

@@ -27,6 +27,7 @@ class Estimate:
     # {name: ranks in (0, 1) of known worlds' truths}: uniform where intervals can be trusted
     ranks: dict[str, list[float]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # what to doubt about all this
+    start: list[float] | None = None  # (S,) the state in which the first trajectory began, if told
 
 
 def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:
