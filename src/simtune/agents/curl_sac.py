@@ -20,10 +20,9 @@ import numpy as np
 import torch
 from torch import nn
 
-from simtune.agents.agent import Seen
 from simtune.agents.augment import centre_crop, random_crop
-from simtune.agents.counting import Counter
 from simtune.agents.cuda_graph import GraphedStep
+from simtune.agents.pixel_agent import PixelAgent
 from simtune.agents.pixel_networks import (
     Contrast,
     GaussianActor,
@@ -32,12 +31,10 @@ from simtune.agents.pixel_networks import (
     initialize,
     move_towards,
 )
-from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
-from simtune.agents.squashed import sample_squashed, uniform_actions
+from simtune.agents.saving import Parts
+from simtune.agents.squashed import sample_squashed
 from simtune.networks import PixelEncoder, autocast, seeded
-from simtune.replay import Replay, Transitions
-
-_LOSSES = ("critic_loss", "contrast_loss", "q", "actor_loss", "entropy", "temperature")
+from simtune.replay import Transitions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,10 +87,8 @@ class Temperature(nn.Module):
         return self.log.exp()
 
 
-class CurlSac:
-    """An `Agent` that sees nothing but frames. A replay has to lie on its device."""
-
-    looks = True
+class CurlSac(PixelAgent):
+    losses = ("critic_loss", "contrast_loss", "q", "actor_loss", "entropy", "temperature")
 
     def __init__(
         self,
@@ -103,14 +98,10 @@ class CurlSac:
         seed: int,
         device: torch.device | str = "cpu",
     ):
-        self.num_actions, self.config = num_actions, config or CurlSacConfig()
-        self.device = torch.device(device)
+        self.config = config or CurlSacConfig()
+        super().__init__(num_actions, self.config, seed, device)
         self._make_networks(seed)
         self._make_optimizers()
-        self._generator = torch.Generator(self.device).manual_seed(seed)
-        self._counter = Counter(
-            random_steps=self.config.random_steps, update_every=self.config.update_every
-        )
         self._make_steps()
 
     def _make_networks(self, seed: int) -> None:
@@ -157,25 +148,7 @@ class CurlSac:
             actions = self._draw(convolved)[0] if sample else self.actor(convolved)[0].tanh()
             return actions.cpu().numpy()
 
-    def explore(self, seen: Seen) -> np.ndarray:
-        """Drawn from the policy, after the first `random_steps` of all worlds together."""
-        assert seen.frames is not None
-        if not self._counter.explore(len(seen.frames)):
-            return self.act(seen.frames, sample=True)
-        return uniform_actions(len(seen.frames), self.num_actions, self._generator).cpu().numpy()
-
-    def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
-        """An update for each step after the random ones; means of the losses, NaN without any."""
-        losses = torch.full((1, len(_LOSSES)), math.nan)
-        if due := self._counter.collect(num_steps):
-            losses = torch.stack([self.learn(self._sample(replay)) for _ in range(due)])
-        return dict(zip(_LOSSES, losses.nanmean(0).tolist(), strict=True))
-
-    def _sample(self, replay: Replay) -> Transitions:
-        return replay.sample(self.config.batch_size, self._generator, with_frames=True)
-
     def learn(self, batch: Transitions) -> torch.Tensor:
-        """One update; its losses, in the order of `_LOSSES`, NaN where it had none."""
         slow = self._counter.num_updates % self.config.slow_every == 0
         self._counter.num_updates += 1
         assert batch.frames is not None
@@ -245,15 +218,8 @@ class CurlSac:
     def _crop(self, frames: torch.Tensor) -> torch.Tensor:
         return random_crop(frames, self.config.crop_size, self._generator)
 
-    def tensors(self) -> dict[str, torch.Tensor]:
-        return gather_tensors(self._parts(), self._generator)
-
-    def state(self) -> dict[str, Any]:
-        return self._counter.state()
-
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        scatter_tensors(self._parts(), self._generator, tensors)
-        self._counter.load(state)
+        super().load(tensors, state)
         self._make_steps()  # graphs hold on to the moments that were
 
     def _parts(self) -> Parts:

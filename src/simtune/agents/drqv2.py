@@ -8,22 +8,17 @@ replay hands out single steps; pixels count from 0 to 1, not from −½ to ½.
 import copy
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from torch import nn
 
-from simtune.agents.agent import Seen
 from simtune.agents.augment import random_shift
-from simtune.agents.counting import Counter
+from simtune.agents.pixel_agent import PixelAgent
 from simtune.agents.pixel_networks import TwinQ, descend, initialize, move_towards
-from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
-from simtune.agents.squashed import uniform_actions
+from simtune.agents.saving import Parts
 from simtune.networks import PixelConvolutions, autocast, feature_head, mlp, seeded
-from simtune.replay import Replay, Transitions
-
-_LOSSES = ("critic_loss", "q", "actor_loss", "noise")
+from simtune.replay import Transitions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,10 +65,8 @@ class Actor(nn.Sequential):
         super().__init__(*feature_head(num_inputs), nn.Tanh(), *layers, nn.Tanh())
 
 
-class DrqV2:
-    """An `Agent` that sees nothing but frames. A replay has to lie on its device."""
-
-    looks = True
+class DrqV2(PixelAgent):
+    losses = ("critic_loss", "q", "actor_loss", "noise")
 
     def __init__(
         self,
@@ -83,13 +76,9 @@ class DrqV2:
         seed: int,
         device: torch.device | str = "cpu",
     ):
-        self.num_actions, self.config = num_actions, config or DrqV2Config()
-        self.device = torch.device(device)
+        self.config = config or DrqV2Config()
+        super().__init__(num_actions, self.config, seed, device)
         self._make_networks(seed)
-        self._generator = torch.Generator(self.device).manual_seed(seed)
-        self._counter = Counter(
-            random_steps=self.config.random_steps, update_every=self.config.update_every
-        )
 
     def _make_networks(self, seed: int) -> None:
         config = self.config
@@ -122,25 +111,7 @@ class DrqV2:
             actions = self.actor(self.encoder(torch.as_tensor(frames).to(self.device))).float()
             return (self._disturb(actions) if sample else actions).cpu().numpy()
 
-    def explore(self, seen: Seen) -> np.ndarray:
-        """With noise, after the first `random_steps` of all worlds together."""
-        assert seen.frames is not None
-        if not self._counter.explore(len(seen.frames)):
-            return self.act(seen.frames, sample=True)
-        return uniform_actions(len(seen.frames), self.num_actions, self._generator).cpu().numpy()
-
-    def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
-        """An update for every other step after the random ones; NaN where there was none."""
-        losses = torch.full((1, len(_LOSSES)), math.nan)
-        if due := self._counter.collect(num_steps):
-            losses = torch.stack([self.learn(self._sample(replay)) for _ in range(due)])
-        return dict(zip(_LOSSES, losses.mean(0).tolist(), strict=True))
-
-    def _sample(self, replay: Replay) -> Transitions:
-        return replay.sample(self.config.batch_size, self._generator, with_frames=True)
-
     def learn(self, batch: Transitions) -> torch.Tensor:
-        """One update; its losses, in the order of `_LOSSES`."""
         assert batch.frames is not None
         assert batch.next_frames is not None
         with autocast(self.device), torch.no_grad():
@@ -179,16 +150,6 @@ class DrqV2:
 
     def _shift(self, frames: torch.Tensor) -> torch.Tensor:
         return random_shift(frames, self.config.pad, self._generator)
-
-    def tensors(self) -> dict[str, torch.Tensor]:
-        return gather_tensors(self._parts(), self._generator)
-
-    def state(self) -> dict[str, Any]:
-        return self._counter.state()
-
-    def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        scatter_tensors(self._parts(), self._generator, tensors)
-        self._counter.load(state)
 
     def _parts(self) -> Parts:
         return {

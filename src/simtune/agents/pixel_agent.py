@@ -1,0 +1,79 @@
+"""What agents have in common that learn from pixels alone: when they learn, and what is kept."""
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import torch
+
+from simtune.agents.agent import Seen
+from simtune.agents.counting import Counter
+from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
+from simtune.agents.squashed import uniform_actions
+from simtune.replay import Replay, Transitions
+
+
+class Learning(Protocol):
+    """Of an agent's settings, those that say when it learns, and from how much at once."""
+
+    @property
+    def batch_size(self) -> int: ...
+    @property
+    def random_steps(self) -> int: ...  # before the first update
+    @property
+    def update_every(self) -> int: ...  # steps
+
+
+class PixelAgent(ABC):
+    """An `Agent` that sees nothing but frames. A replay has to lie on its device."""
+
+    looks = True
+    losses: ClassVar[tuple[str, ...]]  # what `learn` tells, by name
+
+    def __init__(self, num_actions: int, learning: Learning, seed: int, device: torch.device | str):
+        self.num_actions, self._batch_size = num_actions, learning.batch_size
+        self.device = torch.device(device)
+        self._generator = torch.Generator(self.device).manual_seed(seed)
+        self._counter = Counter(
+            random_steps=learning.random_steps, update_every=learning.update_every
+        )
+
+    @abstractmethod
+    def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
+        """(n, K, H, W, 3) uint8 to (n, A) actions: the best, or as it explores."""
+
+    @abstractmethod
+    def learn(self, batch: Transitions) -> torch.Tensor:
+        """One update; its `losses`, NaN where it had none."""
+
+    @abstractmethod
+    def _parts(self) -> Parts:
+        """Whatever a checkpoint has to hold, by name."""
+
+    def explore(self, seen: Seen) -> np.ndarray:
+        """As `act` samples, after the first `random_steps` of all worlds together."""
+        assert seen.frames is not None
+        if not self._counter.explore(len(seen.frames)):
+            return self.act(seen.frames, sample=True)
+        return uniform_actions(len(seen.frames), self.num_actions, self._generator).cpu().numpy()
+
+    def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
+        """All updates that are due for the steps; means of the losses, NaN without any."""
+        told = torch.full((1, len(self.losses)), math.nan)
+        if due := self._counter.collect(num_steps):
+            told = torch.stack([self.learn(self._sample(replay)) for _ in range(due)])
+        return dict(zip(self.losses, told.nanmean(0).tolist(), strict=True))
+
+    def _sample(self, replay: Replay) -> Transitions:
+        return replay.sample(self._batch_size, self._generator, with_frames=True)
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        return gather_tensors(self._parts(), self._generator)
+
+    def state(self) -> dict[str, Any]:
+        return self._counter.state()
+
+    def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        scatter_tensors(self._parts(), self._generator, tensors)
+        self._counter.load(state)
