@@ -1,6 +1,6 @@
 """Does simtune say so where videos cannot tell, or where no simulator fits?
 
-Worlds made for it, all variants of cartpole:
+Worlds made for it. Of cartpole:
 
     right       nothing is wrong: all is found, nobody is warned (what the others compare with)
     wrong       the real pole is 1.2 times as long, which is not tuned: a warning
@@ -9,8 +9,14 @@ Worlds made for it, all variants of cartpole:
     together    the cart's mass is asked for as well: all masses and the gain go together, so that
                 only their ratios are told; their correlations say so
 
-One run each. Runs that are done already, in OUT, are not done again; the last line is one JSON
-object.
+And of others, where several parameters act together:
+
+    spinner     finger: the spinner's damping, beside its mass
+    links       walker: one mass for the torso, one for the thighs, one for the legs and feet
+
+One run each. Of each correlated pair it is also said how far off is what is told better: the ratio
+where the correlation is positive, else the product. Runs that are done already, in OUT, are not
+done again; the last line is one JSON object.
 """
 
 import json
@@ -23,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 import tyro
 from common import QUICK, machine
 
@@ -69,8 +76,34 @@ def together(task: Task) -> tuple[Task, Task]:
     return (replace(task, parameters=asked),) * 2
 
 
+def spinner(task: Task) -> tuple[Task, Task]:
+    damping = float(task.load_model().joint("hinge").damping[0])
+    asked = dynamics(
+        "spinner_damping", "dof_damping", ("hinge",), nominal=damping, unit="N·m·s/rad"
+    )
+    return (replace(task, parameters=_asked(task, asked)),) * 2
+
+
+def links(task: Task) -> tuple[Task, Task]:
+    of_links = {
+        "torso_mass": ("torso",),
+        "thighs_mass": ("right_thigh", "left_thigh"),
+        "legs_mass": ("right_leg", "left_leg", "right_foot", "left_foot"),
+    }
+    masses = [dynamics(name, "body_mass", bodies) for name, bodies in of_links.items()]
+    others = [p for p in task.parameters if p.name != "mass"]
+    return (replace(task, parameters=ParameterSpace([*masses, *others], where=task.name)),) * 2
+
+
 # Each makes, of a task, the one that is filmed and the one that is tuned.
-CASES: tuple[Callable[[Task], tuple[Task, Task]], ...] = (right, wrong, unseeable, together)
+CASES: dict[Callable[[Task], tuple[Task, Task]], str] = {
+    right: "cartpole",
+    wrong: "cartpole",
+    unseeable: "cartpole",
+    together: "cartpole",
+    spinner: "finger",
+    links: "walker",
+}
 
 
 def main(
@@ -94,11 +127,11 @@ def main(
         if quick:
             minutes, real_episodes, out, config = 0.1, 3, Path(temporary), QUICK
         out.mkdir(parents=True, exist_ok=True)
-        for case in CASES:
+        for case, name in CASES.items():
             path = out / f"{case.__name__}-{seed}.json"
             if not path.exists():
                 print(f"running {path}", file=sys.stderr)
-                worlds = case(load_task("cartpole"))
+                worlds = case(load_task(name))
                 write_json(path, tuned(*worlds, config, minutes, real_episodes, seed))
             found[case.__name__] = read_json(path)
     print(json.dumps({"benchmark": "honesty", "quick": quick, **machine(), "cases": found}))
@@ -124,12 +157,19 @@ def tuned(
         estimate, _, _ = search.iterate(real, began_s + 60 * minutes)
         if search.finished:
             break
-    _, errors = truth.score(estimate.mean)
+    real, errors = truth.score(estimate.mean)
+    ratios = dict(zip(task.parameters.names, estimate.mean / real, strict=True))
     width = (estimate.high - estimate.low) / (search.first.high - search.first.low)
     told = zip(task.parameters.names, errors, estimate.verdict, width, strict=True)
     return {
         "warnings": estimate.warnings,
-        "correlations": estimate.correlations,
+        "correlations": {
+            pair: {
+                "correlation": value,
+                "percent_error_together": _told(pair, value, ratios),
+            }
+            for pair, value in estimate.correlations.items()
+        },
         "parameters": {
             name: {
                 "percent_error": round(float(error), 2),
@@ -140,6 +180,12 @@ def tuned(
         },
         "seconds": round(time.monotonic() - began_s, 1),
     }
+
+
+def _told(pair: str, correlation: float, ratios: dict[str, float]) -> float:
+    """How far off is a pair's ratio or product, in percent; `ratios` are found to true."""
+    one, other = (ratios[name] for name in pair.split(", "))
+    return round(100 * abs(one * other ** -np.sign(correlation) - 1), 2)
 
 
 def _asked(task: Task, parameter: Parameter) -> ParameterSpace:

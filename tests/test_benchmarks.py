@@ -118,8 +118,7 @@ def test_the_table_and_the_picture_are_of_what_is_there(tmp_path):
 def test_worlds_that_videos_cannot_tell_are_what_they_are_called():
     import honesty
 
-    task = load_task("cartpole")
-    worlds = {case.__name__: case(task) for case in honesty.CASES}
+    worlds = {case.__name__: case(load_task(name)) for case, name in honesty.CASES.items()}
     filmed, tuned = (world.load_model() for world in worlds["wrong"])
     pole = filmed.body("pole_1").id
     assert filmed.geom_size[-1, 1] == pytest.approx(1.2 * tuned.geom_size[-1, 1])
@@ -129,3 +128,19 @@ def test_worlds_that_videos_cannot_tell_are_what_they_are_called():
     assert worlds["unseeable"][1].parameters.names[-1] == "stone_mass"
     assert worlds["together"][1].parameters.names[-1] == "cart_mass"
     assert worlds["right"][0] is worlds["right"][1]
+    assert worlds["spinner"][1].parameters.names[-1] == "spinner_damping"
+    links = worlds["links"][1].parameters
+    assert links.names[:3] == ("torso_mass", "thighs_mass", "legs_mass")
+    assert "mass" not in links.names
+    together = [body for p in list(links)[:3] for body in p.objects]
+    (whole,) = (p for p in load_task("walker").parameters if p.name == "mass")
+    assert sorted(together) == sorted(whole.objects), "each link once"
+
+
+def test_of_a_correlated_pair_the_ratio_or_the_product_is_told():
+    import honesty
+
+    ratios = {"a": 1.2, "b": 1.2, "c": 1 / 1.2}
+    assert honesty._told("a, b", 0.9, ratios) == 0
+    assert honesty._told("a, c", -0.9, ratios) == 0
+    assert honesty._told("a, b", -0.9, ratios) == 44
