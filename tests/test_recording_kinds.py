@@ -213,7 +213,7 @@ def test_robomimic_cameras_and_rate(tmp_path):
 def test_without_h5py_it_says_what_to_install(tmp_path, monkeypatch):
     write_hdf5(tmp_path / "image.hdf5")
     monkeypatch.setitem(__import__("sys").modules, "h5py", None)
-    assert message(tmp_path).endswith("pip install 'simtune[robomimic]'")
+    assert message(tmp_path).endswith("pip install h5py")
 
 
 # --- which actions ------------------------------------------------------------------------

@@ -2,8 +2,10 @@
 
 import fcntl
 import json
+import os
 import re
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +16,7 @@ import pytest
 from simtune import cli
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError, RobotError
+from simtune.real import robot
 from simtune.real.choose import choose_real
 from simtune.real.recorded import RecordedReal
 from simtune.real.robot import RobotReal
@@ -27,6 +30,7 @@ TASK = replace(load_task("cartpole"), action_repeat=10, episode_steps=STEPS)  # 
 LEROBOT = """
 address = "fake_lerobot:make"
 speed = 100
+tolerance = 3
 ask = false
 
 [actions]
@@ -176,16 +180,37 @@ def test_each_episode_waits_for_a_person(file, monkeypatch, capsys):
         def isatty(self):
             return True
 
+        def fileno(self):
+            raise OSError
+
         def readline(self):
             self.asked += 1
-            assert fake_lerobot.latest[-1].place["pan.pos"] == pytest.approx(1, abs=2.5)
+            if self.asked % 2 == 0:  # it is at its start
+                assert fake_lerobot.latest[-1].place["pan.pos"] == pytest.approx(1, abs=2.5)
             return "\n"
 
     terminal = Terminal()
     monkeypatch.setattr(sys, "stdin", terminal)
     make_real(file).collect(2)
-    assert terminal.asked == 2
-    assert "episode 2 of 2: set the scene up, then press Enter" in capsys.readouterr().err
+    assert terminal.asked == 4
+    said = capsys.readouterr().err
+    assert "episode 2 of 2: clear the robot's way to its start, then press Enter" in said
+    assert "episode 2 of 2: set the scene up, and stand back, then press Enter" in said
+
+
+def test_what_was_typed_before_it_was_asked_does_not_count(monkeypatch):
+    keyboard, terminal = os.openpty()
+    with os.fdopen(terminal) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        os.write(keyboard, b"\n\n")  # an Enter too many, while the robot moved
+        asked = threading.Thread(target=robot._ask, args=("episode 1 of 1",), daemon=True)
+        asked.start()
+        asked.join(0.3)
+        assert asked.is_alive(), "it waits for another"
+        os.write(keyboard, b"\n")
+        asked.join(5)
+        assert not asked.is_alive()
+    os.close(keyboard)
 
 
 def test_nothing_moves_unless_it_is_said(file):
@@ -226,13 +251,15 @@ def test_tune_goes_on_without_the_robot(file, quick_tune, monkeypatch):
     ("old", "new", "message"),
     [
         ("address =", "adress =", r"arm.toml:2: no key 'adress'.*did you mean 'address'"),
-        ("step = 4", "step = 0", "arm.toml:8: step must be a finite number above 0, got 0"),
+        ("step = 4", "step = 0", "arm.toml:9: step must be a finite number above 0, got 0"),
         ("step = 4", "", r"\[actions\] has no step"),
         ('"-pan.pos"', '"-tilt.pos"', "no axis '-tilt.pos' in the workspace"),
         ('"-pan.pos"', '["pan.pos", "-pan.pos"]', "two actions move one axis"),
         ("[-20, 20]", "[20, -20]", "must be two numbers, low and high"),
         ('"pan.pos" = 1', '"pan.pos" = 21', "start pan.pos = 21 lies outside of the workspace"),
         ("speed = 100", "", "has no speed: expected a finite number"),
+        ("tolerance = 3", "", "has no tolerance: expected a finite number"),
+        ("tolerance = 3", "tolerance = 4.1", "at most a tenth of the .*narrowest axis, 4, got 4.1"),
         ("recorded_px = 32", "recorded_px = 33", "recorded_px must be even"),
         ("ask = false", "ask = 0", "ask must be true or false, got 0"),
         ('"-pan.pos"', '["pan.pos", "lift.pos"]', r"cartpole takes 1 actions \(slide\), 'moved'"),
@@ -259,7 +286,7 @@ def test_the_manuals_examples_can_be_read(tmp_path):
 
 def test_an_xarm_has_limits_of_its_own(file):
     text = LEROBOT.replace('"pan.pos"', "x").replace('"lift.pos"', "z").replace("-pan.pos", "x")
-    text = text.replace("z = [0, 40]", "y = [-1, 1]\nz = [0, 40]") + "\n[start]\n"
+    text = text.replace("z = [0, 40]", "y = [-100, 100]\nz = [0, 40]") + "\n[start]\n"
     text = text.replace("[start]\nx = 1", "[start]\ny = 0\nx = 1").removesuffix("[start]\n")
     file.write_text(text)
     assert read_robot(file, "xarm").speed == 100
@@ -268,7 +295,9 @@ def test_an_xarm_has_limits_of_its_own(file):
     for old, new, message in (
         ("speed = 100", "speed = 251", "speed must be at most 250 mm/s, got 251"),
         ("ask = false", "collision_sensitivity = 6", "must be 1 to 5, got 6"),
-        ("y = [-1, 1]", "w = [-1, 1]", "y|w"),
+        ("ask = false", "acceleration = 2001", "at most 2000 mm/s², got 2001"),
+        ("[-100, 100]", "[-100, 1001]", "more than 1000 mm from the base, farther than any xArm"),
+        ("y = [-100, 100]", "w = [-1, 1]", "y|w"),
     ):
         file.write_text(text.replace(old, new))
         with pytest.raises(InputError, match=message):

@@ -1,5 +1,6 @@
 """The unmodified xArm SDK, against a controller on loopback."""
 
+import signal
 import time
 
 import numpy as np
@@ -119,6 +120,28 @@ def test_ill_actions_stop_it(controller, safe_xarm, latch):
     after_s, _ = stopped_while_moving(controller, safe_xarm, act)
     assert after_s < TOLD_WITHIN_S
     assert "must be finite" in latch.file.read_text()
+
+
+@pytest.mark.parametrize("fails", [KeyboardInterrupt, ValueError])
+def test_a_second_interrupt_does_not_undo_the_first(
+    controller, safe_xarm, xarm, latch, monkeypatch, fails
+):
+    def stop():
+        signal.raise_signal(signal.SIGINT)  # the impatient second one, which is ignored
+        raise fails
+
+    monkeypatch.setattr(xarm, "stop", stop)
+
+    def move():
+        with safe_xarm.moving():
+            safe_xarm.send(START, safe_xarm.measure())
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        move()
+    assert latch.file.exists()
+    assert controller.stops, "the watchdog stopped it all the same"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_after_a_stop_nothing_moves_until_a_person_has_been_there(controller, xarm, latch):

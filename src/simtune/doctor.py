@@ -19,8 +19,8 @@ def examine(say: Callable[[str], None]) -> bool:
         try:
             say(f"{package:10s} {version(package)}")
         except PackageNotFoundError:
-            wanted = "simtune[xarm], for --real xarm" if package in _FOR_ROBOTS else package
-            say(f"{package:10s} not installed: pip install {wanted}")
+            wanted_for = ", for --real xarm" if package in _FOR_ROBOTS else ""
+            say(f"{package:10s} not installed: pip install {package}{wanted_for}")
     _say_devices(say)
     works = _try_renderer("raycaster", say)
     _try_renderer("opengl", say)

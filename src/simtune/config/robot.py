@@ -9,6 +9,9 @@ from simtune.errors import InputError, UnknownName
 Driver = Literal["xarm", "lerobot"]
 
 FASTEST_MM_S = 250.0  # what ISO 10218-1 calls reduced speed
+FASTEST_MM_S2 = 2000.0  # which reaches that within 16 mm
+FARTHEST_MM = 1000.0  # no xArm reaches as far from its base
+_MOST_TOLERANCE = 0.1  # of the narrowest axis: with more, the workspace would be none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +65,12 @@ class RobotConfig:
                     f"{self.file}: the start {axis} = {start:g} lies outside of the workspace, "
                     f"{low:g} to {high:g}"
                 )
+        narrowest = min(high - low for low, high in self.workspace.values())
+        if not self.tolerance <= _MOST_TOLERANCE * narrowest:
+            raise InputError(
+                f"{self.file}: tolerance must be at most a tenth of the workspace's narrowest "
+                f"axis, {_MOST_TOLERANCE * narrowest:g}, got {self.tolerance:g}"
+            )
         if self.driver == "xarm":
             self._check_xarm()
 
@@ -73,6 +82,16 @@ class RobotConfig:
         if not self.speed <= FASTEST_MM_S:
             raise InputError(
                 f"{self.file}: speed must be at most {FASTEST_MM_S:g} mm/s, got {self.speed:g}"
+            )
+        if not self.acceleration <= FASTEST_MM_S2:
+            raise InputError(
+                f"{self.file}: acceleration must be at most {FASTEST_MM_S2:g} mm/s², "
+                f"got {self.acceleration:g}"
+            )
+        if not all(abs(end) <= FARTHEST_MM for ends in self.workspace.values() for end in ends):
+            raise InputError(
+                f"{self.file}: the workspace reaches more than {FARTHEST_MM:g} mm from the base, "
+                "farther than any xArm; expected mm of its base frame"
             )
         if not 1 <= self.collision_sensitivity <= 5:
             raise InputError(

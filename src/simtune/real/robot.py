@@ -1,7 +1,9 @@
 """The real world as a robot and a camera: it moves only where, and as fast as, it may."""
 
 import sys
+import termios
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -131,9 +133,12 @@ class RobotReal:
                 task=self._task.description,
             )
             for episode in range(num_episodes):
+                which = f"episode {episode + 1} of {num_episodes}"
+                if ask:
+                    _ask(f"{which}: clear the robot's way to its start")
                 session.go_to_start()
                 if ask:
-                    _ask(f"episode {episode + 1} of {num_episodes}")
+                    _ask(f"{which}: set the scene up, and stand back")
                 played = session.play(begin(episode), self._task.episode_steps, sitting.note)
                 sitting.add(played)
         return sitting
@@ -141,6 +146,8 @@ class RobotReal:
 
 def _ask(what: str) -> None:
     """Wait for a person's word. Raises InputError where the terminal is gone."""
-    print(f"{what}: set the scene up, then press Enter ", end="", file=sys.stderr, flush=True)
+    with suppress(termios.error, OSError):  # no terminal's: there is nothing to forget
+        termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)  # what was typed before it was asked
+    print(f"{what}, then press Enter ", end="", file=sys.stderr, flush=True)
     if not sys.stdin.readline():
         raise InputError("nobody is there to say when the episode may begin")

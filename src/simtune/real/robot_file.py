@@ -7,7 +7,7 @@ from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
 
 _KEYS = ("address", "speed", "tolerance", "acceleration", "collision_sensitivity", "ask")
 _KEYS += ("actions", "workspace", "start", "camera")
-_XARM_SPEED_MM_S = 100.0
+_XARM_SPEED_MM_S, _XARM_TOLERANCE_MM = 100.0, 5.0
 
 
 def read_robot(file: Path, driver: Driver) -> RobotConfig:
@@ -27,9 +27,9 @@ def read_robot(file: Path, driver: Driver) -> RobotConfig:
         step=actions.number("step", above=0),
         workspace=workspace,
         start=tuple(start.number(axis) for axis in workspace),
-        # Of what unit another robot's speed is, nobody knows here.
+        # Of what unit another robot's are, nobody knows here.
         speed=table.number("speed", *[_XARM_SPEED_MM_S] * is_xarm, above=0),
-        tolerance=table.number("tolerance", 5.0, above=0),
+        tolerance=table.number("tolerance", *[_XARM_TOLERANCE_MM] * is_xarm, above=0),
         acceleration=table.number("acceleration", 1000.0, above=0),
         collision_sensitivity=table.whole("collision_sensitivity", 3),
         ask=table.flag("ask", True),

@@ -131,9 +131,7 @@ def _open(path: Path) -> Any:
     try:
         import h5py
     except ImportError:
-        raise InputError(
-            f"{path}: reading HDF5 needs h5py; pip install 'simtune[robomimic]'"
-        ) from None
+        raise InputError(f"{path}: reading HDF5 needs h5py: pip install h5py") from None
     with _sound(path):
         return h5py.File(path, "r")
 

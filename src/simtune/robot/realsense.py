@@ -70,5 +70,5 @@ def _librealsense() -> Any:
     try:
         import pyrealsense2
     except ImportError:
-        raise InputError("a RealSense needs pyrealsense2: pip install simtune[xarm]") from None
+        raise InputError("a RealSense needs pyrealsense2: pip install pyrealsense2") from None
     return pyrealsense2

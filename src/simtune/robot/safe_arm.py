@@ -1,5 +1,7 @@
 """The only one that moves a robot: each step is measured, cut to the limits, and watched."""
 
+import signal
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -33,12 +35,21 @@ class SafeArm:
         try:
             yield
         except BaseException as error:
-            with suppress(RobotError):
-                self._robot.stop()
-            self._latch.close(str(error) or type(error).__name__)
-            self._pulse.close()  # stops it once more, from elsewhere
+            with _uninterrupted():
+                self._stop(str(error) or type(error).__name__)
             raise
         self._pulse.rest()
+
+    def _stop(self, why: str) -> None:
+        """Whatever fails of it, the rest is done."""
+        try:
+            with suppress(Exception):  # drivers raise whatever they like
+                self._robot.stop()
+        finally:
+            try:
+                self._latch.close(why)
+            finally:
+                self._pulse.close()  # stops it once more, from elsewhere
 
     def measure(self) -> np.ndarray:
         """Where it is, (D,); says that all is well. Raises RobotError where it is not."""
@@ -75,3 +86,16 @@ class SafeArm:
 
     def close(self) -> None:
         self._pulse.close()
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """An impatient second Ctrl-C must not keep the first from stopping the robot."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # interrupts go to the main thread, and only it may say what becomes of them
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

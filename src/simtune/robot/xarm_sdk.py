@@ -25,7 +25,7 @@ def open_arm(ip: str, *, reports: bool = True) -> Any:
             from xarm.core.utils.log import logger, origin_logger
             from xarm.wrapper import XArmAPI
         except ImportError:
-            raise InputError("an xArm needs its SDK: pip install simtune[xarm]") from None
+            raise InputError("an xArm needs its SDK: pip install xarm-python-sdk") from None
         for talkative in (logger, origin_logger):
             talkative.setLevel(logging.CRITICAL)
         try:
