@@ -144,6 +144,18 @@ def test_experiments_that_know_one_combination_only_and_that_well_can_be_combine
     assert np.isfinite(covariance).all()
 
 
+def test_a_single_experiment_is_no_surer_than_it_claims():
+    claimed = 0.02**2
+    _, covariance, _ = combine(
+        np.full((1, 1, 1), 1 / claimed), np.full((1, 1), 3.0), FIRST_VARIANCE, np.ones(1)
+    )
+    np.testing.assert_allclose(covariance, claimed + FIRST_VARIANCE, rtol=0.25)
+    # Of many that agree better than they claim, their agreement counts.
+    information, slope = np.full((60, 1, 1), 1 / claimed), np.full((60, 1), 1e-6)
+    _, covariance, _ = combine(information, slope, FIRST_VARIANCE, np.ones(60))
+    assert covariance[0, 0] < 0.1 * (claimed + FIRST_VARIANCE) / 60
+
+
 def test_what_nothing_tells_stays_as_unknown_as_it_was():
     information = np.zeros((20, 2, 2))
     information[:, 0, 0] = 1e4  # of the first parameter only
@@ -207,7 +219,6 @@ def test_colours_are_found_from_pixels(simulator, played):
     start[APPEARANCE] = np.clip(truth[APPEARANCE] + [0.2, -0.2, 0.2, -0.2, 0.2, -0.2], 0, 1)
     found = fit_pictures(simulator, frames, rows, start, APPEARANCE)
     np.testing.assert_allclose(found.unit, truth[APPEARANCE], atol=0.005)
-    assert found.unexplained < 0.01
 
 
 def test_colours_far_off_are_found_though_most_pictures_show_other_states(simulator, played):
@@ -225,7 +236,7 @@ def test_colours_far_off_are_found_though_most_pictures_show_other_states(simula
 
 def a_fit(motion_px: float = 0.3, picture: float = 0.004, lag: int = 0) -> Fit:
     correlation = np.array([[1, 0.9], [0.9, 1]])
-    misfit = Misfit(1.0, motion_px, picture, 0.0)
+    misfit = Misfit(motion_px, picture)
     std = np.full(len(SPACE), 0.01)
     return Fit(SPACE.nominal, std, correlation, MOVING, misfit, np.zeros(1), lag)
 
@@ -251,7 +262,7 @@ def test_replicas_that_went_astray_do_not_count_and_none_is_drawn_from_farther_t
     class FakeReplay:
         def fit(self, frames, actions, start, start_std, lag):
             filmed.append(SPACE.to_unit(start))
-            return replace(real, misfit=Misfit(1.0, distances[len(filmed) - 1], 0.0, 0.0))
+            return replace(real, misfit=Misfit(distances[len(filmed) - 1], 0.0))
 
     actions, rng = np.zeros((1, 4, 1)), np.random.default_rng(0)
     made = make_replicas(FakeReplay(), simulator, real, actions, 3, guess_std, None, rng)
@@ -270,11 +281,26 @@ def test_intervals_widen_where_the_videos_fit_worse_than_simulated_ones():
     assert (widened(a_fit(), replicas, False).std > same).all()
 
 
+def test_where_sight_is_sure_of_nothing_nothing_is_sure():
+    replicas = replicas_of(np.zeros((2, len(SPACE))))
+    lost = a_fit(motion_px=float("nan"))
+    assert np.isinf(widened(lost, replicas, True).std[MOVING]).all()
+    assert np.isfinite(widened(lost, replicas, True).std[APPEARANCE]).all()
+    nowhere = replace(replicas, misfits=[lost.misfit] * 2)
+    for known in (nowhere, replace(replicas, misfits=[])):  # nothing to compare with
+        assert np.isfinite(widened(lost, known, True).std).all()
+        assert doubts(lost, known) == []
+    one_lost = replace(replicas, misfits=[lost.misfit, a_fit().misfit])
+    assert doubts(a_fit(motion_px=0.9), one_lost), "a replica that was lost silences nothing"
+
+
 def test_what_is_doubtful_is_said():
     replicas = replicas_of(np.zeros((8, len(SPACE))))
     assert doubts(a_fit(), replicas) == []
     (told,) = doubts(a_fit(motion_px=0.9), replicas)
     assert "3.0 times" in told
+    (told,) = doubts(a_fit(motion_px=float("nan")), replicas)
+    assert "nothing that moves is found for sure" in told
     (told,) = doubts(a_fit(lag=1), replicas)
     assert "1 step later" in told
     assert correlations(a_fit(), SPACE.names) == {"pole_mass, actuator_gain": 0.9}

@@ -1,5 +1,7 @@
 """Landmarks: where points of moving geoms appear, against plain loops and against pictures."""
 
+import json
+
 import mujoco
 import numpy as np
 import pytest
@@ -203,3 +205,22 @@ def test_chosen_landmarks_of_a_task_fix_all_others():
     basis, others = centred[:, chosen].reshape(256, -1), centred.reshape(256, -1)
     rest = others - basis @ np.linalg.lstsq(basis, others, rcond=None)[0]
     assert np.sqrt(np.square(rest).mean(0)).max() < 0.3
+
+
+@pytest.mark.parametrize("name", ["ball_in_cup", None])
+def test_the_same_landmarks_come_back_from_json(name):
+    """Of a model in which nothing moves that could be seen, too."""
+    still = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><camera name='cam0'/><geom size='1'/></worldbody></mujoco>"
+    )
+    model = load_task(name).load_model() if name else still
+    landmarks = candidate_landmarks(model, "cam0", SIZE)
+    again = landmarks.with_state(json.loads(json.dumps(landmarks.state())))
+    np.testing.assert_array_equal(again.geoms, landmarks.geoms)
+    np.testing.assert_array_equal(again.offsets, landmarks.offsets)
+    batch = Batch(model, 2)
+    batch.expand("cam_fovy")
+    for field in ("geom_xmat", "geom_xpos", "cam_xmat", "cam_xpos"):
+        batch.bind(field)
+    batch.forward()
+    assert again.record(batch).shape == (2, 2 * len(landmarks))

@@ -12,6 +12,7 @@ from simtune.tuning.moves import (
     quantile,
     read_curves,
     shortest_interval,
+    with_fit,
 )
 
 GRID = candidate_grid()
@@ -113,6 +114,27 @@ def test_estimates_stay_within_the_bounds():
         estimate = read_curves(logistic([place, place], 0.1), FIRST, FIRST, CONFIG)
         for values in (estimate.mean, estimate.low, estimate.high):
             np.testing.assert_array_equal(values, SPACE.clip(values))
+
+
+def test_what_lies_beyond_the_grid_is_not_called_certain():
+    # mass: the grid's end is 3^1.5 = 5.2, the bound 100.
+    judge, mean = flat(), np.array([0.0, 1.6])
+    estimate = read_curves(
+        with_fit(judge, mean, np.array([0.01, 0.05]), CONFIG), FIRST, FIRST, CONFIG
+    )
+    assert estimate.verdict == ["identified", "not identifiable"]
+    assert estimate.low[1] <= 3**1.6 <= estimate.high[1] == 100
+    below = read_curves(with_fit(judge, -mean, np.full(2, 0.05), CONFIG), FIRST, FIRST, CONFIG)
+    assert below.low[1] == 0.01
+    assert below.low[1] <= 3**-1.6 <= below.high[1]
+
+
+def test_a_range_follows_a_fit_beyond_its_edge_even_where_the_judge_knows_nothing():
+    curves = with_fit(flat(), np.array([0.0, 1.3]), np.full(2, 0.02), CONFIG)
+    moved, events = move(curves, FIRST, FIRST, CONFIG)
+    assert moved.low[1] <= 3**1.3 <= moved.high[1]
+    assert ("widened", "mass") in {(event.event, event.parameter) for event in events}
+    assert move(flat(), FIRST, FIRST, CONFIG)[1] == [], "that alone is no reason"
 
 
 def test_verdicts_go_by_the_interval_within_the_first_range():

@@ -152,6 +152,15 @@ def test_resume_is_bit_for_bit(make, tmp_path):
     np.testing.assert_array_equal(resumed.explore(seen), whole.explore(seen))
 
 
+def test_a_checkpoint_of_another_kind_of_device_is_gone_on_with(make):
+    agent, other = make(), make(seed=5)
+    tensors = agent.tensors() | {"generator": torch.arange(16, dtype=torch.uint8)}  # a GPU's
+    for resumed in (agent, other):
+        resumed.load(tensors, agent.state())
+    drawn = [a._generator.get_state() for a in (agent, other)]
+    assert torch.equal(*drawn), "from the same numbers, at least"
+
+
 def test_a_checkpoint_holds_all_that_changes(make):
     agent = make()
     before = everything(agent)

@@ -208,6 +208,19 @@ def test_logs_are_cut_at_the_checkpoint(path):
         assert _steps(run) == [10, 20, 30]
 
 
+def test_lines_of_the_same_step_after_the_checkpoint_are_not_kept(path):
+    with _create(path) as run:
+        _log(run, 0)
+        run.save_checkpoint({}, {"step": 0})
+        _log(run, 0)  # killed before the next checkpoint: it comes again
+    with _create(path) as run:
+        assert _steps(run) == _steps(run, "events.jsonl") == [0]
+        _log(run, 0)
+        run.save_checkpoint({}, {"step": 0})
+    with _create(path) as run:
+        assert _steps(run) == [0, 0]
+
+
 def test_without_a_checkpoint_the_logs_start_anew(path):
     with _create(path) as run:
         _log(run, 0, 10)

@@ -302,6 +302,7 @@ def judge_of_a_known_posterior() -> Judge:
     torch.manual_seed(0)
     config = JudgeConfig(channels=16, hidden=48, weight_decay=0.0)
     judge = Judge(1, [], 1, config)
+    judge.most_episodes.fill_(4)
     updates = 500
     optimizer = torch.optim.AdamW(judge.parameters(), weight_decay=0.0)
     for update in range(updates):
@@ -336,6 +337,16 @@ def test_a_trained_judge_gives_the_analytic_posterior(judge_of_a_known_posterior
     low, high = quantiles(below, 0.05), quantiles(below, 0.95)
     covered = np.mean((truth[:, 0].numpy() > low) & (truth[:, 0].numpy() < high))
     assert 0.86 < covered < 0.95
+
+
+@torch.no_grad()
+def test_of_more_episodes_than_it_was_taught_on_it_is_told_as_many(judge_of_a_known_posterior):
+    seen = observe(torch.zeros(3, 1), 1, 5)
+    four, nine = (
+        judge_of_a_known_posterior(seen.repeat(1, n, 1, 1), torch.zeros(3, 0)).scales
+        for n in (4, 9)
+    )
+    np.testing.assert_allclose(nine, four, rtol=1e-5)
 
 
 @torch.no_grad()

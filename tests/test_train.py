@@ -195,6 +195,16 @@ def test_a_training_on_recordings(tmp_path, quick_tune):
     assert stored == {"dataset_hash": result["recordings"]["dataset_hash"]}
 
 
+def test_recordings_that_are_too_short_are_refused_before_anything_is_written(tmp_path):
+    simulator = load_task("cartpole").simulator(image_size=32)
+    real = Truth(SPACE, SPACE.nominal).make_real(simulator, episode_steps=8, seed=0)
+    names = {"action_names": ["slide"], "robot_type": "cartpole", "task": "balance"}
+    write_dataset(tmp_path / "dataset", real.collect(2), **names)
+    with pytest.raises(InputError, match="needs episodes of at least 21 steps, got one of 8"):
+        train(asked(tmp_path / "run", real=str(tmp_path / "dataset")))
+    assert not (tmp_path / "run").exists()
+
+
 @pytest.mark.parametrize("method", ["autotune", "regression", "dr", "oracle"])
 def test_the_run_folder_keeps_its_contract(method, tmp_path, quick_tune, monkeypatch):
     out = tmp_path / "run"

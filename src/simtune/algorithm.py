@@ -52,8 +52,8 @@ def train(config: TrainConfig, say: Say = silent) -> dict[str, Any]:
         if training.num_looks and parts.search_name:
             say("filming the comparison", 1.0)
             simulator, first = parts.environment.simulator, training.real[-1]
-            found = training.estimate.mean
-            write_comparison(run.videos, simulator, first, parts.start, found, config.seed)
+            estimate = training.estimate
+            write_comparison(run.videos, simulator, first, parts.start, estimate, config.seed)
         write_report(run.path)
     return result
 

@@ -5,13 +5,15 @@ the real ones is searched for: what a fit found and many random starts, then man
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from simtune.recordings import write_video
 from simtune.simulation import AnySimulator, Simulator
-from simtune.trajectory import Trajectory
+from simtune.trajectory import Trajectory, delayed
+from simtune.tuning.search import Estimate
 
 _NUM_STARTS = 256
 _ROUNDS = 6
@@ -24,19 +26,20 @@ def write_comparison(
     simulator: AnySimulator,
     trajectory: Trajectory,
     before: np.ndarray,
-    after: np.ndarray,
+    estimate: Estimate,
     seed: int,
-    near: Sequence[float] | None = None,
 ) -> None:
-    """Write real.mp4, before.mp4, after.mp4, overlay.mp4 of one real episode; (N,) parameters.
+    """Write real.mp4, before.mp4, after.mp4, overlay.mp4 of one real episode.
 
-    `near`: (S,) the state that it is believed to begin in.
+    It is the one that the estimate's start is of, if that has one. `before`: (N,) parameters.
     """
-    start = find_start(simulator, trajectory, after, np.random.default_rng(seed), near)
+    late = replace(trajectory, actions=delayed(trajectory.actions[None], estimate.lag)[0])
+    rng, after = np.random.default_rng(seed), estimate.mean
+    start = find_start(simulator, late, after, rng, estimate.start)
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
     for name, parameters in (("before", before), ("after", after)):
-        frames = _film(simulator, trajectory.actions, parameters, start)
+        frames = _film(simulator, late.actions, parameters, start)
         write_video(folder / f"{name}.mp4", frames, fps)
     write_video(folder / "overlay.mp4", overlay(trajectory.frames, frames), fps)
 

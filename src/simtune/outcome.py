@@ -14,7 +14,7 @@ from simtune.real.truth import Truth
 from simtune.tuning.search import Estimate, Search
 
 _TOLD = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
-_KEPT = ("verdict", *_TOLD, "start")
+_KEPT = ("verdict", *_TOLD, "start", "lag")
 
 
 def asked(

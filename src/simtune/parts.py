@@ -16,6 +16,7 @@ from simtune.progress import Say
 from simtune.randomization import Distribution
 from simtune.real import RealWorld
 from simtune.real.choose import choose_real, simulator_for
+from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.replay import Replay
 from simtune.rollout import Environment
@@ -119,6 +120,8 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
         looks_alike, own = real.looks_like_simulator, _search_config(config, search_name)
         rest = (config.seed, say, looks_alike, own, device)
         search = make_search(search_name, simulator, task.camera, start, *rest)
+        if num_real and isinstance(real, RecordedReal):  # a robot, or a policy, films later
+            search.check(real.collect(num_real))
         range_policy = config.range_policy
     else:
         range_policy = config.range_dr if config.method == "dr" else 0.0

@@ -68,8 +68,7 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         run.write_result(result)
         run.write_curves(outcome.curves(estimate))
         say("filming the comparison", 1.0)
-        before, after, began = start, estimate.mean, estimate.start
-        write_comparison(run.videos, simulator, trajectories[0], before, after, config.seed, began)
+        write_comparison(run.videos, simulator, trajectories[0], start, estimate, config.seed)
         write_report(run.path)
     return result
 

@@ -22,8 +22,15 @@ def gather_tensors(parts: Parts, generator: torch.Generator) -> dict[str, torch.
 def scatter_tensors(
     parts: Parts, generator: torch.Generator, tensors: Mapping[str, torch.Tensor]
 ) -> None:
-    """The inverse: copy them into the parts, on whatever device those are."""
-    generator.set_state(tensors["generator"].cpu())
+    """The inverse: copy them into the parts, on whatever device those are.
+
+    Random numbers go on as they would have on the kind of device that they were saved on only.
+    """
+    saved = tensors["generator"].cpu()
+    if len(saved) == len(generator.get_state()):
+        generator.set_state(saved)
+    else:  # a CPU's state is not a GPU's
+        generator.manual_seed(int(saved[:8].view(torch.int64).abs().item()))
     for name, part in parts.items():
         own = under(f"{name}.", tensors)
         if isinstance(part, nn.Module):

@@ -127,7 +127,7 @@ class TeacherStudent:
             )
 
         slots = replay.latest_filmed(config.remembered_episodes)
-        lengths = replay.lengths[slots]
+        lengths = replay.lengths[slots].to(self.device)
         seen = torch.stack([student.look(replay.frames[slot]) for slot in slots])
         taught = self.teacher.act(replay.states[slots])
         for _ in range(round(num_steps * config.head_updates_per_step)):

@@ -59,10 +59,14 @@ def doubts(fit: Fit, replicas: Replicas) -> list[str]:
     given = []
     limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / max(1, len(replicas.misfits))
     if (ratio := replicas.ratio(fit.misfit, "motion_px")) > limit:
+        found = (
+            f"landmarks are {fit.misfit.motion_px:.2f} px off, {ratio:.1f} times as far as"
+            if np.isfinite(ratio)
+            else "nothing that moves is found for sure, as it is"
+        )
         given.append(
-            "No setting of the parameters makes the simulator move as the videos do: in an "
-            f"episode kept for this test landmarks are {fit.misfit.motion_px:.2f} px off, "
-            f"{ratio:.1f} times as far as in worlds that the simulator can make. Something that "
+            "No setting of the parameters makes the simulator move as the videos do: where that "
+            f"was tested {found} in worlds that the simulator can make. Something that "
             "is not tuned is wrong (a length, a mass, the camera, a delay): trust no number "
             "before it is found."
         )

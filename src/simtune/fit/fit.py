@@ -108,12 +108,7 @@ class ReplayFit:
             np.maximum(std, _SMALLEST_STD),
             motion.covariance / np.outer(deviation, deviation),
             self._moving,
-            Misfit(
-                float(np.median(test.misfit)),
-                test.residual_px,
-                pictures.noise,
-                pictures.unexplained,
-            ),
+            Misfit(test.residual_px, pictures.noise),
             motion.rows[0, 0],
             lag,
         )
@@ -143,7 +138,8 @@ class ReplayFit:
         followed = particles.follow(tracks, guessed, unit, np.clip(start_std, *_SPREAD))
         each = followed.unit[fitted]
         unit[self._moving] = np.median(each, 0)
-        std[self._moving] = each.std(0) / np.sqrt(len(each))
+        if len(each) > 1:  # of one episode nobody knows how others differ
+            std[self._moving] = each.std(0, ddof=1) / np.sqrt(len(each))
         return followed.states, self._simulator.space.from_unit(unit), std
 
     def _fit_motion(

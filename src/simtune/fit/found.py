@@ -9,10 +9,8 @@ import numpy as np
 class Misfit:
     """How badly videos fit a simulator; larger is worse."""
 
-    motion: float  # −log likelihood of a landmark's place, median over windows held out
     motion_px: float  # distance between where sight is sure a landmark is and where it should be
     picture: float  # noise of a pixel, of the full scale
-    outline: float  # share of pixels that are far off
 
 
 @dataclass(frozen=True)

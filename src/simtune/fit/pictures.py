@@ -30,7 +30,6 @@ class PictureFit:
     unit: np.ndarray  # (V,)
     covariance: np.ndarray  # (V, V)
     noise: float  # of a pixel, robustly, of the full scale
-    unexplained: float  # share of pixels that are far off
 
 
 def fit_pictures(
@@ -65,10 +64,9 @@ def fit_pictures(
     residual = drawn - real
     noise = _noise(residual, slopes, _SMALLEST_NOISE)
     rounding = _ROUNDING / np.maximum(np.abs(slopes).max((1, 2), initial=0), _SHOWN)
-    far = np.abs(residual).reshape(len(frames), -1, 3).max(-1) > 0.12
     # Pixels of one colour are all rounded alike: of that, many pictures tell no more than one.
     covariance += np.diag(rounding**2)
-    return PictureFit(unit[fitted], covariance, float(np.median(noise)), float(far.mean()))
+    return PictureFit(unit[fitted], covariance, float(np.median(noise)))
 
 
 def _noise(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndarray:

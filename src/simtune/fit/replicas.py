@@ -12,9 +12,9 @@ from scipy.special import ndtr, ndtri
 
 from simtune.fit.fit import ReplayFit
 from simtune.fit.found import Fit, Misfit
-from simtune.fit.tracks import late
 from simtune.search_param_model.simulated import Camera
 from simtune.simulation import Simulator
+from simtune.trajectory import delayed
 
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
 _POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of each one
@@ -48,9 +48,15 @@ class Replicas:
         return ndtr(-self.errors / factors.reshape(self.errors.shape))
 
     def ratio(self, misfit: Misfit, name: str) -> float:
-        """A misfit over the largest of the replicas'."""
-        largest = max((getattr(m, name) for m in self.misfits), default=np.inf)
-        return getattr(misfit, name) / max(largest, 1e-9)
+        """A misfit over the largest of the replicas'; one that cannot be told (NaN) is infinite.
+
+        Unless that of every replica is likewise, or there are none: then nothing can be compared.
+        """
+        known = [value for m in self.misfits if not np.isnan(value := getattr(m, name))]
+        if not known:
+            return 0.0
+        value = getattr(misfit, name)
+        return float("inf") if np.isnan(value) else value / max(*known, 1e-9)
 
 
 def _inflation(errors: np.ndarray, groups: np.ndarray) -> np.ndarray:
@@ -93,12 +99,13 @@ def make_replicas(
     for _ in range(num):
         truth = np.clip(unit + spread * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
         worlds = np.repeat(space.from_unit(truth)[None], len(actions), 0)
-        rollouts = simulator.roll_out(worlds, late(actions, fit.lag), rng)
+        rollouts = simulator.roll_out(worlds, delayed(actions, fit.lag), rng)
         if len(rollouts) < len(actions):
             continue  # its physics diverged
         frames = simulator.film(rollouts)
         if camera is not None:
-            frames = camera.film(frames, rng)
+            one_world = frames.reshape(1, -1, *frames.shape[2:])  # one camera films all of it
+            frames = camera.film(one_world, rng).reshape(frames.shape)
         guess = space.from_unit(truth + guess_std * rng.normal(size=len(unit)))
         found = replay.fit(frames, actions, guess, guess_std, fit.lag)
         misfits.append(found.misfit)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.search_param_model.sight import Seen, Sight, look
+from simtune.trajectory import delayed
 
 _SURE = 0.8
 _SUREST = 0.99  # sight gives what it never saw in simulation no chance at all; there is some
@@ -23,14 +24,7 @@ class Tracks:
 
     def delayed(self, steps: int) -> "Tracks":
         """The same, had the actions come so many steps later."""
-        return Tracks(self.places, self.probability, late(self.actions, steps))
-
-
-def late(actions: np.ndarray, steps: int) -> np.ndarray:
-    """(E, T, A) actions, so many steps later; zero before."""
-    delayed = np.zeros_like(actions)
-    delayed[:, steps:] = actions[:, : actions.shape[1] - steps]
-    return delayed
+        return Tracks(self.places, self.probability, delayed(self.actions, steps))
 
 
 def track(sight: Sight, frames: np.ndarray, actions: np.ndarray) -> Tracks:

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -55,10 +55,10 @@ def read_jsonl(path: Path) -> list[dict[str, Any]]:
     return objects
 
 
-def keep_lines(path: Path, keep: Callable[[dict[str, Any]], bool]) -> None:
-    """Rewrite a JSON-lines file with the whole lines for which `keep` holds."""
+def keep_lines(path: Path, count: int) -> None:
+    """Rewrite a JSON-lines file with the first `count` of its whole lines."""
     if path.exists():
-        kept = [json.dumps(value) + "\n" for value in read_jsonl(path) if keep(value)]
+        kept = [json.dumps(value) + "\n" for value in read_jsonl(path)[:count]]
         write_atomically(path, "".join(kept))
 
 

@@ -11,7 +11,6 @@ result.json  curves.json  videos/  report.html
 
 import fcntl
 import logging
-import math
 import os
 import weakref
 from collections.abc import Collection, Mapping, Sequence
@@ -40,6 +39,7 @@ from simtune.trajectory import Trajectory
 MAY_DIFFER = ("out", "budget_minutes", "device", "move")
 
 _LOGS = ("metrics.jsonl", "events.jsonl")
+_NUM_LINES = "log_lines"  # of each, in a checkpoint's state
 
 log = logging.getLogger(__name__)
 
@@ -53,10 +53,12 @@ class RunFolder:
         self._tensorboard: Any = None
         self._unlock = weakref.finalize(self, os.close, _lock(path))
         self._newest = checkpoint.newest(self._checkpoints)
-        self._step = checkpoint.load_state(self._newest)["step"] if self._newest else -1
+        state = checkpoint.load_state(self._newest) if self._newest else {}
+        self._step: int = state.get("step", -1)
         checkpoint.drop_after(self._checkpoints, self._newest)
-        for name in _LOGS:
-            keep_lines(path / name, lambda line: line.get("step", math.inf) <= self._step)
+        self._num_lines: dict[str, int] = state.get(_NUM_LINES, dict.fromkeys(_LOGS, 0))
+        for name, count in self._num_lines.items():
+            keep_lines(path / name, count)
 
     @classmethod
     def create(
@@ -113,7 +115,7 @@ class RunFolder:
         `step` counts simulated policy steps, `wall_s` seconds over all sittings of the run.
         """
         line = {"step": step, "real_episodes": real_episodes, "wall_s": wall_s, **scalars}
-        append_jsonl(self.path / "metrics.jsonl", line)
+        self._append("metrics.jsonl", line)
         writer = self._writer()
         for name, value in plain(scalars).items():
             if isinstance(value, int | float):
@@ -136,9 +138,11 @@ class RunFolder:
         `event` is "widened" or "narrowed".
         """
         line = {"step": step, "wall_s": wall_s, "event": event, "parameter": parameter}
-        append_jsonl(
-            self.path / "events.jsonl", {**line, "low": low, "high": high, "reason": reason}
-        )
+        self._append("events.jsonl", {**line, "low": low, "high": high, "reason": reason})
+
+    def _append(self, name: str, line: Mapping[str, Any]) -> None:
+        append_jsonl(self.path / name, line)
+        self._num_lines[name] += 1
 
     def write_result(self, result: Mapping[str, Any]) -> None:
         """Replace result.json."""
@@ -176,16 +180,22 @@ class RunFolder:
     ) -> None:
         """Save all that the run needs to go on; the latest two are kept.
 
-        `state` is JSON and holds "step", by which the logs are cut when the run goes on.
+        `state` is JSON and holds "step", from which tensorboard goes on. The logs are cut to what
+        they hold now.
         """
         assert "step" in state, "a checkpoint's state needs 'step'"
         for name in _LOGS:
             sync(self.path / name)  # a checkpoint never knows more than the logs
-        self._newest = checkpoint.save(self._checkpoints, tensors, state)
+        told = {**state, _NUM_LINES: self._num_lines}
+        self._newest = checkpoint.save(self._checkpoints, tensors, told)
 
     def load_checkpoint(self) -> tuple[dict[str, torch.Tensor], dict[str, Any]] | None:
         """(tensors on the CPU, state) of the newest sound checkpoint, or None."""
-        return None if self._newest is None else checkpoint.load(self._newest)
+        if self._newest is None:
+            return None
+        tensors, state = checkpoint.load(self._newest)
+        del state[_NUM_LINES]
+        return tensors, state
 
     def close(self) -> None:
         """Close tensorboard and let go of the folder."""

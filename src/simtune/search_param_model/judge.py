@@ -32,6 +32,8 @@ class Judge(nn.Module):
     Coordinates are those of the range searched: -1 at its low end, 1 at its high end.
     """
 
+    most_episodes: torch.Tensor  # () that it was taught on at a time
+
     def __init__(self, num_seen: int, visible: list[int], num_parameters: int, config: JudgeConfig):
         super().__init__()
         c, self.components = config.channels, config.components
@@ -46,6 +48,7 @@ class Judge(nn.Module):
             nn.ELU(),
             nn.Linear(config.hidden, 3 * self.components * num_parameters),
         )
+        self.register_buffer("most_episodes", torch.tensor(1))
         spread = torch.linspace(-0.5, 0.5, self.components)
         self.register_buffer("spread", spread, persistent=False)
 
@@ -58,6 +61,8 @@ class Judge(nn.Module):
         pooled = torch.cat([x.mean(-1), (x.square().mean(-1) + 1e-6).sqrt()], -1)
         pooled = pooled.view(worlds, episodes, -1).mean(1)
         # Means do not tell over how much they were taken, which is what the curves' width is of.
+        # Of more episodes than it knows it is told as many as it knows: too wide, if anything.
+        episodes = min(episodes, int(self.most_episodes))
         amount = pooled.new_tensor([episodes, steps / SHORTEST_STEPS]).log().expand(worlds, -1)
         out = self.head(torch.cat([pooled, amount, visible], -1))
         weights, places, scales = out.view(worlds, self.num_parameters, 3, -1).unbind(2)

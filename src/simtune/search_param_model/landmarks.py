@@ -61,7 +61,7 @@ class Landmarks:
         return [self.geoms.tolist(), self.offsets.tolist()]
 
     def with_state(self, state: list) -> "Landmarks":
-        geoms, offsets = (np.array(x) for x in state)
+        geoms, offsets = np.array(state[0], int), np.array(state[1], float)
         return replace(self, geoms=geoms, offsets=offsets.reshape(-1, 3))
 
 

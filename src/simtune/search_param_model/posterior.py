@@ -106,6 +106,7 @@ class PosteriorSearchParamModel:
     ) -> float:
         """Teach the judge on sets of episodes of one world; the last updates' mean loss."""
         config = self.config.judge
+        self.judge.most_episodes.fill_(worlds.actions.shape[1])
         batches = _JudgeBatches(worlds, errors, self.visible, config, self.generator)
         truth = torch.tensor(self._to_range(worlds.parameters, distribution), dtype=torch.float32)
         optimizer = torch.optim.AdamW(

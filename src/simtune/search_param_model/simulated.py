@@ -86,8 +86,7 @@ def simulate(
     played = actions.astype(float)
     if camera:
         late = rng.random(len(actions)) < 0.5
-        played[late] = np.roll(played[late], 1, axis=2)
-        played[late, :, 0] = 0
+        played[late, :, 1:] = played[late, :, :-1]
     rollouts = simulator.roll_out(
         np.repeat(parameters, num_episodes, axis=0),
         played.reshape(len(played) * num_episodes, *actions.shape[2:]),  # there may be no actions

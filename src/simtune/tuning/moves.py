@@ -8,6 +8,8 @@ from scipy.special import ndtr
 from simtune.randomization import Distribution
 from simtune.tuning.search import Estimate, Event, Verdict
 
+_BEYOND = 0.05  # probability that the truth is outside of the grid
+_TOLD = 1.13  # 90 % within so much, of the range's 2
 _GRID = np.linspace(-1.5, 1.5, 1201)  # coordinates of the range: -1 its low end, 1 its high end
 
 
@@ -76,6 +78,9 @@ def read_curves(
 
     mean = parameters(quantile(prob_higher, 0.5))
     low, high = (parameters(end) for end in shortest_interval(prob_higher, 0.9))
+    # What lies beyond the grid may lie anywhere up to the bound.
+    low = np.where(prob_higher[:, 0] < 1 - _BEYOND, space.low, low)
+    high = np.where(prob_higher[:, -1] > _BEYOND, space.high, high)
     share = first.to_local(high) - first.to_local(low)
     candidates = np.stack([parameters(np.full(len(space), c)) for c in _GRID[::8]], axis=1)
     curves = {name: (candidates[i], prob_higher[i, ::8]) for i, name in enumerate(space.names)}
@@ -107,7 +112,9 @@ def move(
     low, high = np.minimum(low, middle - smallest), np.maximum(high, middle + smallest)
     beyond_low = quantile(prob_higher, config.edge_mass) < -0.98
     beyond_high = quantile(prob_higher, 1 - config.edge_mass) > 0.98
-    told = (q_high - q_low) < 1.6  # a flat curve's quantiles are at the edges, but mean nothing
+    # A flat curve's quantiles are at the edges, but mean nothing. Of what a fit is mixed with
+    # these know nothing.
+    told = quantile(prob_higher, 0.95) - quantile(prob_higher, 0.05) < _TOLD
     untold = half > config.barely_told  # leave the range as it is
     low, high = np.where(untold, -1, low), np.where(untold, 1, high)
     low = np.where(beyond_low & told, median - 1.5, low)

@@ -168,6 +168,7 @@ class PosteriorSearch:
             ranks=ranks(replicas, names),
             warnings=doubts(found, replicas),
             start=found.start.tolist(),
+            lag=found.lag,
         )
         return estimate, prob_higher
 

@@ -28,6 +28,7 @@ class Estimate:
     ranks: dict[str, list[float]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # what to doubt about all this
     start: list[float] | None = None  # (S,) the state in which the first trajectory began, if told
+    lag: int = 0  # steps by which the actions seem to come late
 
 
 def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:
