@@ -11,7 +11,6 @@ import numpy as np
 _STUDENT = 4.0  # degrees of freedom by which experiments that stand out count less
 _SMALLEST_VARIANCE, _LARGEST_VARIANCE = 4e-3**2, 0.08**2  # between experiments
 FIRST_VARIANCE = 0.02**2
-_CLAIMS = 2.0
 _CHI2_MEDIAN = 0.6  # over its degrees of freedom, or near it, for a few of them
 
 
@@ -23,8 +22,7 @@ def combine(
     `information` (W, P, P) and `slope` (W, P) are the second and first derivatives of each one's
     −log likelihood, `variance` that between them, `trust` (W,) how much to count each one.
     The third value is the variance between them, nearer to what they show. The covariance is the
-    robust one: from how the experiments scatter, and only where they are few from what they claim
-    to know.
+    robust one: from how the experiments scatter; what they claim to know counts where they are few.
     """
     eye = np.eye(slope.shape[1])
     if not len(eye):
@@ -41,10 +39,12 @@ def combine(
     inverse = np.linalg.inv(weighted.sum(0) + 1e-6 * eye)
     change = -inverse @ slopes.sum(0)
     deviations = slopes + weighted @ change
-    # How they scatter is known by so many of them; what they claim counts as two more.
     freedom = max(0, len(slope) - len(eye))
-    scattered = len(slope) / max(1, freedom) * inverse @ (deviations.T @ deviations) @ inverse
-    covariance = (freedom * scattered + _CLAIMS * inverse) / (freedom + _CLAIMS)
+    few = len(slope) / max(1, freedom)
+    covariance = few * inverse @ (deviations.T @ deviations) @ inverse + 1e-6 * inverse
+    # One alone scatters by nothing; it is no surer than it claims.
+    claimed = np.linalg.inv(np.einsum("w,wpq->pq", count, information) + 1e-6 * eye)
+    covariance += claimed / (1 + freedom)
     told = np.trace(information, axis1=1, axis2=2) * variance > 1
     if told.sum() >= 4:
         variance *= 1.5 if np.median(surprise[told]) > _CHI2_MEDIAN else 1 / 1.5

@@ -65,6 +65,7 @@ class Particles:
         """From guesses at the (E, T + 1, nq + nv) states and the (N,) parameters, and their std."""
         rng, config, history = np.random.default_rng(0), self._config, _History()
         num_episodes, num_steps, _ = tracks.actions.shape
+        acted = self._physics.after(tracks.actions)
         shape = (num_episodes, config.num)
         now = self._fresh(states[:, 0], config.num, rng)  # (E, K, nq + nv)
         drawn = rng.normal(size=(*shape, len(self._fitted)))
@@ -73,7 +74,8 @@ class Particles:
         parent = np.tile(np.arange(config.num), (num_episodes, 1))
         for start in range(0, num_steps, config.steps):
             end, new = min(start + config.steps, num_steps), int(start > 0)
-            played, seen = self._play(now, unit, units, tracks.actions[:, start:end])
+            actions = tracks.actions[:, start:end]
+            played, seen = self._play(now, unit, units, actions, acted[:, start])
             weight = weight + self._likely(seen[:, :, new:], tracks, slice(start + new, end + 1))
             share = np.exp(weight - weight.max(1, keepdims=True))
             share /= share.sum(1, keepdims=True)
@@ -93,13 +95,23 @@ class Particles:
         errors = rng.normal(size=(*around.shape[:2], self._space.num_tangent))
         return self._space.move(around, errors * self._spread)
 
-    def _play(self, states: np.ndarray, unit: np.ndarray, units: np.ndarray, actions: np.ndarray):
+    def _play(
+        self,
+        states: np.ndarray,
+        unit: np.ndarray,
+        units: np.ndarray,
+        actions: np.ndarray,
+        acted: np.ndarray,
+    ):
         """States (E, K, steps + 1, nq + nv) and landmarks of what happens next."""
         num_episodes, num, size = states.shape
         worlds = np.repeat(unit[None], num_episodes * num, 0)
         worlds[:, self._fitted] = units.reshape(len(worlds), -1)
         rows, seen = self._physics.play(
-            states.reshape(-1, size), worlds, np.repeat(actions, num, 0)
+            states.reshape(-1, size),
+            worlds,
+            np.repeat(actions, num, 0),
+            np.repeat(acted, num, 0),
         )
         shape = (num_episodes, num, actions.shape[1] + 1)
         played = np.nan_to_num(self._physics.states(rows)).reshape(*shape, size)

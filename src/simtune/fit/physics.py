@@ -13,20 +13,25 @@ class Physics:
     """Of one simulator, its states as positions and velocities, its parameters as coordinates."""
 
     def __init__(self, simulator: Simulator, landmarks: Landmarks, row: np.ndarray):
-        """`row`: (S,) any state; what is neither position nor velocity is taken from it."""
+        """`row`: (S,) any state; of it is what is neither position nor velocity, nor acted upon."""
         self.space, self.parameters = StateSpace(simulator.model), simulator.space
         self._simulator, self._landmarks, self._row = simulator, landmarks, row
-        self._rng = np.random.default_rng(0)  # starts are given: nothing is drawn
+        self._rng = np.random.default_rng(0)  # starts are given, or make no difference
 
     def play(
-        self, states: np.ndarray, units: np.ndarray, actions: np.ndarray
+        self,
+        states: np.ndarray,
+        units: np.ndarray,
+        actions: np.ndarray,
+        acted: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """(n, T + 1, S) rows and (n, T + 1, L, 2) landmarks of n worlds.
 
         They begin in (n, nq + nv) states, have (n, N) parameters in unit coordinates and play
-        (n, T, A) actions. A world that diverges stays where it does.
+        (n, T, A) actions. `acted`: (n, S) of `after`, where actions came before. A world that
+        diverges stays where it does.
         """
-        rows = np.repeat(self._row[None], len(states), 0)
+        rows = np.repeat(self._row[None], len(states), 0) if acted is None else acted.copy()
         rows[:, 1 : 1 + states.shape[1]] = states
         played = self._simulator.roll_out(
             self.parameters.from_unit(units),
@@ -39,6 +44,19 @@ class Physics:
         assert played.recorded is not None, "asked for above"
         seen = played.recorded.reshape(*played.recorded.shape[:2], -1, 2)
         return played.states, np.nan_to_num(seen, nan=_NOWHERE_PX)
+
+    def after(self, actions: np.ndarray) -> np.ndarray:
+        """(E, T + 1, S) rows with all that (E, T, A) actions leave behind but the motion.
+
+        Controls that are still to come, of an actuator with a delay, and how far filters and
+        muscles have followed: neither depends on anything but the actions, so any motion will do.
+        """
+        num_episodes, num_steps, _ = actions.shape
+        model = self._simulator.model
+        if not model.na and not model.nhistory:
+            return np.broadcast_to(self._row, (num_episodes, num_steps + 1, len(self._row)))
+        worlds = np.repeat(self.parameters.nominal[None], num_episodes, 0)
+        return self._simulator.roll_out(worlds, actions, self._rng, keep_diverged=True).states
 
     @property
     def some_state(self) -> np.ndarray:

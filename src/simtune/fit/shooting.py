@@ -201,7 +201,8 @@ class Shooting:
         """By default as long as the last stage's; however long, of as many steps in all."""
         usual = self.config.stages[-1].window
         steps = steps or usual
-        return cut(tracks, states, steps, max(1, self.config.num_windows * usual // steps))
+        acted, at_most = self._physics.after(tracks.actions), self.config.num_windows * usual
+        return cut(tracks, states, acted, steps, max(1, at_most // steps))
 
     def _improved(self, states: np.ndarray, fit: ShootingFit) -> np.ndarray:
         """(E, T + 1, nq + nv) states, those of a fit's windows as it has them."""
@@ -238,6 +239,7 @@ class Shooting:
             states.reshape(-1, size),
             np.repeat(units, num_windows, 0),
             np.tile(windows.actions, (groups, 1, 1)),
+            np.tile(windows.acted, (groups, 1)),
         )
         shape = (groups, num_windows)
         return rows.reshape(*shape, *rows.shape[1:]), seen.reshape(*shape, *seen.shape[1:])

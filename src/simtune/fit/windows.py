@@ -20,6 +20,7 @@ class Windows:
     probability: np.ndarray  # (W, K, 2, L)
     actions: np.ndarray  # (W, K - 1, A)
     states: np.ndarray  # (W, nq + nv) first guess at the initial ones
+    acted: np.ndarray  # (W, S) what earlier actions left behind, of `Physics.after`
     episode: np.ndarray  # (W,)
     step: np.ndarray  # (W,)
 
@@ -64,8 +65,11 @@ def _terms(residual: np.ndarray, probability: np.ndarray):
     return near, wide, (1 - probability.sum(-2)) * _ELSEWHERE + 1e-12
 
 
-def cut(tracks: Tracks, states: np.ndarray, steps: int, at_most: int) -> Windows:
-    """Windows of so many steps that do not overlap; `at_most` of them, evenly spread."""
+def cut(tracks: Tracks, states: np.ndarray, acted: np.ndarray, steps: int, at_most: int) -> Windows:
+    """Windows of so many steps that do not overlap; `at_most` of them, evenly spread.
+
+    (E, T + 1, nq + nv) guesses at states, (E, T + 1, S) what actions left behind.
+    """
     num_episodes, num_steps, _ = tracks.actions.shape
     length = min(steps, num_steps)
     starts = np.arange(0, num_steps - length + 1, length)
@@ -77,4 +81,7 @@ def cut(tracks: Tracks, states: np.ndarray, steps: int, at_most: int) -> Windows
     at = (episode[:, None], frames)
     probability = tracks.probability[at]
     actions = tracks.actions[episode[:, None], frames[:, :-1]]
-    return Windows(tracks.places[at], probability, actions, states[episode, step], episode, step)
+    begin = (episode, step)
+    return Windows(
+        tracks.places[at], probability, actions, states[begin], acted[begin], episode, step
+    )

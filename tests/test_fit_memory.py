@@ -1,0 +1,101 @@
+"""Actuators that remember: a fit's windows begin with what earlier actions left behind."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from simtune.fit.particles import ParticleConfig, Particles
+from simtune.fit.physics import Physics
+from simtune.fit.shooting import Shooting, ShootingConfig, Stage
+from simtune.fit.tracks import Tracks
+from simtune.parameters import ParameterSpace, delay
+from simtune.randomization import Distribution
+from simtune.search_param_model.simulated import find_landmarks
+from simtune.simulation import random_actions
+from simtune.tasks import Task, load_task
+
+CARTPOLE = load_task("cartpole")
+SPREAD = np.array([0.05, 0.05, 0.2, 0.2])
+STEPS = 96
+
+
+def late_cartpole() -> Task:
+    """A pole mass, a gain, and a delay of up to three steps of 0.08 s."""
+    dynamics = [p for p in CARTPOLE.parameters if not p.is_appearance]
+    return replace(
+        CARTPOLE, parameters=ParameterSpace([*dynamics, delay("late", ("slide",), 0.24)])
+    )
+
+
+def slow_cartpole() -> Task:
+    """Its motor follows within 0.1 s or so, by a filter."""
+
+    def load_spec() -> mujoco.MjSpec:
+        spec = CARTPOLE.load_spec()
+        motor = spec.actuator("slide")
+        motor.dyntype, motor.dynprm[0] = mujoco.mjtDyn.mjDYN_FILTER, 0.1
+        return spec
+
+    dynamics = [p for p in CARTPOLE.parameters if not p.is_appearance]
+    return replace(CARTPOLE, load_spec=load_spec, parameters=ParameterSpace(dynamics))
+
+
+def played(task: Task, truth: np.ndarray):
+    """Three episodes, and all that a fit needs to know of them."""
+    simulator, rng = task.simulator(image_size=64), np.random.default_rng(0)
+    first = Distribution.first(task.parameters, task.parameters.nominal)
+    landmarks = find_landmarks(simulator, task.camera, first, 0)
+    actions = random_actions(3, STEPS, simulator.model, rng)
+    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, landmarks.record)
+    physics = Physics(simulator, landmarks, rollouts.states[0, 0])
+    return physics, landmarks, rollouts
+
+
+def seen(rollouts) -> Tracks:
+    """Landmarks as a nearly perfect sight sees them."""
+    places = rollouts.recorded.reshape(3, STEPS + 1, 1, -1, 2).repeat(2, 2)
+    probability = np.zeros(places.shape[:-1])
+    probability[:, :, 0] = 0.98
+    return Tracks(places, probability, rollouts.actions.astype(float))
+
+
+CASES = {"delay": (late_cartpole, [0.08, 7.0, 0.19]), "filter": (slow_cartpole, [0.08, 7.0])}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_stretch_from_the_middle_of_an_episode_moves_as_the_episode_did(name):
+    make, truth = CASES[name]
+    task = make()
+    physics, _, rollouts = played(task, np.array(truth))
+    at, length = 40, 12
+    acted = physics.after(rollouts.actions)[:, at]
+    unit = np.repeat(task.parameters.to_unit(np.array(truth))[None], 3, 0)
+    states, actions = physics.states(rollouts.states), rollouts.actions[:, at : at + length]
+    rows, _ = physics.play(states[:, at], unit, actions, acted)
+    np.testing.assert_allclose(physics.states(rows), states[:, at : at + length + 1], atol=1e-6)
+    forgetful, _ = physics.play(states[:, at], unit, actions)
+    assert np.abs(physics.states(forgetful) - states[:, at : at + length + 1]).max() > 0.01
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_parameters_are_found_though_windows_begin_in_the_middle(name):
+    make, truth = CASES[name]
+    task, truth = make(), np.array(truth)
+    physics, landmarks, rollouts = played(task, truth)
+    space, fitted, rng = task.parameters, np.arange(len(truth)), np.random.default_rng(1)
+    config = ShootingConfig(stages=(Stage(4, 4, 4.0), Stage(12, 8)), longer=())
+    noise = np.full(len(landmarks), 0.2)
+    states = physics.states(rollouts.states)
+    rough = states + SPREAD * rng.normal(size=states.shape)
+    start = space.from_unit(space.to_unit(truth) + 0.1)
+    fit = Shooting(physics, noise, SPREAD, fitted, config).fit(seen(rollouts), rough, start)
+    found = space.from_unit(fit.unit)
+    np.testing.assert_allclose(found, truth, rtol=0.02)
+
+    particles = Particles(physics, noise, SPREAD, fitted, ParticleConfig(num=128))
+    unit = space.to_unit(start)
+    followed = particles.follow(seen(rollouts), rough, unit, np.full(len(unit), 0.1))
+    error = np.abs(physics.space.difference(followed.states, states)).mean((0, 1))
+    assert (error[:2] < SPREAD[:2]).all()  # without any memory .2 to .5
