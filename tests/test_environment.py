@@ -230,7 +230,11 @@ def test_files_that_name_no_environment_say_so(tmp_path):
     assert "did you mean 'nominal'" in refused(text.replace("nominal", "nominel"), tmp_path)
     assert "model" in refused('model = "a.xml"\n' + text, tmp_path)
     (tmp_path / "env.py").write_text("import not_there_at_all")
-    assert "not installed" in refused(text, tmp_path)
+    assert "env.py cannot be run: ModuleNotFoundError" in refused(text, tmp_path)
+    (tmp_path / "env.py").write_text("class :")
+    assert "env.py cannot be run: SyntaxError" in refused(text, tmp_path)
+    without_py = text.replace("env.py:BouncingBall", "env:BouncingBall")
+    assert "gymnasium does not know env:BouncingBall" in refused(without_py, tmp_path)
 
 
 @pytest.mark.parametrize(

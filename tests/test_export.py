@@ -87,7 +87,8 @@ def a_run(path: Path, task_name: str, **facts) -> tuple[Path, np.ndarray]:
     path.mkdir()
     result = {"task": task_name, "method": "autotune", "seed": 3, "warnings": ["odd"], **facts}
     write_json(path / "result.json", result | {"parameters": found})
-    write_json(path / "config.json", {"config": {"task": task_name}, "versions": {"mujoco": "3"}})
+    config = {"task": task_name, "task_content": load_task(task_name).content_hash}
+    write_json(path / "config.json", {"config": config, "versions": {"mujoco": "3"}})
     return path, mean
 
 
@@ -205,7 +206,15 @@ def test_what_cannot_be_exported_is_said(scene, tmp_path):
     going_on, _ = a_run(tmp_path / "going_on", "cartpole")
     (going_on / "result.json").unlink()
     assert "no result yet" in refused(going_on)
+    scene.write_text("# a comment is no change\n" + TUNING)
+    assert "not empty" in refused(ended, tmp_path / "full")
     scene.write_text(TUNING.replace('"damping"', '"friction"'))
-    assert "damping, friction" in refused(ended)
+    assert "scene.toml, or its model, is not what" in refused(ended)
+    scene.write_text(TUNING)
+    model = next(scene.parent.glob("*.xml"))
+    model.write_text(
+        model.read_text().replace("<worldbody>", "<option gravity='0 0 -3'/><worldbody>")
+    )
+    assert "scene.toml, or its model, is not what" in refused(ended)
     scene.unlink()
     assert "scene.toml" in refused(ended)

@@ -788,3 +788,25 @@ def test_check_takes_a_tuning_file_and_recordings(load, folder):
     result = check(CheckConfig(task=str(folder / "tune.toml"), real=dataset))
     assert result["warnings"] == []
     assert result["parameters"]["m"]["motion_largest_px"] > 0
+
+
+def test_a_task_that_was_edited_is_another_one(tmp_path):
+    scene, tune = tmp_path / "scene.xml", tmp_path / "tune.toml"
+    for file in (scene, tune):
+        file.write_text((EXAMPLE.parent / file.name).read_text())
+
+    def content() -> str:
+        return load_task(str(tune)).content_hash
+
+    before = content()
+    for file, old, new in (
+        (scene, "<worldbody>", "<option gravity='0 0 -3'/><worldbody>"),
+        (tune, "control_timestep_s = 0.05", "control_timestep_s = 0.1"),
+        (tune, 'name = "bob_mass"', 'low = 0.11\nname = "bob_mass"'),
+    ):
+        text = file.read_text()
+        assert old in text
+        file.write_text(text.replace(old, new, 1))
+        assert content() != before, new
+        file.write_text("# a comment is no change\n" * (file == tune) + text)
+        assert content() == before

@@ -41,7 +41,7 @@ def train(config: TrainConfig, say: Say = silent) -> dict[str, Any]:
     Raises InputError for what cannot be used, with nothing written.
     """
     parts = make_parts(config, say)
-    asked = outcome.asked(config, parts.space, parts.start, parts.real.facts)
+    asked = outcome.asked(config, parts.task, parts.start, parts.real.facts)
     with RunFolder.create(config.out, asked) as run:
         training = Training(config, parts, run, say)
         training.resume()

@@ -11,6 +11,7 @@ import numpy as np
 
 from simtune.parameters import ParameterSpace
 from simtune.real.truth import Truth
+from simtune.tasks import AnyTask
 from simtune.tuning.search import Estimate, Search
 
 _TOLD = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
@@ -18,16 +19,19 @@ _KEPT = ("verdict", *_TOLD, "start", "lag")
 
 
 def asked(
-    config: Any, space: ParameterSpace, start: np.ndarray, real_facts: Mapping[str, Any]
+    config: Any, task: AnyTask, start: np.ndarray, real_facts: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What config.json remembers of a command: a run goes on only with the same.
 
-    That holds for the content of recordings too, which may change where they lie.
+    That holds for the content of recordings, models and tuning files too, which may change where
+    they lie.
     """
     settings = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
     known = real_facts.get("dataset_hash")
     content = {"dataset_hash": known} if known else None
-    return {**settings, "recordings": content, "parameters": declared(space, start)}
+    parameters = declared(task.parameters, start)
+    contents = {"recordings": content, "task_content": task.content_hash}
+    return {**settings, **contents, "parameters": parameters}
 
 
 def recordings(real_facts: Mapping[str, Any]) -> dict[str, Any]:

@@ -48,9 +48,9 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         real.looks_like_simulator,
     )
     search.check(trajectories)
-    asked = outcome.asked(config, task.parameters, start, real.facts)
+    asked = outcome.asked(config, task, start, real.facts)
     with RunFolder.create(config.out, asked) as run:
-        estimate, wall_s = _search(config, run, search, simulator, trajectories)
+        estimate, wall_s = _search(config, run, search, simulator, trajectories, say)
         facts = {
             "task": task.name,
             "method": "regression" if config.search == "regression" else "autotune",
@@ -79,6 +79,7 @@ def _search(
     search: Search,
     simulator: AnySimulator,
     real: list[Trajectory],
+    say: Say,
 ) -> tuple[Estimate, float]:
     """Iterate until nothing is left to gain or the time is over, at least once.
 
@@ -91,6 +92,8 @@ def _search(
         simulator.num_steps, simulator.num_diverged = state["step"], state["num_diverged"]
         estimate = outcome.from_json(state["estimate"])
         iteration, spent_s = state["iteration"], state["wall_s"]
+        if search.finished:
+            say("the search is over already; another --out searches anew", 1.0)
     began_s = time.monotonic() - spent_s
     deadline_s = began_s + 60 * config.budget_minutes
     while estimate is None or not (search.finished or time.monotonic() >= deadline_s):

@@ -28,7 +28,11 @@ def export(config: ExportConfig) -> Path:
         raise InputError(f"{run.path} is of --method {run.result['method']}, which tunes nothing")
     task = load_task(run.config["task"])
     found = run.result["parameters"]
-    _refuse_changed(run, task.parameters)
+    if run.config.get("task_content") != task.content_hash:  # it may be a file that was edited
+        raise InputError(
+            f"{run.config['task']}, or its model, is not what {run.path} was made with: "
+            "bring it back, or tune anew"
+        )
     mean = np.array([found[name]["mean"] for name in task.parameters.names])
     out = _new_folder(config.out)
     spec, model, writer = tuned_model(task, mean, run.result.get("step_s"))
@@ -56,18 +60,6 @@ def _where(parameter: Parameter) -> dict[str, Any]:
     declared = asdict(parameter)
     where = {key: declared[key] for key in ("field", "objects", "component", "scale")}
     return where | {"bounds": [parameter.low, parameter.high]}
-
-
-def _refuse_changed(run: RunData, space: ParameterSpace) -> None:
-    """The task may be a file that was edited since."""
-    now = {p.name: (p.unit, p.nominal) for p in space}
-    then = {n: (p["unit"], p["nominal"]) for n, p in run.result["parameters"].items()}
-    differing = [name for name in {**then, **now} if then.get(name) != now.get(name)]
-    if differing:
-        raise InputError(
-            f"{run.config['task']} has other parameters than when {run.path} was made "
-            f"({', '.join(differing)}): bring it back, or tune anew"
-        )
 
 
 def _new_folder(path: Path) -> Path:

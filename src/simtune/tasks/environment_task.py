@@ -9,6 +9,7 @@ from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.simulation import EnvironmentSimulator
 from simtune.simulation.environment import BoxActions
+from simtune.tasks.content_hash import content_hash
 
 _SLACK = 0.01  # by which the recordings' step may differ from the environment's
 
@@ -24,6 +25,12 @@ class EnvironmentTask:
     step_s: float  # that env.step simulates
     episode_steps: int
     camera: str = "render"  # what draws
+    declared: str = ""  # what files say of it
+
+    @property
+    def content_hash(self) -> str:
+        """By which a change of it is noticed."""
+        return content_hash(self.declared, repr(list(self.parameters)))
 
     @cached_property
     def _env(self) -> Any:

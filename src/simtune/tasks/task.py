@@ -19,6 +19,7 @@ from simtune.simulation import (
     Simulator,
     remember_controls,
 )
+from simtune.tasks.content_hash import content_hash
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +52,15 @@ class Task:
     # {hinge: n}: after an nth of a turn everything looks and moves the same, so that no picture
     # tells one from the other; `observe` does not either.
     symmetric_hinges: Mapping[str, int] = field(default_factory=dict)
+    declared: str = ""  # what a tuning file says of it
+
+    @property
+    def content_hash(self) -> str:
+        """By which a change of the model, or of what is declared of it, is noticed."""
+        model = self.load_model()
+        compiled = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, compiled)
+        return content_hash(compiled.tobytes(), self.declared, repr(list(self.parameters)))
 
     @property
     def goals(self) -> dict[str, Callable[[Batch], np.ndarray]]:

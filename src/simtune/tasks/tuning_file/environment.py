@@ -20,13 +20,14 @@ def read_environment_task(file: TomlTable) -> EnvironmentTask:
     file.allow(*_KEYS)
     path, named = file.file, file.text("environment")
     with file.at("environment"):
-        make = _factory(path.parent, named)
+        make, source = _factory(path.parent, named)
     entries = file.tables("parameters")
     if not entries:
         raise file.error("nothing to tune: declare parameters, each after a line [[parameters]]")
     return EnvironmentTask(
         name=file.text("name", path.stem),
         description=file.text("description", f"{named}, of {path.name}"),
+        declared=file.content + source,
         make=make,
         parameters=ParameterSpace([_read(entry) for entry in entries], where=path.name),
         step_s=file.number("control_timestep_s", above=0),
@@ -49,14 +50,14 @@ def _read(entry: TomlTable) -> Parameter:
         )
 
 
-def _factory(folder: Path, named: str) -> Callable[[], Any]:
+def _factory(folder: Path, named: str) -> tuple[Callable[[], Any], str]:
     """What makes the environment: FILE.py:NAME is called, anything else is an id of gymnasium's.
 
-    Raises InputError where there is none.
+    And the file's text. Raises InputError where there is none, or the file cannot be run.
     """
     in_file = re.fullmatch(r"(.+\.py):(\w+)", named)
     if not in_file:
-        return lambda: _registered(named)
+        return lambda: _registered(named), ""
     path = folder / in_file[1]
     module_spec = importlib.util.spec_from_file_location(path.stem, path)
     if not path.is_file() or module_spec is None or module_spec.loader is None:
@@ -64,11 +65,11 @@ def _factory(folder: Path, named: str) -> Callable[[], Any]:
     module = importlib.util.module_from_spec(module_spec)
     try:
         module_spec.loader.exec_module(module)
-    except ImportError as error:
-        raise InputError(f"{path} needs what is not installed: {error}") from None
+    except Exception as error:  # whatever the user's own code raises
+        raise InputError(f"{path} cannot be run: {type(error).__name__}: {error}") from error
     if not callable(make := getattr(module, in_file[2], None)):
         raise InputError(f"{path} has no {in_file[2]} to call")
-    return make
+    return make, path.read_text(encoding="utf-8")
 
 
 def _registered(named: str) -> Any:
@@ -78,7 +79,7 @@ def _registered(named: str) -> Any:
         raise InputError(f"{named} needs gymnasium: pip install gymnasium") from None
     try:
         return gymnasium.make(named, render_mode="rgb_array", disable_env_checker=True)
-    except gymnasium.error.Error as error:
+    except (gymnasium.error.Error, ImportError) as error:
         raise InputError(
             f"gymnasium does not know {named} ({error}); expected an id of its, or FILE.py:NAME"
         ) from None

@@ -41,6 +41,7 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
     return Task(
         name=file.text("name", path.stem),
         description=file.text("description", f"{file.text('model')}, of {path.name}"),
+        declared=file.content,
         load_spec=load_spec,
         parameters=read_parameters(file, load_spec(), camera.name, step_s),
         camera=camera.name,

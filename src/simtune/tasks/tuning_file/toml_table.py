@@ -1,5 +1,6 @@
 """A TOML file read with care: what is wrong is told with its line and the nearest valid name."""
 
+import json
 import math
 import re
 import tomllib
@@ -52,6 +53,11 @@ class TomlTable:
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)
+
+    @property
+    def content(self) -> str:
+        """All that it says, comments left out."""
+        return json.dumps(self._values, sort_keys=True, default=str)
 
     @property
     def name(self) -> str:
