@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import shutil
+import struct
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ import numpy as np
 import pytest
 
 from simtune.check.soundness import look_through
+from simtune.config.recordings import RecordingsConfig
 from simtune.errors import InputError
-from simtune.recordings import Dataset, open_dataset, write_dataset, write_video
+from simtune.recordings import Dataset, decode, open_dataset, write_dataset, write_video
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.resample import step_actions, step_times, typical_step_s
 from simtune.recordings.source import Rows
@@ -117,6 +119,50 @@ def test_rows_that_say_when(tmp_path):
     assert_whole(open_dataset(tmp_path / "pairs", num_actions=3))
 
 
+def test_a_frame_in_the_far_future_asks_for_no_memory(tmp_path):
+    (tmp_path / "pairs").mkdir()
+    times_s = [*(t / FPS for t in range(NUM_STEPS)), 1e5]
+    write_variable(tmp_path / "pairs" / "swing.mp4", times_s)
+    write_pair(tmp_path / "other", "swing", actions())
+    shutil.copy(tmp_path / "other" / "swing.csv", tmp_path / "pairs")
+    assert "swing lasts 1e+05 s, by its time stamps" in message(tmp_path / "pairs", control_hz=FPS)
+
+
+def test_names_as_cameras_and_loggers_give_them(tmp_path):
+    write_pair(tmp_path / "pairs", "GX01", actions(), [t / FPS for t in range(NUM_STEPS)])
+    table = tmp_path / "pairs" / "GX01.csv"
+    table.write_text(table.read_text().replace("time,", "Time_s,", 1))
+    table.rename(table.with_suffix(".CSV"))
+    (tmp_path / "pairs" / "GX01.mp4").rename(tmp_path / "pairs" / "GX01.MOV")
+    assert_whole(open_dataset(tmp_path / "pairs", num_actions=3))
+    assert RecordingsConfig(actions="grip, x").action_names == ("grip", "x")
+    (tmp_path / "pairs" / "GX01.mp4").touch()
+    assert "GX01.mp4 and GX01.MOV have one name" in message(tmp_path / "pairs")
+
+
+# What a file notes down of how the phone was held, clockwise, as the track's matrix has it
+MATRICES = {0: (1, 0, 0, 1), 90: (0, 1, -1, 0), 180: (-1, 0, 0, -1), 270: (0, -1, 1, 0)}
+
+
+@pytest.mark.parametrize("turned", MATRICES)
+def test_a_phone_that_was_turned_films_upright_all_the_same(tmp_path, turned):
+    picture = np.zeros((32, 64, 3), np.uint8)
+    picture[:8, :16] = 250  # the upper left corner, as stored
+    path = tmp_path / "swing.mp4"
+    write_video(path, [picture] * 3, FPS, crf=0)
+    content = bytearray(path.read_bytes())
+    at = content.index(b"tkhd") + 4 + 40
+    a, b, c, d = MATRICES[turned]
+    content[at : at + 36] = struct.pack(">9i", *np.multiply([a, b, 0, c, d, 0, 0, 0, 2**14], 2**16))
+    path.write_bytes(content)
+    _, shown = next(decode(path))
+    expected = np.rot90(picture, -turned // 90)
+    assert shown.shape == expected.shape
+    assert np.abs(shown.astype(int) - expected).mean() < 4
+    if turned == 90:
+        assert "the picture is upright, 32×64" in message(tmp_path, image_size=16)
+
+
 def test_the_camera_began_before_the_robot_and_ran_faster(tmp_path):
     times_s = [0.4 + t / FPS for t in range(8)]
     write_pair(tmp_path / "pairs", "swing", actions(8), times_s, fps=2 * FPS)
@@ -208,6 +254,18 @@ def test_robomimic_cameras_and_rate(tmp_path):
     assert said.endswith("give the rate as --control-hz")
     assert_whole(open_dataset(tmp_path / "depth.hdf5", camera="wrist", control_hz=FPS))
     assert message(tmp_path).endswith("give one of them: depth.hdf5, image.hdf5")
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "said"),
+    [("data", "no episode"), ("data/demo_9", "no pictures"), ("data/demo_9/obs", "no pictures")],
+)
+def test_numbers_where_a_group_should_be(tmp_path, spoilt, said):
+    write_hdf5(tmp_path / "image.hdf5")
+    with h5py.File(tmp_path / "image.hdf5", "a") as file:
+        del file[spoilt]
+        file[spoilt] = np.zeros(3)
+    assert said in message(tmp_path)
 
 
 def test_without_h5py_it_says_what_to_install(tmp_path, monkeypatch):

@@ -298,6 +298,17 @@ def test_true_parameters_come_from_the_file(truth_file):
     np.testing.assert_allclose(read_parameters(truth_file, SPACE), expected)
 
 
+def test_parameters_as_runs_exports_and_people_write_them(tmp_path):
+    path = tmp_path / "parameters.json"
+    told = {"pole_mass": {"mean": 0.2, "low": 0.1}}
+    for content in ({"pole_mass": 0.2}, {"parameters": {"pole_mass": 0.2}}, {"parameters": told}):
+        path.write_text(json.dumps(content))
+        assert SPACE.to_dict(read_parameters(path, SPACE))["pole_mass"] == 0.2
+    path.write_text(json.dumps({"parameters": {"pole_mass": {"low": 0.1}}}))
+    with pytest.raises(InputError, match="'pole_mass' must be a finite number, got None"):
+        read_parameters(path, SPACE)
+
+
 def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
     simulator = load_task("cartpole").simulator(image_size=64)
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0)

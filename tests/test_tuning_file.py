@@ -695,7 +695,11 @@ def test_a_delay_is_remembered(load):
             3,
             "log scale needs low > 0",
         ),
-        ("name = 'p'\nkind = 'stiffness'\nobjects = 'elbow'\n", 3, "around 0: say low and high"),
+        (
+            "name = 'p'\nkind = 'stiffness'\nobjects = 'elbow'\n",
+            3,
+            "it is 0 in the model: say nominal",
+        ),
         ("name = 'p'\nkind = 'stiffness'\nobjects = ['elbow', 'sled']\n", 3, "is 0 there"),
         ("name = 'p'\nkind = 'delay'\nobjects = 'sled'\n", 3, "say low and high"),
         ("name = 'p'\nkind = 'light'\nobjects = 'red'\n", 3, r"not one number .*: say nominal"),
@@ -788,6 +792,24 @@ def test_check_takes_a_tuning_file_and_recordings(load, folder):
     result = check(CheckConfig(task=str(folder / "tune.toml"), real=dataset))
     assert result["warnings"] == []
     assert result["parameters"]["m"]["motion_largest_px"] > 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("control_timestep_s = 0.05", "control_timestep_s = 50", "tune.toml:.*is it in seconds"),
+        ('kind = "mass"', 'kind = "armature"', "it is 0 in the model: say nominal, a first guess"),
+    ],
+)
+def test_numbers_that_cannot_be_meant(old, new, said, tmp_path):
+    for name in ("scene.xml", "tune.toml"):
+        (tmp_path / name).write_text((EXAMPLE.parent / name).read_text())
+    text = (tmp_path / "tune.toml").read_text()
+    assert old in text
+    text = text.replace(old, new).replace('objects = "bob"', 'objects = "hinge"')
+    (tmp_path / "tune.toml").write_text(text)
+    with pytest.raises(InputError, match=said):
+        load_task(str(tmp_path / "tune.toml"))
 
 
 def test_a_task_that_was_edited_is_another_one(tmp_path):

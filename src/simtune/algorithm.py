@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from simtune import outcome
+from simtune.check.warnings import warnings_of
 from simtune.comparison import write_comparison
 from simtune.config import TrainConfig
 from simtune.parts import Parts, make_parts
@@ -159,7 +160,10 @@ class Training:
             scores, film = parts.score(config.scored_episodes, config.seed)
             write_video(self.run.videos / "policy.mp4", film, round(1 / parts.real.step_s, 3))
             facts |= {name: outcome.summary(values) for name, values in scores.items()}
-        return outcome.result(facts, parts.space, parts.start, self.estimate, parts.truth)
+        result = outcome.result(facts, parts.space, parts.start, self.estimate, parts.truth)
+        doubts = warnings_of(parts.task, parts.real.facts, self.real)
+        result["warnings"] = doubts + result["warnings"]
+        return result
 
     @property
     def _wall_s(self) -> float:

@@ -198,3 +198,5 @@ def _print_result(result: dict) -> None:
         print(line)
     if "percent_error" in result:
         print(f"mean error {result['percent_error']:.1f} %")
+    for warning in result["warnings"]:
+        print(f"warning: {warning}")

@@ -1,10 +1,12 @@
 """`simtune tune`: the parameters alone, without a policy."""
 
+import logging
 import time
 from dataclasses import asdict
 from typing import Any
 
 from simtune import outcome
+from simtune.check.warnings import warnings_of
 from simtune.comparison import write_comparison
 from simtune.config import TuneConfig
 from simtune.progress import Say, silent
@@ -16,6 +18,8 @@ from simtune.tasks import load_any_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import make_search, needed_image_size
 from simtune.tuning.search import Estimate, Search
+
+log = logging.getLogger(__name__)
 
 
 def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
@@ -48,6 +52,9 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         real.looks_like_simulator,
     )
     search.check(trajectories)
+    doubts = warnings_of(task, real.facts, trajectories)
+    for doubt in doubts:  # now, not after minutes
+        log.warning("%s", doubt)
     asked = outcome.asked(config, task, start, real.facts)
     with RunFolder.create(config.out, asked) as run:
         estimate, wall_s = _search(config, run, search, simulator, trajectories, say)
@@ -65,6 +72,7 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
             **outcome.recordings(real.facts),
         }
         result = outcome.result(facts, task.parameters, start, estimate, truth)
+        result["warnings"] = doubts + result["warnings"]
         run.write_result(result)
         run.write_curves(outcome.curves(estimate))
         say("filming the comparison", 1.0)

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 
 from simtune.search_param_model.judge import SHORTEST_STEPS
-from simtune.tasks import Task
+from simtune.tasks import AnyTask
+from simtune.trajectory import Trajectory
 
 _LATE = 0.3  # of a step: the simulator films exactly at each step's end
 
 
 def warnings(
-    task: Task, facts: Mapping[str, Any], recorded: Sequence[np.ndarray], num_replayed: int
+    task: AnyTask, facts: Mapping[str, Any], recorded: Sequence[np.ndarray], num_replayed: int
 ) -> list[str]:
     """Of recordings that a task's worlds are to replay, a sentence each.
 
@@ -46,7 +47,16 @@ def warnings(
     return found + _of_actions(task, np.concatenate(recorded))
 
 
-def _of_actions(task: Task, actions: np.ndarray) -> list[str]:
+def warnings_of(
+    task: AnyTask, facts: Mapping[str, Any], trajectories: Sequence[Trajectory]
+) -> list[str]:
+    """The same of what a real world with such `facts` gave; none where it is no recording."""
+    if "time_error_ms" not in facts:
+        return []
+    return warnings(task, facts, [t.actions for t in trajectories], len(trajectories))
+
+
+def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:
     """Of (steps, A) actions that the model cuts off, or that tell nothing."""
     found, mapping = [], task.load_actions()
     for i, (low, high) in enumerate(zip(actions.min(0), actions.max(0), strict=True)):

@@ -20,7 +20,9 @@ class RecordingsConfig:
 
     @property
     def action_names(self) -> tuple[str, ...] | None:
-        return None if self.actions is None else tuple(self.actions.split(","))
+        if self.actions is None:
+            return None
+        return tuple(name.strip() for name in self.actions.split(","))
 
     def check_recordings(self, given: bool) -> None:
         """Raises InputError for what makes no sense, `given` recordings or none."""

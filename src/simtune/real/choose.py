@@ -121,6 +121,7 @@ def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:
     if not isinstance(values, dict):
         raise InputError(f"{path} must hold one JSON object of names and values")
     found = values.get("parameters")
-    if isinstance(found, dict) and all("mean" in entry for entry in found.values()):
-        values = {name: entry["mean"] for name, entry in found.items()}
+    if isinstance(found, dict):
+        told = (e.get("mean") if isinstance(e, dict) else e for e in found.values())
+        values = dict(zip(found, told, strict=True))
     return space.from_dict(values)

@@ -10,7 +10,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.recordings.source import MOST_ACTIONS, MOST_ROWS, short
 
-TIMES = ("time", "timestamp")  # columns of seconds; all others are actions
+_TIMES = ("time", "timestamp", "time_s", "timestamp_s", "t")  # in any case of letters
 
 
 def read_header(path: Path) -> list[str]:
@@ -23,11 +23,16 @@ def read_header(path: Path) -> list[str]:
         raise InputError(f"{path}: has {len(names)} columns; expected at most {MOST_ACTIONS}")
     if any(re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?|nan|", name) for name in names):
         raise InputError(f"{path}: expected a header with the actions' names, got {short(names)}")
-    if sum(name in TIMES for name in names) > 1 or len(set(names)) < len(names):
+    if sum(map(is_time, names)) > 1 or len(set(names)) < len(names):
         raise InputError(
             f"{path}: expected each column once, and one of seconds at most; got {short(names)}"
         )
     return names
+
+
+def is_time(name: str) -> bool:
+    """Whether a column of this name holds seconds; all others are actions."""
+    return name.lower() in _TIMES
 
 
 def read_rows(path: Path, num_columns: int) -> np.ndarray:

@@ -11,7 +11,7 @@ from simtune.errors import InputError
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.pictures import middle_square, resize
 from simtune.recordings.resample import step_actions, step_times, typical_step_s
-from simtune.recordings.source import Rows, Source, choose_actions, short
+from simtune.recordings.source import MOST_ROWS, Rows, Source, choose_actions, short
 from simtune.trajectory import Trajectory
 
 
@@ -151,9 +151,14 @@ class Dataset:
                 f"{self.where}: {name}, row {row}: action is not finite: "
                 f"[{short([f'{value:g}' for value in actions[row]])}]; drop or repair the episode"
             )
+        lasts_s = rows.until_s - rows.times_s[0]
+        if lasts_s > MOST_ROWS * self.step_s:
+            raise InputError(
+                f"{self.where}: {name} lasts {lasts_s:.3g} s, by its time stamps; expected at most "
+                f"{MOST_ROWS} steps of {self.step_s:.3g} s; mend them, or split the episode"
+            )
         times_s = step_times(rows, self.step_s)
         if len(times_s) < 2:
-            lasts_s = rows.until_s - rows.times_s[0]
             raise InputError(
                 f"{self.where}: {name} lasts {lasts_s:.3g} s; expected at least one step of "
                 f"{self.step_s:.3g} s, a frame before and a frame after an action"

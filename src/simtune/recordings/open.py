@@ -7,7 +7,7 @@ from simtune.errors import InputError
 from simtune.recordings.dataset import Dataset
 from simtune.recordings.lerobot import LeRobotSource
 from simtune.recordings.lerobot_format import INFO_PATH
-from simtune.recordings.pairs import PairsSource
+from simtune.recordings.pairs import TABLE, VIDEOS, PairsSource
 from simtune.recordings.robomimic import RobomimicSource
 from simtune.recordings.source import Source, short
 
@@ -51,7 +51,7 @@ def _recognise(path: Path, camera: str | None, control_hz: float | None) -> Sour
         if len(hdf5) > 1:
             raise InputError(f"{path}: has several HDF5 files, give one of them: {short(hdf5)}")
         return RobomimicSource(path / hdf5[0], camera, control_hz)
-    if any(name.endswith((".mp4", ".csv")) for name in names):
+    if any(name.lower().endswith((*VIDEOS, TABLE)) for name in names):
         return PairsSource(path, camera)
     raise InputError(
         f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset v3.0), *.hdf5 "

@@ -1,21 +1,21 @@
-"""A folder of pairs: NAME.mp4, and NAME.csv with a row a control step (docs/recordings.md).
+"""A folder of pairs: NAME.mp4 or .mov, and NAME.csv with a row a control step (docs/recordings.md).
 
 Or of videos alone, of what nobody acts on.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from simtune.errors import InputError
 from simtune.recordings import video
-from simtune.recordings.csv_table import TIMES, read_header, read_rows
+from simtune.recordings.csv_table import is_time, read_header, read_rows
 from simtune.recordings.resample import typical_step_s
 from simtune.recordings.source import Rows, is_rate, short
 
-_PAIR = (".mp4", ".csv")
+VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # in any case of letters
 
 
 class PairsSource:
@@ -31,19 +31,21 @@ class PairsSource:
             raise InputError(f"{folder}: pairs of mp4 and csv have one camera; leave out --camera")
         self.path, self.camera = folder, "mp4"
         self.robot_type: str | None = None
-        files = [p for p in folder.iterdir() if p.suffix in _PAIR and not p.name.startswith(".")]
-        videos, tables = ({p.stem for p in files if p.suffix == end} for end in _PAIR)
+        seen = [p for p in sorted(folder.iterdir()) if not p.name.startswith(".")]
+        self._videos = _by_name(path for path in seen if path.suffix.lower() in VIDEOS)
+        self._tables = _by_name(path for path in seen if path.suffix.lower() == TABLE)
+        videos, tables = self._videos.keys(), self._tables.keys()
         for name in sorted(videos ^ tables if tables else ()):
-            there, missing = ("mp4", "csv") if name in videos else ("csv", "mp4")
+            there, missing = (self._videos, "csv") if name in videos else (self._tables, "mp4")
             raise InputError(
-                f"{folder}: {name}.{there} has no {name}.{missing} beside it; expected pairs of "
-                "a video and its actions, see docs/recordings.md"
+                f"{folder}: {there[name].name} has no {name}.{missing} beside it; expected pairs "
+                "of a video and its actions, see docs/recordings.md"
             )
         self.episodes: Sequence[str] = sorted(videos, key=_natural)
-        self.files: Sequence[Path] = files
+        self.files: Sequence[Path] = [*self._videos.values(), *self._tables.values()]
         self._is_acted_on = bool(tables)
         self._header = read_header(self._table(0)) if tables else []
-        self.action_names = tuple(name for name in self._header if name not in TIMES)
+        self.action_names = tuple(name for name in self._header if not is_time(name))
         self.fps = self._fps()
 
     @property
@@ -63,7 +65,7 @@ class PairsSource:
             )
         table = read_rows(path, len(header))
         seen_s = video.frame_times(self._video(episode))
-        timed = [name in TIMES for name in header]
+        timed = [is_time(name) for name in header]
         actions = table[:, ~np.array(timed)]
         if any(timed):
             return self._timed(episode, table[:, timed.index(True)], actions, seen_s)
@@ -82,10 +84,10 @@ class PairsSource:
         return video.frames_at(path, times_s.tolist(), tolerance_s=tolerance_s)
 
     def _video(self, episode: int) -> Path:
-        return self.path / f"{self.episodes[episode]}.mp4"
+        return self._videos[self.episodes[episode]]
 
     def _table(self, episode: int) -> Path:
-        return self.path / f"{self.episodes[episode]}.csv"
+        return self._tables[self.episodes[episode]]
 
     def _fps(self) -> float:
         """Rows a second, of the first episode."""
@@ -116,6 +118,16 @@ class PairsSource:
                 f"{seen_s[-1]:g} s; expected seconds since the video's first frame"
             )
         return Rows(actions, times_s, min(float(seen_s[-1]), float(times_s[-1]) + step_s))
+
+
+def _by_name(paths: Iterable[Path]) -> dict[str, Path]:
+    """{name: path} without endings. Raises InputError for two of one name."""
+    found: dict[str, Path] = {}
+    for path in paths:
+        if path.stem in found:
+            raise InputError(f"{path} and {found[path.stem].name} have one name; rename one")
+        found[path.stem] = path
+    return found
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

@@ -40,7 +40,7 @@ class RobomimicSource:
         self._file = _open(path)
         with _sound(path):
             data = self._file.get("data", {})
-            names = [name for name in data if name.startswith("demo_")]
+            names = [name for name in _keys(data) if name.startswith("demo_")]
             if not names:
                 raise InputError(f"{path}: holds no episode; expected groups /data/demo_0, ...")
             self.episodes: Sequence[str] = sorted(names, key=lambda name: (len(name), name))
@@ -99,10 +99,10 @@ class RobomimicSource:
         demo = self.episodes[episode]
         with _sound(f"{self.path}: {demo}"):
             group = self._file["data"][demo]
-            stored = group.get(key)
+            stored: Any = group.get(key) if _keys(group) else None
             if not hasattr(stored, "shape"):
                 raise InputError(
-                    f"{self.path}: {demo} has no {key}; there are: {short(list(group))}"
+                    f"{self.path}: {demo} has no {key}; there are: {short(_keys(group))}"
                 )
             # An HDF5 file can borrow from any file that its reader may read.
             if stored.file.filename != self._file.filename or stored.external or stored.is_virtual:
@@ -117,12 +117,13 @@ class RobomimicSource:
 
     def _choose_camera(self, camera: str | None) -> str:
         """The key of the chosen camera's pictures, by what the first episode holds."""
-        observed = self._file["data"][self.episodes[0]].get("obs", {})
-        cameras = [key for key in observed if _is_pictures(observed.get(key))]
+        demo = self._file["data"][self.episodes[0]]
+        observed = demo.get("obs", {}) if _keys(demo) else {}
+        cameras = [key for key in _keys(observed) if _is_pictures(observed.get(key))]
         if not cameras:
             raise InputError(
                 f"{self.path}: no pictures (T, H, W, 3) uint8 in /data/{self.episodes[0]}/obs; "
-                f"there are: {short(list(observed))}"
+                f"there are: {short(_keys(observed))}"
             )
         return choose_camera(self.path, cameras, camera, lambda name: f"{name}_image")
 
@@ -134,6 +135,11 @@ def _open(path: Path) -> Any:
         raise InputError(f"{path}: reading HDF5 needs h5py: pip install h5py") from None
     with _sound(path):
         return h5py.File(path, "r")
+
+
+def _keys(group: Any) -> list[str]:
+    """Of a group; of what should be one and is not, none."""
+    return list(group) if hasattr(group, "keys") else []
 
 
 def _is_pictures(stored: Any) -> bool:

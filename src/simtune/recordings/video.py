@@ -25,7 +25,7 @@ MOST_PIXELS = 7680 * 4320
 @dataclass(frozen=True, kw_only=True)
 class VideoFacts:
     codec: str  # e.g. "h264"
-    height: int  # pixels
+    height: int  # pixels, as stored: a player may turn them
     width: int  # pixels
 
 
@@ -162,9 +162,10 @@ def _seek(
 
 
 def _to_rgb(frame: av.VideoFrame) -> np.ndarray:
-    """(H, W, 3) uint8."""
+    """(H, W, 3) uint8, turned as a player shows it: a phone notes down how it was held."""
     # One thread: swscale else starts threads anew for each frame, which costs ten times more.
-    return frame.to_ndarray(format="rgb24", interpolation=_ACCURATE, threads=1)
+    pixels = frame.to_ndarray(format="rgb24", interpolation=_ACCURATE, threads=1)
+    return np.rot90(pixels, round(frame.rotation / 90))  # counterclockwise, as the file counts
 
 
 def _open(path: str | Path) -> av.container.InputContainer:

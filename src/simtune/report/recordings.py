@@ -27,7 +27,7 @@ def _told(facts: dict[str, Any]) -> dict[str, str]:
         "episodes": f"{count(taken)} of {count(there)}, {count(facts.get('steps'))} steps"
         if taken
         else "",
-        "pictures": f"{width}×{height} pixels, {text(facts.get('codec'))}, "
+        "pictures": f"{text(width)}×{text(height)} pixels, {text(facts.get('codec'))}, "
         f"camera {text(facts.get('camera'))}"
         if width
         else "",

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import mujoco
 
+from simtune.simulation.delays import count_substeps
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
 from simtune.tasks.tuning_file.actions import read_actions
@@ -15,6 +16,7 @@ from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
 
 _KEYS = ("model", "name", "description", "camera", "control_timestep_s", "action_repeat")
 _KEYS += ("episode_steps", "actions", "initial_state", "parameters")
+_MOST_SUBSTEPS = 2000
 
 
 def load_tuning_file(path: Path) -> Task | EnvironmentTask:
@@ -38,6 +40,12 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
     control_timestep_s = file.number("control_timestep_s", above=0)
     action_repeat = file.whole("action_repeat", 1)
     step_s = control_timestep_s * action_repeat
+    if (count := count_substeps(step_s, model.opt.timestep)) > _MOST_SUBSTEPS:
+        raise file.error(
+            f"an action would last {step_s:g} s, {count} physics steps of "
+            f"{model.opt.timestep:g} s; expected at most {_MOST_SUBSTEPS}; is it in seconds?",
+            "control_timestep_s",
+        )
     return Task(
         name=file.text("name", path.stem),
         description=file.text("description", f"{file.text('model')}, of {path.name}"),

@@ -86,9 +86,10 @@ def _number(
     low, high, scale = usual_range(some, nominal)
     low, high = entry.number("low", low), entry.number("high", high)
     if low is None or high is None:
-        raise entry.error(
-            f"{some.name}: nothing is usual for {field} around {nominal:g}: say low and high"
-        )
+        wanted = f"say low and high, of which {nominal:g} lies within"
+        if nominal == 0 and not some.is_delay and "nominal" not in entry:
+            wanted = "it is 0 in the model: say nominal, a first guess"
+        raise entry.error(f"{some.name}: nothing is usual for {field} around {nominal:g}: {wanted}")
     return replace(
         some,
         nominal=nominal,
