@@ -10,6 +10,7 @@ from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, ParameterSpace, dynamics
 from simtune.simulation import (
     DirectActions,
+    JointActions,
     MocapActions,
     ScaledActions,
     Simulator,
@@ -179,6 +180,18 @@ class TestControls:
         np.testing.assert_array_equal(simulator.action_mapping.is_limited, [True, True, False])
         assert_as_plain(simulator, control)
 
+    def test_joints_are_displaced_from_where_they_are(self):
+        def control(action, data):
+            elbow, shoulder = 0.2 * np.clip(action[0], -1, 1), 0.1 * np.clip(action[1], -1, 1)
+            data.ctrl[:2] = 2 * (data.qpos[0] + shoulder), data.qpos[1] + elbow
+
+        mapping = partial(JointActions, actuators=("elbow", "shoulder"), per_unit=[0.2, 0.1])
+        geared = ARM.replace('kp="20"', 'kp="20" gear="2"')
+        simulator = simulator_of(geared, mapping)
+        np.testing.assert_array_equal(simulator.action_mapping.range, [[-1, 1]] * 2)
+        assert simulator.action_mapping.is_limited.all()
+        assert_as_plain(simulator, control)
+
     @pytest.mark.parametrize(
         ("mapping", "message"),
         [
@@ -186,6 +199,8 @@ class TestControls:
             (partial(DirectActions, actuators=("free", "free")), "'free' is named twice"),
             (partial(ScaledActions, actuators=("elbo",)), "no actuator 'elbo'"),
             (ScaledActions, "free has no ctrlrange for the actions to cover: give a gain"),
+            (partial(JointActions, actuators=("elbo",)), "no actuator 'elbo'"),
+            (partial(JointActions, per_unit=[1, 2]), "per_unit must be a number or 3"),
             (partial(ScaledActions, gain=[1, 2]), "gain must be a number or 3.*got .1, 2"),
             (partial(ScaledActions, gain=[[1, 2]]), "gain must be a number or 3"),
             (
@@ -200,6 +215,18 @@ class TestControls:
     def test_what_cannot_be(self, mapping, message):
         with pytest.raises(InputError, match=message):
             mapping(mujoco.MjModel.from_xml_string(ARM))
+
+
+def test_what_moves_no_joint_displaces_none():
+    model = mujoco.MjModel.from_xml_string(
+        ARM.replace(
+            "</worldbody>",
+            "</worldbody><tendon><fixed name='both'><joint joint='elbow' "
+            "coef='1'/></fixed></tendon>",
+        ).replace('<motor name="free" joint="elbow"/>', '<motor name="free" tendon="both"/>')
+    )
+    with pytest.raises(InputError, match="free moves no hinge and no slide"):
+        JointActions(model)
 
 
 class TestMocap:

@@ -35,7 +35,7 @@ class TuneConfig(RealConfig):
     search: SearchName = "posterior"
     """posterior: read survival curves; paper: small steps up or down; regression: its baseline."""
     budget_minutes: float = 8.0
-    """Stop after so many minutes of wall time."""
+    """About so many minutes of wall time; what has begun ends first."""
 
     def check(self) -> None:
         """Raises InputError for numbers that make no sense."""

@@ -4,6 +4,7 @@ from simtune.simulation.acting import PixelPolicy, Projector, on_pictures, scale
 from simtune.simulation.actions import (
     ActionMapping,
     DirectActions,
+    JointActions,
     MapActions,
     MocapActions,
     ScaledActions,
@@ -25,6 +26,7 @@ __all__ = [
     "AnySimulator",
     "DirectActions",
     "EnvironmentSimulator",
+    "JointActions",
     "MapActions",
     "MocapActions",
     "OpenGLQuality",

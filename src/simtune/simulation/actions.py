@@ -1,4 +1,4 @@
-"""What actions do to a model: they are its controls, scaled ones, or displace a mocap body.
+"""What actions do to a model: they are its controls, scaled ones, or displace joints or a body.
 
 Actions are what a recording holds and a policy gives. `Simulator.play` hands them to a mapping,
 once a policy step; nobody else needs to know of controls. A mapping is made for a model, so a task
@@ -19,6 +19,8 @@ from simtune.errors import InputError, UnknownName
 from simtune.simulation.mocap import Held, find_held
 
 _AXES = "xyz"
+_JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
+_HINGE_OR_SLIDE = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
 
 
 class ActionSpace(Protocol):
@@ -107,6 +109,44 @@ class ScaledActions:
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         return _among_others(batch, self._ids, self._offset + self._gain * actions)
+
+
+class JointActions:
+    """An action displaces a joint from where it really is: the target of the joint's servo.
+
+    As a real robot does that is sent to where it is measured to be, and a little farther.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        actuators: Sequence[str] | None = None,
+        per_unit: np.ndarray | Sequence[float] | float = 1.0,
+        action_range: np.ndarray | Sequence | None = None,
+    ):
+        """`per_unit`: rad or m by an action of 1, a number or (A,). The others are as above.
+
+        Raises UnknownName, InputError, also for an actuator that moves no hinge and no slide.
+        """
+        ids = np.arange(model.nu) if actuators is None else _actuator_ids(model, actuators)
+        self._ids, self.names = ids, _actuator_names(model, ids)
+        joints = model.actuator_trnid[ids, 0]
+        for name, kind, joint in zip(self.names, model.actuator_trntype[ids], joints, strict=True):
+            if kind != _JOINT or model.jnt_type[joint] not in _HINGE_OR_SLIDE:
+                raise InputError(f"{name} moves no hinge and no slide, so it displaces none")
+        self._places, self._gear = model.jnt_qposadr[joints], model.actuator_gear[ids, 0]
+        self._per_unit = _each("per_unit", per_unit, ids)
+        self.range = _checked_range(action_range, len(ids))
+        self.is_limited = np.full(len(ids), True)
+
+    def settle(self, batch: Batch) -> None:
+        """Controls need no start."""
+
+    def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
+        wanted = self._per_unit * np.clip(actions, *self.range.T)
+        targets = self._gear * (batch.qpos[:, self._places] + wanted)
+        return _among_others(batch, self._ids, targets)
 
 
 class MocapActions:

@@ -4,10 +4,10 @@ from functools import partial
 
 import mujoco
 
-from simtune.simulation import DirectActions, MapActions, MocapActions, ScaledActions
+from simtune.simulation import DirectActions, JointActions, MapActions, MocapActions, ScaledActions
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
-_MAPPINGS = ("direct", "scaled", "mocap")
+_MAPPINGS = ("direct", "scaled", "joints", "mocap")
 
 
 def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
@@ -27,6 +27,14 @@ def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
             action_range=table.array("range", None),
             gain=table.array("gain", None),
             offset=table.array("offset", 0.0),
+        )
+    elif mapping == "joints":
+        table.allow("mapping", "actuators", "per_unit", "range")
+        map_actions = partial(
+            JointActions,
+            actuators=table.names("actuators", None),
+            per_unit=table.array("per_unit", 1.0),
+            action_range=table.array("range", None),
         )
     else:
         table.allow("mapping", "body", "axes", "metres_per_unit", "range", "workspace_m")
