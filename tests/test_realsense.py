@@ -11,6 +11,7 @@ from simtune.errors import RobotError
 from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.robot.realsense import RealSense
+from simtune.simulation import JointActions
 from simtune.tasks import load_task
 
 rs = pytest.importorskip("pyrealsense2")
@@ -102,7 +103,8 @@ def test_an_xarm_filmed_by_a_realsense(controller, recording, tmp_path):
         camera = {{ playback = "{recording}", recorded_px = 32 }}
         """
     )
-    task = replace(load_task("cartpole"), action_repeat=20, episode_steps=5)
+    steps = {"action_repeat": 20, "episode_steps": 5}
+    task = replace(load_task("cartpole"), **steps, map_actions=JointActions)
     settings = {"image_size": 16, "seed": 0, "folder": tmp_path / "filmed"}
     said = RobotReal(read_robot(file, "xarm"), task, move=False, **settings).dry_run()
     assert said.startswith("the robot is at x 300.0, y 0.0, z 200.0")

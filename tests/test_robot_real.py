@@ -22,11 +22,15 @@ from simtune.real.recorded import RecordedReal
 from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.recordings import open_dataset
-from simtune.tasks import load_task
+from simtune.simulation import DirectActions, JointActions
+from simtune.tasks import Task, load_task
 from simtune.tune import tune
 
 STEPS = 4
-TASK = replace(load_task("cartpole"), action_repeat=10, episode_steps=STEPS)  # 0.1 s a step
+# 0.1 s a step, and actions that displace, as a robot's do
+TASK = replace(
+    load_task("cartpole"), action_repeat=10, episode_steps=STEPS, map_actions=JointActions
+)
 LEROBOT = """
 address = "fake_lerobot:make"
 speed = 100
@@ -57,9 +61,9 @@ def file(tmp_path) -> Path:
     return path
 
 
-def make_real(file: Path, **changes) -> RobotReal:
+def make_real(file: Path, task: Task = TASK, **changes) -> RobotReal:
     settings = {"image_size": 16, "seed": 0, "folder": file.parent / "filmed", "move": True}
-    return RobotReal(read_robot(file, "lerobot"), TASK, **settings | changes)
+    return RobotReal(read_robot(file, "lerobot"), task, **settings | changes)
 
 
 def lines(file: Path, sitting: int = 0) -> list[dict]:
@@ -213,6 +217,12 @@ def test_what_was_typed_before_it_was_asked_does_not_count(monkeypatch):
     os.close(keyboard)
 
 
+def test_a_task_whose_actions_are_controls_is_not_for_a_robot(file):
+    forces = replace(TASK, map_actions=DirectActions)
+    with pytest.raises(InputError, match='have the tuning file say mapping = "mocap" or "joints"'):
+        make_real(file, forces)
+
+
 def test_nothing_moves_unless_it_is_said(file):
     with pytest.raises(InputError, match="give --move"):
         make_real(file, move=False).collect(1)
@@ -233,7 +243,7 @@ def test_a_robot_is_moved_by_one_command_at_a_time(file):
 @pytest.mark.slow
 def test_tune_goes_on_without_the_robot(file, quick_tune, monkeypatch):
     def load_slow_task(name: str):
-        return replace(load_task(name), action_repeat=10, episode_steps=24)
+        return replace(TASK, episode_steps=24)
 
     monkeypatch.setattr("simtune.tune.load_any_task", load_slow_task)
     out = file.parent / "run"

@@ -15,7 +15,13 @@ from simtune.real.filmed import Filmed, Sitting
 from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
 from simtune.recordings import resize
 from simtune.robot.displacements import Displacements
-from simtune.simulation import PixelPolicy, random_actions, scale_actions
+from simtune.simulation import (
+    DirectActions,
+    PixelPolicy,
+    ScaledActions,
+    random_actions,
+    scale_actions,
+)
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory
 
@@ -54,6 +60,11 @@ class RobotReal:
             raise InputError(
                 f"{task.name} takes a step every {self.step_s:g} s; a camera needs at least "
                 f"{_SHORTEST_STEP_S:g} s"
+            )
+        if isinstance(mapping, DirectActions | ScaledActions):
+            raise InputError(
+                f"an action of {task.name} is a control, and a robot's a displacement: have the "
+                'tuning file say mapping = "mocap" or "joints" (docs/tuning-file.md)'
             )
         self._config, self._task, self._mapping = config, task, mapping
         self._image_size, self._seed, self._move = image_size, seed, move
