@@ -6,17 +6,20 @@ import platform
 from importlib.metadata import version
 from typing import Any
 
-from simtune.fit import ShootingConfig
+from simtune.fit import ParticleConfig, ShootingConfig, Stage
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 # A search in seconds that finds nothing, to see that all of a benchmark runs.
 QUICK = PosteriorSearchConfig(
-    num_worlds=64,
-    unseen_worlds=32,
-    sight_updates=(30,),
-    judge_updates=20,
-    state_updates=20,
-    shooting=ShootingConfig(longer=()),
+    num_worlds=32,
+    unseen_worlds=16,
+    sight_updates=(10,),
+    judge_updates=10,
+    state_updates=10,
+    least_updates=2,
+    replicas=(1, 1),
+    particles=ParticleConfig(num=8, steps=4),
+    shooting=ShootingConfig(stages=(Stage(4, 1, 2.0), Stage(8, 1)), longer=(), num_windows=6),
 )
 
 _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "warp-lang", "torch")
