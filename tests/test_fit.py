@@ -260,7 +260,7 @@ def test_replicas_that_went_astray_do_not_count_and_none_is_drawn_from_farther_t
     guess_std, filmed, distances = np.full(len(SPACE), 0.02), [], [0.3, 0.6, 0.4]
 
     class FakeReplay:
-        def fit(self, frames, actions, start, start_std, lag):
+        def fit(self, frames, actions, start, start_std, lag, grow):
             filmed.append(SPACE.to_unit(start))
             return replace(real, misfit=Misfit(distances[len(filmed) - 1], 0.0))
 
@@ -270,6 +270,14 @@ def test_replicas_that_went_astray_do_not_count_and_none_is_drawn_from_farther_t
     assert [misfit.motion_px for misfit in made.misfits] == distances
     unit = SPACE.to_unit(real.parameters)
     assert np.abs(np.array(filmed) - unit).max() < 0.15  # a truth's and a guess's distance
+
+    distances[:] = [0.6, 0.7, 0.8]  # where all of them went astray, so may the real one
+    filmed.clear()
+    made = make_replicas(FakeReplay(), simulator, real, actions, 3, guess_std, None, rng)
+    assert made.errors.shape == (3, len(SPACE))
+    assert make_replicas(
+        FakeReplay(), simulator, real, actions, 0, guess_std, None, rng
+    ).errors.shape == (0, len(SPACE))
 
 
 def test_intervals_widen_where_the_videos_fit_worse_than_simulated_ones():

@@ -240,6 +240,13 @@ def test_a_deadline_that_is_over_still_gives_an_estimate_soon(simulator, real, t
     assert np.isfinite(estimate.mean).all()
 
 
+def test_the_iteration_in_which_the_time_is_over_is_tested_on_known_worlds(simulator, real, tiny):
+    in_time, _, _ = start(simulator, tiny).iterate(real, far_away())
+    assert not in_time.ranks, "what is fitted once more needs no test"
+    too_late, _, _ = start(simulator, tiny).iterate(real, time.monotonic() - 1)
+    assert {len(ranks) for ranks in too_late.ranks.values()} == {tiny.replicas[0]}
+
+
 def test_what_is_done_is_said_and_never_goes_back(simulator, real, tiny):
     said: list[tuple[str, float]] = []
     search = PosteriorSearch(

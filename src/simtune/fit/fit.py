@@ -77,11 +77,13 @@ class ReplayFit:
         start: np.ndarray,
         start_std: np.ndarray,
         lag: int | None = 0,
+        grow: bool = True,
     ) -> Fit:
         """Fit (E, T + 1, H, W, 3) frames and (E, T, A) actions, from (N,) parameters.
 
         `start_std`: (N,) of the start in unit coordinates. With three episodes or more the last
         one is kept to test the fit on. `lag` is the actions' delay in steps; None: find it.
+        `grow`: windows where short ones do not tell enough, which takes time.
         """
         tracks = track(self._sight, frames, actions)
         if lag is None:
@@ -91,7 +93,9 @@ class ReplayFit:
         fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
         space = self._simulator.space
         states, start, start_std = self._follow(tracks, fitted, start, start_std)
-        motion, apart = self._fit_motion(tracks.episodes(fitted), states[fitted], start, start_std)
+        motion, apart = self._fit_motion(
+            tracks.episodes(fitted), states[fitted], start, start_std, grow
+        )
         unit = space.to_unit(start)
         unit[self._moving] = motion.unit
         pictures = self._fit_pictures(motion, frames, space.from_unit(unit))
@@ -143,7 +147,12 @@ class ReplayFit:
         return followed.states, self._simulator.space.from_unit(unit), std
 
     def _fit_motion(
-        self, tracks: Tracks, states: np.ndarray, start: np.ndarray, start_std: np.ndarray
+        self,
+        tracks: Tracks,
+        states: np.ndarray,
+        start: np.ndarray,
+        start_std: np.ndarray,
+        grow: bool,
     ) -> tuple[ShootingFit, np.ndarray]:
         """From below and from above: the middle, and (P,) how far apart the two end.
 
@@ -155,7 +164,7 @@ class ReplayFit:
             begin = space.from_unit(unit + side * np.clip(start_std, *_SIDESTEP))
             fits.append(shooting.fit(tracks, states, begin))
         better = min(fits, key=lambda fit: float(np.median(fit.misfit)))
-        grown = shooting.grow(tracks, states, start, better)
+        grown = shooting.grow(tracks, states, start, better) if grow else better
         if grown is not better:
             return grown, np.zeros(len(self._moving))
         one, other = (fit.unit for fit in fits)

@@ -85,17 +85,19 @@ def make_replicas(
     guess_std: np.ndarray,
     camera: Camera | None,
     rng: np.random.Generator,
+    grow: bool = True,
 ) -> Replicas:
     """Fit `num` worlds near `fit`, which play (E, T, A) actions, as the real one was fitted.
 
     `guess_std`: (N,) in unit coordinates, of the guess that the real one's fit started from.
-    `camera`: what films them, where the real world does not look like the simulator.
+    `camera`: what films them, where the real world does not look like the simulator. `grow`: see
+    `ReplayFit.fit`.
     """
     space, actions = simulator.space, actions[:_FEW_EPISODES]
     unit = space.to_unit(fit.parameters)
     # Not farther away than was known before: what the fit leaves open may fill the whole space.
     spread = np.clip(2 * fit.std, _SMALLEST_SPREAD, np.maximum(guess_std, _SMALLEST_SPREAD))
-    errors, misfits = [], []
+    errors, misfits, astray = [], [], []
     for _ in range(num):
         truth = np.clip(unit + spread * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
         worlds = np.repeat(space.from_unit(truth)[None], len(actions), 0)
@@ -107,9 +109,12 @@ def make_replicas(
             one_world = frames.reshape(1, -1, *frames.shape[2:])  # one camera films all of it
             frames = camera.film(one_world, rng).reshape(frames.shape)
         guess = space.from_unit(truth + guess_std * rng.normal(size=len(unit)))
-        found = replay.fit(frames, actions, guess, guess_std, fit.lag)
+        found = replay.fit(frames, actions, guess, guess_std, fit.lag, grow)
         misfits.append(found.misfit)
-        if not found.misfit.motion_px > _ASTRAY * fit.misfit.motion_px:  # either may be NaN
-            errors.append((space.to_unit(found.parameters) - truth) / found.std)
+        errors.append((space.to_unit(found.parameters) - truth) / found.std)
+        # Either may be NaN.
+        astray.append(found.misfit.motion_px > _ASTRAY * fit.misfit.motion_px)
     is_moving = np.isin(np.arange(len(unit)), fit.moving)
-    return Replicas(np.array(errors).reshape(-1, len(unit)), is_moving, misfits)
+    # Where all of them went astray, the real one may well have: then they do count.
+    kept = ~np.array(astray, bool) | np.all(astray)
+    return Replicas(np.array(errors).reshape(-1, len(unit))[kept], is_moving, misfits)

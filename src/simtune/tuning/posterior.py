@@ -1,5 +1,6 @@
 """search="posterior": straight to the median, narrow the range, collect again."""
 
+import math
 import time
 from dataclasses import replace
 from typing import Any
@@ -83,7 +84,7 @@ class PosteriorSearch:
         seconds = max(1.0, end_s - time.monotonic())
         self.searched = self.distribution
         self._replay, losses = self._lessons.teach(real, self.searched, self.iteration, seconds)
-        estimate, prob_higher = self._look(real, end_s)
+        estimate, prob_higher = self._look(real, end_s, deadline_s)
         self.distribution, events = move(
             prob_higher, self.distribution, self.first, self.config.move
         )
@@ -95,7 +96,7 @@ class PosteriorSearch:
 
         The curves are on `candidate_grid`, in coordinates of the range `searched`.
         """
-        return self._look(trajectories, None)
+        return self._look(trajectories)
 
     def _now(self, doing: str, share: float) -> None:
         """Say what is done, and how much of the present iteration is over."""
@@ -109,9 +110,15 @@ class PosteriorSearch:
         return now + max(0.0, deadline_s - now) * shares[0] / sum(shares)
 
     def _look(
-        self, trajectories: list[Trajectory], end_s: float | None
+        self,
+        trajectories: list[Trajectory],
+        end_s: float | None = None,
+        deadline_s: float = math.inf,
     ) -> tuple[Estimate, np.ndarray]:
-        """Judge and fit; with `end_s` replicas are made until then, to know what to think of it."""
+        """Judge and fit; with `end_s` replicas are made until then, to know what to think of it.
+
+        They are in the last iteration, which is this one where the deadline has come.
+        """
         began_s = time.monotonic()
         if self._replay is None:
             prob_higher = self._judge(trajectories)
@@ -122,14 +129,17 @@ class PosteriorSearch:
         actions = np.stack([t.actions[:steps] for t in trajectories]).astype(float)
         start, std = guess(prob_higher, self.searched)
         self._now("fitting", 0.8)
-        found = self._replay.fit(frames, actions, start, std, self._lag)
+        grow = self.iteration >= self.config.iterations - 1  # what is fitted once more can wait
+        found = self._replay.fit(frames, actions, start, std, self._lag, grow)
         if end_s is not None:
-            num = self._affordable_replicas(end_s, time.monotonic() - began_s)
+            left_s, fit_s = end_s - time.monotonic(), time.monotonic() - began_s
+            is_last = grow or time.monotonic() > deadline_s
+            num = int(np.clip(left_s / fit_s, *self.config.replicas)) if is_last else 0
             self._now("fitting known worlds for comparison", 0.85)
             simulator, camera, rng = self.simulator, self._lessons.camera, self._lessons.rng
             assert isinstance(simulator, Simulator), "only those are fitted"
             self._replicas = make_replicas(
-                self._replay, simulator, found, actions, num, std, camera, rng
+                self._replay, simulator, found, actions, num, std, camera, rng, grow
             )
         assert self._replicas is not None, "an iteration comes first"
         return self._conclude(prob_higher, found, self._replicas)
@@ -139,12 +149,6 @@ class PosteriorSearch:
         """Known to be 0, or (None) to be found."""
         is_tuned = any(p.is_delay for p in self.simulator.space)
         return None if self._lessons.camera and not is_tuned else 0
-
-    def _affordable_replicas(self, end_s: float, fit_s: float) -> int:
-        """None before the last iteration: what is fitted once more needs no test."""
-        if self.iteration < self.config.iterations - 1:
-            return 0
-        return int(np.clip((end_s - time.monotonic()) / fit_s, *self.config.replicas))
 
     def _judge(self, trajectories: list[Trajectory]) -> np.ndarray:
         """(N, C) the judge's survival curves on the grid."""
