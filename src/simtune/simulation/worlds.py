@@ -21,7 +21,7 @@ class Worlds:
     """`num_worlds` simulations of `model`, each with a vector of `space`'s parameters.
 
     A world whose physics diverges (NaN or huge values) is dead until the next `reset`: MuJoCo's
-    silent reset is off, `alive` says which worlds may be used, `num_diverged` counts the others.
+    silent reset is off, and `alive` says which worlds may be used.
     """
 
     def __init__(
@@ -31,8 +31,6 @@ class Worlds:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.batch = Batch(model, num_worlds, num_threads)
         self._writer = ModelWriter(space, model)
-        self.num_diverged = 0
-        self._dead = np.zeros(num_worlds, bool)  # those counted since the last reset
 
     @property
     def num_worlds(self) -> int:
@@ -67,8 +65,6 @@ class Worlds:
             self.batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
             start()
             self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
-        self._dead[:] = False
-        self._count_dead()
 
     def step(self, controls: np.ndarray, num_substeps: int) -> None:
         """Hold (num_worlds, nu) controls for a number of physics steps."""
@@ -80,12 +76,6 @@ class Worlds:
                 nstep=num_substeps,
                 stage=mujoco.mjtStage.mjSTAGE_VEL.value,
             )
-        self._count_dead()
-
-    def _count_dead(self) -> None:
-        dead = ~self.alive
-        self.num_diverged += int((dead & ~self._dead).sum())
-        self._dead = dead
 
 
 @contextmanager

@@ -38,7 +38,7 @@ def approach(
 
 def _keep_in_bounds(mean: np.ndarray, space: ParameterSpace) -> np.ndarray:
     # From 0 no proportional step leads away; for colours this is the authors' floor of 1e-3.
-    return np.maximum(space.clip(mean), 1e-3 * space.high)
+    return np.maximum(space.clip(mean), np.where(space.low > 0, space.low, 1e-3 * space.high))
 
 
 class PaperSearch:
