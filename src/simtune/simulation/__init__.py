@@ -6,11 +6,11 @@ from simtune.simulation.actions import (
     DirectActions,
     JointActions,
     MapActions,
-    MocapActions,
     ScaledActions,
 )
 from simtune.simulation.delays import count_substeps, remember_controls
 from simtune.simulation.environment import EnvironmentSimulator, Points
+from simtune.simulation.mocap import MocapActions
 from simtune.simulation.played import Act, AnySimulator, Played, Rollouts, random_actions
 from simtune.simulation.quality import OPENGL_DM_CONTROL, OPENGL_FAST, OpenGLQuality
 from simtune.simulation.renderer import Renderer, RendererName, make_renderer

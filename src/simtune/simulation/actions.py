@@ -16,9 +16,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName
-from simtune.simulation.mocap import Held, find_held
 
-_AXES = "xyz"
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 _HINGE_OR_SLIDE = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
 
@@ -90,7 +88,7 @@ class ScaledActions:
             if not limited.all():
                 name = self.names[int(np.flatnonzero(~limited)[0])]
                 raise InputError(f"{name} has no ctrlrange for the actions to cover: give a gain")
-            self.range = _checked_range(action_range, len(ids))
+            self.range = checked_range(action_range, len(ids))
             self._gain = np.ptp(controls, axis=1) / np.ptp(self.range, axis=1)
             self._offset = controls[:, 0] - self._gain * self.range[:, 0]
             self.is_limited = limited
@@ -101,7 +99,7 @@ class ScaledActions:
             covering = np.sort((controls - self._offset[:, None]) / self._gain[:, None], axis=1)
             usual = np.where(limited[:, None], covering, [-1.0, 1.0])
             is_given = action_range is not None
-            self.range = _checked_range(action_range, len(ids)) if is_given else usual
+            self.range = checked_range(action_range, len(ids)) if is_given else usual
             self.is_limited = limited & (not is_given)
 
     def settle(self, batch: Batch) -> None:
@@ -137,7 +135,7 @@ class JointActions:
                 raise InputError(f"{name} moves no hinge and no slide, so it displaces none")
         self._places, self._gear = model.jnt_qposadr[joints], model.actuator_gear[ids, 0]
         self._per_unit = _each("per_unit", per_unit, ids)
-        self.range = _checked_range(action_range, len(ids))
+        self.range = checked_range(action_range, len(ids))
         self.is_limited = np.full(len(ids), True)
 
     def settle(self, batch: Batch) -> None:
@@ -147,55 +145,6 @@ class JointActions:
         wanted = self._per_unit * np.clip(actions, *self.range.T)
         targets = self._gear * (batch.qpos[:, self._places] + wanted)
         return _among_others(batch, self._ids, targets)
-
-
-class MocapActions:
-    """An action displaces a mocap body that something is welded to, such as a robot's hand.
-
-    The target is where the welded body really is, plus the displacement, within the workspace; the
-    mocap body keeps its orientation and the coordinates along other axes. It jumps there at once,
-    and the weld pulls. Gravity pulls, too: a robot that carries itself needs gravcomp="1".
-    """
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        *,
-        body: str,
-        metres_per_unit: float = 1.0,
-        axes: str = _AXES,
-        action_range: np.ndarray | Sequence | None = None,
-        workspace_m: np.ndarray | Sequence | None = None,
-    ):
-        """`axes` of the world, one an action; `action_range`: (2,) or (A, 2), by default [−1, 1].
-
-        `workspace_m`: (A, 2) lowest and highest place of the mocap body, infinite by default.
-        Raises UnknownName, InputError.
-        """
-        if not axes or len(set(axes)) < len(axes) or not set(axes) <= set(_AXES):
-            raise InputError(f"axes must be some of x, y and z, each once, got {axes!r}")
-        self._held: Held = find_held(model, body)
-        self._axes = [_AXES.index(axis) for axis in axes]
-        self._metres_per_unit = metres_per_unit
-        self.names = tuple(f"{body} {axis}" for axis in axes)
-        self.range = _checked_range(action_range, len(axes))
-        self.is_limited = np.full(len(axes), True)
-        unlimited = np.tile([-np.inf, np.inf], (len(axes), 1))
-        given = workspace_m is not None
-        self._workspace = _checked_range(workspace_m, len(axes)) if given else unlimited
-
-    def settle(self, batch: Batch) -> None:
-        """The mocap body to what it holds, which would be pulled away from its start otherwise."""
-        self._held.compute(batch)
-        place = self._held.place(batch)[:, self._axes]
-        batch.mocap_pos[:, self._held.mocap, self._axes] = place
-        batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
-
-    def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
-        step_m = self._metres_per_unit * np.clip(actions, *self.range.T)
-        target = self._held.place(batch)[:, self._axes] + step_m
-        batch.mocap_pos[:, self._held.mocap, self._axes] = np.clip(target, *self._workspace.T)
-        return batch.ctrl.copy()
 
 
 def _actuator_ids(model: mujoco.MjModel, names: Sequence[str]) -> np.ndarray:
@@ -242,7 +191,7 @@ def _numbers(given: np.ndarray | Sequence | float) -> np.ndarray:
         return np.empty((0, 0))
 
 
-def _checked_range(given: np.ndarray | Sequence | None, num: int) -> np.ndarray:
+def checked_range(given: np.ndarray | Sequence | None, num: int) -> np.ndarray:
     """(num, 2) from None, one pair or as many. Raises InputError."""
     pairs = _numbers([-1.0, 1.0] if given is None else given)
     if pairs.shape not in ((2,), (num, 2)):

@@ -1,5 +1,6 @@
-"""A mocap body and what hangs on it by a weld."""
+"""Actions that displace a mocap body, and what hangs on it by a weld."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -7,9 +8,60 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName
+from simtune.simulation.actions import checked_range
 
+_AXES = "xyz"
 _WELD, _CONNECT = mujoco.mjtEq.mjEQ_WELD.value, mujoco.mjtEq.mjEQ_CONNECT.value
 _SITE = mujoco.mjtObj.mjOBJ_SITE.value
+
+
+class MocapActions:
+    """An action displaces a mocap body that something is welded to, such as a robot's hand.
+
+    The target is where the welded body really is, plus the displacement, within the workspace; the
+    mocap body keeps its orientation and the coordinates along other axes. It jumps there at once,
+    and the weld pulls. Gravity pulls, too: a robot that carries itself needs gravcomp="1".
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        body: str,
+        metres_per_unit: float = 1.0,
+        axes: str = _AXES,
+        action_range: np.ndarray | Sequence | None = None,
+        workspace_m: np.ndarray | Sequence | None = None,
+    ):
+        """`axes` of the world, one an action; `action_range`: (2,) or (A, 2), by default [−1, 1].
+
+        `workspace_m`: (A, 2) lowest and highest place of the mocap body, infinite by default.
+        Raises UnknownName, InputError.
+        """
+        if not axes or len(set(axes)) < len(axes) or not set(axes) <= set(_AXES):
+            raise InputError(f"axes must be some of x, y and z, each once, got {axes!r}")
+        self._held = find_held(model, body)
+        self._axes = [_AXES.index(axis) for axis in axes]
+        self._metres_per_unit = metres_per_unit
+        self.names = tuple(f"{body} {axis}" for axis in axes)
+        self.range = checked_range(action_range, len(axes))
+        self.is_limited = np.full(len(axes), True)
+        unlimited = np.tile([-np.inf, np.inf], (len(axes), 1))
+        given = workspace_m is not None
+        self._workspace = checked_range(workspace_m, len(axes)) if given else unlimited
+
+    def settle(self, batch: Batch) -> None:
+        """The mocap body to what it holds, which would be pulled away from its start otherwise."""
+        self._held.compute(batch)
+        place = self._held.place(batch)[:, self._axes]
+        batch.mocap_pos[:, self._held.mocap, self._axes] = place
+        batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+
+    def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
+        step_m = self._metres_per_unit * np.clip(actions, *self.range.T)
+        target = self._held.place(batch)[:, self._axes] + step_m
+        batch.mocap_pos[:, self._held.mocap, self._axes] = np.clip(target, *self._workspace.T)
+        return batch.ctrl.copy()
 
 
 @dataclass(frozen=True)
