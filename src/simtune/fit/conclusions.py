@@ -25,7 +25,9 @@ def widened(fit: Fit, replicas: Replicas, looks_alike: bool) -> Fit:
     worse_picture = max(1.0, replicas.ratio(fit.misfit, "picture"))
     factor = replicas.inflation()
     is_moving = np.isin(np.arange(len(factor)), fit.moving)
-    std = fit.std * factor * np.where(is_moving, worse_motion, worse_picture)
+    # What a camera does to colours, replicas show in full: pictures that fit worse add to it.
+    worse = np.where(is_moving, worse_motion * factor, np.hypot(factor, worse_picture - 1))
+    std = fit.std * worse
     gap = np.where(is_moving, *_DISCREPANCY) if not looks_alike else 0.0
     return replace(fit, std=np.hypot(std, gap))
 
