@@ -16,7 +16,7 @@ from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.fit.tracks import Tracks
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
-from simtune.search_param_model.simulated import find_landmarks
+from simtune.search_param_model.simulated import Camera, find_landmarks
 from simtune.simulation import StateSpace, random_actions
 from simtune.tasks import load_task
 from simtune.tuning.moves import MoveConfig, candidate_grid, read_curves, with_fit
@@ -285,8 +285,29 @@ def test_intervals_widen_where_the_videos_fit_worse_than_simulated_ones():
     same = widened(a_fit(), replicas, True).std
     worse = widened(a_fit(motion_px=0.6, picture=0.012), replicas, True).std
     np.testing.assert_allclose(worse[MOVING] / same[MOVING], 2)
-    np.testing.assert_allclose(worse[APPEARANCE] / same[APPEARANCE], np.hypot(1, 2))
-    assert (widened(a_fit(), replicas, False).std > same).all()
+    np.testing.assert_allclose(worse[APPEARANCE] / same[APPEARANCE], 3)
+    through_a_camera = widened(a_fit(), replicas, False).std
+    np.testing.assert_allclose(through_a_camera[MOVING], np.hypot(same[MOVING], 0.005))
+    np.testing.assert_allclose(through_a_camera[APPEARANCE], np.hypot(same[APPEARANCE], 0.035))
+
+
+def test_what_a_camera_does_to_all_colours_alike_widens_those_of_thin_things_no_more(simulator):
+    """Fits that see a colour to .001 or to .01 are both off by what the camera does."""
+    unit = SPACE.to_unit(SPACE.nominal)
+    std = np.where(np.arange(len(SPACE)) % 2, 0.001, 0.01)
+    rng = np.random.default_rng(0)
+
+    class FakeReplay:
+        def fit(self, frames, actions, start, start_std, lag, grow):
+            off = np.where(np.isin(np.arange(len(SPACE)), APPEARANCE), 0.05 * rng.normal(), 0.0)
+            truth = SPACE.to_unit(start)  # guessed exactly, below
+            return replace(a_fit(), parameters=SPACE.from_unit(truth + off), std=std)
+
+    real = replace(a_fit(), parameters=SPACE.from_unit(unit), std=std)
+    still, exact = np.zeros((1, 4, 1)), np.zeros(len(SPACE))
+    made = make_replicas(FakeReplay(), simulator, real, still, 6, exact, Camera(), rng)
+    wide = widened(real, made, False).std[APPEARANCE]
+    assert 0.03 < wide.min() <= wide.max() < 0.12
 
 
 def test_where_sight_is_sure_of_nothing_nothing_is_sure():

@@ -8,9 +8,6 @@ from simtune.fit.found import Fit
 from simtune.fit.replicas import Replicas
 from simtune.randomization import Distribution
 
-# Of physics and of appearance, in unit coordinates: 2 % of a value, and what shadows, highlights
-# and another renderer's light make of a colour. Assumed, as no simulator can tell them.
-_DISCREPANCY = (0.005, 0.035)
 _WORTH_TELLING = 0.6  # correlation
 # Times as far off as the worst replica's: with few of them, the worst one is not very bad yet.
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
@@ -19,17 +16,14 @@ _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
 def widened(fit: Fit, replicas: Replicas, looks_alike: bool) -> Fit:
     """A fit with the standard deviations that replicas show, larger still where it fits worse.
 
-    Unless the real world `looks_alike` to the simulator, allow for what no replica can show.
+    Unless the real world `looks_alike` to the simulator, allow for what no fit can see.
     """
     worse_motion = max(1.0, replicas.ratio(fit.misfit, "motion_px"))
     worse_picture = max(1.0, replicas.ratio(fit.misfit, "picture"))
     factor = replicas.inflation()
     is_moving = np.isin(np.arange(len(factor)), fit.moving)
-    # What a camera does to colours, replicas show in full: pictures that fit worse add to it.
-    worse = np.where(is_moving, worse_motion * factor, np.hypot(factor, worse_picture - 1))
-    std = fit.std * worse
-    gap = np.where(is_moving, *_DISCREPANCY) if not looks_alike else 0.0
-    return replace(fit, std=np.hypot(std, gap))
+    std = fit.std * np.where(is_moving, worse_motion, worse_picture)
+    return replace(fit, std=factor * np.hypot(std, fit.discrepancy(looks_alike)))
 
 
 def in_range(fit: Fit, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:

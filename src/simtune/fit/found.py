@@ -4,6 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+# Of physics and of appearance, in unit coordinates: 2 % of a value, and what a camera's brightness
+# and tint, shadows and highlights make of a colour. Assumed, as no simulator can tell them.
+_DISCREPANCY = (0.005, 0.035)
+
 
 @dataclass(frozen=True)
 class Misfit:
@@ -24,3 +28,11 @@ class Fit:
     misfit: Misfit
     start: np.ndarray  # (S,) the state in which the first episode began
     lag: int  # steps by which the actions seem to come late
+
+    def discrepancy(self, looks_alike: bool) -> np.ndarray:
+        """(N,) standard deviations of what is wrong with every picture alike, and no fit can see.
+
+        Only a real world that `looks_alike` to the simulator has nothing of it.
+        """
+        is_moving = np.isin(np.arange(len(self.std)), self.moving)
+        return np.where(is_moving, *_DISCREPANCY) * (not looks_alike)

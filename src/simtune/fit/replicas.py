@@ -111,7 +111,8 @@ def make_replicas(
         guess = space.from_unit(truth + guess_std * rng.normal(size=len(unit)))
         found = replay.fit(frames, actions, guess, guess_std, fit.lag, grow)
         misfits.append(found.misfit)
-        errors.append((space.to_unit(found.parameters) - truth) / found.std)
+        claimed = np.hypot(found.std, found.discrepancy(looks_alike=camera is None))
+        errors.append((space.to_unit(found.parameters) - truth) / claimed)
         # Either may be NaN.
         astray.append(found.misfit.motion_px > _ASTRAY * fit.misfit.motion_px)
     is_moving = np.isin(np.arange(len(unit)), fit.moving)
