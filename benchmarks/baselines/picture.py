@@ -8,11 +8,11 @@ matplotlib.use("Agg")  # no display
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.scores import Results, mean_errors
 
-_LEAST_PERCENT = 0.1  # smaller errors, as of sysid, are drawn here
+_LEAST_PERCENT = 0.02  # smaller errors, as of sysid, are drawn here
 _COLOURS = {
     "posterior": "#0072b2",  # Okabe and Ito's, which the colour-blind can tell apart
     "paper": "#e69f00",
@@ -48,8 +48,10 @@ def draw(results: Results, path: Path, title: str) -> None:
         panel.grid(axis="y", which="major", alpha=0.3)
         panel.spines[["top", "right"]].set_visible(False)
     axes[0][0].set_yscale("log")
+    axes[0][0].set_ylim(bottom=0.9 * _LEAST_PERCENT)
+    axes[0][0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes[0][0].yaxis.set_major_formatter(FuncFormatter(_say))
-    axes[0][0].yaxis.set_minor_formatter(FuncFormatter(_say))
+    axes[0][0].yaxis.set_minor_formatter(NullFormatter())
     axes[0][0].set_ylabel("mean error over parameters")
     figure.suptitle(title, fontsize=10)
     figure.savefig(path, dpi=150)
