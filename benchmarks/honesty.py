@@ -107,6 +107,7 @@ CASES: dict[Callable[[Task], tuple[Task, Task]], str] = {
 
 
 def main(
+    cases: tuple[str, ...] = (),
     minutes: float = 5.0,
     real_episodes: int = 5,
     seed: int = 0,
@@ -116,6 +117,7 @@ def main(
     """Run them all.
 
     Args:
+        cases: Names of those to run; by default all of them.
         minutes: For each.
         real_episodes: Of 200 steps each, with random actions.
         seed: Of everything; it also chooses which parameters start too high.
@@ -127,7 +129,8 @@ def main(
         if quick:
             minutes, real_episodes, out, config = 0.1, 3, Path(temporary), QUICK
         out.mkdir(parents=True, exist_ok=True)
-        for case, name in list(CASES.items())[: 1 if quick else None]:
+        chosen = {c: task for c, task in CASES.items() if not cases or c.__name__ in cases}
+        for case, name in list(chosen.items())[: 1 if quick else None]:
             path = out / f"{case.__name__}-{seed}.json"
             if not path.exists():
                 print(f"running {path}", file=sys.stderr)
