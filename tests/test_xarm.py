@@ -122,6 +122,15 @@ def test_ill_actions_stop_it(controller, safe_xarm, latch):
     assert "must be finite" in latch.file.read_text()
 
 
+@pytest.fixture
+def interruptible():
+    """What is started in the background would ignore interrupts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("fails", [KeyboardInterrupt, ValueError])
 def test_a_second_interrupt_does_not_undo_the_first(
     controller, safe_xarm, xarm, latch, monkeypatch, fails
