@@ -6,11 +6,11 @@ import numpy as np
 
 
 def delayed(actions: np.ndarray, steps: int) -> np.ndarray:
-    """(E, T, A) actions, so many steps later; before, the first one.
+    """(..., T, A) actions, so many steps later; before, the first one.
 
     Not zero, which for a robot that is told where to be is a place far away.
     """
-    return actions[:, np.maximum(np.arange(actions.shape[1]) - steps, 0)]
+    return actions[..., np.maximum(np.arange(actions.shape[-2]) - steps, 0), :]
 
 
 @dataclass(frozen=True)

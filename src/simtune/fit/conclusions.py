@@ -21,8 +21,7 @@ def widened(fit: Fit, replicas: Replicas, looks_alike: bool) -> Fit:
     worse_motion = max(1.0, replicas.ratio(fit.misfit, "motion_px"))
     worse_picture = max(1.0, replicas.ratio(fit.misfit, "picture"))
     factor = replicas.inflation()
-    is_moving = np.isin(np.arange(len(factor)), fit.moving)
-    std = fit.std * np.where(is_moving, worse_motion, worse_picture)
+    std = fit.std * np.where(fit.is_moving, worse_motion, worse_picture)
     return replace(fit, std=factor * np.hypot(std, fit.discrepancy(looks_alike)))
 
 

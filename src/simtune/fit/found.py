@@ -29,10 +29,14 @@ class Fit:
     start: np.ndarray  # (S,) the state in which the first episode began
     lag: int  # steps by which the actions seem to come late
 
+    @property
+    def is_moving(self) -> np.ndarray:
+        """(N,) bool."""
+        return np.isin(np.arange(len(self.std)), self.moving)
+
     def discrepancy(self, looks_alike: bool) -> np.ndarray:
         """(N,) standard deviations of what is wrong with every picture alike, and no fit can see.
 
         Only a real world that `looks_alike` to the simulator has nothing of it.
         """
-        is_moving = np.isin(np.arange(len(self.std)), self.moving)
-        return np.where(is_moving, *_DISCREPANCY) * (not looks_alike)
+        return np.where(self.is_moving, *_DISCREPANCY) * (not looks_alike)

@@ -115,7 +115,6 @@ def make_replicas(
         errors.append((space.to_unit(found.parameters) - truth) / claimed)
         # Either may be NaN.
         astray.append(found.misfit.motion_px > _ASTRAY * fit.misfit.motion_px)
-    is_moving = np.isin(np.arange(len(unit)), fit.moving)
     # Where all of them went astray, the real one may well have: then they do count.
     kept = ~np.array(astray, bool) | np.all(astray)
-    return Replicas(np.array(errors).reshape(-1, len(unit))[kept], is_moving, misfits)
+    return Replicas(np.array(errors).reshape(-1, len(unit))[kept], fit.is_moving, misfits)

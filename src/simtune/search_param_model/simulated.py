@@ -12,6 +12,7 @@ from simtune.search_param_model.landmarks import (
     choose_landmarks,
 )
 from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
+from simtune.trajectory import delayed
 
 PILOT_STEPS = 3200  # simulated to choose landmarks by
 _PILOTS = 32
@@ -86,7 +87,7 @@ def simulate(
     played = actions.astype(float)
     if camera:
         late = rng.random(len(actions)) < 0.5
-        played[late, :, 1:] = played[late, :, :-1]
+        played[late] = delayed(played[late], 1)
     rollouts = simulator.roll_out(
         np.repeat(parameters, num_episodes, axis=0),
         played.reshape(len(played) * num_episodes, *actions.shape[2:]),  # there may be no actions
