@@ -264,8 +264,14 @@ def test_replicas_that_went_astray_do_not_count_and_none_is_drawn_from_farther_t
             filmed.append(SPACE.to_unit(start))
             return replace(real, misfit=Misfit(distances[len(filmed) - 1], 0.0))
 
-    actions, rng = np.zeros((1, 4, 1)), np.random.default_rng(0)
-    made = make_replicas(FakeReplay(), simulator, real, actions, 3, guess_std, None, rng)
+    actions, rng, near = np.zeros((1, 4, 1)), np.random.default_rng(0), real.parameters
+
+    def made_of(num: int, guess: np.ndarray = near) -> Replicas:
+        return make_replicas(
+            FakeReplay(), simulator, real, actions, num, guess, guess_std, None, rng
+        )
+
+    made = made_of(3)
     assert made.errors.shape == (2, len(SPACE))
     assert [misfit.motion_px for misfit in made.misfits] == distances
     unit = SPACE.to_unit(real.parameters)
@@ -273,11 +279,12 @@ def test_replicas_that_went_astray_do_not_count_and_none_is_drawn_from_farther_t
 
     distances[:] = [0.6, 0.7, 0.8]  # where all of them went astray, so may the real one
     filmed.clear()
-    made = make_replicas(FakeReplay(), simulator, real, actions, 3, guess_std, None, rng)
-    assert made.errors.shape == (3, len(SPACE))
-    assert make_replicas(
-        FakeReplay(), simulator, real, actions, 0, guess_std, None, rng
-    ).errors.shape == (0, len(SPACE))
+    assert made_of(3).errors.shape == (3, len(SPACE))
+    assert made_of(0).errors.shape == (0, len(SPACE))
+
+    filmed.clear()  # but a fit that had to go far is compared with others that have to
+    made_of(3, SPACE.from_unit(unit - 0.2))
+    assert np.abs(np.array(filmed) - unit).max() > 0.2
 
 
 def test_intervals_widen_where_the_videos_fit_worse_than_simulated_ones():
@@ -305,7 +312,9 @@ def test_what_a_camera_does_to_all_colours_alike_widens_those_of_thin_things_no_
 
     real = replace(a_fit(), parameters=SPACE.from_unit(unit), std=std)
     still, exact = np.zeros((1, 4, 1)), np.zeros(len(SPACE))
-    made = make_replicas(FakeReplay(), simulator, real, still, 6, exact, Camera(), rng)
+    made = make_replicas(
+        FakeReplay(), simulator, real, still, 6, SPACE.nominal, exact, Camera(), rng
+    )
     wide = widened(real, made, False).std[APPEARANCE]
     assert 0.03 < wide.min() <= wide.max() < 0.12
 

@@ -82,6 +82,7 @@ def make_replicas(
     fit: Fit,
     actions: np.ndarray,
     num: int,
+    guess: np.ndarray,
     guess_std: np.ndarray,
     camera: Camera | None,
     rng: np.random.Generator,
@@ -89,7 +90,7 @@ def make_replicas(
 ) -> Replicas:
     """Fit `num` worlds near `fit`, which play (E, T, A) actions, as the real one was fitted.
 
-    `guess_std`: (N,) in unit coordinates, of the guess that the real one's fit started from.
+    `guess`: (N,) what the real one's fit started from; `guess_std`: (N,) in unit coordinates.
     `camera`: what films them, where the real world does not look like the simulator. `grow`: see
     `ReplayFit.fit`.
     """
@@ -97,6 +98,8 @@ def make_replicas(
     unit = space.to_unit(fit.parameters)
     # Not farther away than was known before: what the fit leaves open may fill the whole space.
     spread = np.clip(2 * fit.std, _SMALLEST_SPREAD, np.maximum(guess_std, _SMALLEST_SPREAD))
+    # As far as the real one's fit had to go: what begins near the truth ends there easily.
+    away = np.maximum(guess_std, np.abs(unit - space.to_unit(guess)))
     errors, misfits, astray = [], [], []
     for _ in range(num):
         truth = np.clip(unit + spread * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
@@ -108,8 +111,8 @@ def make_replicas(
         if camera is not None:
             one_world = frames.reshape(1, -1, *frames.shape[2:])  # one camera films all of it
             frames = camera.film(one_world, rng).reshape(frames.shape)
-        guess = space.from_unit(truth + guess_std * rng.normal(size=len(unit)))
-        found = replay.fit(frames, actions, guess, guess_std, fit.lag, grow)
+        begin = space.from_unit(truth + away * rng.normal(size=len(unit)))
+        found = replay.fit(frames, actions, begin, guess_std, fit.lag, grow)
         misfits.append(found.misfit)
         claimed = np.hypot(found.std, found.discrepancy(looks_alike=camera is None))
         errors.append((space.to_unit(found.parameters) - truth) / claimed)

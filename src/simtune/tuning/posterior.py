@@ -139,7 +139,7 @@ class PosteriorSearch:
             simulator, camera, rng = self.simulator, self._lessons.camera, self._lessons.rng
             assert isinstance(simulator, Simulator), "only those are fitted"
             self._replicas = make_replicas(
-                self._replay, simulator, found, actions, num, std, camera, rng, grow
+                self._replay, simulator, found, actions, num, start, std, camera, rng, grow
             )
         assert self._replicas is not None, "an iteration comes first"
         return self._conclude(prob_higher, found, self._replicas)
