@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE, combine, trusted
+from simtune.fit.linear import Guess, WindowPlayer, diagonal, eliminate, residuals
 from simtune.fit.physics import Physics
 from simtune.fit.tracks import Tracks
 from simtune.fit.windows import Windows, cut
@@ -72,6 +73,7 @@ class Shooting:
         self._physics, self._space, self.config = physics, physics.space, config
         self._noise_px = self._noise = np.asarray(noise_px)  # of sight, and as it is blurred
         self._spread, self.fitted = spread * _PRIOR, np.asarray(fitted)
+        self._player = WindowPlayer(physics, self._spread, self.fitted)
 
     def fit(self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
         """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
@@ -106,7 +108,7 @@ class Shooting:
     def _fit(self, whole: Windows, unit: np.ndarray, stages: tuple[Stage, ...]) -> ShootingFit:
         """From (N,) parameters in unit coordinates."""
         windows = whole
-        guess = _Guess(
+        guess = Guess(
             windows.states.copy(), unit, np.full(len(windows.states), 1e-2), FIRST_VARIANCE
         )
         covariance = np.zeros((len(self.fitted),) * 2)
@@ -117,8 +119,8 @@ class Shooting:
             for iteration in range(stage.iterations):
                 step_size = 0.0 if stage.blur > _STATES_ONLY else 1.0 if iteration < 3 else 0.5
                 guess, covariance = self._step(windows, guess, step_size)
-        rows, seen = self._play(windows, guess.states[None], guess.unit[None])
-        residual = self._residual(windows, seen)
+        rows, seen = self._player.play(windows, guess.states[None], guess.unit[None])
+        residual = residuals(windows, seen, self._noise)
         nearest = windows.nearest(residual[0])  # (W, K, L, 2)
         distance = np.linalg.norm(nearest, axis=-1) * self._noise
         sure = windows.probability.sum(2) > 0.9
@@ -140,21 +142,23 @@ class Shooting:
         """
         windows = self._cut(tracks, states)
         unit = self._physics.parameters.to_unit(parameters)
-        guess = _Guess(windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE)
-        residual, by_state, by_parameter = self._linearise(windows, guess)
+        guess = Guess(windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE)
+        residual, by_state, by_parameter = self._player.linearise(windows, guess, self._noise)
         weight = windows.weight(residual)
-        information = self._eliminate(by_state, by_parameter, weight)[-1]
+        information = eliminate(by_state, by_parameter, weight, self._spread)[-1]
         eye = np.eye(len(self.fitted))
         # As `combine` weighs windows: none tells more than the variance between them allows.
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
         return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)
 
-    def _step(self, windows: Windows, guess: "_Guess", step_size: float):
+    def _step(self, windows: Windows, guess: Guess, step_size: float):
         """One step of Gauss-Newton; the guess after it, and the parameters' covariance."""
-        residual, by_state, by_parameter = self._linearise(windows, guess)
+        residual, by_state, by_parameter = self._player.linearise(windows, guess, self._noise)
         weight = windows.weight(residual)  # (W, M)
         flat = windows.nearest(residual).reshape(len(weight), -1)
-        hessian, cross, to_parameters, information = self._eliminate(by_state, by_parameter, weight)
+        hessian, cross, to_parameters, information = eliminate(
+            by_state, by_parameter, weight, self._spread
+        )
         pull = self._space.difference(guess.states, windows.states) / self._spread
         slope = np.einsum("wsm,wm,wm->ws", by_state, weight, flat) + pull / self._spread
         of_parameters = np.einsum("wpm,wm,wm->wp", by_parameter, weight, flat)
@@ -168,34 +172,22 @@ class Shooting:
         unit = guess.unit.copy()
         unit[self.fitted] = np.clip(unit[self.fitted] + change, 0, 1)
         change = unit[self.fitted] - guess.unit[self.fitted]
-        damped = hessian + guess.damping[:, None, None] * _diagonal(hessian)
+        damped = hessian + guess.damping[:, None, None] * diagonal(hessian)
         tangent = -np.linalg.solve(damped, (slope + cross @ change)[..., None])[..., 0]
         tangent = np.clip(tangent, -4 * self._spread, 4 * self._spread)
         moved = self._space.move(guess.states, tangent)
-        _, seen = self._play(windows, np.stack([moved, guess.states]), np.stack([unit, unit]))
+        _, seen = self._player.play(
+            windows, np.stack([moved, guess.states]), np.stack([unit, unit])
+        )
         pulled = self._space.difference(moved, windows.states) / self._spread
-        costs = windows.cost(self._residual(windows, seen))
+        costs = windows.cost(residuals(windows, seen, self._noise))
         costs += np.stack([0.5 * np.square(pulled).sum(-1), anchored])
         if trust @ costs.min(0) > trust @ (cost + anchored):  # too far for a straight line
             return replace(guess, boldness=guess.boldness / 4), covariance
         better = costs[0] < costs[1]
         states = np.where(better[:, None], moved, guess.states)
         damping = np.where(better, guess.damping / 4, guess.damping * 8).clip(1e-6, 1e4)
-        return _Guess(states, unit, damping, variance, min(1.0, 2 * guess.boldness)), covariance
-
-    def _eliminate(self, by_state: np.ndarray, by_parameter: np.ndarray, weight: np.ndarray):
-        """The windows' unknown initial states out of the equations.
-
-        (W, 2 nv, 2 nv) curvature in the states, (W, 2 nv, P) in both, (W, 2 nv, P) how the best
-        states follow the parameters, (W, P, P) what is left to know the parameters by.
-        """
-        hessian = np.einsum("wsm,wm,wtm->wst", by_state, weight, by_state, optimize=True)
-        hessian += np.diag(self._spread**-2)
-        cross = np.einsum("wsm,wm,wpm->wsp", by_state, weight, by_parameter, optimize=True)
-        # Undamped: a window whose states cannot move would seem to know the parameters well.
-        to_parameters = np.linalg.solve(hessian + 1e-6 * _diagonal(hessian), cross)
-        information = np.einsum("wpm,wm,wqm->wpq", by_parameter, weight, by_parameter)
-        return hessian, cross, to_parameters, information - cross.swapaxes(1, 2) @ to_parameters
+        return Guess(states, unit, damping, variance, min(1.0, 2 * guess.boldness)), covariance
 
     def _cut(self, tracks: Tracks, states: np.ndarray, steps: int | None = None) -> Windows:
         """By default as long as the last stage's; however long, of as many steps in all."""
@@ -210,54 +202,3 @@ class Shooting:
         steps = fit.step[:, None] + np.arange(fit.rows.shape[1])
         states[fit.episode[:, None], steps] = self._physics.states(fit.rows)
         return states
-
-    def _linearise(self, windows: Windows, guess: "_Guess"):
-        """Residuals (W, K, 2, L, 2) and derivatives (W, 2 nv, M), (W, P, M) at a guess.
-
-        The derivatives are the same for both places of a landmark: M = K · L · 2.
-        """
-        num_states, num_fitted = self._space.num_tangent, len(self.fitted)
-        delta = np.maximum(0.01 * self._spread, 1e-5)
-        tangents = np.concatenate(
-            [np.zeros((1, num_states)), np.diag(delta), np.zeros((num_fitted, num_states))]
-        )
-        states = self._space.move(guess.states, np.repeat(tangents[:, None], len(guess.states), 1))
-        units = np.repeat(guess.unit[None], len(tangents), 0)
-        sign = np.where(guess.unit[self.fitted] > 0.5, -1e-3, 1e-3)  # away from the bounds
-        units[1 + num_states + np.arange(num_fitted), self.fitted] += sign
-        _, seen = self._play(windows, states, units)
-        change = (seen[1:] - seen[0]) / self._noise[:, None]
-        change = change.reshape(len(change), len(guess.states), -1).swapaxes(0, 1)
-        by_state = change[:, :num_states] / delta[:, None]
-        by_parameter = change[:, num_states:] / sign[:, None]
-        return self._residual(windows, seen[:1])[0], by_state, by_parameter
-
-    def _play(self, windows: Windows, states: np.ndarray, units: np.ndarray):
-        """(G, W, nq + nv) initial states, (G, N) parameters to rows and landmarks of all steps."""
-        groups, num_windows, size = states.shape
-        rows, seen = self._physics.play(
-            states.reshape(-1, size),
-            np.repeat(units, num_windows, 0),
-            np.tile(windows.actions, (groups, 1, 1)),
-            np.tile(windows.acted, (groups, 1)),
-        )
-        shape = (groups, num_windows)
-        return rows.reshape(*shape, *rows.shape[1:]), seen.reshape(*shape, *seen.shape[1:])
-
-    def _residual(self, windows: Windows, seen: np.ndarray) -> np.ndarray:
-        """(G, W, K, 2, L, 2) to each place, in units of sight's noise."""
-        return (seen[:, :, :, None] - windows.places) / self._noise[:, None]
-
-
-def _diagonal(matrices: np.ndarray) -> np.ndarray:
-    """(W, S, S) with all but the diagonals zero."""
-    return np.einsum("wss->ws", matrices)[:, None] * np.eye(matrices.shape[1])
-
-
-@dataclass(frozen=True)
-class _Guess:
-    states: np.ndarray  # (W, nq + nv)
-    unit: np.ndarray  # (N,)
-    damping: np.ndarray  # (W,) of the states' steps
-    variance: float  # of the parameters between windows
-    boldness: float = 1.0  # share of a step in the parameters that is taken
