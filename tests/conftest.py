@@ -1,12 +1,14 @@
 """What all tests share."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
 from fake_xarm import FakeXArm
 from robot_limits import LIMITS, STEP_S
 
+from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
 from simtune.fit import ParticleConfig, ShootingConfig, Stage
 from simtune.robot.latch import Latch
 from simtune.robot.safe_arm import SafeArm
@@ -84,6 +86,8 @@ def quick_tune(monkeypatch, tiny, one_renderer_each):
     monkeypatch.setattr("simtune.tuning.posterior.PosteriorSearchConfig", lambda: tiny)
     monkeypatch.setattr("simtune.parts.load_task", load_short_task)
     monkeypatch.setattr("simtune.parts._SHORTER", tiny)
+    early = TeacherStudentConfig(teacher_share=0.2)  # of so few steps
+    monkeypatch.setattr("simtune.agents.TeacherStudent", partial(TeacherStudent, config=early))
     monkeypatch.setattr("simtune.comparison._NUM_STARTS", 16)
     monkeypatch.setattr("simtune.comparison._ROUNDS", 2)
 

@@ -206,6 +206,19 @@ def test_two_qs_are_two_networks():
     assert not torch.equal(both[0], both[1])
 
 
+def test_values_are_not_rounded_where_bfloat16_is_used_for_speed():
+    """From 256 to 512 bfloat16 knows every other number: the last layer is none of it."""
+    torch.manual_seed(0)
+    twin = TwinQ(3, 2, 8)
+    for network in twin.networks:
+        torch.nn.init.constant_(network[-1].bias, 300.4)
+    features, actions = torch.randn(5, 3), torch.randn(5, 2)
+    with torch.autocast("cpu", torch.bfloat16):
+        values = twin(features, actions)
+    assert values.dtype == torch.float32
+    torch.testing.assert_close(values, twin(features, actions), rtol=0, atol=0.02)
+
+
 def test_first_weights_keep_lengths():
     module = torch.nn.Sequential(torch.nn.Conv2d(3, 8, 3), torch.nn.Linear(9, 4))
     initialize(module)

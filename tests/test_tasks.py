@@ -1,6 +1,7 @@
 """All built-in tasks against dm_control's own: models, rewards, motion and initial states."""
 
 import contextlib
+import dataclasses
 import functools
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from mujoco.batch import MODEL_FIELDS, Batch
 from simtune.errors import UnknownName
 from simtune.parameters import ModelWriter
 from simtune.rollout import Environment
+from simtune.simulation import scale_actions
 from simtune.tasks import TASKS, load_task
 
 VEL = mujoco.mjtStage.mjSTAGE_VEL.value
@@ -364,3 +366,48 @@ def test_what_is_said_to_be_symmetric_looks_and_moves_alike(name):
         turned = first.states[:, 0].copy()
         turned[:, 1 + simulator.model.joint(hinge).qposadr[0]] += 0.7 * 2 * np.pi / order
         assert np.abs(environment.observe(turned) - seen[:, 0]).max() > 0.1
+
+
+@pytest.mark.parametrize(("name", "hz"), [("cartpole", 20.0), ("cheetah", 15.0), ("finger", 30.0)])
+def test_a_policy_acts_as_long_as_the_search_simulates_at_any_rate(name, hz):
+    """Rewards are read `action_repeat` times in a step, however its physics steps divide."""
+    task = dataclasses.replace(load_task(name), episode_steps=20)
+    simulator = task.simulator(image_size=48, step_s=1 / hz)
+    environment = Environment(task, simulator, num_stacked=1)
+    worlds = np.tile(task.parameters.nominal, (2, 1))
+    drawn = np.random.default_rng(0).uniform(-1, 1, (20, 2, simulator.num_actions))
+    acts = iter(drawn)
+    rng = np.random.default_rng(1)
+    played = environment.play(lambda seen: next(acts), worlds, rng, film=False)
+    actions = scale_actions(simulator.action_mapping, drawn.swapaxes(0, 1).astype(np.float32))
+    straight = simulator.roll_out(
+        worlds, actions, np.random.default_rng(0), starts=played.rows[:, 0]
+    )
+    np.testing.assert_allclose(played.rows[:, -1], straight.states[:, -1], atol=1e-5)
+    assert played.rows[0, -1, 0] == pytest.approx(20 / hz, rel=0.05)  # a row begins with time
+
+
+def test_a_world_that_is_dead_earns_nothing_and_no_policy_may_lose_its_mind():
+    task = dataclasses.replace(load_task("cheetah"), episode_steps=6)
+    simulator = task.simulator(image_size=48)
+    environment = Environment(task, simulator, num_stacked=1)
+    worlds = np.tile(task.parameters.nominal, (2, 1))
+    rng = np.random.default_rng(0)
+
+    class Diverging:
+        """In the first world, after three steps."""
+
+        def __init__(self):
+            self.step = simulator.play
+
+        def __call__(self, *args, **kwargs):
+            played = self.step(*args, **kwargs)
+            return dataclasses.replace(played, lengths=np.array([3, 6]))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(simulator, "play", Diverging())
+        episodes = environment.play(lambda seen: np.ones((2, 6)), worlds, rng, film=False)
+    assert (episodes.rewards[0, 3:] == 0).all()
+    assert (episodes.rewards[1, 3:] > 0).any()
+    with pytest.raises(RuntimeError, match="its training diverged"):
+        environment.play(lambda seen: np.full((2, 6), np.nan), worlds, rng, film=False)

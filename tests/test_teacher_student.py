@@ -166,6 +166,7 @@ def make_agent(**changes) -> TeacherStudent:
         num_actions=1,
         knows=np.arange(len(SPACE)) < 2,
         total_steps=10 * WORLDS * STEPS,
+        first_tried=10 * WORLDS * STEPS,
         config=replace(SMALL, **changes),
         seed=1,
     )

@@ -18,6 +18,7 @@ from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate
+from simtune.parts import make_parts
 from simtune.randomization import Distribution
 from simtune.real.truth import Truth
 from simtune.recordings import write_dataset
@@ -50,6 +51,7 @@ class Players:
     def __init__(self):
         self.calls: list[str] = []
         self.looks = True
+        self.is_ready = False
         self.device = torch.device("cpu")
         self.simulator = SimpleNamespace(num_steps=0, num_diverged=0)
         self.distribution = Distribution.proportional(SPACE, SPACE.nominal, 0.5)
@@ -79,6 +81,7 @@ class Players:
 
     def update(self, replay, num_steps):
         self.calls.append(f"learn from {num_steps}")
+        self.is_ready = True
         return {}
 
     def explore(self, seen):
@@ -164,6 +167,13 @@ def test_a_policy_that_was_trained_before_is_what_looks_at_the_real_world_first(
     players.try_out = lambda *_: []
     carried_out(players, tmp_path / "recordings", pretrain_steps=STEPS * 3)
     assert "real: 4 random" in players.calls
+
+
+def test_who_has_learnt_nothing_of_pictures_yet_is_not_tried_out(tmp_path):
+    players = Players()
+    players.update = lambda *_: {}  # it is still at school
+    carried_out(players, tmp_path, pretrain_steps=3 * STEPS)
+    assert [call for call in players.calls if call.startswith("real")] == ["real: 4 random"]
 
 
 def test_what_was_learnt_in_worlds_far_from_here_can_be_forgotten(tmp_path):
@@ -260,6 +270,7 @@ def test_ranges_are_those_asked_for(tmp_path):
         ({"method": "dr", "search": "paper"}, "--search goes with --method autotune only"),
         ({"device": "cuda:99"}, "--device cuda:99 cannot be used here"),
         ({"task": "cartpol"}, "did you mean 'cartpole'"),
+        ({"method": "regression", "window": 250}, "--window must be at most an episode's"),
     ],
 )
 def test_wrong_input_is_refused_and_nothing_is_written(changes, message, tmp_path):
@@ -267,6 +278,43 @@ def test_wrong_input_is_refused_and_nothing_is_written(changes, message, tmp_pat
     with pytest.raises(InputError, match=message):
         train(asked(out, **changes))
     assert not out.exists()
+
+
+@pytest.mark.parametrize("task", ["cartpole", "rope_peg"])
+def test_a_search_simulates_episodes_as_long_as_the_real_ones(task, tmp_path):
+    config = asked(tmp_path / "run", task=task, method="regression", real_parameters=None)
+    search = make_parts(config, lambda *_: None).search
+    assert search.config.episode_steps == load_task(task).episode_steps
+
+
+def test_the_presets_schedules(tmp_path):
+    """By hand: what is tried out when, and the paper's phases in its own numbers."""
+    assert fast(48_000, 5, many_searches=False).first_tried == 24_000
+    assert fast(48_000, 5, pretrain_steps=16_000, many_searches=False).first_tried == 16_000
+    config = asked(tmp_path, preset="paper", policy_steps=None)
+    parts = make_parts(config, lambda *_: None)
+    assert parts.schedule.total_steps == pytest.approx(500_000, abs=50)
+    assert len(parts.schedule.policy_steps) == 12  # 40k steps each, about
+    search = parts.search.config
+    assert search.collect_steps == search.pretrain_steps == 50_000
+    # The first call collects as well; so many that do not move come first, then 40 that do.
+    steps_per_call = search.episodes_per_iteration * search.episode_steps
+    assert parts.schedule.searches[0] == 50_000 / steps_per_call + 40
+
+
+def test_a_real_world_that_has_other_parameters_now_is_noticed(tmp_path, quick_tune):
+    truth = tmp_path / "real.json"
+    truth.write_text('{"body_r": 0.6}')  # twice or half of either is 1, or hardly differs
+    config = asked(tmp_path / "run", method="dr", real_parameters=truth)
+    train(config)
+    scores = evaluate(EvaluateConfig(run_folder=config.out, episodes=2))
+    truth.write_text('{"body_r": 0.8}')
+    with pytest.raises(InputError, match="has other values now"):
+        evaluate(EvaluateConfig(run_folder=config.out, episodes=2))
+    with pytest.raises(InputError, match="truth"):
+        train(config)
+    truth.write_text('{"body_r": 0.6}')
+    assert evaluate(EvaluateConfig(run_folder=config.out, episodes=2)) == scores
 
 
 # --- killed and resumed -------------------------------------------------------------------
@@ -347,7 +395,7 @@ def test_killed_at_random_moments_it_loses_nothing(kills, tmp_path):
 def test_agents_plug_in_by_name(name):
     """Each acts on pictures of the size that it was made for, and can be stored and loaded."""
 
-    def make(seed: int) -> Agent:
+    def make(seed: int, total_steps: int = 100_000) -> Agent:
         return make_agent(
             name,
             image_size=64,
@@ -357,12 +405,14 @@ def test_agents_plug_in_by_name(name):
             num_positions=3,
             num_actions=2,
             knows=np.array([True, False]),
-            total_steps=100_000,
+            total_steps=total_steps,
+            first_tried=50_000,
             seed=seed,
             device="cpu",
         )
 
-    agent, other = make(0), make(1)
+    agent, other = make(0), make(1, total_steps=1)
+    assert not agent.is_ready
     frames = np.random.default_rng(0).integers(0, 256, (4, 3, 64, 64, 3), dtype=np.uint8)
     explored = agent.explore(Seen(np.zeros((4, 5), np.float32), frames))
     acted = agent.act(frames)

@@ -42,7 +42,7 @@ def train(config: TrainConfig, say: Say = silent) -> dict[str, Any]:
     Raises InputError for what cannot be used, with nothing written.
     """
     parts = make_parts(config, say)
-    asked = outcome.asked(config, parts.task, parts.start, parts.real.facts)
+    asked = outcome.asked(config, parts.task, parts.start, parts.real.facts, parts.truth)
     with RunFolder.create(config.out, asked) as run:
         training = Training(config, parts, run, say)
         training.resume()
@@ -52,8 +52,8 @@ def train(config: TrainConfig, say: Say = silent) -> dict[str, Any]:
         run.write_curves(outcome.curves(training.estimate))
         if training.num_looks and parts.search_name:
             say("filming the comparison", 1.0)
-            simulator, first = parts.environment.simulator, training.real[-1]
-            estimate = training.estimate
+            simulator, estimate = parts.environment.simulator, training.estimate
+            first = training.real[0]  # of which the estimate knows how it began
             write_comparison(run.videos, simulator, first, parts.start, estimate, config.seed)
         write_report(run.path)
     return result
@@ -91,7 +91,7 @@ class Training:
     def _look_at_real(self, num_episodes: int) -> None:
         real, agent, cycle = self.parts.real, self.parts.agent, self.num_looks
         seen: list[Trajectory] = []
-        if num_episodes and self.num_steps:
+        if num_episodes and agent.is_ready:
             stacked = self.parts.schedule.num_stacked
             seen = real.try_out(lambda f: agent.act(f, sample=True), stacked, num_episodes, cycle)
         if num_episodes and cycle == 0 and not seen:  # no policy yet, or recordings only
@@ -152,6 +152,7 @@ class Training:
             "policy_steps": self.num_steps,
             "step_s": parts.real.step_s,
             "sim_steps": parts.environment.simulator.num_steps,
+            "num_diverged": parts.environment.simulator.num_diverged,
             "wall_s": round(self._wall_s, 1),
             **outcome.recordings(parts.real.facts),
         }

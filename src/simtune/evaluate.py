@@ -6,6 +6,7 @@ from typing import Any
 
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
+from simtune.networks import under
 from simtune.outcome import summary
 from simtune.parts import Parts, make_parts
 from simtune.progress import Say, silent
@@ -29,7 +30,10 @@ def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
 
 
 def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
-    """All parts of a training as its newest checkpoint has them. Raises InputError."""
+    """A training's parts, of which the agent is as its newest checkpoint has it.
+
+    Nothing else is: what it learnt from need not be drawn anew. Raises InputError.
+    """
     is_run = (run_folder / "config.json").is_file()
     stored = stored_config(run_folder) if is_run else None
     if stored is None or "method" not in stored["config"]:
@@ -40,6 +44,13 @@ def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
     asked = {f.name: stored["config"].get(f.name, f.default) for f in fields(TrainConfig)}
     for name in ("out", "real_parameters", "robot"):
         asked[name] = asked[name] and Path(asked[name])
+    asked["device"] = "auto"  # this machine's
     parts = make_parts(TrainConfig(**asked), say)
-    parts.load(*checkpoint.load(newest))
+    if parts.truth is not None and parts.truth.digest() != stored["config"].get("truth"):
+        raise InputError(
+            f"--real-parameters {asked['real_parameters']}, by which {run_folder} was made, has "
+            "other values now; put the former back"
+        )
+    tensors, state = checkpoint.load(newest)
+    parts.agent.load(under("agent/", tensors), state["agent"])
     return parts

@@ -19,18 +19,23 @@ _KEPT = ("verdict", *_TOLD, "start", "lag")
 
 
 def asked(
-    config: Any, task: AnyTask, start: np.ndarray, real_facts: Mapping[str, Any]
+    config: Any,
+    task: AnyTask,
+    start: np.ndarray,
+    real_facts: Mapping[str, Any],
+    truth: Truth | None,
 ) -> dict[str, Any]:
     """What config.json remembers of a command: a run goes on only with the same.
 
-    That holds for the content of recordings, models and tuning files too, which may change where
-    they lie.
+    That holds for the content of recordings, models, tuning files and a pseudo-real world's
+    parameters too, which may change where they lie.
     """
     settings = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
     known = real_facts.get("dataset_hash")
     content = {"dataset_hash": known} if known else None
     parameters = declared(task.parameters, start)
     contents = {"recordings": content, "task_content": task.content_hash}
+    contents["truth"] = truth.digest() if truth else None
     return {**settings, **contents, "parameters": parameters}
 
 

@@ -20,7 +20,7 @@ from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.replay import Replay
 from simtune.rollout import Environment
-from simtune.schedule import PRESETS, Schedule
+from simtune.schedule import PAPER_STEPS, PRESETS, Schedule
 from simtune.search_param_model.paper import PaperConfig
 from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import Simulator
@@ -117,11 +117,14 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
     landmarks = find_landmarks(simulator, task.camera, first, seed=0)
     environment = Environment(task, simulator, schedule.num_stacked, landmarks)
     if search_name:
-        looks_alike, own = real.looks_like_simulator, _search_config(config, search_name)
+        looks_alike = real.looks_like_simulator
+        films = real.collect(num_real) if num_real and isinstance(real, RecordedReal) else []
+        shortest = min([task.episode_steps, *(len(film) for film in films)])
+        own = _search_config(config, search_name, shortest)
         rest = (config.seed, say, looks_alike, own, device)
         search = make_search(search_name, simulator, task.camera, start, *rest)
-        if num_real and isinstance(real, RecordedReal):  # a robot, or a policy, films later
-            search.check(real.collect(num_real))
+        if films:  # a robot, or a policy, films later
+            search.check(films)
         range_policy = config.range_policy
     else:
         range_policy = config.range_dr if config.method == "dr" else 0.0
@@ -150,7 +153,8 @@ def _search_name(config: TrainConfig) -> SearchName | None:
 
 
 def _schedule(config: TrainConfig, task: Task, search_name: SearchName | None) -> Schedule:
-    total_steps = config.policy_steps or task.policy_steps
+    usual = PAPER_STEPS if config.preset == "paper" else task.policy_steps
+    total_steps = config.policy_steps or usual
     if config.pretrain_steps >= total_steps:
         raise InputError(
             f"--pretrain-steps must be below all {total_steps} policy steps, "
@@ -168,13 +172,18 @@ def _schedule(config: TrainConfig, task: Task, search_name: SearchName | None) -
 
 
 def _search_config(
-    config: TrainConfig, search_name: SearchName
+    config: TrainConfig, search_name: SearchName, episode_steps: int
 ) -> PosteriorSearchConfig | PaperConfig | None:
     """The settings of the search; None: its own."""
     if search_name == "posterior":
         return _SHORTER if config.preset == "fast" else None
+    if config.window > episode_steps:
+        raise InputError(
+            f"--window must be at most an episode's {episode_steps} steps, got {config.window}"
+        )
     settings: dict[str, Any] = {"window": config.window, "range_spm": config.range_spm}
-    settings["step_size"] = config.step_size
+    settings |= {"step_size": config.step_size, "episode_steps": episode_steps}
+    settings |= {"collect_steps": 50_000, "pretrain_steps": 50_000}
     if config.preset == "fast":  # smaller pictures, and fewer of them before anything moves
         settings |= {"crop_size": 56, "collect_steps": 4000, "pretrain_steps": 0}
         settings |= {"episodes_per_iteration": 5}
@@ -198,6 +207,7 @@ def _agent(
         num_actions=environment.simulator.num_actions,
         knows=np.array([not p.is_appearance for p in environment.task.parameters]),
         total_steps=schedule.total_steps,
+        first_tried=schedule.first_tried,
         seed=config.seed,
         device=device,
     )

@@ -64,7 +64,10 @@ class Environment:
         rng: np.random.Generator,
         film: bool = True,
     ) -> Episodes:
-        """An episode in each of n worlds of (n, N) parameters; without `film` nothing is drawn."""
+        """An episode in each of n worlds of (n, N) parameters; without `film` nothing is drawn.
+
+        Raises RuntimeError where the policy's actions are not finite.
+        """
         simulator, num_steps = self.simulator, self.task.episode_steps
         projector = Projector(simulator, parameters, num_steps, self.num_stacked) if film else None
         actions = np.empty((len(parameters), num_steps, simulator.num_actions), np.float32)
@@ -72,6 +75,8 @@ class Environment:
         def act(t: int, states: np.ndarray) -> np.ndarray:
             frames = projector.show(t, states) if projector else None
             actions[:, t] = policy(Seen(self.observe(states), frames))
+            if not np.isfinite(actions[:, t]).all():
+                raise RuntimeError("the policy's actions are no numbers: its training diverged")
             return scale_actions(simulator.action_mapping, actions[:, t])
 
         repeat, n = self.task.action_repeat, len(parameters)
@@ -89,6 +94,7 @@ class Environment:
         watched = played.watched
         assert watched is not None, "asked for above"
         rewards = watched[:, 1:, 0].reshape(n, num_steps, repeat).sum(2)
+        rewards[np.arange(num_steps) >= played.lengths[:, None]] = 0  # a dead world earns nothing
         reached = watched[:, -1, 1 : 1 + len(goals)] > 0
         landmarks = None
         if noted:

@@ -23,6 +23,11 @@ class Schedule:
     def total_steps(self) -> int:
         return self.pretrain_steps + sum(self.policy_steps)
 
+    @property
+    def first_tried(self) -> int:
+        """Policy steps after which the policy is first tried out in the real world."""
+        return self.pretrain_steps or self.policy_steps[0]
+
     def steps_after(self, cycle: int) -> int:
         """Policy steps made when a cycle ends."""
         return self.pretrain_steps + sum(self.policy_steps[: cycle + 1])
@@ -56,7 +61,9 @@ def paper(
     tuned = total_steps - pretrain_steps
     cycles = max(1, tuned // 40_000)
     moves = 5 if many_searches else 1
-    first = 40 if many_searches else 1  # their "update" phase, before any policy is trained
+    # Their "pretrain" and "update" phases, before any policy is trained: 25 calls that move nothing
+    # (`PaperConfig.pretrain_steps`), 40 that do.
+    first = 65 if many_searches else 1
     return Schedule(
         pretrain_steps=pretrain_steps,
         policy_steps=(tuned // cycles,) * cycles,
@@ -69,3 +76,4 @@ def paper(
 
 
 PRESETS = {"fast": fast, "paper": paper}
+PAPER_STEPS = 500_000  # theirs are 247k to 497k, read off their plots

@@ -13,6 +13,7 @@ from simtune.progress import Say, silent
 from simtune.real.choose import choose_real, simulator_for
 from simtune.report import write_report
 from simtune.run import RunFolder
+from simtune.search_param_model.paper import PaperConfig
 from simtune.simulation import AnySimulator
 from simtune.tasks import load_any_task
 from simtune.trajectory import Trajectory
@@ -42,6 +43,8 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
     )
     trajectories = real.collect(config.real_episodes)
     simulator = simulator_for(real, task, image_size)
+    # Simulated ones need not be longer.
+    shortest = min((PaperConfig.episode_steps, *(len(t) for t in trajectories)))
     search = make_search(
         config.search,
         simulator,
@@ -50,12 +53,13 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         config.seed,
         say,
         real.looks_like_simulator,
+        None if config.search == "posterior" else PaperConfig(episode_steps=shortest),
     )
     search.check(trajectories)
     doubts = warnings_of(task, real.facts, trajectories)
     for doubt in doubts:  # now, not after minutes
         log.warning("%s", doubt)
-    asked = outcome.asked(config, task, start, real.facts)
+    asked = outcome.asked(config, task, start, real.facts, truth)
     with RunFolder.create(config.out, asked) as run:
         estimate, wall_s = _search(config, run, search, simulator, trajectories, say)
         facts = {

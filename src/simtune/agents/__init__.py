@@ -20,6 +20,7 @@ def make_agent(
     num_actions: int,
     knows: np.ndarray,
     total_steps: int,
+    first_tried: int,
     seed: int,
     device: torch.device | str,
 ) -> Agent:
@@ -27,7 +28,8 @@ def make_agent(
 
     States are `num_positions` positions, then velocities.
     `knows`, (N,) bool: parameters that may be told to whoever knows the state.
-    `total_steps`: of the whole training, for what changes in its course.
+    `total_steps`: of the whole training, for what changes in its course; `first_tried`: after so
+    many of them it is tried out in the real world.
     """
     if name == "teacher_student":
         return TeacherStudent(
@@ -39,12 +41,14 @@ def make_agent(
             num_actions=num_actions,
             knows=knows,
             total_steps=total_steps,
+            first_tried=first_tried,
             seed=seed,
             device=device,
         )
     if name == "drqv2":
+        noise_steps = max(1, total_steps // 2)
         config = DrqV2Config(
-            image_size=image_size, num_stacked=num_stacked, noise_steps=total_steps // 2
+            image_size=image_size, num_stacked=num_stacked, noise_steps=noise_steps
         )
         return DrqV2(num_actions, config, seed=seed, device=device)
     assert name == "curl_sac", name

@@ -27,6 +27,11 @@ class Agent(Protocol):
         """Whether it wants frames of the next simulated episodes; drawing them is what costs."""
         ...
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether it has learnt anything of acting on frames yet, to be tried out in reality."""
+        ...
+
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """(n, K, H, W, 3) uint8 frames to (n, A) actions: the best, or drawn from the policy."""
         ...

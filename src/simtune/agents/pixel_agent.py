@@ -39,6 +39,10 @@ class PixelAgent(ABC):
             random_steps=learning.random_steps, update_every=learning.update_every
         )
 
+    @property
+    def is_ready(self) -> bool:
+        return self._counter.num_collected > self._counter.random_steps
+
     @abstractmethod
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """(n, K, H, W, 3) uint8 to (n, A) actions: the best, or as it explores."""

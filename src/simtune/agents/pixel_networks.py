@@ -1,5 +1,7 @@
 """What pixel agents are made of: heads on top of `PixelConvolutions`."""
 
+from typing import cast
+
 import torch
 from torch import nn
 from torch.nn import functional
@@ -21,7 +23,7 @@ class GaussianActor(nn.Module):
 
     def forward(self, convolved: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, F) to (B, A) each, float32."""
-        mean, spread = self.layers(self.head(convolved)).float().chunk(2, -1)
+        mean, spread = finely(self.layers, self.head(convolved)).chunk(2, -1)
         return mean, bounded_log_std(spread, self.log_std)
 
 
@@ -37,7 +39,14 @@ class TwinQ(nn.Module):
     def forward(self, features: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """(B, F) and (B, A) to (2, B) float32."""
         both = torch.cat([features, actions.to(features.dtype)], -1)
-        return torch.stack([q(both)[:, 0] for q in self.networks]).float()
+        return torch.stack([finely(cast(nn.Sequential, q), both)[:, 0] for q in self.networks])
+
+
+def finely(layers: nn.Sequential, inputs: torch.Tensor) -> torch.Tensor:
+    """What layers give, the last one in float32: bfloat16 would round a value of 300 to 2."""
+    hidden = layers[:-1](inputs).float()
+    with torch.autocast(hidden.device.type, enabled=False):
+        return layers[-1](hidden)
 
 
 class Contrast(nn.Module):

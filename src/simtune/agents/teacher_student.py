@@ -23,7 +23,7 @@ from simtune.replay import Replay, Transitions
 class TeacherStudentConfig:
     teacher: TeacherConfig = field(default_factory=TeacherConfig)
     student: StudentConfig = field(default_factory=StudentConfig)
-    teacher_share: float = 0.4  # of all steps, before the student begins
+    teacher_share: float = 0.8  # of the steps before anybody sees the student, until it begins
     filmed_share: float = 0.7  # of the steps after that
     random_steps: int = 3_000  # at the start
     teacher_updates_per_step: float = 0.25
@@ -49,6 +49,7 @@ class TeacherStudent:
         num_actions: int,
         knows: np.ndarray,  # (N,) bool: parameters that the teacher's critics are told
         total_steps: int,  # of the whole training: what shares are of
+        first_tried: int,  # after so many steps it is tried out in reality
         config: TeacherStudentConfig | None = None,
         seed: int = 0,
         device: torch.device | str = "cpu",
@@ -57,6 +58,7 @@ class TeacherStudent:
         self.device = torch.device(device)
         self._knows = torch.as_tensor(np.flatnonzero(knows), device=device)
         self._total_steps, self._num_actions = total_steps, num_actions
+        self._begins = config.teacher_share * first_tried  # the student, at that step
         self._num_positions = num_positions
         with seeded(seed):
             sizes = (num_states, num_actions, len(self._knows))
@@ -67,9 +69,8 @@ class TeacherStudent:
         self.num_steps = self._num_filmed = 0
 
     @property
-    def _begins(self) -> float:
-        """The step at which the student does."""
-        return self.config.teacher_share * self._total_steps
+    def is_ready(self) -> bool:
+        return self.student.num_updates > 0
 
     @property
     def looks(self) -> bool:

@@ -1,5 +1,7 @@
 """The pseudo-real world's true parameters: where they start a search, and where they score it."""
 
+import hashlib
+
 import numpy as np
 
 from simtune.parameters import ParameterSpace
@@ -39,6 +41,10 @@ class Truth:
     def for_oracle(self) -> np.ndarray:
         """(N,) the truth, for the oracle to live in and for a trained policy to be scored in."""
         return self._parameters.copy()
+
+    def digest(self) -> str:
+        """By which another truth is noticed, while this one stays unknown."""
+        return hashlib.sha256(self._parameters.tobytes()).hexdigest()[:16]
 
     def score(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The truth (N,), and the percent error 100·|mean − real|/real of an estimate (N,).

@@ -48,8 +48,9 @@ class PaperConfig:
     episodes_per_iteration: int = 10  # code: 2k steps between two updates of ξ_mean
     episode_steps: int = 200  # appendix
     range_spm: float = 1.0  # Sec. VI-A
-    # The authors collect 50k steps and then pretrain for 50k more. That is 2,500 updates, up to
-    # half an hour on 2 CPU cores before anything moves; colours, which settle first, need less.
+    # The authors collect 50k steps and then pretrain for 50k more (as `train --preset paper` does).
+    # That is 2,500 updates, up to half an hour on 2 CPU cores before anything moves; colours, which
+    # settle first, need less.
     collect_steps: int = 10_000
     pretrain_steps: int = 10_000
     # D_sp: 100 episodes of 100 × 100 pixels are 0.6 GB, and not much older than the present Ξ

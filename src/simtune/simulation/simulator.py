@@ -96,11 +96,15 @@ class Simulator(AnySimulator):
         states[:, 0] = worlds.state
         actions = np.empty((n, num_steps, self.num_actions))
         watched, lengths = [watch(worlds.batch)] if watch else [], np.zeros(n, int)
+        # As equal as they can be: at another rate than the task's own they do not divide evenly.
+        ends = np.linspace(0, self.num_substeps, watches_per_step + 1).round().astype(int)
+        parts = np.diff(ends).tolist()
         for t in range(num_steps):
             actions[:, t] = act(t, worlds.state)
             controls = self.action_mapping.apply(worlds.batch, actions[:, t])
-            for _ in range(watches_per_step):
-                worlds.step(controls, self.num_substeps // watches_per_step)
+            for substeps in parts:
+                if substeps:
+                    worlds.step(controls, substeps)
                 if watch:
                     watched.append(watch(worlds.batch))
             states[:, t + 1] = worlds.state
