@@ -46,7 +46,8 @@ def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
         asked[name] = asked[name] and Path(asked[name])
     asked["device"] = "auto"  # this machine's
     parts = make_parts(TrainConfig(**asked), say)
-    if parts.truth is not None and parts.truth.digest() != stored["config"].get("truth"):
+    known = stored["config"].get("truth")  # runs of earlier versions know nothing of it
+    if known and parts.truth is not None and parts.truth.digest() != known:
         raise InputError(
             f"--real-parameters {asked['real_parameters']}, by which {run_folder} was made, has "
             "other values now; put the former back"
