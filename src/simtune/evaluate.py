@@ -47,7 +47,7 @@ def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
     asked["device"] = "auto"  # this machine's
     parts = make_parts(TrainConfig(**asked), say)
     known = stored["config"].get("truth")  # runs of earlier versions know nothing of it
-    if known and parts.truth is not None and parts.truth.digest() != known:
+    if known and parts.truth is not None and parts.truth.digest != known:
         raise InputError(
             f"--real-parameters {asked['real_parameters']}, by which {run_folder} was made, has "
             "other values now; put the former back"

@@ -35,7 +35,7 @@ def asked(
     content = {"dataset_hash": known} if known else None
     parameters = declared(task.parameters, start)
     contents = {"recordings": content, "task_content": task.content_hash}
-    contents["truth"] = truth.digest() if truth else None
+    contents["truth"] = truth.digest if truth else None
     return {**settings, **contents, "parameters": parameters}
 
 

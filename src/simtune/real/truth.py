@@ -15,6 +15,8 @@ class Truth:
 
     def __init__(self, space: ParameterSpace, parameters: np.ndarray):
         self._space, self._parameters = space, np.asarray(parameters, float)
+        # By which another truth is noticed, while this one stays unknown
+        self.digest = hashlib.sha256(np.asarray(parameters, float).tobytes()).hexdigest()[:16]
 
     def make_real(
         self,
@@ -41,10 +43,6 @@ class Truth:
     def for_oracle(self) -> np.ndarray:
         """(N,) the truth, for the oracle to live in and for a trained policy to be scored in."""
         return self._parameters.copy()
-
-    def digest(self) -> str:
-        """By which another truth is noticed, while this one stays unknown."""
-        return hashlib.sha256(self._parameters.tobytes()).hexdigest()[:16]
 
     def score(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The truth (N,), and the percent error 100·|mean − real|/real of an estimate (N,).
