@@ -5,6 +5,7 @@ from functools import partial
 import mujoco
 import numpy as np
 import pytest
+from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, ParameterSpace, dynamics
@@ -191,6 +192,14 @@ class TestControls:
         np.testing.assert_array_equal(simulator.action_mapping.range, [[-1, 1]] * 2)
         assert simulator.action_mapping.is_limited.all()
         assert_as_plain(simulator, control)
+
+    def test_no_action_displaces_nothing_whatever_a_worlds_gear(self):
+        simulator = simulator_of(ARM, JointActions)
+        batch = Batch(simulator.model, 2)
+        batch.expand("actuator_gear")[1, :, 0] = 3.0
+        batch.qpos[...] = 0.4
+        controls = simulator.action_mapping.apply(batch, np.zeros((2, simulator.num_actions)))
+        np.testing.assert_allclose(controls[1], 3 * controls[0])
 
     @pytest.mark.parametrize(
         ("mapping", "message"),

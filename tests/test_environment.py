@@ -220,6 +220,20 @@ def refused(text: str, folder: Path) -> str:
     return str(error.value)
 
 
+def test_a_file_may_have_dataclasses_and_helpers_beside_it(tmp_path):
+    _, code = (EXAMPLE / "env.py").read_text().split("import gymnasium", 1)
+    (tmp_path / "env.py").write_text(
+        "from __future__ import annotations\n"
+        "from dataclasses import dataclass\n"
+        "import beside\n\n"
+        "@dataclass\nclass Size:\n    width: int\n\n"
+        "import gymnasium" + code
+    )
+    (tmp_path / "beside.py").write_text("")
+    (tmp_path / "tune.toml").write_text((EXAMPLE / "tune.toml").read_text())
+    assert load_any_task(str(tmp_path / "tune.toml")).simulator(image_size=32).num_actions >= 0
+
+
 def test_files_that_name_no_environment_say_so(tmp_path):
     text = (EXAMPLE / "tune.toml").read_text()
     (tmp_path / "env.py").write_text((EXAMPLE / "env.py").read_text())

@@ -400,3 +400,22 @@ def test_an_overlay_is_grey_where_both_are_alike():
     assert seen.shape == real.shape
     np.testing.assert_array_equal(seen[:, 1:], 100)
     np.testing.assert_array_equal(seen[2, 0, 0], [100, 200, 200])
+
+
+def test_what_is_called_like_a_colour_need_not_be_one(tmp_path):
+    """Gears of three motors, say: drawn as numbers, and not as a swatch."""
+    path = make_run(tmp_path / "run")
+    for name in ("config.json", "result.json", "metrics.jsonl", "curves.json"):
+        text = (path / name).read_text()
+        (path / name).write_text(re.sub(r"cup_([rgb])", r"gear_\1", text))
+    lines = [json.loads(line) for line in (path / "metrics.jsonl").read_text().splitlines()]
+    for line in lines:
+        line |= {key: 20 + value for key, value in line.items() if "/gear_" in key}
+    (path / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    result = json.loads((path / "result.json").read_text())
+    for name, entry in result["parameters"].items():
+        if name.startswith("gear_"):
+            entry |= {k: 20 + v for k, v in entry.items() if isinstance(v, float)}
+    (path / "result.json").write_text(json.dumps(result))
+    write_report(path)
+    assert "gear_r" in (path / "report.html").read_text()

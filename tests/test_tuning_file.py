@@ -667,7 +667,7 @@ def test_a_delay_is_remembered(load):
         ("name = 'p'\nfield = 'geom_type'\nobjects = 'bob'\n", 5, "holds no real numbers"),
         ("name = 'p'\nfield = 'qpos0'\nobjects = 'bob'\n", 6, "qpos0 cannot be written"),
         ("name = 'p'\nfield = 'body_mass'\n", 3, "body_mass needs the names of its objects"),
-        ("name = 'p'\nfield = 'opt.timestep'\nobjects = 'bob'\n", 6, "opt.timestep has no objects"),
+        ("name = 'p'\nfield = 'opt.wind'\nobjects = 'bob'\n", 6, "opt.wind has no objects"),
         ("name = 'p'\nfield = 'geom_friction'\nobjects = 'bob'\n", 3, "3 numbers: say which by"),
         ("name = 'p'\nkind = 'size'\nobjects = 'sled'\n", 3, "geom_size has 3 numbers.*0 to 2"),
         (
@@ -832,3 +832,65 @@ def test_a_task_that_was_edited_is_another_one(tmp_path):
         assert content() != before, new
         file.write_text("# a comment is no change\n" * (file == tune) + text)
         assert content() == before
+
+
+# --- what ordinary models have --------------------------------------------------------------
+
+FOUR_BAR = """
+<mujoco>
+  <worldbody>
+    <camera name="front" pos="0 -2 .5" xyaxes="1 0 0 0 0 1"/>
+    <body name="crank" pos="-.3 0 .5"><joint name="left" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0 .3" size=".02" contype="0"/>
+      <body name="bar" pos="0 0 .3"><joint name="middle" axis="0 1 0"/>
+        <geom name="rod" type="capsule" fromto="0 0 0 .6 0 0" size=".02" contype="0"/></body></body>
+    <body name="rocker" pos=".3 0 .5"><joint name="right" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0 .3" size=".02" contype="0"/></body>
+    <body name="free" pos="0 1 .5"><joint name="swing" axis="0 1 0"/>
+      <geom type="sphere" size=".05" contype="0"/></body>
+  </worldbody>
+  <equality><connect body1="bar" body2="rocker" anchor=".6 0 0"/></equality>
+</mujoco>
+"""
+OF_THE_BAR = "[[parameters]]\nname = 'mass'\nkind = 'mass'\nobjects = ['bar']\n"
+
+
+def test_a_closed_chain_is_not_torn_apart_by_its_start(folder, load):
+    (folder / "scene.xml").write_text(FOUR_BAR)
+    head = "model = 'scene.xml'\ncontrol_timestep_s = 0.05\n"
+    batch = starts(load(head + OF_THE_BAR))
+    for joint in ("left", "middle", "right"):
+        assert np.ptp(spans(batch, joint)) == 0
+    np.testing.assert_allclose(spans(batch, "swing"), [[-np.pi, np.pi]], atol=0.1)
+
+
+def test_a_model_that_was_exported_can_be_tuned_again(folder, load):
+    pose = "[camera]\nposition_m = [0, -2, 1]\nlook_at_m = [0, 0, 0]\n"
+    head = "model = 'scene.xml'\ncontrol_timestep_s = 0.05\n"
+    task = load(head + pose + MASS)
+    (folder / "scene.xml").write_text(task.load_spec().to_xml())
+    again = load(head + pose.replace("-2", "-3") + MASS)
+    assert camera_of(again)[0][1] == pytest.approx(-3)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "line", "message"),
+    [
+        ("field = 'opt.timestep'", 6, "it cannot be tuned"),
+        ("kind = 'size'\nobjects = ['cube']\ncomponent = 0", 7, "cube has the size of its mesh"),
+        ("kind = 'field_of_view'", 4, "camera front has a sensorsize"),
+    ],
+)
+def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, refuses):
+    (folder / "scene.xml").write_text("""
+<mujoco>
+  <asset><mesh name="tent" vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1"/></asset>
+  <worldbody>
+    <camera name="front" pos="0 -2 .5"
+      resolution="640 480" sensorsize=".008 .006" focal=".006 .006"/>
+    <body name="bar"><joint/><geom name="cube" type="mesh" mesh="tent"/></body>
+  </worldbody>
+</mujoco>
+""")
+    head = "model = 'scene.xml'\ncamera = 'front'\ncontrol_timestep_s = 0.05\n"
+    refuses(f"{head}[[parameters]]\nname = 'x'\n{parameter}\n", line, message)

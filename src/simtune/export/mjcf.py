@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from simtune.errors import InputError
+from simtune.export.inferred import write_down_inferred
 from simtune.parameters import ModelWriter, rows_of
 from simtune.run import write_atomically
 from simtune.simulation import count_substeps
@@ -18,6 +19,7 @@ _ASSETS = "assets"
 # What `MjSpec.copy_back` of MuJoCo 3.17 leaves out, as measured field by field.
 _NOT_COPIED = ("actuator_delay", "site_size", "mat_metallic", "mat_roughness")
 _NOT_COPIED += ("light_range", "light_bulbradius")
+_INFERRED = ("body_mass", "body_inertia", "body_ipos", "tendon_lengthspring")
 
 
 def tuned_model(
@@ -30,6 +32,7 @@ def tuned_model(
     step_s = step_s or task.step_s
     spec = task.spec_for(step_s)
     spec.option.timestep = step_s / count_substeps(step_s, spec.option.timestep)
+    write_down_inferred(spec)
     model = spec.compile()
     writer = ModelWriter(task.parameters, model)
     writer.write(model, parameters)
@@ -42,13 +45,24 @@ def write_mjcf(
     """FOLDER/model.xml with the numbers of `model`, which was compiled from `spec`.
 
     Meshes, textures and height fields from files are copied into FOLDER/assets.
-    Raises InputError for a file that cannot be read, RuntimeError for a field that MJCF lacks.
+    Raises InputError for a file that cannot be read, or what MuJoCo cannot write, RuntimeError for
+    a field that MJCF lacks.
     """
+    try:
+        _write(spec, model, writer, folder)
+    except ValueError as error:  # MuJoCo's own
+        reason = " ".join(str(error).split())
+        raise InputError(f"MuJoCo cannot write the tuned model as MJCF: {reason}") from error
+    _compare(mujoco.MjModel.from_xml_path(str(folder / "model.xml")), model, writer)
+
+
+def _write(spec: mujoco.MjSpec, model: mujoco.MjModel, writer: ModelWriter, folder: Path) -> None:
     spec.copy_back(model)
     for kind, name, attribute, value in not_copied(writer, model):
         setattr(getattr(spec, kind)(name), attribute, value)
     copied: dict[Path, str] = {}
     for owner, where, name in _files(spec):
+        name = PurePath(name).name if spec.strippath else name
         source = Path(spec.modelfiledir or "") / where / name
         if source not in copied:
             copied[source] = _copy(source, folder / _ASSETS, len(copied))
@@ -56,7 +70,6 @@ def write_mjcf(
     spec.meshdir = spec.texturedir = _ASSETS if copied else ""
     spec.modelfiledir = str(folder)  # writing looks at the files once more
     write_atomically(folder / "model.xml", spec.to_xml().encode())
-    _compare(mujoco.MjModel.from_xml_path(str(folder / "model.xml")), model, writer)
 
 
 def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:
@@ -74,7 +87,7 @@ def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str
 
 def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, writer: ModelWriter) -> None:
     """MJCF need not have a word for every field of a model."""
-    for field in writer.written:
+    for field in {*writer.written, *_INFERRED}:
         before, after = (m.opt if field.startswith("opt.") else m for m in (model, reloaded))
         name = field.removeprefix("opt.")
         if not np.allclose(getattr(before, name), getattr(after, name), rtol=1e-4, atol=1e-6):

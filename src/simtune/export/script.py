@@ -1,11 +1,13 @@
 """Python that writes what was found into a user's own copy of the model, without simtune."""
 
+import inspect
 from collections.abc import Iterator
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from simtune.export.inferred import write_down_inferred
 from simtune.export.mjcf import not_copied
 from simtune.parameters import ModelWriter, rows_of
 
@@ -39,8 +41,11 @@ def apply(model: mujoco.MjModel) -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
+{inferred}
+
 if __name__ == "__main__":
     spec = mujoco.MjSpec.from_file(sys.argv[1])
+    write_down_inferred(spec)
 {not_copied}    model = spec.compile()
     apply(model)
     spec.copy_back(model)
@@ -62,7 +67,9 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
         f"    spec.{kind}({name!r}).{attribute} = {value!r}\n"
         for kind, name, attribute, value in not_copied(writer, model)
     )
-    return _SCRIPT.format(rows="\n".join(rows), note=note, not_copied=left_out)
+    inferred = inspect.getsource(write_down_inferred)
+    rest = {"note": note, "not_copied": left_out, "inferred": inferred}
+    return _SCRIPT.format(rows="\n".join(rows), **rest)
 
 
 def _found(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:

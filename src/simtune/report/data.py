@@ -68,9 +68,11 @@ class RunData:
     @property
     def colours(self) -> list[str]:
         """Names NAME of which NAME_r, NAME_g and NAME_b are all parameters."""
-        names = self.parameters
+        names = {name for name, facts in self.parameters.items() if _is_of_colour(facts)}
         return [
-            n[:-2] for n in names if n.endswith("_r") and {f"{n[:-2]}_g", f"{n[:-2]}_b"} <= {*names}
+            n[:-2]
+            for n in self.parameters
+            if n.endswith("_r") and {n, f"{n[:-2]}_g", f"{n[:-2]}_b"} <= names
         ]
 
     def is_colour(self, name: str) -> bool:
@@ -86,6 +88,12 @@ class RunData:
                 for column, value in zip(columns.values(), values, strict=True):
                     column.append(value)
         return History(**columns)
+
+
+def _is_of_colour(facts: dict[str, Any]) -> bool:
+    """By its values: what is called r, g or b need not be one."""
+    known = (facts.get(key) for key in ("nominal", "initial", "mean", "low", "high", "real"))
+    return all(0 <= value <= 1 for value in known if is_number(value))
 
 
 def is_number(value: Any) -> TypeGuard[float]:

@@ -133,7 +133,7 @@ class JointActions:
         for name, kind, joint in zip(self.names, model.actuator_trntype[ids], joints, strict=True):
             if kind != _JOINT or model.jnt_type[joint] not in _HINGE_OR_SLIDE:
                 raise InputError(f"{name} moves no hinge and no slide, so it displaces none")
-        self._places, self._gear = model.jnt_qposadr[joints], model.actuator_gear[ids, 0]
+        self._places = model.jnt_qposadr[joints]
         self._per_unit = _each("per_unit", per_unit, ids)
         self.range = checked_range(action_range, len(ids))
         self.is_limited = np.full(len(ids), True)
@@ -143,7 +143,8 @@ class JointActions:
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         wanted = self._per_unit * np.clip(actions, *self.range.T)
-        targets = self._gear * (batch.qpos[:, self._places] + wanted)
+        gear = batch.expand("actuator_gear")[:, self._ids, 0]  # each world's own
+        targets = gear * (batch.qpos[:, self._places] + wanted)
         return _among_others(batch, self._ids, targets)
 
 

@@ -34,6 +34,7 @@ class OpenGLRenderer:
     ):
         self.image_size = image_size
         self._model = copy.copy(model)
+        self._model.cam_sensorsize[:] = 0  # a square of the field of view, as every renderer draws
         self._writer = ModelWriter(space, self._model)
         self._written: np.ndarray | None = None
         self._data = mujoco.MjData(self._model)

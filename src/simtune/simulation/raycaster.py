@@ -23,7 +23,8 @@ _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light
 # Model fields that the ray caster reads for each world; other parameters act through the poses.
 _DRAWN_FIELDS = {"geom_rgba", "geom_size", "mat_rgba", "mat_emission", "mat_specular"}
 _DRAWN_FIELDS |= {"mat_shininess", "mat_texrepeat", "light_diffuse", "light_ambient"}
-_DRAWN_FIELDS |= {"light_specular", "light_cutoff", "light_exponent", "cam_fovy"}
+_DRAWN_FIELDS |= {"light_specular", "light_cutoff", "light_exponent"}
+_DRAWN_FIELDS |= {"light_attenuation", "cam_fovy"}
 _COMPILING = Lock()  # Warp builds modules one at a time
 _NOTHING = 0  # packed pixel where the ray hits nothing; drawn ones are opaque, so never 0
 

@@ -21,10 +21,13 @@ class FilmingCamera:
     fovy_deg: float = 0.0
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
-        if self.position_m:
-            spec.worldbody.add_camera(
-                name=self.name, pos=self.position_m, quat=self.quaternion, fovy=self.fovy_deg
-            )
+        if not self.position_m:
+            return
+        if before := spec.camera(self.name):  # of a model that was tuned and exported
+            spec.delete(before)
+        spec.worldbody.add_camera(
+            name=self.name, pos=self.position_m, quat=self.quaternion, fovy=self.fovy_deg
+        )
 
 
 def read_camera(file: TomlTable, spec: mujoco.MjSpec) -> FilmingCamera:

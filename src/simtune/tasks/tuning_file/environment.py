@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -63,10 +64,14 @@ def _factory(folder: Path, named: str) -> tuple[Callable[[], Any], str]:
     if not path.is_file() or module_spec is None or module_spec.loader is None:
         raise InputError(f"there is no file {path}")
     module = importlib.util.module_from_spec(module_spec)
+    sys.modules[path.stem] = module  # dataclasses look there, among others
+    sys.path.insert(0, str(path.parent))  # as if it were run as a script
     try:
         module_spec.loader.exec_module(module)
     except Exception as error:  # whatever the user's own code raises
         raise InputError(f"{path} cannot be run: {type(error).__name__}: {error}") from error
+    finally:
+        sys.path.remove(str(path.parent))
     if not callable(make := getattr(module, in_file[2], None)):
         raise InputError(f"{path} has no {in_file[2]} to call")
     return make, path.read_text(encoding="utf-8")

@@ -8,9 +8,10 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS
 
 from simtune.errors import InputError, UnknownName
-from simtune.parameters import Parameter
+from simtune.parameters import Parameter, rows_of
 from simtune.parameters.places import place_of
 
+_SHAPED_BY_ASSETS = (mujoco.mjtGeom.mjGEOM_MESH.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 # Kinds of parameters in MuJoCo's words: field, component (None: the whole row, or to be said).
 KINDS: dict[str, tuple[str, int | None]] = {
     "mass": ("body_mass", None),
@@ -75,6 +76,11 @@ def check_field(model: mujoco.MjModel, field: str) -> None:
             raise UnknownName("field", field, "MjModel", sorted(MODEL_FIELDS))
         usual = ", ".join(sorted({field for field, _ in KINDS.values()}))
         raise InputError(f"no field {field!r} in MjModel; usual ones are: {usual}")
+    if field == "opt.timestep":
+        raise InputError(
+            "opt.timestep says how finely physics is computed, and a recording knows its own time: "
+            "it cannot be tuned"
+        )
     if not np.issubdtype(_values(model, field).dtype, np.floating):
         raise InputError(f"{field} holds no real numbers, so it cannot be tuned")
 
@@ -87,6 +93,18 @@ def check_component(model: mujoco.MjModel, parameter: Parameter) -> None:
     if component is not None and not parameter.is_turn and component >= width:
         has = f"components 0 to {width - 1}" if width else "no components"
         raise InputError(f"{field} has {has}, got component = {component}")
+
+
+def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
+    """Raises InputError for objects that have the field, but none that could be another."""
+    rows = (rows_of(model, parameter.field, name) for name in parameter.objects)
+    for name, row in zip(parameter.objects, rows, strict=True):
+        if parameter.field == "geom_size" and model.geom_type[row].item() in _SHAPED_BY_ASSETS:
+            raise InputError(f"{name} has the size of its mesh or height field: scale that")
+        if parameter.field == "cam_fovy" and model.cam_sensorsize[row].any():
+            raise InputError(
+                f"camera {name} has a sensorsize, which its field of view follows: give it fovy"
+            )
 
 
 def _values(model: mujoco.MjModel, field: str) -> np.ndarray:

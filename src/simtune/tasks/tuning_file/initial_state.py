@@ -10,6 +10,7 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 _SLIDE = mujoco.mjtJoint.mjJNT_SLIDE.value
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
+_OF_BODIES = (mujoco.mjtEq.mjEQ_CONNECT.value, mujoco.mjtEq.mjEQ_WELD.value)
 _KINDS = ("recording", "distribution", "keyframe")
 _NEAR = 0.1  # of the model's extent: how far off what slides without limits may start
 
@@ -48,8 +49,10 @@ def _keyframe(table: TomlTable, model: mujoco.MjModel, is_needed: bool) -> int:
 def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, tuple[Spread, ...]]:
     """For recordings that say nothing of their start: what a fit can find it among."""
     near = _NEAR * model.stat.extent
-    positions, turns = [], []
+    positions, turns, tied = [], [], _tied(model)
     for joint in range(model.njnt):
+        if joint in tied:
+            continue
         kind, at = model.jnt_type[joint], int(model.jnt_qposadr[joint])
         if kind in (_HINGE, _SLIDE) and model.jnt_limited[joint]:
             positions.append(Spread(at, *map(float, model.jnt_range[joint])))
@@ -60,6 +63,32 @@ def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, 
             positions += [Spread(i, pose[i] - near, pose[i] + near) for i in (at, at + 1)]
             turns.append(Spread(at + 3, -np.pi, np.pi))
     return {"positions": tuple(positions), "turns": tuple(turns)}
+
+
+def _tied(model: mujoco.MjModel) -> set[int]:
+    """Joints that an active equality holds together with others: drawn alone they tear it apart."""
+    tied: set[int] = set()
+    for i in np.flatnonzero(model.eq_active0):
+        pair = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
+        if model.eq_type[i] == mujoco.mjtEq.mjEQ_JOINT.value:
+            tied |= set(pair) - {-1}
+        elif model.eq_type[i] in _OF_BODIES:
+            if model.eq_objtype[i] == mujoco.mjtObj.mjOBJ_SITE.value:
+                pair = [int(model.site_bodyid[site]) for site in pair]
+            if (model.body_mocapid[pair] >= 0).any():
+                continue  # which comes to where the other is
+            one, other = (_ancestors(model, body) for body in pair)
+            tied |= {joint for joint in range(model.njnt) if model.jnt_bodyid[joint] in one ^ other}
+    return tied
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
+    """A body and those that it hangs from, without the world."""
+    found = set()
+    while body > 0:
+        found.add(body)
+        body = int(model.body_parentid[body])
+    return found
 
 
 def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, tuple[Spread, ...]]:

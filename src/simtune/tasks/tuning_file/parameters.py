@@ -11,6 +11,7 @@ from simtune.tasks.tuning_file.field_defaults import (
     KINDS,
     check_component,
     check_field,
+    check_objects,
     own_nominal,
     own_values,
     usual_range,
@@ -127,6 +128,7 @@ def _some_parameter(
         check_component(model, some)
     with entry.at("objects"):
         own_values(model, some)
+        check_objects(model, some)
     return some
 
 

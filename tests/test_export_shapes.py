@@ -1,0 +1,88 @@
+"""`export` of worlds whose shapes are tuned: masses and lengths stay as the run had them."""
+
+import runpy
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+from test_export import a_run, the_tuned_world
+
+from simtune.config import ExportConfig
+from simtune.errors import InputError
+from simtune.export import export
+
+pytestmark = pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass'")
+
+SCENE = """
+<mujoco>
+  <compiler inertiafromgeom="true" {compiler}/>
+  <worldbody>
+    <camera name="front" pos="0 -2 .5" xyaxes="1 0 0 0 0 1"/> <light pos="0 0 3"/>
+    <site name="hook" pos="0 0 1"/>
+    <body name="arm" pos="0 0 .5"><joint name="shoulder" axis="0 1 0" damping=".1"/>
+      <geom name="rod" type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>
+      <body name="hand" pos=".3 0 0"><joint name="wrist" axis="0 1 0" damping=".1"/>
+        <geom name="palm" type="box" size=".1 .02 .02"/> <site name="tip" pos=".1 0 0"/>
+      </body></body>
+  </worldbody>
+  <tendon><spatial name="spring" stiffness="20"><site site="hook"/><site site="tip"/></spatial>
+  </tendon>
+</mujoco>
+"""
+TUNING = """
+model = "scene.xml"
+camera = "front"
+control_timestep_s = 0.05
+parameters = [
+  {name = "width", kind = "size", objects = ["rod"], component = 0},
+  {name = "mass", kind = "mass", objects = ["hand"]},
+  {name = "tip", field = "site_pos", component = 0, objects = ["tip"], low = 0.02, high = 0.4},
+]
+"""
+
+
+@pytest.fixture(params=["", 'settotalmass="3"'])
+def scene(request, tmp_path):
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    (folder / "scene.xml").write_text(SCENE.format(compiler=request.param))
+    (folder / "scene.toml").write_text(TUNING)
+    return folder / "scene.toml"
+
+
+def after_a_second(model: mujoco.MjModel) -> np.ndarray:
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 500)
+    return data.qpos
+
+
+def test_nothing_is_inferred_anew_from_tuned_shapes(scene, tmp_path):
+    run, mean = a_run(tmp_path / "run", str(scene))
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    expected = the_tuned_world(str(scene), mean)
+    nominal = mujoco.MjModel.from_xml_path(str(scene.parent / "scene.xml"))
+    assert nominal.body_mass[1] == pytest.approx(expected.body_mass[1])  # a size is no mass
+    copy = tmp_path / "copy.xml"
+    subprocess.run([sys.executable, out / "apply.py", scene.parent / "scene.xml", copy], check=True)
+    runpy.run_path(str(out / "apply.py"))["apply"](nominal)
+    np.testing.assert_allclose(nominal.body_inertia, expected.body_inertia)
+    for path in (out / "model.xml", copy):
+        exported = mujoco.MjModel.from_xml_path(str(path))
+        for field in ("body_mass", "body_inertia", "body_ipos", "tendon_lengthspring"):
+            values, wanted = getattr(exported, field), getattr(expected, field)
+            np.testing.assert_allclose(values, wanted, rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(after_a_second(exported), after_a_second(expected), atol=1e-3)
+
+
+def test_what_mujoco_cannot_write_is_said_in_a_line(scene, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise ValueError("Error: no word\nfor that")
+
+    run, _ = a_run(tmp_path / "run", str(scene))
+    monkeypatch.setattr("simtune.export.mjcf._write", refuse)
+    with pytest.raises(
+        InputError, match="cannot write the tuned model as MJCF: Error: no word for"
+    ):
+        export(ExportConfig(run_folder=run, out=tmp_path / "out"))
