@@ -517,3 +517,19 @@ def test_an_unknown_renderer_or_camera_is_refused(scene):
         make_renderer("povray", scene, SPACE, "above", SIZE)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no camera 'below'"):
         make_renderer("raycaster", scene, SPACE, "below", SIZE)
+
+
+@pytest.mark.opengl
+def test_a_camera_with_a_sensor_shows_the_square_of_its_field_of_view():
+    """Of 4:3, which is not squeezed into the square."""
+    sensor = 'resolution="640 480" sensorsize=".008 .006" focal=".006 .006"'
+    pictures = []
+    for lens in (sensor, f'fovy="{2 * np.degrees(np.arctan(0.5))}"'):
+        text = SCENE.replace('<camera name="above"', f'<camera name="above" {lens}')
+        model = mujoco.MjModel.from_xml_string(text)
+        data = mujoco.MjData(model)
+        row = np.empty((1, mujoco.mj_stateSize(model, STATE.value)))
+        mujoco.mj_getState(model, data, row[0], STATE.value)
+        drawer = opengl_or_skip(model, SPACE, "above", SIZE)
+        pictures.append(drawer.render(row, SPACE.nominal[None])[0].astype(int))
+    assert np.abs(pictures[0] - pictures[1]).max() <= 2
