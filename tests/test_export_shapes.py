@@ -81,8 +81,23 @@ def test_what_mujoco_cannot_write_is_said_in_a_line(scene, tmp_path, monkeypatch
         raise ValueError("Error: no word\nfor that")
 
     run, _ = a_run(tmp_path / "run", str(scene))
-    monkeypatch.setattr("simtune.export.mjcf._write", refuse)
+    monkeypatch.setattr(mujoco.MjSpec, "copy_back", refuse)
     with pytest.raises(
         InputError, match="cannot write the tuned model as MJCF: Error: no word for"
     ):
+        export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+
+
+def test_a_file_that_cannot_be_copied_is_said_as_what_it_is(scene, tmp_path, monkeypatch):
+    def missing(*_):
+        raise InputError("cannot copy a.obj, which the model needs: no such file")
+
+    xml = (scene.parent / "scene.xml").read_text()
+    mesh = '<asset><mesh name="a" file="a.obj"/></asset><worldbody>'
+    (scene.parent / "scene.xml").write_text(xml.replace("<worldbody>", mesh))
+    corners = "".join(f"v {x}\n" for x in ("0 0 0", "1 0 0", "0 1 0", "0 0 1"))
+    (scene.parent / "a.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    run, _ = a_run(tmp_path / "run", str(scene))
+    monkeypatch.setattr("simtune.export.mjcf._copy", missing)
+    with pytest.raises(InputError, match=r"^cannot copy a\.obj"):
         export(ExportConfig(run_folder=run, out=tmp_path / "out"))

@@ -300,6 +300,9 @@ def test_the_presets_schedules(tmp_path):
     # The first call collects as well; so many that do not move come first, then 40 that do.
     steps_per_call = search.episodes_per_iteration * search.episode_steps
     assert parts.schedule.searches[0] == 50_000 / steps_per_call + 40
+    short = make_parts(dataclasses.replace(config, task="rope_peg"), lambda *_: None).search.config
+    assert short.episode_steps == 60
+    assert short.episodes_per_iteration * short.episode_steps == pytest.approx(2000, rel=0.02)
 
 
 def test_a_real_world_that_has_other_parameters_now_is_noticed(tmp_path, quick_tune):

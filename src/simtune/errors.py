@@ -18,5 +18,10 @@ class UnknownName(InputError):
         super().__init__(f"no {kind} {name!r} in {where}; {hint}")
 
 
+def one_line(error: ValueError) -> str:
+    """What MuJoCo says, in several lines."""
+    return " ".join(str(error).split())
+
+
 class RobotError(RuntimeError):
     """A robot fails, or was asked for what it must not do; the CLI exits with 1."""

@@ -6,7 +6,6 @@ from typing import Any
 
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
-from simtune.networks import under
 from simtune.outcome import summary
 from simtune.parts import Parts, make_parts
 from simtune.progress import Say, silent
@@ -52,6 +51,5 @@ def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
             f"--real-parameters {asked['real_parameters']}, by which {run_folder} was made, has "
             "other values now; put the former back"
         )
-    tensors, state = checkpoint.load(newest)
-    parts.agent.load(under("agent/", tensors), state["agent"])
+    parts.load_agent(*checkpoint.load(newest))
     return parts

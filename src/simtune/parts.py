@@ -89,10 +89,14 @@ class Parts:
 
     def load(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
         """The inverse of `saved`."""
-        self.agent.load(under("agent/", tensors), state["agent"])
+        self.load_agent(tensors, state)
         self.search.load(under("search/", tensors), state["search"])
         film = self.environment.simulator.render  # what is stored has no frames
         self.replay.load(under("replay/", tensors), state["replay"], film)
+
+    def load_agent(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
+        """Of all that was `saved` only the agent."""
+        self.agent.load(under("agent/", tensors), state["agent"])
 
     def _changing(self) -> dict[str, Any]:
         return {"agent": self.agent, "search": self.search, "replay": self.replay}
@@ -183,10 +187,12 @@ def _search_config(
         )
     settings: dict[str, Any] = {"window": config.window, "range_spm": config.range_spm}
     settings |= {"step_size": config.step_size, "episode_steps": episode_steps}
-    settings |= {"collect_steps": 50_000, "pretrain_steps": 50_000}
     if config.preset == "fast":  # smaller pictures, and fewer of them before anything moves
         settings |= {"crop_size": 56, "collect_steps": 4000, "pretrain_steps": 0}
         settings |= {"episodes_per_iteration": 5}
+    else:  # as `schedule.paper` counts on: 2,000 steps a call, however long an episode is
+        settings |= {"collect_steps": 50_000, "pretrain_steps": 50_000}
+        settings |= {"episodes_per_iteration": max(1, round(2000 / episode_steps))}
     return PaperConfig(**settings)
 
 

@@ -2,13 +2,14 @@
 
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path, PurePath
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from simtune.errors import InputError
+from simtune.errors import InputError, one_line
 from simtune.export.inferred import write_down_inferred
 from simtune.parameters import ModelWriter, rows_of
 from simtune.run import write_atomically
@@ -48,16 +49,8 @@ def write_mjcf(
     Raises InputError for a file that cannot be read, or what MuJoCo cannot write, RuntimeError for
     a field that MJCF lacks.
     """
-    try:
-        _write(spec, model, writer, folder)
-    except ValueError as error:  # MuJoCo's own
-        reason = " ".join(str(error).split())
-        raise InputError(f"MuJoCo cannot write the tuned model as MJCF: {reason}") from error
-    _compare(mujoco.MjModel.from_xml_path(str(folder / "model.xml")), model, writer)
-
-
-def _write(spec: mujoco.MjSpec, model: mujoco.MjModel, writer: ModelWriter, folder: Path) -> None:
-    spec.copy_back(model)
+    with _mujocos_errors():
+        spec.copy_back(model)
     for kind, name, attribute, value in not_copied(writer, model):
         setattr(getattr(spec, kind)(name), attribute, value)
     copied: dict[Path, str] = {}
@@ -69,7 +62,21 @@ def _write(spec: mujoco.MjSpec, model: mujoco.MjModel, writer: ModelWriter, fold
         owner.file = copied[source]
     spec.meshdir = spec.texturedir = _ASSETS if copied else ""
     spec.modelfiledir = str(folder)  # writing looks at the files once more
-    write_atomically(folder / "model.xml", spec.to_xml().encode())
+    with _mujocos_errors():
+        write_atomically(folder / "model.xml", spec.to_xml().encode())
+        reloaded = mujoco.MjModel.from_xml_path(str(folder / "model.xml"))
+    _compare(reloaded, model, writer)
+
+
+@contextmanager
+def _mujocos_errors() -> Iterator[None]:
+    """Say them as those of the user's model."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(
+            f"MuJoCo cannot write the tuned model as MJCF: {one_line(error)}"
+        ) from error
 
 
 def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:
@@ -87,7 +94,7 @@ def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str
 
 def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, writer: ModelWriter) -> None:
     """MJCF need not have a word for every field of a model."""
-    for field in {*writer.written, *_INFERRED}:
+    for field in sorted({*writer.written, *_INFERRED}):
         before, after = (m.opt if field.startswith("opt.") else m for m in (model, reloaded))
         name = field.removeprefix("opt.")
         if not np.allclose(getattr(before, name), getattr(after, name), rtol=1e-4, atol=1e-6):

@@ -14,9 +14,9 @@ class Truth:
     """Known in a pseudo-real world only, and never handed out to whoever searches."""
 
     def __init__(self, space: ParameterSpace, parameters: np.ndarray):
-        self._space, self._parameters = space, np.asarray(parameters, float)
+        self._space, self._parameters = space, (known := np.asarray(parameters, float))
         # By which another truth is noticed, while this one stays unknown
-        self.digest = hashlib.sha256(np.asarray(parameters, float).tobytes()).hexdigest()[:16]
+        self.digest = hashlib.sha256(known.tobytes()).hexdigest()[:16]
 
     def make_real(
         self,

@@ -60,11 +60,12 @@ def _factory(folder: Path, named: str) -> tuple[Callable[[], Any], str]:
     if not in_file:
         return lambda: _registered(named), ""
     path = folder / in_file[1]
-    module_spec = importlib.util.spec_from_file_location(path.stem, path)
+    module_name = f"simtune_environment_{path.stem}"  # no other module's
+    module_spec = importlib.util.spec_from_file_location(module_name, path)
     if not path.is_file() or module_spec is None or module_spec.loader is None:
         raise InputError(f"there is no file {path}")
     module = importlib.util.module_from_spec(module_spec)
-    sys.modules[path.stem] = module  # dataclasses look there, among others
+    sys.modules[module_name] = module  # dataclasses look there, among others
     sys.path.insert(0, str(path.parent))  # as if it were run as a script
     try:
         module_spec.loader.exec_module(module)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import mujoco
 
+from simtune.errors import one_line
 from simtune.simulation.delays import count_substeps
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
@@ -69,7 +70,7 @@ def _read_spec(file: TomlTable) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(model))
     except ValueError as error:
-        raise file.error(f"MuJoCo cannot read {model}: {_one_line(error)}", "model") from None
+        raise file.error(f"MuJoCo cannot read {model}: {one_line(error)}", "model") from None
 
 
 def _compiled(file: TomlTable, spec: mujoco.MjSpec) -> mujoco.MjModel:
@@ -77,8 +78,4 @@ def _compiled(file: TomlTable, spec: mujoco.MjSpec) -> mujoco.MjModel:
         return spec.compile()
     except ValueError as error:
         model = file.text("model")
-        raise file.error(f"MuJoCo cannot compile {model}: {_one_line(error)}", "model") from None
-
-
-def _one_line(error: ValueError) -> str:
-    return " ".join(str(error).split())
+        raise file.error(f"MuJoCo cannot compile {model}: {one_line(error)}", "model") from None
