@@ -2,7 +2,8 @@
 
 Writes a LeRobotDataset v3 of so many frames (blocks of colour that move), looks through all of it
 with `check`, and takes some or all episodes as `tune` does before it begins (what it needs from
-there on is `memory.py`'s). Each is a process of its own. The last line is one JSON object.
+there on is `memory.py`'s); with `--tune-minutes`, also a whole `tune` to all of them. Each is a
+process of its own. The last line is one JSON object.
 """
 
 import json
@@ -21,7 +22,7 @@ from common import machine
 from simtune.recordings import write_dataset
 from simtune.trajectory import Trajectory
 
-_CHECK = "from simtune.cli import main; main()"
+_CLI = "from simtune.cli import main; main()"
 _COLLECT = """
 import sys
 from simtune.config import RealConfig
@@ -65,6 +66,7 @@ def main(
     width: int = 64,
     episode_steps: int = 199,
     real_episodes: int = 10,
+    tune_minutes: float = 0.0,
     quick: bool = False,
 ) -> None:
     """Measure it.
@@ -75,6 +77,7 @@ def main(
         width: The same.
         episode_steps: Actions in an episode; it has a frame more.
         real_episodes: That `tune` takes, beside all.
+        tune_minutes: For a whole run with all episodes; 0: none.
         quick: 2,000 frames: within a minute.
     """
     if quick:
@@ -86,9 +89,14 @@ def main(
         names = {"action_names": ["slide"], "robot_type": "none", "task": "noise"}
         write_dataset(dataset, trajectories, **names)
         size_mb = sum(path.stat().st_size for path in dataset.rglob("*.*")) / 1e6
-        check = measure(_CHECK, "check", "cartpole", "--real", dataset, "--json")
+        check = measure(_CLI, "check", "cartpole", "--real", dataset, "--json")
         some = measure(_COLLECT, dataset, min(real_episodes, num_episodes))
         whole = measure(_COLLECT, dataset, num_episodes)
+        tuned = None
+        if tune_minutes:
+            asked = ["--real-episodes", num_episodes, "--budget-minutes", tune_minutes]
+            out = Path(folder) / "run"
+            tuned = measure(_CLI, "tune", "cartpole", "--real", dataset, "--out", out, *asked)
     result = {
         "frames": num_episodes * (episode_steps + 1),
         "picture": [height, width],
@@ -96,6 +104,7 @@ def main(
         "check": check,
         "tune_reads": some | {"episodes": min(real_episodes, num_episodes)},
         "tune_reads_all": whole | {"episodes": num_episodes},
+        "tune_all": tuned,
         "limit_mb": _LIMIT_MB,
         **machine(),
     }

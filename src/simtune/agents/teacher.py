@@ -28,6 +28,8 @@ class TeacherConfig:
     discount: float = 0.99
     target_rate: float = 0.01  # the paper's critic τ
     init_temperature: float = 0.1  # the paper's
+    # It falls while nothing is earned yet, and has to be back before the policy settles on less.
+    temperature_learning_rate: float = 5e-3
     log_std: tuple[float, float] = (-5.0, 2.0)
 
 
@@ -57,7 +59,9 @@ class Teacher(nn.Module):
         self._optimizer = torch.optim.Adam(
             [p for part in parts for p in part.parameters()], config.learning_rate, fused=True
         )
-        self._temperature_optimizer = torch.optim.Adam([self.log_temperature], config.learning_rate)
+        self._temperature_optimizer = torch.optim.Adam(
+            [self.log_temperature], config.temperature_learning_rate
+        )
 
     def normalize_by(self, states: torch.Tensor) -> None:
         """From now on (B, D) such states have mean 0 and standard deviation 1 for the networks."""

@@ -26,7 +26,7 @@ class TeacherStudentConfig:
     teacher_share: float = 0.8  # of the steps before anybody sees the student, until it begins
     filmed_share: float = 0.7  # of the steps after that
     random_steps: int = 3_000  # at the start
-    teacher_updates_per_step: float = 0.25
+    teacher_updates_per_step: float = 0.5
     sight_updates_per_step: float = 0.03
     first_sight_factor: float = 3.0  # so many times more of them at first: it is blind
     head_updates_per_step: float = 0.25

@@ -1,5 +1,6 @@
 """From a rough estimate to a fine one: track, guess states, fit the physics, fit the pictures."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -72,14 +73,14 @@ class ReplayFit:
 
     def fit(
         self,
-        frames: np.ndarray,
+        frames: Sequence[np.ndarray],
         actions: np.ndarray,
         start: np.ndarray,
         start_std: np.ndarray,
         lag: int | None = 0,
         grow: bool = True,
     ) -> Fit:
-        """Fit (E, T + 1, H, W, 3) frames and (E, T, A) actions, from (N,) parameters.
+        """Fit E times (T + 1, H, W, 3) frames and (E, T, A) actions, from (N,) parameters.
 
         `start_std`: (N,) of the start in unit coordinates. With three episodes or more the last
         one is kept to test the fit on. `lag` is the actions' delay in steps; None: find it.
@@ -184,7 +185,7 @@ class ReplayFit:
         return best if misfits[best] < misfits[0] - _CLEARLY_BETTER else 0
 
     def _fit_pictures(
-        self, motion: ShootingFit, frames: np.ndarray, parameters: np.ndarray
+        self, motion: ShootingFit, frames: Sequence[np.ndarray], parameters: np.ndarray
     ) -> PictureFit:
         """Pictures of the windows that fit well, spread over all of them."""
         good = np.flatnonzero(motion.misfit <= np.quantile(motion.misfit, 0.6))
@@ -194,7 +195,8 @@ class ReplayFit:
         spread = np.linspace(0, len(good) * len(within) - 1, _NUM_PICTURES)
         at = np.unique(spread.round().astype(int))
         chosen, middle = good[at // len(within)], within[at % len(within)]
-        shown = frames[motion.episode[chosen], motion.step[chosen] + middle]
+        places = zip(motion.episode[chosen], motion.step[chosen] + middle, strict=True)
+        shown = np.stack([frames[episode][step] for episode, step in places])
         rows = motion.rows[chosen, middle]
         for tangent in self._unseen_by_landmarks():
             rows = aligned(self._simulator, shown, rows, parameters, self._physics.space, tangent)

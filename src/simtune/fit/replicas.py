@@ -110,7 +110,8 @@ def make_replicas(
         frames = simulator.film(rollouts)
         if camera is not None:
             one_world = frames.reshape(1, -1, *frames.shape[2:])  # one camera films all of it
-            frames = camera.film(one_world, rng).reshape(frames.shape)
+            camera.film(one_world, rng)
+            frames = one_world.reshape(frames.shape)
         begin = space.from_unit(truth + away * rng.normal(size=len(unit)))
         found = replay.fit(frames, actions, begin, guess_std, fit.lag, grow)
         misfits.append(found.misfit)

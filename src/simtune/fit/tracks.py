@@ -1,5 +1,6 @@
 """What sight saw of several episodes, and how sure it was."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,9 +28,10 @@ class Tracks:
         return Tracks(self.places, self.probability, delayed(self.actions, steps))
 
 
-def track(sight: Sight, frames: np.ndarray, actions: np.ndarray) -> Tracks:
-    """What sight makes of (E, T + 1, H, W, 3) frames; (E, T, A) actions go with them."""
-    return to_tracks(look(sight, frames.reshape(-1, *frames.shape[2:])), actions)
+def track(sight: Sight, frames: Sequence[np.ndarray], actions: np.ndarray) -> Tracks:
+    """What sight makes of E times (T + 1, H, W, 3) frames; (E, T, A) actions go with them."""
+    seen = [look(sight, episode) for episode in frames]
+    return to_tracks(Seen(*map(np.concatenate, zip(*seen, strict=True))), actions)
 
 
 def to_tracks(seen: Seen, actions: np.ndarray) -> Tracks:

@@ -153,8 +153,8 @@ def to_input(frames: np.ndarray | torch.Tensor) -> torch.Tensor:
 
 
 @torch.no_grad()
-def look(sight: Sight, frames: np.ndarray, batch_size: int = 256) -> "Seen":
-    """What sight makes of (n, H, W, 3) frames."""
+def look(sight: Sight, frames: np.ndarray, batch_size: int = 64) -> "Seen":
+    """What sight makes of (n, H, W, 3) frames; larger batches are slower, and take much memory."""
     parts = []
     for start in range(0, len(frames), batch_size):
         heatmaps, found, estimated = sight(to_input(frames[start : start + batch_size]))

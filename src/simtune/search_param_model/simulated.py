@@ -48,17 +48,15 @@ class Camera:
     offset: float = 0.02  # of the full scale
     noise: float = 0.025  # at most, of the full scale
 
-    def film(self, frames: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """(W, F, H, W, 3) uint8 as drawn to the same as W cameras record them."""
-        filmed = np.empty_like(frames)
-        for world, drawn in enumerate(frames):
+    def film(self, frames: np.ndarray, rng: np.random.Generator) -> None:
+        """Make (W, F, H, W, 3) uint8 as drawn, in place, what W cameras record of them."""
+        for drawn in frames:
             gain = np.exp(rng.normal(0, self.gain) + rng.normal(0, self.tint, 3))
             offset = 255 * rng.normal(0, self.offset)
             noise = 255 * rng.uniform(0, self.noise)
             seen = _blurred(drawn.astype(np.float32), rng.uniform(0, 1)) * gain.astype(np.float32)
             seen += offset + noise * rng.standard_normal(seen.shape, np.float32)
-            filmed[world] = np.rint(seen).clip(0, 255)
-        return filmed
+            drawn[:] = np.rint(seen).clip(0, 255)
 
 
 def _blurred(pictures: np.ndarray, share: float) -> np.ndarray:
@@ -106,11 +104,13 @@ def simulate(
         states.reshape(num_worlds * num_filmed, -1), np.repeat(kept, num_filmed, axis=0)
     )
     frames = frames.reshape(num_worlds, num_filmed, *frames.shape[1:])
+    if camera:
+        camera.film(frames, rng)
     return SimulatedWorlds(
         kept,
         actions[rollouts.index[whole[:, 0]] // num_episodes],
         rollouts.recorded[whole].reshape(num_worlds, num_episodes, steps + 1, -1, 2),
-        camera.film(frames, rng) if camera else frames,
+        frames,
         start,
         states,
     )

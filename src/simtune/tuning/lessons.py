@@ -5,6 +5,7 @@ Each lesson takes worlds of the range that is searched at present, and a share o
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -69,6 +70,7 @@ class Lessons:
             real, distribution, num_worlds, config.episodes_per_world, config.filmed_steps
         )
         losses = self._to_see(worlds, distribution, iteration, seconds * config.sight_share)
+        worlds = replace(worlds, frames=worlds.frames[:0].copy())  # makes room for others
         unseen = self._collect(real, distribution, config.unseen_worlds, 1, config.unseen_steps)
         seen = self.model.look_at(unseen)
         errors = self.model.sight_errors(unseen, seen, distribution)

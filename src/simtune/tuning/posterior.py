@@ -125,7 +125,7 @@ class PosteriorSearch:
             return self._read(prob_higher), prob_higher
         prob_higher = self._judge(trajectories[: num_fitted(len(trajectories))])
         steps = min(len(t) for t in trajectories)
-        frames = np.stack([t.frames[: steps + 1] for t in trajectories])
+        frames = [t.frames[: steps + 1] for t in trajectories]  # no copy: there may be many
         actions = np.stack([t.actions[:steps] for t in trajectories]).astype(float)
         start, std = guess(prob_higher, self.searched)
         self._now("fitting", 0.8)
