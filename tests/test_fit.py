@@ -253,6 +253,17 @@ def test_replicas_say_how_much_too_sure_a_fit_is():
     assert (replicas_of(errors[:0]).inflation() == 3).all()  # nothing known: careful
 
 
+@pytest.mark.parametrize("size", [0.7, 1.0, 2.5])
+@pytest.mark.parametrize("num_replicas", [2, 6])
+def test_few_replicas_make_intervals_that_hold_as_often_as_they_say(num_replicas, size):
+    rng, held = np.random.default_rng(0), []
+    for _ in range(400):
+        errors = size * rng.normal(size=(num_replicas + 1, len(SPACE)))
+        width = 1.645 * replicas_of(errors[1:]).inflation()
+        held.append(np.abs(errors[0]) < width)
+    assert 0.87 < np.mean(held) < 0.95
+
+
 def test_replicas_that_went_astray_do_not_count_and_none_is_drawn_from_farther_than_was_known(
     simulator,
 ):

@@ -8,7 +8,7 @@ simulator did make.
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr, ndtri, stdtrit
 
 from simtune.fit.fit import ReplayFit
 from simtune.fit.found import Fit, Misfit
@@ -19,6 +19,7 @@ from simtune.trajectory import delayed
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
 _POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of each one
 _USUAL = 0.85  # share of errors that are taken to be no accident
+_LEAST_INFLATION = 0.5  # what a fit says of itself has a floor, which may be too careful
 _SMALLEST_SPREAD = 0.01  # of replicas around the estimate, in unit coordinates
 _FEW_EPISODES = 3  # are enough to compare errors with what a fit thinks of itself
 # A replica that fits so many times worse went astray where the real world's fit did not.
@@ -35,7 +36,7 @@ class Replicas:
     misfits: list[Misfit] = field(default_factory=list)  # also of fits whose errors say nothing
 
     def inflation(self) -> np.ndarray:
-        """(N,) by how much standard deviations have to be multiplied; at least 1."""
+        """(N,) by how much standard deviations have to be multiplied."""
         return _inflation(self.errors, self.groups)
 
     def ranks(self) -> np.ndarray:
@@ -62,7 +63,8 @@ class Replicas:
 def _inflation(errors: np.ndarray, groups: np.ndarray) -> np.ndarray:
     """(N,) for (K, N) errors in terms of their standard deviations.
 
-    Few replicas say little of a single parameter: it leans on all of its group, (N,).
+    Few replicas say little of a single parameter: it leans on all of its group, (N,). What they
+    say is not sure itself, so 90 % intervals are as wide as Student's.
     """
     factors = np.full(len(groups), _UNKNOWN_INFLATION)
     if not len(errors):
@@ -70,9 +72,12 @@ def _inflation(errors: np.ndarray, groups: np.ndarray) -> np.ndarray:
     for group in np.unique(groups):
         its = np.abs(errors[:, groups == group])  # (K, G)
         # A single replica that went astray is no reason to widen everything.
-        pooled = max(1.0, float(np.quantile(its, _USUAL)) / ndtri((1 + _USUAL) / 2))
+        usual = float(np.quantile(its, _USUAL)) / ndtri((1 + _USUAL) / 2)
+        pooled = max(_LEAST_INFLATION, usual)
         square = np.square(np.minimum(its, 3 * pooled)).sum(0) + _POOLED_COUNT * pooled**2
-        factors[groups == group] = np.sqrt(np.maximum(1, square / (len(its) + _POOLED_COUNT)))
+        count = len(its) + _POOLED_COUNT
+        unsure = stdtrit(count, 0.95) / ndtri(0.95)
+        factors[groups == group] = unsure * np.sqrt(square / count).clip(_LEAST_INFLATION)
     return factors
 
 
