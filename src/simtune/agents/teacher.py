@@ -52,7 +52,8 @@ class Teacher(nn.Module):
         self.critics = TwinCritic(num_states + num_parameters + num_actions, config.hidden_size)
         self.targets = copy.deepcopy(self.critics).requires_grad_(False)
         self.log_temperature = nn.Parameter(torch.tensor(config.init_temperature).log())
-        self.target_entropy = -num_actions
+        # Ball et al.'s (see `TwinCritic`): by Haarnoja et al.'s −A finger settled on less.
+        self.target_entropy = -num_actions / 2
         self.register_buffer("mean", torch.zeros(num_states))
         self.register_buffer("std", torch.ones(num_states))
         parts = [self.actor, self.critics]
