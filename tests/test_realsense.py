@@ -14,7 +14,7 @@ from simtune.robot.realsense import RealSense
 from simtune.simulation import JointActions
 from simtune.tasks import load_task
 
-rs = pytest.importorskip("pyrealsense2")
+rs = pytest.importorskip("pyrealsense2", exc_type=ImportError)  # also where libusb is missing
 
 WIDTH, HEIGHT, NUM_FRAMES = 64, 48, 200
 FIRST_MS, EVERY_MS = 5000.0, 1000 / 30

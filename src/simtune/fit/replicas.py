@@ -118,7 +118,7 @@ def make_replicas(
             camera.film(one_world, rng)
             frames = one_world.reshape(frames.shape)
         begin = space.from_unit(truth + away * rng.normal(size=len(unit)))
-        found = replay.fit(frames, actions, begin, guess_std, fit.lag, grow)
+        found = replay.fit(list(frames), actions, begin, guess_std, fit.lag, grow)
         misfits.append(found.misfit)
         claimed = np.hypot(found.std, found.discrepancy(looks_alike=camera is None))
         errors.append((space.to_unit(found.parameters) - truth) / claimed)

@@ -69,6 +69,10 @@ class RealSense:
 def _librealsense() -> Any:
     try:
         import pyrealsense2
-    except ImportError:
+    except ModuleNotFoundError:
         raise InputError("a RealSense needs pyrealsense2: pip install pyrealsense2") from None
+    except ImportError as error:  # a library of the system's
+        raise InputError(
+            f"pyrealsense2 cannot be loaded: {error}; on Debian: apt install libusb-1.0-0"
+        ) from None
     return pyrealsense2
