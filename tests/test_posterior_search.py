@@ -44,16 +44,16 @@ def start(simulator: Simulator, config: PosteriorSearchConfig, seed: int = 0) ->
     return PosteriorSearch(simulator, CARTPOLE.camera, START, config, seed=seed)
 
 
-def judged_worlds(search: PosteriorSearch, monkeypatch) -> list:
-    """The worlds that the judge is taught on, as they come."""
+def taught_worlds(search: PosteriorSearch, monkeypatch) -> list:
+    """The worlds that sight is taught on, as they come; the judge is on the same."""
     seen = []
-    train_judge = search.model.train_judge
+    train_sight = search.model.train_sight
 
     def spy(worlds, *rest):
         seen.append(worlds)
-        return train_judge(worlds, *rest)
+        return train_sight(worlds, *rest)
 
-    monkeypatch.setattr(search.model, "train_judge", spy)
+    monkeypatch.setattr(search.model, "train_sight", spy)
     return seen
 
 
@@ -81,7 +81,7 @@ def test_an_iteration_gives_estimates_and_a_range(simulator, real, tiny):
 
 def test_simulated_worlds_replay_the_real_actions(simulator, real, tiny, monkeypatch):
     search = start(simulator, tiny)
-    seen = judged_worlds(search, monkeypatch)
+    seen = taught_worlds(search, monkeypatch)
     search.iterate(real, far_away())
     (worlds,) = seen
     assert worlds.actions.shape == (16, 2, STEPS, 1)
@@ -112,7 +112,7 @@ def test_filmed_frames_show_the_steps_they_are_said_to(simulator, real, tiny, mo
 
     search = start(simulator, tiny)
     monkeypatch.setattr(simulator, "roll_out", spy)
-    seen = judged_worlds(search, monkeypatch)
+    seen = taught_worlds(search, monkeypatch)
     search.iterate(real, far_away())
     (worlds,), played = seen, rollouts[0]
     for world in range(0, 16, 5):
@@ -132,7 +132,7 @@ def without(rollouts: Rollouts, dropped: list[int]) -> Rollouts:
 
 def test_worlds_of_which_an_episode_diverged_are_left_out(simulator, real, tiny, monkeypatch):
     search = start(simulator, tiny)
-    seen = judged_worlds(search, monkeypatch)
+    seen = taught_worlds(search, monkeypatch)
     roll_out = simulator.roll_out
     played = []
 
@@ -172,7 +172,7 @@ def test_real_episodes_are_cut_to_the_shortest(simulator, real, tiny, monkeypatc
     longer, shorter = real[0], real[1]
     shorter = Trajectory(shorter.frames[:-2], shorter.actions[:-2], shorter.step_s)
     search = start(simulator, replace(tiny, num_worlds=4))
-    seen = judged_worlds(search, monkeypatch)
+    seen = taught_worlds(search, monkeypatch)
     search.iterate([longer, shorter], far_away())
     assert seen[0].actions.shape[1:3] == (2, STEPS - 2)
 
