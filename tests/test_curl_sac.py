@@ -157,6 +157,8 @@ def test_the_actors_gradient_reaches_the_actor_alone(agent):
 
 
 def test_critics_and_contrast_both_teach_the_encoder(monkeypatch):
+    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: False)
+
     def gradient_without(method: str | None) -> torch.Tensor:
         other = CurlSac(2, SMALL, seed=0)
         with monkeypatch.context() as patch:

@@ -189,7 +189,8 @@ def test_no_dropout_in_predictions():
 
 
 @torch.inference_mode()
-def test_candidates_at_once_equal_the_plain_loop():
+def test_candidates_at_once_equal_the_plain_loop(monkeypatch):
+    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: False)
     model = a_model().eval()
     windows = some_windows(3)
     candidates = SPACE.from_unit(np.random.default_rng(1).uniform(size=(5, 2)))
