@@ -1,12 +1,14 @@
 """Do 90 % intervals hold the truth 90 % of the time? Simulation-based calibration.
 
-A search tunes to one random world, as `simtune tune` does: once in the first range only, once in
-a narrowed one after that. Then worlds are drawn from the range that its last iteration searched,
+A search tunes to one random world, as `simtune tune` does: in the first range only, or in a
+narrowed one after that. Then worlds are drawn from the range that its last iteration searched,
 filmed, and looked at by the sight, judge and fit of that iteration, just as the real world was; the
 rank of each truth in its own curve is uniform where intervals can be trusted (Talts et al. 2018).
-A fit has less time than in `simtune tune`, since there are many.
+A fit has less time than in `simtune tune`, since there are many. What one search got wrong all its
+worlds share, so every so many of them another one begins, with another random world.
 
-Worlds that are done already, in OUT, are not done again. The last line is one JSON object.
+Worlds that are done already, in OUT, are not done again: those of this project are in
+docs/calibration. The last line is one JSON object.
 """
 
 import json
@@ -34,7 +36,8 @@ _SEARCHES = {"first": (1.0,), "narrowed": PosteriorSearchConfig().time_shares}
 
 def main(
     tasks: tuple[str, ...] = tuple(TASKS),
-    worlds: int = 200,
+    worlds: int = 40,
+    worlds_per_search: int = 20,
     minutes: float = 6.0,
     real_episodes: int = 5,
     at_most_minutes: float = 60.0,
@@ -45,10 +48,11 @@ def main(
 
     Args:
         tasks: Which of the built-in ones.
-        worlds: To draw from each of the two ranges.
+        worlds: To draw from each task's two ranges.
+        worlds_per_search: Of them.
         minutes: For each search.
         real_episodes: Of each world, 200 steps each.
-        at_most_minutes: For each range's worlds.
+        at_most_minutes: For each search's worlds.
         out: Folder for the ranks, a JSON lines file for each task and range.
         quick: A world of each range, no time to learn, nothing kept.
     """
@@ -60,49 +64,60 @@ def main(
         out.mkdir(parents=True, exist_ok=True)
         for name in tasks:
             task = load_task(name)
-            calibrate(task, config, worlds, minutes, real_episodes, at_most_minutes, out)
+            for label in _SEARCHES:
+                path = out / f"{name}-{label}.jsonl"
+                for number in range(-(-worlds // worlds_per_search)):
+                    ranks = _Ranks(task, label, number, config, real_episodes)
+                    until = min(worlds, (number + 1) * worlds_per_search)
+                    ranks.append(path, until, minutes, at_most_minutes)
             for path in sorted(out.glob(f"{name}-*.jsonl")):
                 found[path.stem] = summary(path)
                 print(f"{path.stem}: {found[path.stem]}", file=sys.stderr)
     print(json.dumps({"benchmark": "calibration", "quick": quick, **machine(), "ranges": found}))
 
 
-def calibrate(
-    task: Task,
-    config: PosteriorSearchConfig,
-    worlds: int,
-    minutes: float,
-    episodes: int,
-    at_most_minutes: float,
-    out: Path,
-) -> None:
-    """Append ranks to OUT/TASK-first.jsonl and OUT/TASK-narrowed.jsonl."""
-    simulator, space = task.simulator(image_size=64), task.parameters
-    truth = space.from_dict(true_parameters(task.name, space, 0))
-    known = Truth(space, truth)
-    world = known.make_real(simulator, episode_steps=task.episode_steps, seed=0)
-    real = world.collect(episodes)
-    for label, shares in _SEARCHES.items():
-        path = out / f"{task.name}-{label}.jsonl"
+class _Ranks:
+    """Of worlds of one task and range, by one search."""
+
+    def __init__(
+        self, task: Task, label: str, number: int, config: PosteriorSearchConfig, episodes: int
+    ):
+        """`number`: of the search, and of the random world that it tunes to."""
+        self._task, self._number, self._episodes = task, number, episodes
+        self._simulator = task.simulator(image_size=64)
+        shares = _SEARCHES[label]
+        self._config = replace(config, iterations=len(shares), time_shares=shares)
+
+    def append(self, path: Path, until: int, minutes: float, at_most_minutes: float) -> None:
+        """To `path`, a line a world, until there are so many; nothing if there are."""
         done = len(path.read_text().splitlines()) if path.exists() else 0
-        if done >= worlds:
-            continue
-        asked = replace(config, iterations=len(shares), time_shares=shares)
-        search = PosteriorSearch(simulator, task.camera, known.wrong_start(0), asked, seed=0)
-        end_s = time.monotonic() + 60 * minutes
-        while not search.finished:
-            search.iterate(real, end_s)
+        if done >= until:
+            return
+        search = self._searched(minutes)
         end_s = time.monotonic() + 60 * at_most_minutes
-        while done < worlds and time.monotonic() < end_s:
+        while done < until and time.monotonic() < end_s:
             # By its number, so that a run that goes on draws others than those it has.
             drawn = search.searched.sample(1, np.random.default_rng((1, done)))[0]
-            other = Truth(space, drawn).make_real(
-                simulator, episode_steps=task.episode_steps, seed=done
-            )
-            ranks = space.to_dict(ranks_of(search, other.collect(episodes), drawn).round(4))
+            trajectories = self._film(Truth(self._task.parameters, drawn), done)
+            ranks = ranks_of(search, trajectories, drawn).round(4)
             with path.open("a") as lines:
-                lines.write(json.dumps(ranks) + "\n")
+                lines.write(json.dumps(self._task.parameters.to_dict(ranks)) + "\n")
             done += 1
+
+    def _searched(self, minutes: float) -> PosteriorSearch:
+        task, space, number = self._task, self._task.parameters, self._number
+        known = Truth(space, space.from_dict(true_parameters(task.name, space, number)))
+        start = known.wrong_start(number)
+        search = PosteriorSearch(self._simulator, task.camera, start, self._config, seed=number)
+        real, end_s = self._film(known, number), time.monotonic() + 60 * minutes
+        while not search.finished:
+            search.iterate(real, end_s)
+        return search
+
+    def _film(self, truth: Truth, seed: int) -> list[Trajectory]:
+        steps = self._task.episode_steps
+        world = truth.make_real(self._simulator, episode_steps=steps, seed=seed)
+        return world.collect(self._episodes)
 
 
 def ranks_of(

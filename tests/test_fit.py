@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from simtune.fit.combine import FIRST_VARIANCE, combine
+from simtune.fit.combine import FIRST_VARIANCE, Combined, combine
 from simtune.fit.conclusions import correlations, doubts, widened
 from simtune.fit.found import Fit, Misfit
 from simtune.fit.physics import Physics
@@ -25,6 +25,7 @@ CARTPOLE = load_task("cartpole")
 SPACE = CARTPOLE.parameters
 MOVING = np.flatnonzero([not p.is_appearance for p in SPACE])
 APPEARANCE = np.flatnonzero([p.is_appearance for p in SPACE])
+MIDDLE = np.full(7, 0.5)  # of unit coordinates
 
 ALL_JOINTS = """
 <mujoco><worldbody>
@@ -113,47 +114,56 @@ def test_features_describe_the_state():
 def test_experiments_are_weighed_by_their_variance_and_the_one_between_them():
     information = np.array([4.0, 1.0])  # variances ¼ and 1
     estimate = np.array([0.02, -0.01])
-    change, covariance, _ = combine(
-        information[:, None, None], -(information * estimate)[:, None], 0.5, np.ones(2)
-    )
+    told = combine(information[:, None, None], -(information * estimate)[:, None], 0.5, np.ones(2))
     weight = 1 / (1 / information + 0.5)
-    np.testing.assert_allclose(change, (weight @ estimate) / weight.sum(), rtol=1e-2)
-    assert covariance.shape == (1, 1)
+    best = -np.linalg.solve(told.information, told.slope)
+    np.testing.assert_allclose(best, (weight @ estimate) / weight.sum(), rtol=1e-2)
+    assert told.covariance.shape == (1, 1)
 
 
 def test_one_experiment_that_claims_to_know_all_does_not_outweigh_the_others():
     information = np.full(30, 1e4)
     estimate = np.random.default_rng(0).normal(0, 0.01, 30)
     information[0], estimate[0] = 1e12, 0.5
-    change, covariance, _ = combine(
+    told = combine(
         information[:, None, None],
         -(information * estimate)[:, None],
         FIRST_VARIANCE,
         np.ones(30),
     )
-    assert abs(change[0] - estimate[1:].mean()) < 0.005
-    assert 0.001 < np.sqrt(covariance[0, 0]) < 0.01
+    assert abs(told.step(MIDDLE[:1], 1.0)[0] - estimate[1:].mean()) < 0.005
+    assert 0.001 < np.sqrt(told.covariance[0, 0]) < 0.01
 
 
 def test_experiments_that_know_one_combination_only_and_that_well_can_be_combined():
     known = np.array([1.0, 2.0, 0, 0, 0, 0, 0])  # of seven parameters
     information = np.repeat(1e8 * np.outer(known, known)[None], 6, 0)
     slope = 1e4 * known * np.random.default_rng(0).normal(size=(6, 1))
-    change, covariance, _ = combine(information, slope, FIRST_VARIANCE, np.ones(6))
-    assert np.abs(change).max() < 1e-3
-    assert np.isfinite(covariance).all()
+    told = combine(information, slope, FIRST_VARIANCE, np.ones(6))
+    assert np.abs(told.step(MIDDLE[:7], 1.0)).max() < 1e-3
+    assert np.isfinite(told.covariance).all()
 
 
 def test_a_single_experiment_is_no_surer_than_it_claims():
     claimed = 0.02**2
-    _, covariance, _ = combine(
+    covariance = combine(
         np.full((1, 1, 1), 1 / claimed), np.full((1, 1), 3.0), FIRST_VARIANCE, np.ones(1)
-    )
+    ).covariance
     np.testing.assert_allclose(covariance, claimed, rtol=0.25)
     # Of many that agree better than they claim, their agreement counts.
     information, slope = np.full((60, 1, 1), 1 / claimed), np.full((60, 1), 1e-6)
-    _, covariance, _ = combine(information, slope, FIRST_VARIANCE, np.ones(60))
+    covariance = combine(information, slope, FIRST_VARIANCE, np.ones(60)).covariance
     assert covariance[0, 0] < 0.1 * claimed / 60
+
+
+def test_a_step_leaves_what_stands_at_a_bound_and_is_best_for_the_others():
+    # Down the valley of x + y; the bound of x is in the way, so that y goes alone.
+    information = np.full((2, 2), 1e6)
+    told = Combined(1e6 * np.array([0.02, 0.02]), information, np.eye(2), FIRST_VARIANCE)
+    np.testing.assert_allclose(told.step(np.array([0.0, 0.5]), 1.0), [0, -0.02], rtol=1e-3)
+    np.testing.assert_allclose(told.step(np.array([0.5, 0.5]), 1.0), [-0.01, -0.01], rtol=1e-3)
+    # Too long a step keeps its direction.
+    np.testing.assert_allclose(told.step(np.array([0.5, 0.5]), 0.001), [-0.001] * 2, rtol=1e-3)
 
 
 def test_what_nothing_tells_stays_as_unknown_as_it_was():
@@ -161,9 +171,9 @@ def test_what_nothing_tells_stays_as_unknown_as_it_was():
     information[:, 0, 0] = 1e4  # of the first parameter only
     slope = np.zeros((20, 2))
     slope[:, 0] = np.random.default_rng(0).normal(0, 100, 20)
-    change, covariance, _ = combine(information, slope, FIRST_VARIANCE, np.ones(20))
-    std = np.sqrt(np.diag(covariance))
-    assert change[1] == 0
+    told = combine(information, slope, FIRST_VARIANCE, np.ones(20))
+    std = np.sqrt(np.diag(told.covariance))
+    assert told.step(MIDDLE[:2], 1.0)[1] == 0
     assert std[0] < 0.02
     assert std[1] > 0.9  # of the whole range, in unit coordinates
     space = ParameterSpace([p for p in SPACE if not p.is_appearance])

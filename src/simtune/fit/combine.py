@@ -6,27 +6,56 @@ counts by the variance of its own estimate plus the variance between them (DerSi
 1986), which is also what keeps a single chaotic window from outweighing all others.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 _STUDENT = 4.0  # degrees of freedom by which experiments that stand out count less
 _SMALLEST_VARIANCE, _LARGEST_VARIANCE = 4e-3**2, 0.08**2  # between experiments
 FIRST_VARIANCE = 0.02**2
 _CHI2_MEDIAN = 0.6  # over its degrees of freedom, or near it, for a few of them
+# Of steps (Levenberg, 1944): each moves as if parameters were known within a tenth of their range.
+_DAMPING = 0.1**-2
+
+
+@dataclass(frozen=True)
+class Combined:
+    """What experiments say together of P parameters, in unit coordinates."""
+
+    slope: np.ndarray  # (P,) of −log likelihood
+    information: np.ndarray  # (P, P) its second derivative
+    covariance: np.ndarray  # (P, P) of the parameters
+    variance: float  # between experiments
+
+    def step(self, unit: np.ndarray, largest: float) -> np.ndarray:
+        """(P,) damped Newton step from `unit`, none of it longer than `largest`.
+
+        What stands at a bound and is drawn beyond stays there, and the others step as is best then.
+        """
+        free = np.ones(len(unit), bool)
+        damped = self.information + _DAMPING * np.eye(len(unit))
+        while True:
+            change = np.zeros(len(unit))
+            change[free] = -np.linalg.solve(damped[np.ix_(free, free)], self.slope[free])
+            beyond = (unit <= 0) & (change < 0) | (unit >= 1) & (change > 0)
+            if not beyond.any():
+                return change * (largest / np.abs(change).max(initial=largest))
+            free &= ~beyond
 
 
 def combine(
     information: np.ndarray, slope: np.ndarray, variance: float, trust: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """What W experiments say together of P parameters: a Newton step (P,), its covariance (P, P).
+) -> Combined:
+    """What W experiments say together of P parameters.
 
     `information` (W, P, P) and `slope` (W, P) are the second and first derivatives of each one's
     −log likelihood, `variance` that between them, `trust` (W,) how much to count each one.
-    The third value is the variance between them, nearer to what they show. The covariance is the
-    robust one: from how the experiments scatter; what they claim to know counts where they are few.
+    That of the result is nearer to what they show. The covariance is the robust one: from how the
+    experiments scatter; what they claim to know counts where they are few.
     """
     eye = np.eye(slope.shape[1])
     if not len(eye):
-        return np.zeros(0), np.zeros((0, 0)), variance
+        return Combined(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)), variance)
     shrink = np.linalg.inv(eye + variance * information)  # (W, P, P)
     spread = information + variance * information @ information
     # One that knows only a combination, and that very well, leaves no number to divide by else.
@@ -37,8 +66,7 @@ def combine(
     weighted = np.einsum("w,wpq,wqr->wpr", count, information, shrink)
     slopes = count[:, None] * np.einsum("wqp,wq->wp", shrink, slope)
     inverse = np.linalg.inv(weighted.sum(0) + 1e-6 * eye)
-    change = -inverse @ slopes.sum(0)
-    deviations = slopes + weighted @ change
+    deviations = slopes - weighted @ (inverse @ slopes.sum(0))
     freedom = max(0, len(slope) - len(eye))
     few = len(slope) / max(1, freedom)
     covariance = few * inverse @ (deviations.T @ deviations) @ inverse + 1e-6 * inverse
@@ -48,7 +76,8 @@ def combine(
     told = np.trace(information, axis1=1, axis2=2) * variance > 1
     if told.sum() >= 4:
         variance *= 1.5 if np.median(surprise[told]) > _CHI2_MEDIAN else 1 / 1.5
-    return change, covariance, float(np.clip(variance, _SMALLEST_VARIANCE, _LARGEST_VARIANCE))
+    variance = float(np.clip(variance, _SMALLEST_VARIANCE, _LARGEST_VARIANCE))
+    return Combined(slopes.sum(0), weighted.sum(0), covariance, variance)
 
 
 def trusted(cost: np.ndarray) -> np.ndarray:

@@ -56,10 +56,9 @@ def fit_pictures(
         information = np.einsum("vmp,mp,ump->mvu", slopes, weight, slopes, optimize=True)
         slope = np.einsum("vmp,mp,mp->mv", slopes, weight, residual, optimize=True)
         cost = np.minimum(np.square(residual / noise), 9).mean(1)
-        change, covariance, variance = combine(
-            information.astype(float), slope.astype(float), variance, trusted(cost)
-        )
-        unit[fitted] = np.clip(unit[fitted] + np.clip(change, -_LARGEST_STEP, _LARGEST_STEP), 0, 1)
+        told = combine(information.astype(float), slope.astype(float), variance, trusted(cost))
+        covariance, variance = told.covariance, told.variance
+        unit[fitted] = np.clip(unit[fitted] + told.step(unit[fitted], _LARGEST_STEP), 0, 1)
         drawn, slopes = _draw(simulator, rows, unit, fitted)
     residual = drawn - real
     noise = _noise(residual, slopes, _SMALLEST_NOISE)

@@ -165,12 +165,10 @@ class Shooting:
         of_parameters -= np.einsum("wsp,ws->wp", to_parameters, slope)
         cost = windows.cost(residual[None])[0]
         trust, anchored = trusted(cost), 0.5 * np.square(pull).sum(-1)
-        change, covariance, variance = combine(
-            information, of_parameters, guess.variance, trust / (1 + guess.damping)
-        )
-        change = np.clip(step_size * guess.boldness * change, -_LARGEST_STEP, _LARGEST_STEP)
+        told = combine(information, of_parameters, guess.variance, trust / (1 + guess.damping))
+        change = told.step(guess.unit[self.fitted], _LARGEST_STEP)
         unit = guess.unit.copy()
-        unit[self.fitted] = np.clip(unit[self.fitted] + change, 0, 1)
+        unit[self.fitted] = np.clip(unit[self.fitted] + step_size * guess.boldness * change, 0, 1)
         change = unit[self.fitted] - guess.unit[self.fitted]
         damped = hessian + guess.damping[:, None, None] * diagonal(hessian)
         tangent = -np.linalg.solve(damped, (slope + cross @ change)[..., None])[..., 0]
@@ -183,11 +181,12 @@ class Shooting:
         costs = windows.cost(residuals(windows, seen, self._noise))
         costs += np.stack([0.5 * np.square(pulled).sum(-1), anchored])
         if trust @ costs.min(0) > trust @ (cost + anchored):  # too far for a straight line
-            return replace(guess, boldness=guess.boldness / 4), covariance
+            return replace(guess, boldness=guess.boldness / 4), told.covariance
         better = costs[0] < costs[1]
         states = np.where(better[:, None], moved, guess.states)
         damping = np.where(better, guess.damping / 4, guess.damping * 8).clip(1e-6, 1e4)
-        return Guess(states, unit, damping, variance, min(1.0, 2 * guess.boldness)), covariance
+        boldness = min(1.0, 2 * guess.boldness)
+        return Guess(states, unit, damping, told.variance, boldness), told.covariance
 
     def _cut(self, tracks: Tracks, states: np.ndarray, steps: int | None = None) -> Windows:
         """By default as long as the last stage's; however long, of as many steps in all."""

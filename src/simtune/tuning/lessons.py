@@ -65,7 +65,9 @@ class Lessons:
         """All of them: what follows motions from now on, where anything moves; and losses."""
         config = self._config
         self._now("simulating and filming", 0.0)
-        num_worlds = self._affordable_worlds(real, seconds * config.collect_share)
+        num_worlds = self._affordable_worlds(
+            real, seconds * config.collect_share, config.num_worlds
+        )
         worlds = self._collect(
             real, distribution, num_worlds, config.episodes_per_world, config.filmed_steps
         )
@@ -74,13 +76,26 @@ class Lessons:
         unseen = self._collect(real, distribution, config.unseen_worlds, 1, config.unseen_steps)
         seen = self.model.look_at(unseen)
         errors = self.model.sight_errors(unseen, seen, distribution)
-        losses |= self._to_judge(worlds, errors, distribution, seconds * config.judge_share)
+        times = 1 if self._scene else config.lone_judge
+        if times > 1:  # hardly filmed: what they looked like is known from others
+            num_worlds = self._affordable_worlds(
+                real, seconds * config.collect_share, config.num_worlds * times
+            )
+            worlds = self._collect(real, distribution, num_worlds, config.episodes_per_world, 2)
+        losses |= self._to_judge(worlds, errors, distribution, times, seconds)
         num_steps = min(len(t) for t in real) * len(real)
         return self._to_follow(unseen, seen, distribution, num_steps, seconds), losses
 
-    def _affordable_worlds(self, real: list[Trajectory], seconds: float) -> int:
-        """As many as the config says, or fewer where they would take longer than `seconds`."""
-        most = self._config.num_worlds
+    @property
+    def _scene(self) -> tuple[Simulator, Landmarks] | None:
+        """What can be fitted: worlds that can be begun anywhere, as environments need not be."""
+        simulator, landmarks = self.simulator, self.landmarks
+        if not isinstance(simulator, Simulator) or not isinstance(landmarks, Landmarks):
+            return None
+        return (simulator, landmarks) if len(landmarks) else None
+
+    def _affordable_worlds(self, real: list[Trajectory], seconds: float, most: int) -> int:
+        """`most`, or fewer where they would take longer than `seconds`."""
         steps = min(len(t) for t in real) * min(self._config.episodes_per_world, len(real))
         affordable_worlds = seconds / (self._seconds_per_step * steps)
         return int(np.clip(affordable_worlds, min(_FEWEST_WORLDS, most), most))
@@ -132,10 +147,12 @@ class Lessons:
         worlds: SimulatedWorlds,
         errors: tuple[np.ndarray, np.ndarray],
         distribution: Distribution,
+        times: int,
         seconds: float,
     ) -> dict[str, float]:
-        updates = self._config.judge_updates
-        progress = self._progress(updates, seconds, "learning to judge", 0.6, 0.7)
+        """So many `times` as thoroughly as is usual; `seconds` are those of the iteration."""
+        updates, seconds = self._config.judge_updates * times, self._config.judge_share * seconds
+        progress = self._progress(updates, seconds * times, "learning to judge", 0.6, 0.7)
         loss = self.model.train_judge(worlds, distribution, errors, progress)
         error_px = float(np.median(np.abs(errors[0]))) if errors[0].size else 0.0
         return {"loss/judge": loss, "sight/error_px": error_px}
@@ -149,13 +166,9 @@ class Lessons:
         seconds: float,
     ) -> ReplayFit | None:
         """`num_steps`: of all real episodes together."""
-        simulator, landmarks = self.simulator, self.landmarks
-        # To fit, worlds have to be begun anywhere, which environments need not be able to.
-        if not isinstance(simulator, Simulator) or not isinstance(landmarks, Landmarks):
+        config, scene = self._config, self._scene
+        if scene is None:
             return None
-        if not len(landmarks):
-            return None
-        config, scene = self._config, (simulator, landmarks)
         particles, shooting = affordable(
             config.particles,
             config.shooting,

@@ -21,6 +21,7 @@ class PosteriorSearchConfig:
     iterations: int = 2
     sight_updates: tuple[int, ...] = (2500, 6000)  # at most: first iteration, later ones
     judge_updates: int = 800
+    lone_judge: int = 6  # times the worlds, updates and time, where nothing can be fitted later
     state_updates: int = 600
     least_updates: int = 200  # of each, however late it is
     time_shares: tuple[float, ...] = (0.4, 0.6)  # of the time, for each iteration
