@@ -64,12 +64,12 @@ def main(
         out.mkdir(parents=True, exist_ok=True)
         for name in tasks:
             task = load_task(name)
-            for label in _SEARCHES:
-                path = out / f"{name}-{label}.jsonl"
+            for label, shares in _SEARCHES.items():
+                asked = replace(config, iterations=len(shares), time_shares=shares)
+                ranks = _Ranks(out / f"{name}-{label}.jsonl", task, asked, real_episodes)
                 for number in range(-(-worlds // worlds_per_search)):
-                    ranks = _Ranks(task, label, number, config, real_episodes)
                     until = min(worlds, (number + 1) * worlds_per_search)
-                    ranks.append(path, until, minutes, at_most_minutes)
+                    ranks.append(number, until, minutes, at_most_minutes)
             for path in sorted(out.glob(f"{name}-*.jsonl")):
                 found[path.stem] = summary(path)
                 print(f"{path.stem}: {found[path.stem]}", file=sys.stderr)
@@ -77,35 +77,33 @@ def main(
 
 
 class _Ranks:
-    """Of worlds of one task and range, by one search."""
+    """Of worlds of one task and range, a line a world in a file."""
 
-    def __init__(
-        self, task: Task, label: str, number: int, config: PosteriorSearchConfig, episodes: int
-    ):
-        """`number`: of the search, and of the random world that it tunes to."""
-        self._task, self._number, self._episodes = task, number, episodes
+    def __init__(self, path: Path, task: Task, config: PosteriorSearchConfig, episodes: int):
+        self._path, self._task, self._config, self._episodes = path, task, config, episodes
         self._simulator = task.simulator(image_size=64)
-        shares = _SEARCHES[label]
-        self._config = replace(config, iterations=len(shares), time_shares=shares)
 
-    def append(self, path: Path, until: int, minutes: float, at_most_minutes: float) -> None:
-        """To `path`, a line a world, until there are so many; nothing if there are."""
-        done = len(path.read_text().splitlines()) if path.exists() else 0
+    def append(self, number: int, until: int, minutes: float, at_most_minutes: float) -> None:
+        """By search `number`, until there are so many; nothing if there are.
+
+        It is also the number of the random world that the search tunes to.
+        """
+        done = len(self._path.read_text().splitlines()) if self._path.exists() else 0
         if done >= until:
             return
-        search = self._searched(minutes)
+        search = self._searched(number, minutes)
         end_s = time.monotonic() + 60 * at_most_minutes
         while done < until and time.monotonic() < end_s:
             # By its number, so that a run that goes on draws others than those it has.
             drawn = search.searched.sample(1, np.random.default_rng((1, done)))[0]
             trajectories = self._film(Truth(self._task.parameters, drawn), done)
             ranks = ranks_of(search, trajectories, drawn).round(4)
-            with path.open("a") as lines:
+            with self._path.open("a") as lines:
                 lines.write(json.dumps(self._task.parameters.to_dict(ranks)) + "\n")
             done += 1
 
-    def _searched(self, minutes: float) -> PosteriorSearch:
-        task, space, number = self._task, self._task.parameters, self._number
+    def _searched(self, number: int, minutes: float) -> PosteriorSearch:
+        task, space = self._task, self._task.parameters
         known = Truth(space, space.from_dict(true_parameters(task.name, space, number)))
         start = known.wrong_start(number)
         search = PosteriorSearch(self._simulator, task.camera, start, self._config, seed=number)

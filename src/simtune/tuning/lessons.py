@@ -65,11 +65,9 @@ class Lessons:
         """All of them: what follows motions from now on, where anything moves; and losses."""
         config = self._config
         self._now("simulating and filming", 0.0)
-        num_worlds = self._affordable_worlds(
-            real, seconds * config.collect_share, config.num_worlds
-        )
-        worlds = self._collect(
-            real, distribution, num_worlds, config.episodes_per_world, config.filmed_steps
+        collect_s = seconds * config.collect_share
+        worlds = self._collect_in_time(
+            real, distribution, config.num_worlds, config.filmed_steps, collect_s
         )
         losses = self._to_see(worlds, distribution, iteration, seconds * config.sight_share)
         worlds = replace(worlds, frames=worlds.frames[:0].copy())  # makes room for others
@@ -78,27 +76,35 @@ class Lessons:
         errors = self.model.sight_errors(unseen, seen, distribution)
         times = 1 if self._scene else config.lone_judge
         if times > 1:  # hardly filmed: what they looked like is known from others
-            num_worlds = self._affordable_worlds(
-                real, seconds * config.collect_share, config.num_worlds * times
-            )
-            worlds = self._collect(real, distribution, num_worlds, config.episodes_per_world, 2)
-        losses |= self._to_judge(worlds, errors, distribution, times, seconds)
+            most = config.num_worlds * times
+            worlds = self._collect_in_time(real, distribution, most, 2, collect_s)
+        judge_s = seconds * config.judge_share * times
+        losses |= self._to_judge(worlds, errors, distribution, times, judge_s)
         num_steps = min(len(t) for t in real) * len(real)
         return self._to_follow(unseen, seen, distribution, num_steps, seconds), losses
 
     @property
     def _scene(self) -> tuple[Simulator, Landmarks] | None:
-        """What can be fitted: worlds that can be begun anywhere, as environments need not be."""
+        """What can be fitted: it begins anywhere, as environments need not, and something moves."""
         simulator, landmarks = self.simulator, self.landmarks
         if not isinstance(simulator, Simulator) or not isinstance(landmarks, Landmarks):
             return None
         return (simulator, landmarks) if len(landmarks) else None
 
-    def _affordable_worlds(self, real: list[Trajectory], seconds: float, most: int) -> int:
-        """`most`, or fewer where they would take longer than `seconds`."""
-        steps = min(len(t) for t in real) * min(self._config.episodes_per_world, len(real))
+    def _collect_in_time(
+        self,
+        real: list[Trajectory],
+        distribution: Distribution,
+        most: int,
+        filmed: int,
+        seconds: float,
+    ) -> SimulatedWorlds:
+        """`most` worlds, or fewer where they would take longer than `seconds`."""
+        episodes = self._config.episodes_per_world
+        steps = min(len(t) for t in real) * min(episodes, len(real))
         affordable_worlds = seconds / (self._seconds_per_step * steps)
-        return int(np.clip(affordable_worlds, min(_FEWEST_WORLDS, most), most))
+        num_worlds = int(np.clip(affordable_worlds, min(_FEWEST_WORLDS, most), most))
+        return self._collect(real, distribution, num_worlds, episodes, filmed)
 
     def _collect(
         self,
@@ -150,9 +156,9 @@ class Lessons:
         times: int,
         seconds: float,
     ) -> dict[str, float]:
-        """So many `times` as thoroughly as is usual; `seconds` are those of the iteration."""
-        updates, seconds = self._config.judge_updates * times, self._config.judge_share * seconds
-        progress = self._progress(updates, seconds * times, "learning to judge", 0.6, 0.7)
+        """With so many `times` the usual updates."""
+        updates = self._config.judge_updates * times
+        progress = self._progress(updates, seconds, "learning to judge", 0.6, 0.7)
         loss = self.model.train_judge(worlds, distribution, errors, progress)
         error_px = float(np.median(np.abs(errors[0]))) if errors[0].size else 0.0
         return {"loss/judge": loss, "sight/error_px": error_px}
