@@ -47,7 +47,7 @@ def tune(
             made = PosteriorSearch(simulator, camera, start, config, seed=seed, say=say)
         else:
             config = PaperConfig(max_moves=moves, updates_per_episode=1)
-            made = PaperSearch(simulator, start, config, seed=seed, replay_actions=True, say=say)
+            made = PaperSearch(simulator, start, config, seed=seed, say=say)
         made.iterate = _then(made.iterate, lambda: peaks.append(_peak_mb()))
         return made
 

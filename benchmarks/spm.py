@@ -72,7 +72,7 @@ def follow(
     simulator = task.simulator(image_size=image_size, step_s=real.step_s)
     say = _say_on_stderr(name)
     if isinstance(config, PaperConfig):
-        search = PaperSearch(simulator, start, config, seed=seed, replay_actions=True)
+        search = PaperSearch(simulator, start, config, seed=seed)
     else:
         search = PosteriorSearch(simulator, task.camera, start, config, seed=seed, say=say)
     _, errors = truth.score(start)

@@ -40,6 +40,7 @@ ARM = """
   </actuator>
 </mujoco>
 """
+SERVOS = ("shoulder", "elbow")
 # The mocap body is turned, and held where neither body has its middle.
 HAND = """
 <mujoco>
@@ -194,7 +195,7 @@ class TestControls:
         assert_as_plain(simulator, control)
 
     def test_no_action_displaces_nothing_whatever_a_worlds_gear(self):
-        simulator = simulator_of(ARM, JointActions)
+        simulator = simulator_of(ARM, partial(JointActions, actuators=SERVOS))
         batch = Batch(simulator.model, 2)
         batch.expand("actuator_gear")[1, :, 0] = 3.0
         batch.qpos[...] = 0.4
@@ -209,16 +210,17 @@ class TestControls:
             (partial(ScaledActions, actuators=("elbo",)), "no actuator 'elbo'"),
             (ScaledActions, "free has no ctrlrange for the actions to cover: give a gain"),
             (partial(JointActions, actuators=("elbo",)), "no actuator 'elbo'"),
-            (partial(JointActions, per_unit=[1, 2]), "per_unit must be a number or 3"),
-            (partial(ScaledActions, gain=[1, 2]), "gain must be a number or 3.*got .1, 2"),
-            (partial(ScaledActions, gain=[[1, 2]]), "gain must be a number or 3"),
+            (JointActions, "free is no servo of positions .<position>.*another mapping"),
+            (partial(JointActions, actuators=SERVOS, per_unit=[1]), "per_unit .* number, or 2 of"),
+            (partial(ScaledActions, gain=[1, 2]), "gain must be a number, or 3 of.*got .1, 2"),
+            (partial(ScaledActions, gain=[[1, 2]]), "gain must be a number, or 3 of them"),
             (
                 partial(ScaledActions, gain=1, offset=[1, 2]),
-                "offset must be a number or 3",
+                "offset must be a number, or 3 of them",
             ),
             (partial(ScaledActions, gain=[1, 0, 1]), "gain of 0 moves nothing"),
-            (partial(ScaledActions, gain=1, action_range=[1, 0]), "low must be below high"),
-            (partial(ScaledActions, gain=1, action_range=[1, 2, 3]), r"pair \[low, high\] or 3"),
+            (partial(ScaledActions, gain=1, action_range=[1, 0]), "low must be below its high"),
+            (partial(ScaledActions, gain=1, action_range=[1, 2, 3]), r"range \[low, high\] or 3"),
         ],
     )
     def test_what_cannot_be(self, mapping, message):

@@ -379,4 +379,7 @@ def test_progress_says_a_line_when_something_new_begins(capsys):
 def test_progress_never_says_more_than_all(capsys):
     with ProgressBar(1e-9) as say:
         say("too late", 0.1)
-    assert "100 %" in capsys.readouterr().err
+        say("done", 1.0)
+    first, last = capsys.readouterr().err.splitlines()
+    assert " 99 %  too late (time is over; what has begun ends first)" in first
+    assert "100 %" in last

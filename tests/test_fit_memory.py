@@ -1,6 +1,7 @@
 """Actuators that remember: a fit's windows begin with what earlier actions left behind."""
 
 from dataclasses import replace
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -13,7 +14,7 @@ from simtune.fit.tracks import Tracks
 from simtune.parameters import ParameterSpace, delay
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import find_landmarks
-from simtune.simulation import random_actions
+from simtune.simulation import JointActions, random_actions
 from simtune.tasks import Task, load_task
 
 CARTPOLE = load_task("cartpole")
@@ -42,12 +43,30 @@ def slow_cartpole() -> Task:
     return replace(CARTPOLE, load_spec=load_spec, parameters=ParameterSpace(dynamics))
 
 
+def servo_cartpole(slow_s: float = 0.0) -> Task:
+    """Its cart is displaced from where it is by a servo that follows late, or slowly."""
+
+    def load_spec() -> mujoco.MjSpec:
+        spec = CARTPOLE.load_spec()
+        motor = spec.actuator("slide")
+        motor.set_to_position(kp=10, kv=2, timeconst=slow_s or -1)
+        motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        return spec
+
+    dynamics = [p for p in CARTPOLE.parameters if not p.is_appearance]
+    space = [*dynamics, *([] if slow_s else [delay("late", ("slide",), 0.24)])]
+    actions = partial(JointActions, per_unit=0.3)
+    return replace(
+        CARTPOLE, load_spec=load_spec, parameters=ParameterSpace(space), map_actions=actions
+    )
+
+
 def played(task: Task, truth: np.ndarray):
     """Three episodes, and all that a fit needs to know of them."""
     simulator, rng = task.simulator(image_size=64), np.random.default_rng(0)
     first = Distribution.first(task.parameters, task.parameters.nominal)
     landmarks = find_landmarks(simulator, task.camera, first, 0)
-    actions = random_actions(3, STEPS, simulator.model, rng)
+    actions = random_actions(3, STEPS, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, landmarks.record)
     physics = Physics(simulator, landmarks, rollouts.states[0, 0])
     return physics, landmarks, rollouts
@@ -62,17 +81,21 @@ def seen(rollouts) -> Tracks:
 
 
 CASES = {"delay": (late_cartpole, [0.08, 7.0, 0.19]), "filter": (slow_cartpole, [0.08, 7.0])}
+SERVOS = {
+    "late servo": (servo_cartpole, [0.08, 7.0, 0.19]),
+    "slow servo": (partial(servo_cartpole, slow_s=0.15), [0.08, 7.0]),
+}
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [*CASES, *SERVOS])
 def test_a_stretch_from_the_middle_of_an_episode_moves_as_the_episode_did(name):
-    make, truth = CASES[name]
+    make, truth = (CASES | SERVOS)[name]
     task = make()
     physics, _, rollouts = played(task, np.array(truth))
     at, length = 40, 12
-    acted = physics.after(rollouts.actions)[:, at]
-    unit = np.repeat(task.parameters.to_unit(np.array(truth))[None], 3, 0)
     states, actions = physics.states(rollouts.states), rollouts.actions[:, at : at + length]
+    unit = task.parameters.to_unit(np.array(truth))
+    acted, unit = physics.after(rollouts.actions, states, unit)[:, at], np.tile(unit, (3, 1))
     rows, _ = physics.play(states[:, at], unit, actions, acted)
     np.testing.assert_allclose(physics.states(rows), states[:, at : at + length + 1], atol=1e-6)
     forgetful, _ = physics.play(states[:, at], unit, actions)

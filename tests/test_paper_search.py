@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from simtune.errors import InputError
-from simtune.networks import PixelEncoder, positional_encoding, predicting, stack_frames
+from simtune.networks import PixelEncoder, positional_encoding, predicting
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.search_param_model.paper import PaperConfig, PaperSearchParamModel, count_votes
 from simtune.search_param_model.windows import Windows, split
@@ -147,20 +147,12 @@ def test_positional_encoding_equals_the_plain_loop():
         np.testing.assert_allclose(encoded[row], plain, atol=1e-12)
 
 
-def test_stacked_frames_are_in_order():
-    frames = torch.arange(2 * 3 * 4 * 5 * 3).reshape(2, 3, 4, 5, 3)
-    stacked = stack_frames(frames)
-    assert stacked.shape == (2, 9, 4, 5)
-    for t in range(3):
-        torch.testing.assert_close(stacked[:, 3 * t : 3 * t + 3].permute(0, 2, 3, 1), frames[:, t])
-
-
 def test_encoder_is_the_agents():
     encoder = PixelEncoder(30, 84)
     shapes = [tuple(p.shape) for p in encoder.parameters() if p.ndim > 1]
     convolutions = [(32, 30, 3, 3), *[(32, 32, 3, 3)] * 3]
     assert shapes == [*convolutions, (50, 32 * 35 * 35)]
-    features = encoder(torch.randint(256, (2, 30, 84, 84), dtype=torch.uint8))
+    features = encoder(torch.randint(256, (2, 10, 84, 84, 3), dtype=torch.uint8))
     np.testing.assert_allclose(features.mean(1).detach(), 0, atol=1e-4)  # LayerNorm comes last
 
 
@@ -199,7 +191,7 @@ def test_candidates_at_once_equal_the_plain_loop(monkeypatch):
     scaled = windows.actions / torch.tensor([4.0, 1.0])
     for b in range(3):
         for c in range(5):
-            features = model.encoder(stack_frames(windows.frames[b : b + 1]))
+            features = model.encoder(windows.frames[b : b + 1])
             unit = torch.as_tensor(SPACE.to_unit(candidates[c]), dtype=torch.float32)
             encoded = positional_encoding(unit[None], SMALL.octaves)
             plain = model.head(torch.cat([features, scaled[b : b + 1].flatten(1), encoded], 1))
@@ -280,7 +272,7 @@ def test_a_fresh_search_can_be_saved():
 
 
 def test_recorded_actions_are_replayed():
-    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0, replay_actions=True)
+    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
     real = real_of(SPACE.nominal)
     search.iterate(real, math.inf)
     allowed = {t.actions[:12].tobytes() for t in real}

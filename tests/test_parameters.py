@@ -54,8 +54,10 @@ def make_model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(XML)
 
 
-def own(name, field, objects=(), *, low=-100.0, high=100.0, component=None, nominal=1.0):
+def own(name, field, objects=(), *, low=None, high=100.0, component=None, nominal=1.0):
     """A parameter without fuss about its bounds."""
+    can_be_negative = field.startswith(("opt.", "cam_", "actuator_gear", "actuator_gain"))
+    low = (-100.0 if can_be_negative else 0.0) if low is None else low
     return Parameter(
         name=name,
         field=field,
@@ -401,7 +403,9 @@ class TestDelays:
             ModelWriter(space, self.remembering(num_samples))
 
     def test_a_negative_delay_is_refused(self):
-        with pytest.raises(InputError, match="late: a delay cannot be negative"):
+        with pytest.raises(
+            InputError, match="late: actuator_delay cannot be negative, got low = -"
+        ):
             own("late", "actuator_delay", ("motor",), low=-0.1)
 
 

@@ -81,7 +81,7 @@ def test_a_trained_policy_can_be_filmed(tmp_path, quick_tune):
     ("changes", "message"),
     [
         ({"episodes": 0}, "--episodes must be at least 1, got 0"),
-        ({"image_size": 65}, "--image-size must be an even number of at least 16, got 65"),
+        ({"image_size": 65}, "--image-size must be an even number from 16 to 1024, got 65"),
         ({"policy": "nowhere"}, "nowhere is no folder that `simtune train` wrote"),
         ({"parameters": Path("nowhere.json")}, r"cannot read nowhere\.json"),
         ({"task": "cartpol"}, "did you mean 'cartpole'"),

@@ -297,7 +297,7 @@ def test_actions_that_do_not_fit(tmp_path):
         "HERE: no action 'z'; there are: x, y, grip"
     )
     said = message(tmp_path / "pairs", actions=("x",), num_actions=2)
-    assert "takes 2 actions, --actions names 1 (x, y, grip)" in said
+    assert "takes 2 actions, --actions names 1 of 3 (x, y, grip)" in said
 
 
 # --- steps of another rate ----------------------------------------------------------------
@@ -420,5 +420,7 @@ def test_videos_alone_are_of_what_nobody_acts_on(control_hz, tmp_path):
     assert shown(trajectory.frames) == list(range(0, NUM_STEPS + 1, every))
     assert trajectory.actions.shape == (NUM_STEPS // every, 0)
     assert dataset.facts(1)["action_ranges"] == {}
-    with pytest.raises(InputError, match=r"takes 3 actions.*write a CSV of them beside each video"):
+    with pytest.raises(
+        InputError, match=r"takes 3 actions, .* has none; a CSV beside each video has"
+    ):
         open_dataset(tmp_path / "pairs", num_actions=3)

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import fake_lerobot
+import mujoco
 import numpy as np
 import pytest
 
@@ -28,8 +29,21 @@ from simtune.tune import tune
 
 STEPS = 4
 # 0.1 s a step, and actions that displace, as a robot's do
+CARTPOLE = load_task("cartpole")
+
+
+def with_servo() -> mujoco.MjSpec:
+    spec = CARTPOLE.load_spec()
+    spec.actuator("slide").set_to_position(kp=10)
+    return spec
+
+
 TASK = replace(
-    load_task("cartpole"), action_repeat=10, episode_steps=STEPS, map_actions=JointActions
+    CARTPOLE,
+    load_spec=with_servo,
+    action_repeat=10,
+    episode_steps=STEPS,
+    map_actions=JointActions,
 )
 LEROBOT = """
 address = "fake_lerobot:make"
@@ -265,7 +279,7 @@ def test_tune_goes_on_without_the_robot(file, quick_tune, monkeypatch):
         ("step = 4", "", r"\[actions\] has no step"),
         ('"-pan.pos"', '"-tilt.pos"', "no axis '-tilt.pos' in the workspace"),
         ('"-pan.pos"', '["pan.pos", "-pan.pos"]', "two actions move one axis"),
-        ("[-20, 20]", "[20, -20]", "must be two numbers, low and high"),
+        ("[-20, 20]", "[20, -20]", "must be two numbers, the lower one first"),
         ('"pan.pos" = 1', '"pan.pos" = 21', "start pan.pos = 21 lies outside of the workspace"),
         ("speed = 100", "", "has no speed: expected a finite number"),
         ("tolerance = 3", "", "has no tolerance: expected a finite number"),

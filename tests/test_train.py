@@ -17,7 +17,7 @@ from simtune.agents import Agent, Seen, make_agent
 from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
-from simtune.evaluate import evaluate
+from simtune.evaluate import evaluate, trained_parts
 from simtune.parts import make_parts
 from simtune.randomization import Distribution
 from simtune.real.truth import Truth
@@ -369,6 +369,14 @@ def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_t
     assert again == read_json(out / "result.json")["return"]
     with pytest.raises(InputError, match=r"is no folder that `simtune train` wrote"):
         evaluate(EvaluateConfig(run_folder=tmp_path / "nowhere"))
+
+    # Where it was a robot's, nobody asks the robot, here one of which there is no file.
+    stored = read_json(out / "config.json")
+    stored["config"] |= {"real": "xarm", "robot": "gone.toml", "truth": None}
+    (out / "config.json").write_text(json.dumps(stored))
+    assert trained_parts(out).agent.is_ready
+    with pytest.raises(InputError, match="is of the real world, where no return is known"):
+        evaluate(EvaluateConfig(run_folder=out))
 
 
 @pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.slow)])

@@ -313,7 +313,7 @@ def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
     simulator = load_task("cartpole").simulator(image_size=64)
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0)
     public = {name for name in dir(real) if not name.startswith("_")}
-    can = {"collect", "try_out", "step_s", "num_actions", "looks_like_simulator"}
+    can = {"collect", "try_out", "step_s", "looks_like_simulator"}
     assert public == {*can, "facts"}
     assert real.facts == {}
     for name in ("parameters", "real_parameters", "state", "states", "reward", "simulator"):

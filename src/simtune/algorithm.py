@@ -110,8 +110,8 @@ class Training:
         if self.config.drop_far:
             near = self.distribution_policy
             self.parts.replay.drop_far(near.low, near.high)
-        told = {"iteration": self.num_searches} | outcome.scalars(search, self.estimate)
-        self._log(told | losses)
+        told = outcome.scalars(search, self.estimate) | losses
+        self._log(told | {"iteration": self.num_searches})
         self._save()
 
     def _train_policy(self) -> None:
@@ -162,7 +162,9 @@ class Training:
             write_video(self.run.videos / "policy.mp4", film, round(1 / parts.real.step_s, 3))
             facts |= {name: outcome.summary(values) for name, values in scores.items()}
         result = outcome.result(facts, parts.space, parts.start, self.estimate, parts.truth)
-        doubts = warnings_of(parts.task, parts.real.facts, self.real)
+        doubts = warnings_of(parts.task, parts.real.facts, self.real, parts.search_name)
+        if not parts.agent.is_ready:
+            doubts.append("the policy had not begun to learn: give more --policy-steps")
         result["warnings"] = doubts + result["warnings"]
         return result
 

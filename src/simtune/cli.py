@@ -4,14 +4,16 @@ import contextlib
 import io
 import json
 import os
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
+import simtune
 from simtune.config import (
     UNTUNED,
     CheckConfig,
@@ -21,7 +23,7 @@ from simtune.config import (
     TrainConfig,
     TuneConfig,
 )
-from simtune.errors import InputError
+from simtune.errors import InputError, UnknownName
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class ReportCommand:
     """Write the report.html of a run anew."""
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
-    """A folder that `simtune tune` wrote."""
+    """A folder that `simtune tune` or `simtune train` wrote."""
 
 
 @dataclass(frozen=True)
@@ -55,18 +57,25 @@ Command = (
 )
 
 
+_TYPES = {"INT": "a whole number", "FLOAT": "a number"}  # by tyro's names
+
+
 def main() -> None:
     """Exit status: 0 done, 1 failed, 2 the input cannot be used (one line says why)."""
     # Before torch is loaded: threads that wait for each other by spinning make training five
     # times slower as soon as anything else runs on the machine.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
-        _run(_parse())
+        if sys.argv[1:] == ["--version"]:
+            print(f"simtune {simtune.__version__}")
+        else:
+            _run(_parse())
         sys.stdout.flush()
     except InputError as error:
         sys.exit(_complain(error, 2))
     except KeyboardInterrupt:
-        sys.exit(_complain("interrupted; the same command goes on", 1))
+        goes_on = sys.argv[1:2] in (["tune"], ["train"])
+        sys.exit(_complain("interrupted" + "; the same command goes on" * goes_on, 1))
     except BrokenPipeError:  # `simtune tasks | head -1`: whoever reads has read enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains when it closes stdout
         sys.exit(1)
@@ -76,6 +85,9 @@ def main() -> None:
 
 def _parse() -> Any:
     """The command asked for. Raises InputError instead of printing tyro's boxes of many lines."""
+    known = [meta.name for c in get_args(Command) for meta in get_args(c)[1:]]
+    if (asked := sys.argv[1:2]) and not asked[0].startswith("-") and asked[0] not in known:
+        raise UnknownName("command", asked[0], "simtune", known)
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
@@ -86,7 +98,12 @@ def _parse() -> Any:
         lines = [line.strip("│ ") for line in said.getvalue().splitlines()]
         inside = [line for line in lines if line and line[0] not in "╭╰"]
         rule = next((i for i, line in enumerate(inside) if line[0] == "─"), len(inside))
-        what = " ".join(inside[:rule]).rstrip(".")
+        what = " ".join(inside[:rule]).rstrip(".").replace("'None', ", "")
+        # What each type of an option made of it is of no interest.
+        wrong = re.search(r"Error parsing (\S+): .*? matching (\S+) could .*? from \[(.*?)\]", what)
+        if wrong:
+            option, kind, value = wrong.groups()
+            what = f"{option} must be {_TYPES.get(kind.split('|')[-1], kind)}, got {value}"
         raise InputError(f"{what}; --help says what there is") from None
 
 
@@ -130,7 +147,8 @@ def _print_tasks() -> None:
         task = load_task(name)
         print(f"{name}: {task.description} ({task.step_s:g} s a step)")
         for p in task.parameters:
-            span = f"{p.nominal:<8.4g} in [{p.low:.4g}, {p.high:.4g}] {p.unit}"
+            unit = "" if p.unit == "1" else p.unit
+            span = f"{p.nominal:<8.4g} in [{p.low:.4g}, {p.high:.4g}] {unit}"
             print(f"  {p.name:18s} {span:36s} {p.field} of {', '.join(p.objects)}")
 
 
@@ -175,9 +193,8 @@ def _record(config: RecordConfig) -> None:
 
     with ProgressBar() as say:
         folder = record(config, say)
-    print(
-        f"{config.episodes} episodes in {folder}; next: simtune check {config.task} --real {folder}"
-    )
+    count = f"{config.episodes} episode{'s' * (config.episodes > 1)}"
+    print(f"{count} in {folder}; next: simtune check {config.task} --real {folder}")
 
 
 def _complain(what: object, status: int) -> int:

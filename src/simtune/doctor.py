@@ -35,7 +35,10 @@ def _say_devices(say: Callable[[str], None]) -> None:
     cpu = torch.device("cpu")
     say(f"cpu        {torch.get_num_threads()} threads, fast bfloat16: {has_fast_bf16(cpu)}")
     if torch.cuda.is_available():
-        say(f"cuda       {torch.cuda.get_device_name()}: draws; networks train on the CPU")
+        say(
+            f"cuda       {torch.cuda.get_device_name()}: draws, and trains policies; all else is "
+            "learnt on the CPU"
+        )
     else:
         say("cuda       none: all runs on the CPU")
 

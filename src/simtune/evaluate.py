@@ -4,7 +4,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from simtune.config import EvaluateConfig, TrainConfig
+from simtune.config import EvaluateConfig, RealConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.outcome import summary
 from simtune.parts import Parts, make_parts
@@ -19,9 +19,10 @@ def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
     Nothing is written. Raises InputError where there is no policy, or no world to score it in.
     """
     config.check()
-    parts = trained_parts(config.run_folder, say)
-    if parts.truth is None:
+    if _asked(config.run_folder)["real"] != "pseudo":
         raise InputError(f"{config.run_folder} is of the real world, where no return is known")
+    parts = trained_parts(config.run_folder, say)
+    assert parts.truth is not None, "of a pseudo-real world"
     say("scoring the policy in the pseudo-real world", 0.5)
     scores, _ = parts.score(config.episodes, config.seed)
     returns = summary(scores.pop("return"))
@@ -31,21 +32,21 @@ def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
 def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
     """A training's parts, of which the agent is as its newest checkpoint has it.
 
-    Nothing else is: what it learnt from need not be drawn anew. Raises InputError.
+    Nothing else is: what it learnt from need not be drawn anew, and of the real world there is a
+    pseudo one, whatever it was: no robot is asked, no recording read. Raises InputError.
     """
-    is_run = (run_folder / "config.json").is_file()
-    stored = stored_config(run_folder) if is_run else None
-    if stored is None or "method" not in stored["config"]:
-        raise InputError(f"{run_folder} is no folder that `simtune train` wrote")
+    asked = _asked(run_folder)
     newest = checkpoint.newest(run_folder / "checkpoints")
     if newest is None:
         raise InputError(f"{run_folder} has no sound checkpoint to take a policy from")
-    asked = {f.name: stored["config"].get(f.name, f.default) for f in fields(TrainConfig)}
-    for name in ("out", "real_parameters", "robot"):
-        asked[name] = asked[name] and Path(asked[name])
-    asked["device"] = "auto"  # this machine's
+    known = asked.pop("truth", None)  # runs of earlier versions know nothing of it
+    usual = {f.name: f.default for f in fields(TrainConfig)}
+    if asked["real"] != "pseudo":
+        asked |= {f.name: usual[f.name] for f in fields(RealConfig) if f.name != "seed"}
+    asked = {name: asked.get(name, default) for name, default in usual.items()}
+    asked["real_parameters"] = asked["real_parameters"] and Path(asked["real_parameters"])
+    asked |= {"out": run_folder, "device": "auto"}  # where it is now, and this machine's
     parts = make_parts(TrainConfig(**asked), say)
-    known = stored["config"].get("truth")  # runs of earlier versions know nothing of it
     if known and parts.truth is not None and parts.truth.digest != known:
         raise InputError(
             f"--real-parameters {asked['real_parameters']}, by which {run_folder} was made, has "
@@ -53,3 +54,12 @@ def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
         )
     parts.load_agent(*checkpoint.load(newest))
     return parts
+
+
+def _asked(run_folder: Path) -> dict[str, Any]:
+    """What the training was asked. Raises InputError for what is none."""
+    is_run = (run_folder / "config.json").is_file()
+    stored = stored_config(run_folder) if is_run else None
+    if stored is None or "method" not in stored["config"]:
+        raise InputError(f"{run_folder} is no folder that `simtune train` wrote")
+    return dict(stored["config"])

@@ -28,27 +28,21 @@ class PixelConvolutions(nn.Module):
         self.layers = nn.Sequential(*layers).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, frames: torch.Tensor) -> torch.Tensor:
-        """(B, K, H, W, 3) uint8, or what `stack_frames` makes of it, to (B, num_outputs).
-
-        To stack them takes as long as a layer on a CPU, and is not needed.
-        """
+        """(B, K, H, W, 3) uint8 to (B, num_outputs)."""
         slices = frames.split(_CPU_SLICE) if frames.device.type == "cpu" else [frames]
         return torch.cat([self._convolve(some) for some in slices])
 
     def _convolve(self, frames: torch.Tensor) -> torch.Tensor:
         first, *others = self.layers
         assert isinstance(first, nn.Conv2d)
+        # The K frames' rows in turns make one tall picture, and the kernel as tall with it: the
+        # same sums, over memory as it lies, where to stack them takes as long as a layer.
+        num_stacked = frames.shape[1]
+        tall = first.weight.unflatten(1, (num_stacked, 3)).permute(0, 2, 3, 1, 4).flatten(2, 3)
+        rows = frames.transpose(1, 2).contiguous().flatten(1, 2).permute(0, 3, 1, 2)
+        pixels = rows.to(torch.float32, memory_format=torch.channels_last)
         # Pixels count from 0 to 1; there are more of them to divide than weights.
-        weight, stride = first.weight / 255, (2, 2)
-        if frames.ndim == 5:
-            # The K frames' rows in turns make one tall picture, and the kernel as tall with it:
-            # the same sums, over memory as it lies.
-            num_stacked = frames.shape[1]
-            tall = weight.unflatten(1, (num_stacked, 3)).permute(0, 2, 3, 1, 4)
-            weight, stride = tall.flatten(2, 3), (2 * num_stacked, 2)
-            frames = frames.transpose(1, 2).contiguous().flatten(1, 2).permute(0, 3, 1, 2)
-        pixels = frames.to(torch.float32, memory_format=torch.channels_last)
-        convolved = functional.conv2d(pixels, weight, first.bias, stride)
+        convolved = functional.conv2d(pixels, tall / 255, first.bias, (2 * num_stacked, 2))
         for layer in others:
             convolved = layer(convolved)
         return convolved.permute(0, 2, 3, 1).flatten(1)  # as it lies in memory
@@ -67,19 +61,13 @@ class PixelEncoder(nn.Module):
         self.head = feature_head(self.convolutions.num_outputs, num_features)
 
     def forward(self, frames: torch.Tensor) -> torch.Tensor:
-        """(B, K, H, W, 3) uint8, stacked or not, to (B, num_features) float32."""
+        """(B, K, H, W, 3) uint8 to (B, num_features) float32."""
         return self.head(self.convolutions(frames)).float()
 
 
 def feature_head(num_inputs: int, num_features: int = 50) -> nn.Sequential:
     """What was convolved to a few normalised features."""
     return nn.Sequential(nn.Linear(num_inputs, num_features), nn.LayerNorm(num_features))
-
-
-def stack_frames(frames: torch.Tensor) -> torch.Tensor:
-    """(B, W, H, W', 3) windows to (B, 3·W, H, W') pictures, laid out channels_last."""
-    # On a CPU four times as fast as to permute and reshape.
-    return torch.cat(frames.unbind(1), -1).permute(0, 3, 1, 2)
 
 
 def positional_encoding(x: torch.Tensor, octaves: int) -> torch.Tensor:

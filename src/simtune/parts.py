@@ -235,6 +235,8 @@ def _device(name: str) -> str:
     """Raises InputError for one that is not there."""
     if name == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
+    if name.partition(":")[0] not in ("cpu", "cuda"):
+        raise InputError(f"--device must be auto, cpu, cuda or cuda:N, got {name}")
     try:
         torch.empty(0, device=name)
     except (RuntimeError, AssertionError) as error:

@@ -32,7 +32,10 @@ class ProgressBar:
     def __call__(self, doing: str, done: float) -> None:
         now = time.monotonic()
         # The share of the budget spent keeps the bar moving where the work's share does not.
-        done = min(max(done, (now - self._start) / self._total_s), 1.0)
+        spent = (now - self._start) / self._total_s
+        done = min(max(done, min(spent, 0.99)), 1.0)
+        if spent > 1:
+            doing += " (time is over; what has begun ends first)"
         if not self._bar.disable:
             self._bar.set_description_str(doing, refresh=False)
             self._bar.update(max(0.0, 100 * done - self._bar.n))

@@ -52,7 +52,7 @@ class Distribution:
         return (values - low) / (high - low)
 
     def from_local(self, local: np.ndarray) -> np.ndarray:
-        """The inverse of `to_local`, also for coordinates outside [0, 1]."""
+        """The inverse of `to_local`, within the bounds also for coordinates outside [0, 1]."""
         low, high = self._spread(self.low), self._spread(self.high)
         spread = low + local * (high - low)
         return self.space.from_unit(spread) if self.on_own_scale else spread

@@ -56,7 +56,7 @@ def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
         None if config.search == "posterior" else PaperConfig(episode_steps=shortest),
     )
     search.check(trajectories)
-    doubts = warnings_of(task, real.facts, trajectories)
+    doubts = warnings_of(task, real.facts, trajectories, config.search)
     for doubt in doubts:  # now, not after minutes
         log.warning("%s", doubt)
     asked = outcome.asked(config, task, start, real.facts, truth)

@@ -30,7 +30,7 @@ class StudentConfig:
     hidden_size: int = 256
     batch_size: int = 256
     learning_rate: float = 1e-3
-    warm_up: int = 50  # updates
+    warm_up: int = 50  # updates of sight, which comes first
 
 
 class Memory(NamedTuple):

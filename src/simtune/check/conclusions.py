@@ -39,8 +39,9 @@ def conclude(space: ParameterSpace, information: Information) -> dict[str, Any]:
 def _shows(share: float) -> Shows:
     """By the 90 % interval's share of the first range searched, as a search's verdict is.
 
-    That range is a factor of 3 up and down. "Clearly" is what tuning can call identified, "weakly"
-    what it can call weak: at best, since no real fit has more than is told.
+    That range is a factor of 3 up and down, or all of a linear scale's bounds. "Clearly" is what
+    tuning can call identified, "weakly" what it can call weak: at best, since no real fit has more
+    than is told.
     """
     limits = MoveConfig()
     if share <= limits.identified_share:

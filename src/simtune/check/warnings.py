@@ -13,12 +13,16 @@ _LATE = 0.3  # of a step: the simulator films exactly at each step's end
 
 
 def warnings(
-    task: AnyTask, facts: Mapping[str, Any], recorded: Sequence[np.ndarray], num_replayed: int
+    task: AnyTask,
+    facts: Mapping[str, Any],
+    recorded: Sequence[np.ndarray],
+    num_replayed: int,
+    search: str | None = "posterior",
 ) -> list[str]:
     """Of recordings that a task's worlds are to replay, a sentence each.
 
     `facts` are a dataset's, `recorded` the actions (T, A) of its episodes, of which the first
-    `num_replayed` would be tuned to.
+    `num_replayed` would be tuned to by this `search`.
     """
     found = []
     control_hz, task_hz = facts["control_hz"], 1 / task.step_s
@@ -33,7 +37,26 @@ def warnings(
             f"frames are up to {largest_ms:.3g} ms away from their steps of {step_ms:.3g} ms: "
             "motion will seem to stand still and jump; take a smaller --control-hz"
         )
-    lengths = [len(actions) for actions in recorded[:num_replayed]]
+    if search == "posterior":
+        found += _of_lengths([len(actions) for actions in recorded[:num_replayed]])
+    return found + _of_actions(task, np.concatenate(recorded))
+
+
+def warnings_of(
+    task: AnyTask,
+    facts: Mapping[str, Any],
+    trajectories: Sequence[Trajectory],
+    search: str | None,
+) -> list[str]:
+    """The same of what a real world with such `facts` gave; none where it is no recording."""
+    if "time_error_ms" not in facts:
+        return []
+    return warnings(task, facts, [t.actions for t in trajectories], len(trajectories), search)
+
+
+def _of_lengths(lengths: list[int]) -> list[str]:
+    """Of episodes of so many steps."""
+    found = []
     unused = sum(lengths) - len(lengths) * min(lengths)
     if unused:
         found.append(
@@ -44,16 +67,7 @@ def warnings(
         found.append(
             f"an episode has {min(lengths)} steps, `simtune tune` needs at least {SHORTEST_STEPS}"
         )
-    return found + _of_actions(task, np.concatenate(recorded))
-
-
-def warnings_of(
-    task: AnyTask, facts: Mapping[str, Any], trajectories: Sequence[Trajectory]
-) -> list[str]:
-    """The same of what a real world with such `facts` gave; none where it is no recording."""
-    if "time_error_ms" not in facts:
-        return []
-    return warnings(task, facts, [t.actions for t in trajectories], len(trajectories))
+    return found
 
 
 def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:

@@ -38,6 +38,8 @@ class RealConfig(RecordingsConfig):
             raise InputError(f"--real {self.real} needs --robot FILE.toml (see docs/robot.md)")
         if self.real != "pseudo" and self.real_parameters is not None:
             raise InputError("--real-parameters goes with --real pseudo only")
+        if self.real != "pseudo" and self.start_factor != RealConfig.start_factor:
+            raise InputError("--start-factor goes with --real pseudo only")
         if not self.start_factor >= 1:
             raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
         at_least(self, 0, "seed")

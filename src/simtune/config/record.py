@@ -10,6 +10,7 @@ from simtune.config.checks import at_least
 from simtune.errors import InputError
 
 RendererName = Literal["raycaster", "opengl"]
+_LARGEST_PX = 1024  # an episode is kept whole until it is written
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +39,8 @@ class RecordConfig:
         """Raises InputError for numbers that make no sense."""
         at_least(self, 1, "episodes")
         at_least(self, 0, "seed")
-        if self.image_size < 16 or self.image_size % 2:
+        if not 16 <= self.image_size <= _LARGEST_PX or self.image_size % 2:
             raise InputError(
-                f"--image-size must be an even number of at least 16, got {self.image_size}"
+                f"--image-size must be an even number from 16 to {_LARGEST_PX}, "
+                f"got {self.image_size}"
             )

@@ -70,6 +70,8 @@ class CheckConfig(RecordingsConfig):
 
     def check(self) -> None:
         """Raises InputError for what makes no sense."""
+        if self.real is not None and str(self.real) == "pseudo" and not self.real.exists():
+            raise InputError("check simulates by itself what it needs: leave out --real pseudo")
         self.check_recordings(self.real is not None)
         at_least(self, 1, "episodes")
         at_least(self, 0, "seed")

@@ -29,8 +29,9 @@ def affordable(
     step_s, begun_step_s = _seconds_per_step(simulator, landmarks, parameters)
     each_s = begun_step_s * num_steps / particles.steps
     num = int(np.clip(_PARTICLES_SHARE * seconds / each_s, _FEWEST_PARTICLES, particles.num))
-    # Each iteration plays every window once a state and parameter to derive by, and a few more.
-    played = 3 + 2 * simulator.model.nv + len(simulator.space)
+    # Each iteration plays every window once for all it is derived by, and a few more.
+    num_fitted = sum(not parameter.is_appearance for parameter in simulator.space)
+    played = 3 + 2 * simulator.model.nv + num_fitted
     window_s = step_s * played * shooting.steps_per_window * _SIDES
     windows = (1 - _PARTICLES_SHARE) * seconds / window_s
     num_windows = int(np.clip(windows, _FEWEST_WINDOWS, shooting.num_windows))

@@ -65,7 +65,7 @@ class Particles:
         """From guesses at the (E, T + 1, nq + nv) states and the (N,) parameters, and their std."""
         rng, config, history = np.random.default_rng(0), self._config, _History()
         num_episodes, num_steps, _ = tracks.actions.shape
-        acted = self._physics.after(tracks.actions)
+        acted = self._physics.after(tracks.actions, states, unit)
         shape = (num_episodes, config.num)
         now = self._fresh(states[:, 0], config.num, rng)  # (E, K, nq + nv)
         drawn = rng.normal(size=(*shape, len(self._fitted)))

@@ -45,18 +45,27 @@ class Physics:
         seen = played.recorded.reshape(*played.recorded.shape[:2], -1, 2)
         return played.states, np.nan_to_num(seen, nan=_NOWHERE_PX)
 
-    def after(self, actions: np.ndarray) -> np.ndarray:
+    def after(self, actions: np.ndarray, states: np.ndarray, unit: np.ndarray) -> np.ndarray:
         """(E, T + 1, S) rows with all that (E, T, A) actions leave behind but the motion.
 
         Controls that are still to come, of an actuator with a delay, and how far filters and
-        muscles have followed: neither depends on anything but the actions, so any motion will do.
+        muscles have followed, in worlds of the (N,) parameters in unit coordinates. Where actions
+        are relative, that depends on the motion, too: on a guess at the (E, T + 1, nq + nv) states.
         """
         num_episodes, num_steps, _ = actions.shape
-        model = self._simulator.model
+        model, simulator = self._simulator.model, self._simulator
         if not model.na and not model.nhistory:
             return np.broadcast_to(self._row, (num_episodes, num_steps + 1, len(self._row)))
-        worlds = np.repeat(self.parameters.nominal[None], num_episodes, 0)
-        return self._simulator.roll_out(worlds, actions, self._rng, keep_diverged=True).states
+        worlds = np.repeat(self.parameters.from_unit(unit)[None], num_episodes, 0)
+        if not simulator.action_mapping.is_relative:
+            return simulator.roll_out(worlds, actions, self._rng, keep_diverged=True).states
+        rows = [np.repeat(self._row[None], num_episodes, 0)]
+        for t in range(num_steps):
+            rows[t][:, 1 : 1 + states.shape[-1]] = states[:, t]
+            step = actions[:, t : t + 1]
+            played = simulator.roll_out(worlds, step, self._rng, starts=rows[t], keep_diverged=True)
+            rows.append(played.states[:, -1].copy())
+        return np.stack(rows, 1)
 
     @property
     def some_state(self) -> np.ndarray:

@@ -19,7 +19,7 @@ from simtune.trajectory import delayed
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
 _POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of each one
 _USUAL = 0.85  # share of errors that are taken to be no accident
-_LEAST_INFLATION = 0.5  # what a fit says of itself has a floor, which may be too careful
+_LEAST_INFLATION = 0.6  # few replicas may all be lucky
 _SMALLEST_SPREAD = 0.01  # of replicas around the estimate, in unit coordinates
 _FEW_EPISODES = 3  # are enough to compare errors with what a fit thinks of itself
 # A replica that fits so many times worse went astray where the real world's fit did not.

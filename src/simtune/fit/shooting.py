@@ -78,7 +78,7 @@ class Shooting:
     def fit(self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
         """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
         unit = self._physics.parameters.to_unit(parameters)
-        return self._fit(self._cut(tracks, states), unit, self.config.stages)
+        return self._fit(self._cut(tracks, states, unit), unit, self.config.stages)
 
     def grow(
         self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray, fit: ShootingFit
@@ -95,7 +95,7 @@ class Shooting:
             if told or window > tracks.actions.shape[1]:
                 break
             unit[self.fitted] = found.unit
-            longer = self._cut(tracks, self._improved(states, found), window)
+            longer = self._cut(tracks, self._improved(states, found), unit, window)
             # Blurred at first: what ends far away after so long is no outlier yet.
             count = config.longer_iterations
             found = self._fit(
@@ -140,8 +140,8 @@ class Shooting:
         By Fisher information where the (N,) parameters and the states, as in `fit`, are the true
         ones. The windows' initial states count as unknown, and FIRST_VARIANCE lies between windows.
         """
-        windows = self._cut(tracks, states)
         unit = self._physics.parameters.to_unit(parameters)
+        windows = self._cut(tracks, states, unit)
         guess = Guess(windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE)
         residual, by_state, by_parameter = self._player.linearise(windows, guess, self._noise)
         weight = windows.weight(residual)
@@ -188,11 +188,14 @@ class Shooting:
         boldness = min(1.0, 2 * guess.boldness)
         return Guess(states, unit, damping, told.variance, boldness), told.covariance
 
-    def _cut(self, tracks: Tracks, states: np.ndarray, steps: int | None = None) -> Windows:
+    def _cut(
+        self, tracks: Tracks, states: np.ndarray, unit: np.ndarray, steps: int | None = None
+    ) -> Windows:
         """By default as long as the last stage's; however long, of as many steps in all."""
         usual = self.config.stages[-1].window
         steps = steps or usual
-        acted, at_most = self._physics.after(tracks.actions), self.config.num_windows * usual
+        acted = self._physics.after(tracks.actions, states, unit)
+        at_most = self.config.num_windows * usual
         return cut(tracks, states, acted, steps, max(1, at_most // steps))
 
     def _improved(self, states: np.ndarray, fit: ShootingFit) -> np.ndarray:

@@ -33,6 +33,25 @@ _VISIBLE = (
 )
 
 
+# Quantities that physics knows no negative ones of
+_NEVER_NEGATIVE = (
+    "body_mass",
+    "body_inertia",
+    "geom_size",
+    "geom_friction",
+    "dof_damping",
+    "dof_armature",
+    "dof_frictionloss",
+    "jnt_stiffness",
+    "tendon_damping",
+    "tendon_stiffness",
+    "tendon_frictionloss",
+    "tendon_armature",
+    "cam_fovy",
+    "actuator_delay",
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
     """One tunable number of an MjModel.
@@ -73,8 +92,10 @@ class Parameter:
                 f"{self.name}: {self.field} needs a component, the axis to turn about: "
                 f"0, 1 or 2, got {self.component}"
             )
-        if self.is_delay and self.low < 0:
-            raise InputError(f"{self.name}: a delay cannot be negative, got low = {self.low}")
+        if self.field in _NEVER_NEGATIVE and self.low < 0:
+            raise InputError(
+                f"{self.name}: {self.field} cannot be negative, got low = {self.low:g}"
+            )
 
     @property
     def is_colour(self) -> bool:

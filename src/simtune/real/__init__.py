@@ -15,9 +15,6 @@ class RealWorld(Protocol):
         ...
 
     @property
-    def num_actions(self) -> int: ...
-
-    @property
     def looks_like_simulator(self) -> bool:
         """Whether its pictures are the simulator's own, pixel by pixel."""
         ...

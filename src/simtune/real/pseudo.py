@@ -31,7 +31,6 @@ class PseudoReal:
         delay_steps = gap.delay_steps if gap else 0
         self.looks_like_simulator = gap is None
         self.step_s = step_s = simulator.step_s
-        self.num_actions = simulator.num_actions
 
         def film(num_episodes: int) -> list[Trajectory]:
             rng, worlds = first_rng, np.tile(parameters, (num_episodes, 1))

@@ -24,10 +24,6 @@ class RecordedReal:
         return self._dataset.step_s
 
     @property
-    def num_actions(self) -> int:
-        return len(self._dataset.action_names)
-
-    @property
     def facts(self) -> dict[str, Any]:
         """What to note down of what was collected; JSON. Empty before there is any."""
         return self._dataset.facts(len(self._collected)) if self._collected else {}

@@ -19,6 +19,8 @@ def read_header(path: Path) -> list[str]:
     if header is None:
         raise InputError(f"{path}: is empty; expected a header with the actions' names")
     names = [name.strip() for name in header]
+    if len(names) == 1 and re.search(r"[;\t]", names[0]):
+        raise InputError(f"{path}: expected commas between columns, got {names[0]!r}")
     if len(names) > MOST_ACTIONS:
         raise InputError(f"{path}: has {len(names)} columns; expected at most {MOST_ACTIONS}")
     if any(re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?|nan|", name) for name in names):

@@ -48,7 +48,8 @@ def write_dataset(
     """
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: exists already and is not empty; choose another name")
+        what = "is not empty" if folder.is_dir() else "is a file"
+        raise InputError(f"{folder}: exists already and {what}; choose another name")
     trajectories = iter(trajectories)
     first = next(trajectories, None)
     if first is None:

@@ -64,7 +64,7 @@ def _listed(path: Path) -> list[str]:
     try:
         return sorted(entry.name for entry in path.iterdir() if not entry.name.startswith("."))
     except FileNotFoundError:
-        raise InputError(f"{path}: no such folder; expected one of recordings") from None
+        raise InputError(f"{path}: no such folder; expected a folder of recordings") from None
     except NotADirectoryError:
         raise InputError(f"{path}: is a file; expected a folder of recordings") from None
     except OSError as error:

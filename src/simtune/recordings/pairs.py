@@ -36,7 +36,8 @@ class PairsSource:
         self._tables = _by_name(path for path in seen if path.suffix.lower() == TABLE)
         videos, tables = self._videos.keys(), self._tables.keys()
         for name in sorted(videos ^ tables if tables else ()):
-            there, missing = (self._videos, "csv") if name in videos else (self._tables, "mp4")
+            is_video = name in videos
+            there, missing = (self._videos, "csv") if is_video else (self._tables, "mp4 or .mov")
             raise InputError(
                 f"{folder}: {there[name].name} has no {name}.{missing} beside it; expected pairs "
                 "of a video and its actions, see docs/recordings.md"

@@ -103,11 +103,12 @@ def choose_actions(
             raise InputError(f"{source.path}: {what} action {name!r}; there are: {short(known)}")
     chosen = [known.index(name) for name in names] if names else list(range(len(known)))
     if num_actions is not None and len(chosen) != num_actions:
-        hint = "is it of another robot?" if known else "write a CSV of them beside each video"
+        hint = (
+            "is it of another robot?" if known else "a CSV beside each video has a column of each"
+        )
         if names or len(known) > num_actions:
             hint = "choose them by --actions NAME,NAME,... in the task's order"
-        has = f"--actions names {len(chosen)}" if names else f"the recording has {len(known)}"
-        raise InputError(
-            f"{source.path}: the task takes {num_actions} actions, {has} ({short(known)}); {hint}"
-        )
+        there = f"{len(known)} ({short(known)})" if known else "none"
+        has = f"--actions names {len(chosen)} of {there}" if names else f"the recording has {there}"
+        raise InputError(f"{source.path}: the task takes {num_actions} actions, {has}; {hint}")
     return chosen

@@ -66,16 +66,15 @@ class Episodes:
     def unrewarded(
         cls, rollouts: Rollouts, action_scale: np.ndarray, frames: np.ndarray
     ) -> "Episodes":
-        """Filmed rollouts, for an SPM: rewards are 0, and states what was recorded, if anything.
+        """Filmed rollouts, for an SPM: rewards are 0, and states unknown.
 
         `action_scale` (A,) is the largest magnitude of each action.
         """
         n, num_steps, _ = rollouts.actions.shape
-        unknown = np.empty((n, num_steps + 1, 0), np.float32)
         return cls(
             parameters=rollouts.parameters,
             rows=rollouts.states,
-            states=unknown if rollouts.recorded is None else rollouts.recorded,
+            states=np.empty((n, num_steps + 1, 0), np.float32),
             actions=rollouts.actions / action_scale,
             rewards=np.zeros((n, num_steps), np.float32),
             lengths=np.full(n, num_steps),

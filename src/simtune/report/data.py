@@ -45,7 +45,9 @@ class RunData:
         for source in (self.result, self.metrics[-1] if self.metrics else {}, self.config):
             if source.get(key) is not None:
                 return source[key]
-        return self.metrics[-1].get("step") if key == "sim_steps" and self.metrics else None
+        # A training counts the policy's steps instead.
+        counts_steps = key == "sim_steps" and "policy_steps" not in self.config
+        return self.metrics[-1].get("step") if counts_steps and self.metrics else None
 
     @property
     def is_tuned(self) -> bool:
@@ -104,7 +106,8 @@ def is_number(value: Any) -> TypeGuard[float]:
 def read_run(path: Path) -> RunData:
     """Read a run folder. Raises InputError where `path` is none or its files are damaged."""
     if not (path / "config.json").is_file():
-        raise InputError(f"{path} is no run: it has no config.json")
+        what = "it has no config.json" if path.exists() else "there is no such folder"
+        raise InputError(f"{path} is no run: {what}")
     stored = _read_object(path / "config.json")
     config = stored.get("config")
     videos = {name: path / "videos" / f"{name}.mp4" for name in (*VIDEOS, POLICY_VIDEO)}

@@ -22,9 +22,10 @@ def policy(run: RunData) -> str:
             f"nothing was learnt from: return <b>{number(score.get('mean'))}</b> ± "
             f"{number(score.get('std'))}. It saw pictures and nothing else.</p>"
         )
+    has_teacher = any(entry.get("filmed") == 0 for entry in run.metrics)
     legend = (
         "<p class='legend'><span><i class='estimate'></i>acting on pictures</span>"
-        "<span><i class='start'></i>its teacher, who knows the state</span>"
+        + "<span><i class='start'></i>its teacher, who knows the state</span>" * has_teacher
         + ("<span><i class='truth'></i>scored</span>" if said else "")
         + "<span>returns of episodes in simulation, with all that is tried out in them</span></p>"
     )

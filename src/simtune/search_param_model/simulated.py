@@ -78,12 +78,13 @@ def simulate(
 ) -> SimulatedWorlds:
     """Play (W, E, T, A) actions in W worlds of (W, N) parameters, and film a stretch of each.
 
-    With a `camera` the actions come a step late in half of the worlds, as a real robot's may.
+    With a `camera` the actions come a step late in half of the worlds, as a real robot's may,
+    unless a delay is among the parameters.
     Worlds of which an episode diverged are left out. Raises RuntimeError if hardly any is left.
     """
     num_episodes, steps = actions.shape[1:3]
     played = actions.astype(float)
-    if camera:
+    if camera and not any(parameter.is_delay for parameter in simulator.space):
         late = rng.random(len(actions)) < 0.5
         played[late] = delayed(played[late], 1)
     rollouts = simulator.roll_out(

@@ -40,7 +40,7 @@ def split(trajectory: Trajectory, length: int, size: int) -> Windows:
 
 
 class SpmBuffer:
-    """The filmed episodes of a store, which an agent may learn from as well, in windows."""
+    """The filmed episodes of a store, in windows."""
 
     def __init__(self, store: EpisodeStore, action_scale: np.ndarray):
         self.store = store

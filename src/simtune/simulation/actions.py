@@ -32,6 +32,8 @@ class ActionSpace(Protocol):
 class ActionMapping(ActionSpace, Protocol):
     """(n, A) actions to what moves n worlds."""
 
+    is_relative: bool  # to where what it moves is at the time
+
     def settle(self, batch: Batch) -> None:
         """Put what the actions move to where fresh starts have it."""
         ...
@@ -46,6 +48,8 @@ MapActions = Callable[[mujoco.MjModel], ActionMapping]
 
 class DirectActions:
     """An action is a control."""
+
+    is_relative = False
 
     def __init__(self, model: mujoco.MjModel, *, actuators: Sequence[str] | None = None):
         """`actuators`: whose controls, in the actions' order; None: all, in the model's order.
@@ -66,6 +70,8 @@ class DirectActions:
 
 class ScaledActions:
     """A control is offset + gain · action; without a gain, actions' ranges cover the controls'."""
+
+    is_relative = False
 
     def __init__(
         self,
@@ -115,6 +121,8 @@ class JointActions:
     As a real robot does that is sent to where it is measured to be, and a little farther.
     """
 
+    is_relative = True
+
     def __init__(
         self,
         model: mujoco.MjModel,
@@ -125,7 +133,8 @@ class JointActions:
     ):
         """`per_unit`: rad or m by an action of 1, a number or (A,). The others are as above.
 
-        Raises UnknownName, InputError, also for an actuator that moves no hinge and no slide.
+        Raises UnknownName, InputError, also for an actuator that moves no hinge and no slide, or
+        that is no servo of positions.
         """
         ids = np.arange(model.nu) if actuators is None else _actuator_ids(model, actuators)
         self._ids, self.names = ids, _actuator_names(model, ids)
@@ -133,6 +142,13 @@ class JointActions:
         for name, kind, joint in zip(self.names, model.actuator_trntype[ids], joints, strict=True):
             if kind != _JOINT or model.jnt_type[joint] not in _HINGE_OR_SLIDE:
                 raise InputError(f"{name} moves no hinge and no slide, so it displaces none")
+        # Force by how far the joint is from the control: MuJoCo's <position>, or the like
+        for name, pull in zip(self.names, model.actuator_biasprm[ids, 1], strict=True):
+            if pull >= 0:
+                raise InputError(
+                    f"{name} is no servo of positions (<position>), so it displaces nothing: "
+                    "use another mapping"
+                )
         self._places = model.jnt_qposadr[joints]
         self._per_unit = _each("per_unit", per_unit, ids)
         self.range = checked_range(action_range, len(ids))
@@ -180,7 +196,8 @@ def _each(what: str, given: np.ndarray | Sequence[float] | float, ids: np.ndarra
     """(A,) a number for each action, from one or from as many."""
     values = _numbers(given)
     if values.ndim and values.shape != ids.shape:
-        raise InputError(f"{what} must be a number or {len(ids)}, one an action, got {given}")
+        count = f"{len(ids)} of them, one for each action"
+        raise InputError(f"{what} must be a number, or {count}; got {given}")
     return np.broadcast_to(values, ids.shape)
 
 
@@ -197,8 +214,8 @@ def checked_range(given: np.ndarray | Sequence | None, num: int) -> np.ndarray:
     pairs = _numbers([-1.0, 1.0] if given is None else given)
     if pairs.shape not in ((2,), (num, 2)):
         raise InputError(
-            f"expected a pair [low, high] or {num} of them, one an action, got {given}"
+            f"expected a range [low, high] or {num} of them, one for each action; got {given}"
         )
     if not (pairs[..., 0] < pairs[..., 1]).all():
-        raise InputError(f"low must be below high, got {given}")
+        raise InputError(f"a range's low must be below its high, got {given}")
     return np.broadcast_to(pairs, (num, 2))

@@ -23,6 +23,8 @@ class MocapActions:
     and the weld pulls. Gravity pulls, too: a robot that carries itself needs gravcomp="1".
     """
 
+    is_relative = True
+
     def __init__(
         self,
         model: mujoco.MjModel,

@@ -33,10 +33,6 @@ class Worlds:
         self._writer = ModelWriter(space, model)
 
     @property
-    def num_worlds(self) -> int:
-        return self.batch.nsim
-
-    @property
     def state(self) -> np.ndarray:
         """(num_worlds, S) the live rows of all that defines the worlds' physics."""
         return self.batch.state

@@ -46,7 +46,7 @@ def make_search(
     assert not isinstance(config, PosteriorSearchConfig)
     if not isinstance(simulator, Simulator):
         raise InputError(f"--search {search} needs a MuJoCo model; --search posterior does not")
-    settings = {"seed": seed, "say": say, "replay_actions": True, "device": device}
+    settings = {"seed": seed, "say": say, "device": device}
     return PaperSearch(simulator, start, config, method=search, **settings)
 
 

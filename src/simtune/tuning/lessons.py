@@ -49,7 +49,9 @@ class Lessons:
         began_s = time.monotonic()
         self._seed = seed
         self.landmarks = find_landmarks(simulator, camera, first, seed)
-        self._seconds_per_step = max(1e-9, (time.monotonic() - began_s) / PILOT_STEPS)
+        # Of a simulated step, and of a picture
+        self._step_s = max(1e-9, (time.monotonic() - began_s) / PILOT_STEPS)
+        self._frame_s = 0.0
         self.model = PosteriorSearchParamModel(
             len(self.landmarks),
             simulator.action_scale,
@@ -66,18 +68,21 @@ class Lessons:
         config = self._config
         self._now("simulating and filming", 0.0)
         collect_s = seconds * config.collect_share
-        worlds = self._collect_in_time(
-            real, distribution, config.num_worlds, config.filmed_steps, collect_s
+        episodes = min(config.episodes_per_world, len(real))
+        worlds = self._collect(
+            real, distribution, config.num_worlds, episodes, config.filmed_steps, collect_s
         )
         losses = self._to_see(worlds, distribution, iteration, seconds * config.sight_share)
         worlds = replace(worlds, frames=worlds.frames[:0].copy())  # makes room for others
-        unseen = self._collect(real, distribution, config.unseen_worlds, 1, config.unseen_steps)
+        unseen = self._collect(
+            real, distribution, config.unseen_worlds, 1, config.unseen_steps, collect_s
+        )
         seen = self.model.look_at(unseen)
         errors = self.model.sight_errors(unseen, seen, distribution)
         times = 1 if self._scene else config.lone_judge
         if times > 1:  # hardly filmed: what they looked like is known from others
             most = config.num_worlds * times
-            worlds = self._collect_in_time(real, distribution, most, 2, collect_s)
+            worlds = self._collect(real, distribution, most, episodes, 2, collect_s)
         judge_s = seconds * config.judge_share * times
         losses |= self._to_judge(worlds, errors, distribution, times, judge_s)
         num_steps = min(len(t) for t in real) * len(real)
@@ -91,45 +96,38 @@ class Lessons:
             return None
         return (simulator, landmarks) if len(landmarks) else None
 
-    def _collect_in_time(
-        self,
-        real: list[Trajectory],
-        distribution: Distribution,
-        most: int,
-        filmed: int,
-        seconds: float,
-    ) -> SimulatedWorlds:
-        """`most` worlds, or fewer where they would take longer than `seconds`."""
-        episodes = self._config.episodes_per_world
-        steps = min(len(t) for t in real) * min(episodes, len(real))
-        affordable_worlds = seconds / (self._seconds_per_step * steps)
-        num_worlds = int(np.clip(affordable_worlds, min(_FEWEST_WORLDS, most), most))
-        return self._collect(real, distribution, num_worlds, episodes, filmed)
-
     def _collect(
         self,
         real: list[Trajectory],
         distribution: Distribution,
-        num_worlds: int,
+        most: int,
         episodes: int,
         filmed: int,
+        seconds: float,
     ) -> SimulatedWorlds:
-        """Worlds drawn from Ξ replay the real actions; a stretch of each is filmed."""
-        began_s = time.monotonic()
+        """Worlds drawn from Ξ replay the real actions of so many episodes; a stretch is `filmed`.
+
+        `most` worlds, or fewer where they would take longer than `seconds`.
+        """
         rng, steps = self.rng, min(len(t) for t in real)
+        filmed = max(2, filmed // self.simulator.supersampling)  # which makes pictures dear
+        world_s = self._step_s * episodes * steps + self._frame_s * filmed
+        num_worlds = int(np.clip(seconds / world_s, min(_FEWEST_WORLDS, most), most))
+        began_s = time.monotonic()
         played = np.stack([t.actions[:steps] for t in real])
-        episodes = min(episodes, len(real))
         which = np.stack([rng.permutation(len(real))[:episodes] for _ in range(num_worlds)])
         worlds = simulate(
             self.simulator,
             self.landmarks,
             distribution.sample(num_worlds, rng),
             played[which],
-            max(2, filmed // self.simulator.supersampling),  # which makes pictures dear
+            filmed,
             rng,
             self.camera,
         )
-        self._seconds_per_step = (time.monotonic() - began_s) / (num_worlds * episodes * steps)
+        world_s = (time.monotonic() - began_s) / num_worlds
+        self._step_s = min(self._step_s, world_s / (episodes * steps))
+        self._frame_s = (world_s - self._step_s * episodes * steps) / filmed
         return worlds
 
     def _progress(

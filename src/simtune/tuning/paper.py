@@ -14,7 +14,7 @@ from simtune.randomization import Distribution
 from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
-from simtune.simulation import Simulator, random_actions
+from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.search import Estimate, Event, unsure
 
@@ -38,7 +38,12 @@ def approach(
 
 def _keep_in_bounds(mean: np.ndarray, space: ParameterSpace) -> np.ndarray:
     # From 0 no proportional step leads away; for colours this is the authors' floor of 1e-3.
-    return np.maximum(space.clip(mean), np.where(space.low > 0, space.low, 1e-3 * space.high))
+    return np.maximum(space.clip(mean), _lowest(space))
+
+
+def _lowest(space: ParameterSpace) -> np.ndarray:
+    """(N,) means."""
+    return np.where(space.low > 0, space.low, 1e-3 * space.high)
 
 
 class PaperSearch:
@@ -46,8 +51,8 @@ class PaperSearch:
 
     It gives directions and no intervals: `low` and `high` of its estimates are the range that
     is searched, ξ_mean·(1 ± range_spm), and each verdict is "weak".
-    Real trajectories have to be filmed at the simulator's image size. `replay_actions` plays
-    the real trajectories' actions in simulation, for recordings, instead of random ones.
+    Real trajectories have to be filmed at the simulator's image size; simulated worlds play
+    their actions.
     Raises InputError for a space with values below 0, which proportional steps cannot search.
     """
 
@@ -59,7 +64,6 @@ class PaperSearch:
         *,
         seed: int,
         method: Method = "paper",
-        replay_actions: bool = False,
         say: Say = silent,
         device: str = "cpu",
     ):
@@ -73,7 +77,6 @@ class PaperSearch:
             )
         self.num_moves = 0
         self._simulator, self._say = simulator, say
-        self._replay_actions = replay_actions
         self._rng = np.random.default_rng(seed)
         self._center(np.array(mean, float))
         scale = simulator.action_scale
@@ -110,11 +113,8 @@ class PaperSearch:
     def _collect(self, real: list[Trajectory]) -> None:
         """Episodes of one iteration into D_sp, each in a world of its own drawn from Ξ."""
         num, steps = self.config.episodes_per_iteration, self.config.episode_steps
-        if self._replay_actions:
-            chosen = self._rng.integers(len(real), size=num)
-            actions = np.stack([real[i].actions[np.arange(steps) % len(real[i])] for i in chosen])
-        else:
-            actions = random_actions(num, steps, self._simulator.action_mapping, self._rng)
+        chosen = self._rng.integers(len(real), size=num)
+        actions = np.stack([real[i].actions[np.arange(steps) % len(real[i])] for i in chosen])
         parameters = self.distribution.sample(num, self._rng)
         rollouts = self._simulator.roll_out(parameters, actions, self._rng)
         if not len(rollouts):
@@ -202,8 +202,9 @@ class PaperSearch:
 def _arrivals(before: np.ndarray, now: Distribution) -> list[Event]:
     """An event for each parameter whose mean has come to a bound; it moves at every iteration."""
     events = []
+    lowest, highest = _lowest(now.space), now.space.high
     for i, parameter in enumerate(now.space):
-        for bound, side in ((parameter.low, "lower"), (parameter.high, "upper")):
+        for bound, side in ((lowest[i], "lower"), (highest[i], "upper")):
             if now.mean[i] == bound != before[i]:
                 reason = f"its mean has come to the {side} bound"
                 low, high = float(now.low[i]), float(now.high[i])

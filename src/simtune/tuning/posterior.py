@@ -56,6 +56,7 @@ class PosteriorSearch:
         self.searched = self.first  # by the last iteration: what its curves are in terms of
         self.iteration = 0
         self._lessons = Lessons(simulator, camera, self.first, config, seed, self._now, looks_alike)
+        self._has_iterated = False
         self._replay: ReplayFit | None = None
         self._replicas: Replicas | None = None
 
@@ -72,7 +73,7 @@ class PosteriorSearch:
         steps = min((len(t) for t in real), default=0)
         if steps < SHORTEST_STEPS:
             raise InputError(
-                f"search='posterior' needs episodes of at least {SHORTEST_STEPS} steps, "
+                f"--search posterior needs episodes of at least {SHORTEST_STEPS} steps, "
                 + (f"got one of {steps}" if real else "got none")
             )
 
@@ -89,13 +90,17 @@ class PosteriorSearch:
             prob_higher, self.distribution, self.first, self.config.move
         )
         self.iteration += 1
+        self._has_iterated = True
         return estimate, events, losses
 
     def look(self, trajectories: list[Trajectory]) -> tuple[Estimate, np.ndarray]:
         """What the last iteration would have made of other trajectories; and (N, C) curves.
 
-        The curves are on `candidate_grid`, in coordinates of the range `searched`.
+        The curves are on `candidate_grid`, in coordinates of the range `searched`. Raises
+        RuntimeError for a search that was loaded and has not iterated since.
         """
+        if not self._has_iterated:
+            raise RuntimeError("what a fit learnt is in no checkpoint: iterate first")
         return self._look(trajectories)
 
     def _now(self, doing: str, share: float) -> None:

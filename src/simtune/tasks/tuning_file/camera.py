@@ -64,6 +64,8 @@ def _posed(table: TomlTable) -> FilmingCamera:
         if not any(quaternion):
             raise table.error("quat must not be zero", "quat")
     else:
+        if "look_at_m" not in table:
+            raise table.error("expected look_at_m, a point in the picture's middle, or quat")
         target, up = table.numbers("look_at_m", 3), table.numbers("up", 3, (0.0, 0.0, 1.0))
         if target == position:
             raise table.error("the camera cannot look at where it is", "look_at_m")

@@ -51,6 +51,8 @@ def _read(entry: TomlTable, model: mujoco.MjModel, camera: str) -> list[Paramete
     name = entry.text("name")
     if not re.fullmatch(r"[A-Za-z0-9_\-]+", name):
         raise entry.error(f"name must be letters, digits, _ and - only, got {name!r}", "name")
+    if "field" in entry and "kind" in entry:
+        raise entry.error(f"{name} has both kind and field: expected one of them", "field")
     if "field" in entry:
         entry.allow("name", "field", "objects", "component", *_NUMBERS)
         field = entry.text("field")
@@ -87,18 +89,15 @@ def _number(
     low, high, scale = usual_range(some, nominal)
     low, high = entry.number("low", low), entry.number("high", high)
     if low is None or high is None:
-        wanted = f"say low and high, of which {nominal:g} lies within"
+        known = " and ".join(k for k, v in (("low", low), ("high", high)) if v is None)
+        wanted = f"say {known}, so that {nominal:g} lies within"
         if nominal == 0 and not some.is_delay and "nominal" not in entry:
             wanted = "it is 0 in the model: say nominal, a first guess"
         raise entry.error(f"{some.name}: nothing is usual for {field} around {nominal:g}: {wanted}")
-    return replace(
-        some,
-        nominal=nominal,
-        low=low,
-        high=high,
-        scale=entry.choice("scale", ("log", "linear"), scale if low > 0 else "linear"),
-        unit=entry.text("unit", usual_unit(model, some)),
-    )
+    scale = entry.choice("scale", ("log", "linear"), scale if low > 0 else "linear")
+    unit = entry.text("unit", usual_unit(model, some))
+    with entry.at("low" if "low" in entry else "nominal"):
+        return replace(some, nominal=nominal, low=low, high=high, scale=scale, unit=unit)
 
 
 def _some_parameter(

@@ -126,13 +126,13 @@ class TomlTable:
 
     def pair(self, key: str) -> tuple[float, float]:
         """The ends of a range."""
-        value = self._checked(key, "two numbers, low and high", _REQUIRED, _is_pair)
+        value = self._checked(key, "two numbers, the lower one first", _REQUIRED, _is_pair)
         return value[0], value[1]
 
     def pairs(self, key: str, count: int) -> list[tuple[float, float]]:
         value = self._checked(
             key,
-            f"{count} pairs of low and high",
+            f"{count} pairs, the lower number first",
             _REQUIRED,
             lambda v: isinstance(v, list) and len(v) == count and all(map(_is_pair, v)),
         )
