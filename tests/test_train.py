@@ -1,6 +1,7 @@
 """`train`: Algorithm 1 in its order, what it writes, and that a kill loses nothing."""
 
 import dataclasses
+import json
 import random
 import signal
 import subprocess
