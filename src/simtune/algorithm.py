@@ -110,8 +110,9 @@ class Training:
         if self.config.drop_far:
             near = self.distribution_policy
             self.parts.replay.drop_far(near.low, near.high)
-        told = outcome.scalars(search, self.estimate) | losses
-        self._log(told | {"iteration": self.num_searches})
+        self._log(
+            {"iteration": self.num_searches} | outcome.scalars(search, self.estimate) | losses
+        )
         self._save()
 
     def _train_policy(self) -> None:
