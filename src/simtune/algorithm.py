@@ -110,9 +110,8 @@ class Training:
         if self.config.drop_far:
             near = self.distribution_policy
             self.parts.replay.drop_far(near.low, near.high)
-        self._log(
-            {"iteration": self.num_searches} | outcome.scalars(search, self.estimate) | losses
-        )
+        told = outcome.scalars(search, self.estimate) | losses
+        self._log({"iteration": self.num_searches, **told})
         self._save()
 
     def _train_policy(self) -> None:
@@ -166,8 +165,7 @@ class Training:
         doubts = warnings_of(parts.task, parts.real.facts, self.real, parts.search_name)
         if not parts.agent.is_ready:
             doubts.append("the policy had not begun to learn: give more --policy-steps")
-        result["warnings"] = doubts + result["warnings"]
-        return result
+        return result | {"warnings": doubts + result["warnings"]}
 
     @property
     def _wall_s(self) -> float:
@@ -179,9 +177,9 @@ class Training:
     def _save(self) -> None:
         parts, simulator = self.parts, self.parts.environment.simulator
         tensors, state = parts.saved()
-        counters = {"step": self.num_steps, "looks": self.num_looks, "searches": self.num_searches}
-        counters |= {"sim_steps": simulator.num_steps, "num_diverged": simulator.num_diverged}
-        state |= counters | {"wall_s": self._wall_s, "rng": self.rng.bit_generator.state}
+        state |= {"step": self.num_steps, "looks": self.num_looks, "searches": self.num_searches}
+        state |= {"sim_steps": simulator.num_steps, "num_diverged": simulator.num_diverged}
+        state |= {"wall_s": self._wall_s, "rng": self.rng.bit_generator.state}
         self.run.save_checkpoint(tensors, state | {"estimate": outcome.to_json(self.estimate)})
         self._saved_s = time.monotonic()
 
