@@ -17,9 +17,11 @@ from simtune.simulation import Simulator
 from simtune.trajectory import delayed
 
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
-_POOLED_COUNT = 3.0  # a group of parameters counts like so many replicas of each one
+_POOLED_COUNT = 3.0  # all of a kind count like so many replicas of each parameter
 _USUAL = 0.85  # share of errors that are taken to be no accident
-_LEAST_INFLATION = 0.6  # few replicas may all be lucky
+# A fit may be too careful, but few replicas may all be lucky: worlds drawn at random show that what
+# moves must not be believed to be better known than it says (docs/results.md).
+_LEAST_INFLATION = {"moving": 1.0, "appearance": 0.6}
 _SMALLEST_SPREAD = 0.01  # of replicas around the estimate, in unit coordinates
 _FEW_EPISODES = 3  # are enough to compare errors with what a fit thinks of itself
 # A replica that fits so many times worse went astray where the real world's fit did not.
@@ -32,12 +34,12 @@ class Replicas:
     """What fits of known worlds showed."""
 
     errors: np.ndarray  # (K, N) in terms of each fit's own standard deviations
-    groups: np.ndarray  # (N,) parameters of the same number are about as hard to find
+    is_moving: np.ndarray  # (N,) bool: the others are appearance, which is easier to find
     misfits: list[Misfit] = field(default_factory=list)  # also of fits whose errors say nothing
 
     def inflation(self) -> np.ndarray:
         """(N,) by how much standard deviations have to be multiplied."""
-        return _inflation(self.errors, self.groups)
+        return _inflation(self.errors, self.is_moving)
 
     def ranks(self) -> np.ndarray:
         """(K, N) probability, by each replica's fit, of being below its truth: uniform if right.
@@ -45,7 +47,7 @@ class Replicas:
         Each is judged by an inflation that the others alone say.
         """
         others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
-        factors = np.array([_inflation(o, self.groups) for o in others])
+        factors = np.array([_inflation(o, self.is_moving) for o in others])
         return ndtr(-self.errors / factors.reshape(self.errors.shape))
 
     def ratio(self, misfit: Misfit, name: str) -> float:
@@ -60,24 +62,26 @@ class Replicas:
         return float("inf") if np.isnan(value) else value / max(*known, 1e-9)
 
 
-def _inflation(errors: np.ndarray, groups: np.ndarray) -> np.ndarray:
+def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
     """(N,) for (K, N) errors in terms of their standard deviations.
 
-    Few replicas say little of a single parameter: it leans on all of its group, (N,). What they
-    say is not sure itself, so 90 % intervals are as wide as Student's.
+    Few replicas say little of a single parameter: it leans on all of its kind. What they say is
+    not sure itself, so 90 % intervals are as wide as Student's.
     """
-    factors = np.full(len(groups), _UNKNOWN_INFLATION)
+    factors = np.full(len(is_moving), _UNKNOWN_INFLATION)
     if not len(errors):
         return factors
-    for group in np.unique(groups):
-        its = np.abs(errors[:, groups == group])  # (K, G)
+    for kind, of_kind in (("moving", is_moving), ("appearance", ~is_moving)):
+        if not of_kind.any():
+            continue
+        its, least = np.abs(errors[:, of_kind]), _LEAST_INFLATION[kind]  # (K, G)
         # A single replica that went astray is no reason to widen everything.
         usual = float(np.quantile(its, _USUAL)) / ndtri((1 + _USUAL) / 2)
-        pooled = max(_LEAST_INFLATION, usual)
+        pooled = max(least, usual)
         square = np.square(np.minimum(its, 3 * pooled)).sum(0) + _POOLED_COUNT * pooled**2
         count = len(its) + _POOLED_COUNT
         unsure = stdtrit(count, 0.95) / ndtri(0.95)
-        factors[groups == group] = unsure * np.sqrt(square / count).clip(_LEAST_INFLATION)
+        factors[of_kind] = unsure * np.sqrt(square / count).clip(least)
     return factors
 
 
