@@ -38,6 +38,7 @@ SCENE = """
     <light name="red" diffuse="0.9 0.1 0.1"/>
     <camera name="front" pos="0.1 -2 0.5" xyaxes="1 0 0 0 0 1" fovy="50"/>
     <geom name="ground" type="plane" size="2 2 0.1" material="blue"/>
+    <site name="dot" size="0.02" material="blue"/>
     <body name="target" mocap="true" pos="0.7 0 0.5"/>
     <body name="upper" pos="0 0 0.5">
       <joint name="shoulder" axis="0 1 0" damping="0.5" range="-90 90" limited="true"/>
@@ -609,6 +610,8 @@ def test_colours(declare):
     np.testing.assert_array_equal(space.nominal, [0.7, 0.1, 0.2])
     painted = declare("name = 'c'\nkind = 'colour'\nobjects = ['block', 'ground']\n")
     np.testing.assert_array_equal(painted.nominal, [0.1, 0.2, 0.7])  # the material's
+    dots = declare("name = 'c'\nfield = 'site_rgba'\nobjects = 'dot'\ncomponent = 2\n")
+    np.testing.assert_array_equal(dots.nominal, [0.7])  # of a site, too
     material = declare("name = 'c'\nkind = 'material_colour'\nobjects = 'blue'\n")
     np.testing.assert_array_equal(material.nominal, [0.1, 0.2, 0.7])
     assert {p.field for p in material} == {"mat_rgba"}

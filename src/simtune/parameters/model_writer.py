@@ -46,7 +46,7 @@ class ModelWriter:
             places = zip(space, self._places, strict=True)
             rows = np.unique(np.concatenate([at[0] for p, at in places if p.field == field]))
             self._painted[field] = rows
-            _start_from_material(self._nominal[field], rows, model, _MATERIAL_OF[field])
+            start_from_material(self._nominal[field], rows, model, field)
         self._set_const = any(
             f.startswith("opt.") or f in mujoco.MjModel._setconst_inputs for f in self._nominal
         )
@@ -170,11 +170,13 @@ def _write(model: mujoco.MjModel, field: str, value: np.ndarray) -> None:
         _read(model, field)[...] = value
 
 
-def _start_from_material(
+def start_from_material(
     rgba: np.ndarray, rows: np.ndarray, model: mujoco.MjModel, field: str
 ) -> None:
     """Give `rows` of an rgba field the colour they are drawn in, which may be a material's."""
+    if field not in _MATERIAL_OF:
+        return
     for row in rows:
-        material = getattr(model, field)[row]
+        material = getattr(model, _MATERIAL_OF[field])[row]
         if material >= 0 and (rgba[row] == _DEFAULT_GREY).all():
             rgba[row] = model.mat_rgba[material]

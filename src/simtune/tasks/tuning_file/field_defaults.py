@@ -9,6 +9,7 @@ from mujoco.batch import MODEL_FIELDS
 
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import Parameter, rows_of
+from simtune.parameters.model_writer import start_from_material
 from simtune.parameters.places import place_of
 
 _SHAPED_BY_ASSETS = (mujoco.mjtGeom.mjGEOM_MESH.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
@@ -51,7 +52,6 @@ _JOINT_UNITS = {  # of what turns, of what slides
 # How far to search from the nominal value, to either side.
 _TURN_RAD, _CAMERA_M, _CAMERA_DEG = 0.1, 0.1, 10.0
 _FACTOR = 10.0  # the same on a log scale
-_DEFAULT_GREY = np.array([0.5, 0.5, 0.5, 1], np.float32)  # what is painted by its material has it
 
 
 def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
@@ -61,11 +61,9 @@ def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
     """
     field, values = parameter.field, _values(model, parameter.field)
     place = place_of(model, parameter, {field: values})
-    if field == "geom_rgba":
+    if parameter.is_colour:
         values = values.copy()
-        for row in place[0]:
-            if model.geom_matid[row] >= 0 and (values[row] == _DEFAULT_GREY).all():
-                values[row] = model.mat_rgba[model.geom_matid[row]]
+        start_from_material(values, np.unique(place[0]), model, field)
     return values[place]
 
 
