@@ -272,7 +272,7 @@ def test_few_replicas_make_intervals_that_hold_as_often_as_they_say(num_replicas
         width = 1.645 * replicas_of(errors[1:]).inflation()
         held.append(np.abs(errors[0]) < width)
     moving, others = np.mean(held, 0)[MOVING], np.mean(held, 0)[APPEARANCE]
-    assert 0.86 < others.mean() < 0.96
+    assert 0.86 < others.mean() < 0.97
     # Of what moves a fit is never taken to be surer than it says.
     assert 0.85 < moving.mean() < (0.97 if size >= 1 else 1)
 

@@ -19,7 +19,7 @@ from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.simulation import Simulator
 
 _NUM_PICTURES = 40
-_SMALLEST_STD = 5e-4  # in unit coordinates: pictures have but 256 levels, fits end sometime
+_SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fits end sometime
 _FEWEST_TO_FIT = 2  # episodes
 _UNSEEN_PX = 0.2
 _SIDESTEP = (0.01, 0.1)  # at least, at most, from a start, in unit coordinates

@@ -21,7 +21,7 @@ _POOLED_COUNT = 3.0  # all of a kind count like so many replicas of each paramet
 _USUAL = 0.85  # share of errors that are taken to be no accident
 # A fit may be too careful, but few replicas may all be lucky: worlds drawn at random show that what
 # moves must not be believed to be better known than it says (docs/results.md).
-_LEAST_INFLATION = {"moving": 1.0, "appearance": 0.6}
+_LEAST_INFLATION = {"moving": 1.0, "appearance": 0.7}
 _SMALLEST_SPREAD = 0.01  # of replicas around the estimate, in unit coordinates
 _FEW_EPISODES = 3  # are enough to compare errors with what a fit thinks of itself
 # A replica that fits so many times worse went astray where the real world's fit did not.
