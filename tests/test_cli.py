@@ -102,7 +102,17 @@ def dataset(recorded, tmp_path) -> Path:
     ("arguments", "message"),
     [
         ([], "Expected one of .*tasks.*; --help"),
-        (["tnue"], "tnue"),
+        (["tnue"], "no command 'tnue' in simtune; did you mean 'tune'"),
+        (
+            ["check", "cartpole", "--episodes", "two"],
+            "--episodes must be a whole number, got 'two'",
+        ),
+        (["check", "cartpole", "--real", "pseudo"], "leave out --real pseudo"),
+        (["train", "cartpole", "--out", "OUT", "--device", "gpu"], "auto, cpu, cuda or cuda:N"),
+        (
+            ["tune", "cartpole", "--out", "OUT", "--real", "NOWHERE", "--start-factor", "3"],
+            "--start-factor goes with --real pseudo only",
+        ),
         (["tune", "cartpole"], "--out"),
         (["tune", "ball_in_cap", "--out", "OUT"], "no task 'ball_in_cap'.*mean 'ball_in_cup'"),
         (["tune", "cartpole", "--out", "OUT", "--serch", "paper"], "--serch"),
@@ -123,7 +133,7 @@ def dataset(recorded, tmp_path) -> Path:
             ["tune", "cartpole", "--out", "OUT", "--real", "NOWHERE", "--control-hz", "0"],
             r"must lie in \[0.01, 1000\], got 0",
         ),
-        (["report", "NOWHERE"], "is no run"),
+        (["report", "NOWHERE"], "is no run: there is no such folder"),
     ],
 )
 def test_unusable_arguments(simtune, tmp_path, arguments, message):

@@ -6,9 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from simtune.fit import budget
 from simtune.fit.combine import FIRST_VARIANCE, Combined, combine
 from simtune.fit.conclusions import correlations, doubts, widened
 from simtune.fit.found import Fit, Misfit
+from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
 from simtune.fit.pictures import fit_pictures
 from simtune.fit.replicas import Replicas, make_replicas
@@ -254,6 +256,19 @@ def a_fit(motion_px: float = 0.3, picture: float = 0.004, lag: int = 0) -> Fit:
 def replicas_of(errors: np.ndarray) -> Replicas:
     is_moving = ~np.isin(np.arange(len(SPACE)), APPEARANCE)
     return Replicas(errors, is_moving, [a_fit().misfit] * len(errors))
+
+
+def test_windows_are_counted_by_what_the_motion_is_fitted_to(simulator, monkeypatch):
+    """Colours, of which a cartpole has six, are derived by elsewhere."""
+    monkeypatch.setattr(budget, "_seconds_per_step", lambda *_: (1e-3, 1e-3))
+    shooting, seconds = ShootingConfig(num_windows=10_000), 1000.0
+    first = Distribution.first(SPACE, SPACE.nominal)
+    landmarks = find_landmarks(simulator, CARTPOLE.camera, first, 0)
+    asked = (ParticleConfig(), shooting, simulator, landmarks, SPACE.nominal, 1000, seconds)
+    _, afforded = budget.affordable(*asked)
+    played = 3 + 2 * 2 + 2  # and by two joints' positions and velocities, a mass and a gain
+    once_s = 1e-3 * played * shooting.steps_per_window * 2
+    assert afforded.num_windows == int(0.4 * seconds / once_s)
 
 
 def test_replicas_say_how_much_too_sure_a_fit_is():

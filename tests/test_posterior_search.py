@@ -10,8 +10,11 @@ import pytest
 import torch
 
 from simtune.errors import InputError
+from simtune.parameters import ParameterSpace, delay
+from simtune.randomization import Distribution
 from simtune.real.truth import Truth
 from simtune.search_param_model import simulated
+from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import Rollouts, Simulator
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
@@ -100,6 +103,49 @@ def test_simulated_worlds_replay_the_real_actions(simulator, real, tiny, monkeyp
     assert len(np.unique(worlds.parameters, axis=0)) == 16
     low, high = search.first.low, search.first.high
     assert ((worlds.parameters >= low) & (worlds.parameters <= high)).all()
+
+
+def test_few_worlds_where_steps_and_pictures_take_long(simulator, real, tiny, monkeypatch):
+    config = replace(tiny, num_worlds=256, unseen_worlds=256)
+    search = start(simulator, config)
+    lessons = search._lessons
+    seconds = 2 * STEPS * lessons._step_s  # a world's episodes, undrawn
+    worlds = lessons._collect(real, search.first, 256, 2, 4, 100.5 * seconds)
+    assert worlds.actions.shape[:3] == (100, 2, STEPS)
+    assert lessons._step_s > 0
+    assert lessons._frame_s >= 0
+    lessons._step_s, lessons._frame_s = 1.0, 10.0
+    drawn_s = 2 * STEPS * 1.0 + 4 * 10.0
+    assert len(lessons._collect(real, search.first, 256, 2, 4, 80.5 * drawn_s).actions) == 80
+    lessons._step_s, lessons._frame_s = 1.0, 10.0
+    # However little time there is, there are some to learn from.
+    assert len(lessons._collect(real, search.first, 256, 2, 4, 0.0).actions) == 64
+
+
+def test_where_a_delay_is_tuned_no_hidden_one_comes_on_top(real):
+    task = replace(CARTPOLE, parameters=ParameterSpace([*SPACE, delay("late", ("slide",), 0.16)]))
+    rng, actions = np.random.default_rng(0), np.stack([t.actions for t in real])[None].repeat(8, 0)
+    for late in (False, True):
+        made = (task if late else CARTPOLE).simulator(image_size=SIZE)
+        played, roll_out = [], made.roll_out
+
+        def spy(parameters, actions, *rest, played=played, roll_out=roll_out):
+            played.append(actions)
+            return roll_out(parameters, actions, *rest)
+
+        made.roll_out = spy
+        nominal = np.repeat(made.space.nominal[None], 8, 0)
+        points = find_landmarks(
+            made, CARTPOLE.camera, Distribution.first(made.space, nominal[0]), 0
+        )
+        simulated.simulate(made, points, nominal, actions, 2, rng, simulated.Camera())
+        assert np.array_equal(played[-1], actions.reshape(24, STEPS, 1)) == late
+
+
+def test_a_search_that_was_loaded_has_to_iterate_before_it_looks(simulator, real, tiny):
+    search = start(simulator, tiny)
+    with pytest.raises(RuntimeError, match="iterate first"):
+        search.look(real)
 
 
 def test_filmed_frames_show_the_steps_they_are_said_to(simulator, real, tiny, monkeypatch):

@@ -300,6 +300,15 @@ def test_actions_that_do_not_fit(tmp_path):
     assert "takes 2 actions, --actions names 1 of 3 (x, y, grip)" in said
 
 
+def test_columns_are_separated_by_commas(tmp_path):
+    write_pair(tmp_path / "pairs", "swing", actions())
+    table = tmp_path / "pairs" / "swing.csv"
+    table.write_text(table.read_text().replace(",", ";"))
+    assert "swing.csv: expected commas between columns, got 'x;y;grip'" in message(
+        tmp_path / "pairs"
+    )
+
+
 # --- steps of another rate ----------------------------------------------------------------
 
 
