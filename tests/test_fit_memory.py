@@ -6,6 +6,7 @@ from functools import partial
 import mujoco
 import numpy as np
 import pytest
+from servo import cartpole_with_servo
 
 from simtune.fit.particles import ParticleConfig, Particles
 from simtune.fit.physics import Physics
@@ -46,13 +47,7 @@ def slow_cartpole() -> Task:
 def servo_cartpole(slow_s: float = 0.0) -> Task:
     """Its cart is displaced from where it is by a servo that follows late, or slowly."""
 
-    def load_spec() -> mujoco.MjSpec:
-        spec = CARTPOLE.load_spec()
-        motor = spec.actuator("slide")
-        motor.set_to_position(kp=10, kv=2, timeconst=slow_s or -1)
-        motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        return spec
-
+    load_spec = partial(cartpole_with_servo, kv=2, timeconst=slow_s or -1)
     dynamics = [p for p in CARTPOLE.parameters if not p.is_appearance]
     space = [*dynamics, *([] if slow_s else [delay("late", ("slide",), 0.24)])]
     actions = partial(JointActions, per_unit=0.3)

@@ -4,9 +4,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
+from servo import cartpole_with_servo
 
 from simtune.errors import RobotError
 from simtune.real.robot import RobotReal
@@ -92,16 +92,6 @@ def test_where_there_is_no_camera_it_says_so(tmp_path):
         RealSense(serial="123").connect()
 
 
-CARTPOLE = load_task("cartpole")
-
-
-def with_servo() -> mujoco.MjSpec:
-    """Its cart is displaced from where it is, as an arm is."""
-    spec = CARTPOLE.load_spec()
-    spec.actuator("slide").set_to_position(kp=10)
-    return spec
-
-
 def test_an_xarm_filmed_by_a_realsense(controller, recording, tmp_path):
     file = tmp_path / "arm.toml"
     file.write_text(
@@ -115,7 +105,9 @@ def test_an_xarm_filmed_by_a_realsense(controller, recording, tmp_path):
         """
     )
     steps = {"action_repeat": 20, "episode_steps": 5}
-    task = replace(CARTPOLE, load_spec=with_servo, **steps, map_actions=JointActions)
+    task = replace(
+        load_task("cartpole"), load_spec=cartpole_with_servo, **steps, map_actions=JointActions
+    )
     settings = {"image_size": 16, "seed": 0, "folder": tmp_path / "filmed"}
     said = RobotReal(read_robot(file, "xarm"), task, move=False, **settings).dry_run()
     assert said.startswith("the robot is at x 300.0, y 0.0, z 200.0")

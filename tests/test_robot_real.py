@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import fake_lerobot
-import mujoco
 import numpy as np
 import pytest
+from servo import cartpole_with_servo
 
 from simtune import cli
 from simtune.config import RealConfig, TuneConfig
@@ -29,18 +29,9 @@ from simtune.tune import tune
 
 STEPS = 4
 # 0.1 s a step, and actions that displace, as a robot's do
-CARTPOLE = load_task("cartpole")
-
-
-def with_servo() -> mujoco.MjSpec:
-    spec = CARTPOLE.load_spec()
-    spec.actuator("slide").set_to_position(kp=10)
-    return spec
-
-
 TASK = replace(
-    CARTPOLE,
-    load_spec=with_servo,
+    load_task("cartpole"),
+    load_spec=cartpole_with_servo,
     action_repeat=10,
     episode_steps=STEPS,
     map_actions=JointActions,

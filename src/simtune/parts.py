@@ -211,7 +211,7 @@ def _agent(
         num_states=environment.num_states,
         num_positions=environment.num_positions,
         num_actions=environment.simulator.num_actions,
-        knows=np.array([not p.is_appearance for p in environment.task.parameters]),
+        knows=~environment.task.parameters.is_appearance,
         total_steps=schedule.total_steps,
         first_tried=schedule.first_tried,
         seed=config.seed,

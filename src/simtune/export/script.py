@@ -62,7 +62,7 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
         f"    ({field!r}, {kind!r}, {name!r}, {values!r}),"
         for field, kind, name, values in _found(writer, model)
     ]
-    note = _DELAYS if any(p.is_delay for p in writer.space) else ""
+    note = _DELAYS if writer.space.is_delay.any() else ""
     left_out = "".join(
         f"    spec.{kind}({name!r}).{attribute} = {value!r}\n"
         for kind, name, attribute, value in not_copied(writer, model)

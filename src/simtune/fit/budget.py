@@ -30,8 +30,7 @@ def affordable(
     each_s = begun_step_s * num_steps / particles.steps
     num = int(np.clip(_PARTICLES_SHARE * seconds / each_s, _FEWEST_PARTICLES, particles.num))
     # Each iteration plays every window once for all it is derived by, and a few more.
-    num_fitted = sum(not parameter.is_appearance for parameter in simulator.space)
-    played = 3 + 2 * simulator.model.nv + num_fitted
+    played = 3 + 2 * simulator.model.nv + int((~simulator.space.is_appearance).sum())
     window_s = step_s * played * shooting.steps_per_window * _SIDES
     windows = (1 - _PARTICLES_SHARE) * seconds / window_s
     num_windows = int(np.clip(windows, _FEWEST_WINDOWS, shooting.num_windows))

@@ -46,7 +46,7 @@ class ReplayFit:
         shooting: ShootingConfig | None = None,
     ):
         self._simulator, self._landmarks, self._sight = simulator, landmarks, sight
-        appearance = np.array([p.is_appearance for p in simulator.space])
+        appearance = simulator.space.is_appearance
         self._moving, self._appearance = np.flatnonzero(~appearance), np.flatnonzero(appearance)
         self._seed = seed
         self._particles = particles or ParticleConfig()

@@ -65,7 +65,7 @@ def examine(
         raise RuntimeError("every episode diverged; check the timestep and the actions")
     changed = one_by_one(space, nominal)
     levels, share = picture_changes(simulator, episodes, changed)
-    is_appearance = np.array([p.is_appearance for p in space], bool)
+    is_appearance = space.is_appearance
     rms, largest = np.zeros((2, len(space)))
     rms[~is_appearance], largest[~is_appearance] = motion_changes(
         simulator, landmarks, episodes, changed[~is_appearance]
@@ -197,5 +197,4 @@ def _camera_error(num_pixels: np.ndarray, looks_alike: bool) -> np.ndarray:
 
 def _nominal(space: ParameterSpace) -> np.ndarray:
     """(N,); a delay of 0 is a tenth of the longest: near 0 the motion jumps, not to be told."""
-    is_delay = np.array([p.is_delay for p in space], bool)
-    return np.where(is_delay & (space.nominal == 0), _TENTH * space.high, space.nominal)
+    return np.where(space.is_delay & (space.nominal == 0), _TENTH * space.high, space.nominal)

@@ -30,6 +30,8 @@ class ParameterSpace:
         self.is_log = np.array([p.scale == "log" for p in self.parameters])
         self.is_colour = np.array([p.is_colour for p in self.parameters])
         self.is_visible = np.array([p.is_visible for p in self.parameters])
+        self.is_appearance = np.array([p.is_appearance for p in self.parameters], bool)
+        self.is_delay = np.array([p.is_delay for p in self.parameters], bool)
 
     def __len__(self) -> int:
         return len(self.parameters)

@@ -84,7 +84,7 @@ def simulate(
     """
     num_episodes, steps = actions.shape[1:3]
     played = actions.astype(float)
-    if camera and not any(parameter.is_delay for parameter in simulator.space):
+    if camera and not simulator.space.is_delay.any():
         late = rng.random(len(actions)) < 0.5
         played[late] = delayed(played[late], 1)
     rollouts = simulator.roll_out(

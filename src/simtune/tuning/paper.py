@@ -37,12 +37,12 @@ def approach(
 
 
 def _keep_in_bounds(mean: np.ndarray, space: ParameterSpace) -> np.ndarray:
-    # From 0 no proportional step leads away; for colours this is the authors' floor of 1e-3.
     return np.maximum(space.clip(mean), _lowest(space))
 
 
 def _lowest(space: ParameterSpace) -> np.ndarray:
-    """(N,) means."""
+    """(N,) values that a mean may have."""
+    # From 0 no proportional step leads away; for colours this is the authors' floor of 1e-3.
     return np.where(space.low > 0, space.low, 1e-3 * space.high)
 
 

@@ -152,7 +152,7 @@ class PosteriorSearch:
     @property
     def _lag(self) -> int | None:
         """Known to be 0, or (None) to be found."""
-        is_tuned = any(p.is_delay for p in self.simulator.space)
+        is_tuned = self.simulator.space.is_delay.any()
         return None if self._lessons.camera and not is_tuned else 0
 
     def _judge(self, trajectories: list[Trajectory]) -> np.ndarray:
