@@ -59,14 +59,6 @@ def test_noise_falls_as_scheduled(agent):
     assert noises == pytest.approx([1.0, 0.775, 0.55, 0.1, 0.1])
 
 
-def test_gradients_pass_where_noise_was_clipped(agent):
-    actions = torch.tensor([[0.99, -0.99], [0.0, 0.5]], requires_grad=True)
-    noisy = agent._disturb(actions)
-    assert noisy.abs().max() <= 1
-    noisy.sum().backward()
-    assert (actions.grad == 1).all()
-
-
 def test_the_actor_moves_nothing_but_itself(agent, monkeypatch):
     agent.learn(pixel_batch(SMALL.image_size))
     for module in (agent.encoder, agent.critic, agent.target):

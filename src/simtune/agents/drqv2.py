@@ -6,7 +6,6 @@ replay hands out single steps; pixels count from 0 to 1, not from −½ to ½.
 """
 
 import copy
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,7 @@ import torch
 from torch import nn
 
 from simtune.agents.augment import random_shift
+from simtune.agents.noise import disturbed, falling
 from simtune.agents.pixel_agent import PixelAgent
 from simtune.agents.pixel_networks import TwinQ, descend, initialize, move_towards
 from simtune.agents.saving import Parts
@@ -101,15 +101,15 @@ class DrqV2(PixelAgent):
     @property
     def noise(self) -> float:
         """The standard deviation by which it explores now."""
-        first, last = self.config.noise
-        done = min(self._counter.num_collected / self.config.noise_steps, 1.0)
-        return first + done * (last - first)
+        return falling(self.config.noise, self._counter.num_collected / self.config.noise_steps)
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """(n, K, H, W, 3) uint8 to (n, A) actions: without noise, or with it."""
         with torch.inference_mode(), autocast(self.device):
             actions = self.actor(self.encoder(torch.as_tensor(frames).to(self.device))).float()
-            return (self._disturb(actions) if sample else actions).cpu().numpy()
+            if sample:
+                actions = disturbed(actions, self.noise, self._generator)
+            return actions.cpu().numpy()
 
     def learn(self, batch: Transitions) -> torch.Tensor:
         assert batch.frames is not None
@@ -125,7 +125,7 @@ class DrqV2(PixelAgent):
 
         convolved = convolved.detach()
         with autocast(self.device):
-            actions = self._disturb(self.actor(convolved).float(), self.config.noise_clip)
+            actions = self._act_nearby(convolved)
             actor_loss = -self.critic(convolved, actions).amin(0).mean()
         descend(actor_loss, self._actor_optimizer)
 
@@ -138,15 +138,14 @@ class DrqV2(PixelAgent):
         self, rewards: torch.Tensor, discounts: torch.Tensor, following: torch.Tensor
     ) -> torch.Tensor:
         """(B,) r + γ·d·min Q'(o', a'), a' the actor's with clipped noise; (B, F) convolved o'."""
-        actions = self._disturb(self.actor(following).float(), self.config.noise_clip)
+        actions = self._act_nearby(following)
         values = self.target(following, actions).amin(0)
         return rewards + self.config.discount * discounts * values
 
-    def _disturb(self, actions: torch.Tensor, clip: float = math.inf) -> torch.Tensor:
-        """Add noise within ±`clip`; gradients pass as if nothing had been clipped to [−1, 1]."""
-        noise = torch.randn(actions.shape, generator=self._generator, device=self.device)
-        noisy = actions + (noise * self.noise).clamp(-clip, clip)
-        return noisy + (noisy.clamp(-1, 1) - noisy).detach()
+    def _act_nearby(self, convolved: torch.Tensor) -> torch.Tensor:
+        """The actor's actions with clipped noise."""
+        actions = self.actor(convolved).float()
+        return disturbed(actions, self.noise, self._generator, self.config.noise_clip)
 
     def _shift(self, frames: torch.Tensor) -> torch.Tensor:
         return random_shift(frames, self.config.pad, self._generator)

@@ -9,8 +9,8 @@ import torch
 
 from simtune.agents.agent import Seen
 from simtune.agents.counting import Counter
+from simtune.agents.noise import uniform_actions
 from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
-from simtune.agents.squashed import uniform_actions
 from simtune.replay import Replay, Transitions
 
 

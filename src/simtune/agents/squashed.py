@@ -25,9 +25,3 @@ def bounded_log_std(spread: torch.Tensor, bounds: tuple[float, float]) -> torch.
     """A network's output to log standard deviations within bounds, as smoothly as tanh."""
     low, high = bounds
     return low + (high - low) / 2 * (spread.tanh() + 1)
-
-
-def uniform_actions(num: int, num_actions: int, generator: torch.Generator) -> torch.Tensor:
-    """(num, A) random actions in [−1, 1]."""
-    drawn = torch.rand(num, num_actions, generator=generator, device=generator.device)
-    return 2 * drawn - 1

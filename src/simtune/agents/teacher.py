@@ -1,7 +1,11 @@
-"""A teacher that knows the simulator's state: soft actor-critic without pictures.
+"""A teacher that knows the simulator's state: an actor and twin critics without pictures.
 
 In simulation the state is free, and a policy on it is learnt in minutes where pixels take hours.
 It never meets the real world: what it knows, a student on pixels is taught (`student.py`).
+
+It is TD3 (Fujimoto et al. 2018, arXiv:1802.09477) as DrQ-v2 has it (Yarats et al. 2021,
+arXiv:2107.09645): no delayed updates, and noise that falls by a schedule. A temperature that is
+learnt, as in SAC, lets go of chance when the first thing pays, and stays with that thing.
 """
 
 import copy
@@ -12,31 +16,28 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from simtune.agents.noise import disturbed
 from simtune.agents.pixel_networks import move_towards
-from simtune.agents.squashed import bounded_log_std, sample_squashed
 from simtune.networks import frozen, mlp
 from simtune.replay import Transitions
 
 
 @dataclass(frozen=True, kw_only=True)
 class TeacherConfig:
-    """Haarnoja et al. 2018 (arXiv:1812.05905, table 1), unless said otherwise."""
-
-    hidden_size: int = 256
+    hidden_size: int = 256  # TD3's
     batch_size: int = 128  # half of theirs, for nearly the same progress an update
-    learning_rate: float = 1e-3  # theirs is 3e-4; with normalised critics this is faster
+    learning_rate: float = 1e-3  # with normalised critics this is faster than 3e-4
     discount: float = 0.99
     target_rate: float = 0.01  # the paper's critic τ
-    init_temperature: float = 0.1  # the paper's
-    # It falls while nothing is earned yet, and has to be back before the policy settles on less.
-    temperature_learning_rate: float = 5e-3
-    log_std: tuple[float, float] = (-5.0, 2.0)
+    noise: tuple[float, float] = (1.0, 0.1)  # standard deviation, at first and at last: DrQ-v2's
+    noise_clip: float = 0.3  # in updates, DrQ-v2's
 
 
 class Teacher(nn.Module):
-    """SAC on (B, D) states. The critics also see the (B, N) parameters of the world.
+    """Acts on (B, D) states. The critics also see the (B, N) parameters of the world.
 
-    The actor does not, so that its policy is one that somebody without them can follow.
+    The actor does not, so that its policy is one that somebody without them can follow. By how
+    much noise it explores, as a standard deviation, is told it each time.
     """
 
     mean: torch.Tensor
@@ -48,21 +49,13 @@ class Teacher(nn.Module):
         super().__init__()
         self.config = config
         hidden = (config.hidden_size, config.hidden_size)
-        self.actor = mlp((num_states, *hidden, 2 * num_actions), nn.ReLU)
+        self.actor = nn.Sequential(*mlp((num_states, *hidden, num_actions), nn.ReLU), nn.Tanh())
         self.critics = TwinCritic(num_states + num_parameters + num_actions, config.hidden_size)
         self.targets = copy.deepcopy(self.critics).requires_grad_(False)
-        self.log_temperature = nn.Parameter(torch.tensor(config.init_temperature).log())
-        # Ball et al.'s (see `TwinCritic`): by Haarnoja et al.'s −A finger settled on less.
-        self.target_entropy = -num_actions / 2
         self.register_buffer("mean", torch.zeros(num_states))
         self.register_buffer("std", torch.ones(num_states))
-        parts = [self.actor, self.critics]
-        self._optimizer = torch.optim.Adam(
-            [p for part in parts for p in part.parameters()], config.learning_rate, fused=True
-        )
-        self._temperature_optimizer = torch.optim.Adam(
-            [self.log_temperature], config.temperature_learning_rate
-        )
+        learning = [*self.actor.parameters(), *self.critics.parameters()]
+        self.optimizer = torch.optim.Adam(learning, config.learning_rate, fused=True)
 
     def normalize_by(self, states: torch.Tensor) -> None:
         """From now on (B, D) such states have mean 0 and standard deviation 1 for the networks."""
@@ -75,55 +68,47 @@ class Teacher(nn.Module):
     def act(self, states: torch.Tensor) -> torch.Tensor:
         """(B, D) states as they are to the best (B, A) actions."""
         with torch.no_grad():
-            return self._policy(self.normalized(states))[0].tanh()
+            return self.actor(self.normalized(states))
 
-    def sample(self, states: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-        """(B, A) actions drawn from the policy."""
-        with torch.no_grad():
-            return sample_squashed(*self._policy(self.normalized(states)), generator)[0]
-
-    def update(self, batch: Transitions, generator: torch.Generator) -> dict[str, torch.Tensor]:
-        """One step for critics, actor and temperature, together; their losses."""
+    def update(
+        self, batch: Transitions, noise: float, generator: torch.Generator
+    ) -> dict[str, torch.Tensor]:
+        """One step for critics and actor, together; their losses."""
         states, next_states = self.normalized(batch.states), self.normalized(batch.next_states)
         known = batch.parameters
-        target = self.target(batch, next_states, generator)
+        target = self.target(batch, next_states, noise, generator)
         values = self.critics(torch.cat([states, known, batch.actions], 1))  # (2, B)
         critic_loss = (values - target).square().mean(1).sum()
 
-        actions, log_prob = sample_squashed(*self._policy(states), generator)
+        actions = self._act_nearby(states, noise, generator)
         with frozen(self.critics):
             value = self.critics(torch.cat([states, known, actions], 1)).amin(0)
-        temperature = self.log_temperature.exp().detach()
-        actor_loss = (temperature * log_prob - value).mean()
+        actor_loss = -value.mean()
 
-        self._optimizer.zero_grad()
+        self.optimizer.zero_grad()
         (critic_loss + actor_loss).backward()
-        self._optimizer.step()
-        entropy_gap = (log_prob.detach() + self.target_entropy).mean()
-        self._temperature_optimizer.zero_grad()
-        (-self.log_temperature.exp() * entropy_gap).backward()
-        self._temperature_optimizer.step()
+        self.optimizer.step()
         move_towards(self.targets, self.critics, self.config.target_rate)
         return {"critic": critic_loss.detach(), "actor": actor_loss.detach()}
 
     @torch.no_grad()
     def target(
-        self, batch: Transitions, next_states: torch.Tensor, generator: torch.Generator
+        self,
+        batch: Transitions,
+        next_states: torch.Tensor,
+        noise: float,
+        generator: torch.Generator,
     ) -> torch.Tensor:
-        """(B,) r + γ·d·(min Q'(s', a') − α·log π(a'|s')), a' drawn from the policy."""
-        actions, log_prob = sample_squashed(*self._policy(next_states), generator)
+        """(B,) r + γ·d·min Q'(s', a'), a' the actor's with clipped noise; normalised s'."""
+        actions = self._act_nearby(next_states, noise, generator)
         value = self.targets(torch.cat([next_states, batch.parameters, actions], 1)).amin(0)
-        soft = value - self.log_temperature.exp() * log_prob
-        return batch.rewards + self.config.discount * batch.discounts * soft
+        return batch.rewards + self.config.discount * batch.discounts * value
 
-    @property
-    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        return {"optimizer": self._optimizer, "temperature": self._temperature_optimizer}
-
-    def _policy(self, states: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(B, D) normalised states to means and log standard deviations before the tanh."""
-        mean, spread = self.actor(states).chunk(2, -1)
-        return mean, bounded_log_std(spread, self.config.log_std)
+    def _act_nearby(
+        self, states: torch.Tensor, noise: float, generator: torch.Generator
+    ) -> torch.Tensor:
+        """(B, D) normalised states to actions with clipped noise."""
+        return disturbed(self.actor(states), noise, generator, self.config.noise_clip)
 
 
 class TwinCritic(nn.Module):

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 
 from simtune.agents.agent import Seen
+from simtune.agents.noise import disturbed, falling, uniform_actions
 from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
-from simtune.agents.squashed import uniform_actions
 from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
 from simtune.networks import seeded
@@ -58,7 +58,7 @@ class TeacherStudent:
         self.device = torch.device(device)
         self._knows = torch.as_tensor(np.flatnonzero(knows), device=device)
         self._total_steps, self._num_actions = total_steps, num_actions
-        self._begins = config.teacher_share * first_tried  # the student, at that step
+        self._begins = max(1.0, config.teacher_share * first_tried)  # the student, at that step
         self._num_positions = num_positions
         with seeded(seed):
             sizes = (num_states, num_actions, len(self._knows))
@@ -79,7 +79,9 @@ class TeacherStudent:
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """See `Agent`. A sample is the best action with noise."""
         actions = self.student.act(torch.from_numpy(frames).to(self.device))
-        return (self._with_noise(actions) if sample else actions).cpu().numpy()
+        if sample:
+            actions = self._disturbed(actions, self.config.noise)
+        return actions.cpu().numpy()
 
     def explore(self, seen: Seen) -> np.ndarray:
         """The teacher alone, while nobody films; then the student, more and more."""
@@ -87,12 +89,13 @@ class TeacherStudent:
         if self.num_steps < self.config.random_steps:
             actions = uniform_actions(len(states), self._num_actions, self._generator)
         elif seen.frames is None:
-            actions = self.teacher.sample(states, self._generator)
+            actions = self._disturbed(self.teacher.act(states), self._teacher_noise)
         else:
             trusting_steps = self.config.trusting_share * self._total_steps
             acts_itself = self._uniform(len(states), 1) * trusting_steps < self._num_filmed
             own = self.student.act(torch.from_numpy(seen.frames).to(self.device))
-            actions = self._with_noise(torch.where(acts_itself, own, self.teacher.act(states)))
+            best = torch.where(acts_itself, own, self.teacher.act(states))
+            actions = self._disturbed(best, self.config.noise)
         return actions.cpu().numpy()
 
     def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
@@ -109,7 +112,7 @@ class TeacherStudent:
         losses = {}
         for _ in range(round(num_steps * self.config.teacher_updates_per_step)):
             batch = self._sample(replay, self.config.teacher.batch_size)
-            losses = self.teacher.update(batch, self._generator)
+            losses = self.teacher.update(batch, self._teacher_noise, self._generator)
         return losses
 
     def _study(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
@@ -146,9 +149,13 @@ class TeacherStudent:
     def _uniform(self, *shape: int) -> torch.Tensor:
         return torch.rand(shape, generator=self._generator, device=self.device)
 
-    def _with_noise(self, actions: torch.Tensor) -> torch.Tensor:
-        noise = torch.randn(actions.shape, generator=self._generator, device=self.device)
-        return (actions + self.config.noise * noise).clamp(-1, 1)
+    def _disturbed(self, actions: torch.Tensor, noise: float) -> torch.Tensor:
+        return disturbed(actions, noise, self._generator)
+
+    @property
+    def _teacher_noise(self) -> float:
+        """It has fallen when the student begins."""
+        return falling(self.config.teacher.noise, self.num_steps / self._begins)
 
     def tensors(self) -> dict[str, torch.Tensor]:
         return gather_tensors(self._parts(), self._generator)
@@ -166,7 +173,10 @@ class TeacherStudent:
         self.student.num_updates = state["num_student_updates"]
 
     def _parts(self) -> Parts:
-        optimizers = {f"teacher_{k}": v for k, v in self.teacher.optimizers.items()}
-        optimizers["sight_optimizer"] = self.student.sight_optimizer
-        optimizers["head_optimizer"] = self.student.head_optimizer
-        return {"teacher": self.teacher, "student": self.student, **optimizers}
+        return {
+            "teacher": self.teacher,
+            "student": self.student,
+            "teacher_optimizer": self.teacher.optimizer,
+            "sight_optimizer": self.student.sight_optimizer,
+            "head_optimizer": self.student.head_optimizer,
+        }
