@@ -58,7 +58,7 @@ def test_targets_by_hand():
     found = teacher.target(batch, batch.next_states, 0.5, torch.Generator().manual_seed(7))
     noise = 0.5 * torch.randn(2, 2, generator=torch.Generator().manual_seed(7))
     assert (noise.abs() > 0.3).any()
-    actions = (teacher.actor(batch.next_states) + noise.clamp(-0.3, 0.3)).clamp(-1, 1)
+    actions = (teacher.actor(batch.next_states).tanh() + noise.clamp(-0.3, 0.3)).clamp(-1, 1)
     inputs = torch.cat([batch.next_states, batch.parameters, actions], 1)
     value = torch.minimum(*teacher.targets(inputs))
     expected = batch.rewards.clone()
@@ -122,6 +122,15 @@ def test_a_teacher_learns_what_pays():
         teacher.update(replace(batch, rewards=-10 * wrong), 0.1, generator)
     states = torch.tensor([[1.0, -1.0, 0.0], [0.0, 0.5, 2.0]])
     torch.testing.assert_close(teacher.act(states), states[:, :2] / 2, atol=0.15, rtol=0)
+
+
+@pytest.mark.parametrize(("cost", "returns"), [(0.0, False), (0.01, True)])
+def test_what_went_where_the_tanh_is_flat_comes_back_by_its_cost_alone(cost, returns):
+    teacher = make_teacher(saturation_cost=cost)
+    bias = teacher.actor[-1].bias
+    torch.nn.init.constant_(bias, 20.0)
+    teacher.update(transitions(16), 0.1, torch.Generator().manual_seed(0))
+    assert bool((bias < 20).all()) == returns
 
 
 def test_its_actions_know_no_parameters():

@@ -31,6 +31,9 @@ class TeacherConfig:
     target_rate: float = 0.01  # the paper's critic τ
     noise: tuple[float, float] = (1.0, 0.1)  # standard deviation, at first and at last: DrQ-v2's
     noise_clip: float = 0.3  # in updates, DrQ-v2's
+    # Of the square of what an action is the tanh of (Andrychowicz et al. 2017, arXiv:1707.01495,
+    # app. A). Far out the tanh has no gradient, and while nothing is earned, anything leads there.
+    saturation_cost: float = 0.01
 
 
 class Teacher(nn.Module):
@@ -49,7 +52,7 @@ class Teacher(nn.Module):
         super().__init__()
         self.config = config
         hidden = (config.hidden_size, config.hidden_size)
-        self.actor = nn.Sequential(*mlp((num_states, *hidden, num_actions), nn.ReLU), nn.Tanh())
+        self.actor = mlp((num_states, *hidden, num_actions), nn.ReLU)  # before the tanh
         self.critics = TwinCritic(num_states + num_parameters + num_actions, config.hidden_size)
         self.targets = copy.deepcopy(self.critics).requires_grad_(False)
         self.register_buffer("mean", torch.zeros(num_states))
@@ -68,7 +71,7 @@ class Teacher(nn.Module):
     def act(self, states: torch.Tensor) -> torch.Tensor:
         """(B, D) states as they are to the best (B, A) actions."""
         with torch.no_grad():
-            return self.actor(self.normalized(states))
+            return self.actor(self.normalized(states)).tanh()
 
     def update(
         self, batch: Transitions, noise: float, generator: torch.Generator
@@ -80,10 +83,11 @@ class Teacher(nn.Module):
         values = self.critics(torch.cat([states, known, batch.actions], 1))  # (2, B)
         critic_loss = (values - target).square().mean(1).sum()
 
-        actions = self._act_nearby(states, noise, generator)
+        before = self.actor(states)
+        actions = disturbed(before.tanh(), noise, generator, self.config.noise_clip)
         with frozen(self.critics):
             value = self.critics(torch.cat([states, known, actions], 1)).amin(0)
-        actor_loss = -value.mean()
+        actor_loss = self.config.saturation_cost * before.square().mean() - value.mean()
 
         self.optimizer.zero_grad()
         (critic_loss + actor_loss).backward()
@@ -100,15 +104,10 @@ class Teacher(nn.Module):
         generator: torch.Generator,
     ) -> torch.Tensor:
         """(B,) r + γ·d·min Q'(s', a'), a' the actor's with clipped noise; normalised s'."""
-        actions = self._act_nearby(next_states, noise, generator)
+        best = self.actor(next_states).tanh()
+        actions = disturbed(best, noise, generator, self.config.noise_clip)
         value = self.targets(torch.cat([next_states, batch.parameters, actions], 1)).amin(0)
         return batch.rewards + self.config.discount * batch.discounts * value
-
-    def _act_nearby(
-        self, states: torch.Tensor, noise: float, generator: torch.Generator
-    ) -> torch.Tensor:
-        """(B, D) normalised states to actions with clipped noise."""
-        return disturbed(self.actor(states), noise, generator, self.config.noise_clip)
 
 
 class TwinCritic(nn.Module):
