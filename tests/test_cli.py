@@ -117,11 +117,11 @@ def dataset(recorded, tmp_path) -> Path:
         (["tune", "ball_in_cap", "--out", "OUT"], "no task 'ball_in_cap'.*mean 'ball_in_cup'"),
         (["tune", "cartpole", "--out", "OUT", "--serch", "paper"], "--serch"),
         (["tune", "cartpole", "--out", "OUT", "--search", "papre"], "papre.*posterior"),
-        (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "soon"], "soon"),
+        (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "soon"], "a number, got .soon"),
         (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "0"], "above 0, got 0"),
         (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "nan"], "above 0, got nan"),
         (["tune", "cartpole", "--out", "OUT", "--real-episodes", "0"], "at least 1, got 0"),
-        (["tune", "cartpole", "--out", "OUT", "--real-episodes", "1.5"], "1.5"),
+        (["tune", "cartpole", "--out", "OUT", "--real-episodes", "1.5"], "whole number, got .1.5"),
         (["tune", "cartpole", "--out", "OUT", "--seed", "-1"], "not be negative, got -1"),
         (
             ["tune", "cartpole", "--out", "OUT", "--real", "xarm"],

@@ -57,7 +57,7 @@ Command = (
 )
 
 
-_TYPES = {"INT": "a whole number", "FLOAT": "a number"}  # by tyro's names
+_TYPES = {"int": "a whole number", "float": "a number"}
 
 
 def main() -> None:
@@ -91,19 +91,18 @@ def _parse() -> Any:
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
-            return tyro.cli(Command, prog="simtune", description=__doc__)  # type: ignore[arg-type]
+            config = (tyro.conf.DisallowNone,)  # what is optional is left out
+            return tyro.cli(Command, prog="simtune", description=__doc__, config=config)  # type: ignore[arg-type]
     except SystemExit as exit_:
         if not exit_.code:
             raise
         lines = [line.strip("│ ") for line in said.getvalue().splitlines()]
         inside = [line for line in lines if line and line[0] not in "╭╰"]
         rule = next((i for i, line in enumerate(inside) if line[0] == "─"), len(inside))
-        what = " ".join(inside[:rule]).rstrip(".").replace("'None', ", "")
-        # What each type of an option made of it is of no interest.
-        wrong = re.search(r"Error parsing (\S+): .*? matching (\S+) could .*? from \[(.*?)\]", what)
-        if wrong:
+        what = re.sub(r", 'None'|'None', ", "", " ".join(inside[:rule]).rstrip("."))
+        if wrong := re.search(r"Error parsing (\S+): .*\b(int|float)\b.*: ('.*')", what):
             option, kind, value = wrong.groups()
-            what = f"{option} must be {_TYPES.get(kind.split('|')[-1], kind)}, got {value}"
+            what = f"{option} must be {_TYPES[kind]}, got {value}"
         raise InputError(f"{what}; --help says what there is") from None
 
 
