@@ -12,6 +12,7 @@ from simtune.agents.noise import disturbed
 from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
+from simtune.errors import InputError
 from simtune.networks import seeded
 from simtune.parameters import ParameterSpace
 from simtune.replay import Episodes, Replay, Transitions
@@ -271,6 +272,12 @@ def test_in_simulation_it_may_explore_by_the_state():
     acted = agent.explore(Seen(states, None))
     assert acted.shape == (WORLDS, 1)
     assert (np.abs(acted) <= 1).all()
+
+
+def test_a_checkpoint_of_other_networks_is_said_to_be_one():
+    wider = make_agent(teacher=TeacherConfig(hidden_size=17, batch_size=8))
+    with pytest.raises(InputError, match="another teacher than this version"):
+        make_agent().load(wider.tensors(), wider.state())
 
 
 @pytest.mark.parametrize("before", [2, 6])

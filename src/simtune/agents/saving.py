@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import torch
 from torch import nn
 
+from simtune.errors import InputError
 from simtune.networks import load_optimizer_tensors, optimizer_tensors, under
 
 Parts = Mapping[str, nn.Module | torch.optim.Optimizer]
@@ -25,6 +26,7 @@ def scatter_tensors(
     """The inverse: copy them into the parts, on whatever device those are.
 
     Random numbers go on as they would have on the kind of device that they were saved on only.
+    Raises InputError for tensors of other networks, which another version has.
     """
     saved = tensors["generator"].cpu()
     if len(saved) == len(generator.get_state()):
@@ -34,6 +36,12 @@ def scatter_tensors(
     for name, part in parts.items():
         own = under(f"{name}.", tensors)
         if isinstance(part, nn.Module):
-            part.load_state_dict(own)
+            try:
+                part.load_state_dict(own)
+            except RuntimeError as error:
+                raise InputError(
+                    f"the checkpoint holds another {name} than this version of simtune has; use "
+                    "the one that wrote it (see the run's config.json), or start another run"
+                ) from error
         else:
             load_optimizer_tensors(part, own)
