@@ -9,6 +9,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from simtune.errors import InputError
+
 _CPU_SLICE = 32  # stacks: what is computed of them fits in a cache, and into memory used before
 
 
@@ -135,6 +137,17 @@ def seeded(seed: int) -> Iterator[None]:
 def under(prefix: str, tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """Those whose names begin with a prefix, by the rest of their names."""
     return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+
+
+def load_weights(module: nn.Module, tensors: Mapping[str, torch.Tensor], name: str) -> None:
+    """Raises InputError for those of another network than `name` is here, as versions differ."""
+    try:
+        module.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise InputError(
+            f"the checkpoint holds another {name} than this version of simtune has; use "
+            "the one that wrote it (see the run's config.json), or start another run"
+        ) from error
 
 
 def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, torch.Tensor]:

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 import torch
 from torch import nn
 
-from simtune.errors import InputError
-from simtune.networks import load_optimizer_tensors, optimizer_tensors, under
+from simtune.networks import load_optimizer_tensors, load_weights, optimizer_tensors, under
 
 Parts = Mapping[str, nn.Module | torch.optim.Optimizer]
 
@@ -36,12 +35,6 @@ def scatter_tensors(
     for name, part in parts.items():
         own = under(f"{name}.", tensors)
         if isinstance(part, nn.Module):
-            try:
-                part.load_state_dict(own)
-            except RuntimeError as error:
-                raise InputError(
-                    f"the checkpoint holds another {name} than this version of simtune has; use "
-                    "the one that wrote it (see the run's config.json), or start another run"
-                ) from error
+            load_weights(part, own, name)
         else:
             load_optimizer_tensors(part, own)

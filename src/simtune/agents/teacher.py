@@ -24,7 +24,7 @@ from simtune.replay import Transitions
 
 @dataclass(frozen=True, kw_only=True)
 class TeacherConfig:
-    hidden_size: int = 256  # TD3's
+    hidden_size: int = 256  # TD3's code
     batch_size: int = 128  # half of theirs, for nearly the same progress an update
     learning_rate: float = 1e-3  # with normalised critics this is faster than 3e-4
     discount: float = 0.99

@@ -7,7 +7,13 @@ import numpy as np
 import torch
 
 from simtune.errors import InputError
-from simtune.networks import load_optimizer_tensors, optimizer_tensors, seeded, under
+from simtune.networks import (
+    load_optimizer_tensors,
+    load_weights,
+    optimizer_tensors,
+    seeded,
+    under,
+)
 from simtune.parameters import ParameterSpace
 from simtune.progress import Say, silent
 from simtune.randomization import Distribution
@@ -191,7 +197,7 @@ class PaperSearch:
         }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        self.model.load_state_dict(under("model.", tensors))
+        load_weights(self.model, under("model.", tensors), "model")
         load_optimizer_tensors(self._optimizer, under("optimizer.", tensors))
         self._store.load(under("store.", tensors), state["store"], self._simulator.render)
         self._center(np.array(state["mean"]))

@@ -21,7 +21,7 @@ from simtune.fit import (
     ranks,
     widened,
 )
-from simtune.networks import under
+from simtune.networks import load_weights, under
 from simtune.progress import Say, silent
 from simtune.randomization import Distribution
 from simtune.search_param_model.judge import SHORTEST_STEPS
@@ -202,7 +202,7 @@ class PosteriorSearch:
             raise RuntimeError("the run was made with other landmarks; start another one")
         self._lessons.landmarks = landmarks
         for part, module in (("sight", self.model.sight), ("judge", self.model.judge)):
-            module.load_state_dict(under(f"{part}.", tensors))
+            load_weights(module, under(f"{part}.", tensors), part)
         self.model.generator.set_state(tensors["generator"])
         self.iteration = state["iteration"]
         ranges = {k: np.array(v) for k, v in state["distribution"].items()}
