@@ -85,7 +85,7 @@ def quick_tune(monkeypatch, tiny, one_renderer_each):
     monkeypatch.setattr("simtune.tune.load_any_task", load_short_task)
     monkeypatch.setattr("simtune.tuning.posterior.PosteriorSearchConfig", lambda: tiny)
     monkeypatch.setattr("simtune.parts.load_task", load_short_task)
-    monkeypatch.setattr("simtune.parts._SHORTER", tiny)
+    monkeypatch.setattr("simtune.presets._SHORTER", tiny)
     early = TeacherStudentConfig(teacher_share=0.2)  # of so few steps
     monkeypatch.setattr("simtune.agents.TeacherStudent", partial(TeacherStudent, config=early))
     monkeypatch.setattr("simtune.comparison._NUM_STARTS", 16)

@@ -330,6 +330,18 @@ def test_tune_and_report(simtune, tmp_path, quick_tune):
     simtune.refuses(*command, "--seed", 9, message="seed = 0, now = 9")
 
 
+def test_what_searches_for_nothing_prints_no_estimates_but_its_warnings(
+    simtune, tmp_path, quick_tune
+):
+    """One round of random actions: nothing was learnt."""
+    rest = ("--policy-steps", 384, "--scored-episodes", 1, "--out", tmp_path / "run")
+    status, said, _ = simtune("train", "cartpole", "--method", "dr", *rest)
+    assert status == 0
+    assert "pole_mass" not in said
+    assert "warning: the policy had not begun to learn: give more --policy-steps" in said
+    assert "in 1 episode\n" in said
+
+
 def test_report_on_a_run_that_has_just_begun(simtune, tmp_path):
     RunFolder.create(tmp_path / "run", {"task": "cartpole"}).close()
     status, _, _ = simtune("report", tmp_path / "run")

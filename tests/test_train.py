@@ -25,7 +25,7 @@ from simtune.real.truth import Truth
 from simtune.recordings import write_dataset
 from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
-from simtune.schedule import PRESETS, Schedule, fast
+from simtune.schedule import SCHEDULES, Schedule, fast
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import load_task
 from simtune.tuning import FixedRange
@@ -220,8 +220,8 @@ def test_recordings_that_are_too_short_are_refused_before_anything_is_written(tm
 def test_the_run_folder_keeps_its_contract(method, tmp_path, quick_tune, monkeypatch):
     out = tmp_path / "run"
     if method == "regression":
-        monkeypatch.setattr("simtune.parts.PaperConfig", few_windows)
-        monkeypatch.setitem(PRESETS, "fast", one_move)  # a few small steps, not forty
+        monkeypatch.setattr("simtune.presets.PaperConfig", few_windows)
+        monkeypatch.setitem(SCHEDULES, "fast", one_move)  # a few small steps, not forty
     result = train(asked(out, method=method))
     assert result["method"] == method
     assert result["policy_steps"] == 4 * 16 * STEPS

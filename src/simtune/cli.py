@@ -179,7 +179,8 @@ def _train(config: TrainConfig) -> None:
     _print_result(result)
     if "return" in result:
         score = result["return"]
-        print(f"return {score['mean']:.0f} ± {score['std']:.0f} in {score['episodes']} episodes")
+        scored = _counted(score["episodes"], "episode")
+        print(f"return {score['mean']:.0f} ± {score['std']:.0f} in {scored}")
     for goal in ("success", "near_success"):
         if goal in result:
             print(f"{goal.replace('_', ' ')} in {100 * result[goal]['mean']:.0f} % of them")
@@ -192,8 +193,12 @@ def _record(config: RecordConfig) -> None:
 
     with ProgressBar() as say:
         folder = record(config, say)
-    count = f"{config.episodes} episode{'s' * (config.episodes > 1)}"
+    count = _counted(config.episodes, "episode")
     print(f"{count} in {folder}; next: simtune check {config.task} --real {folder}")
+
+
+def _counted(num: int, what: str) -> str:
+    return f"{num} {what}{'s' * (num != 1)}"
 
 
 def _complain(what: object, status: int) -> int:
@@ -202,9 +207,14 @@ def _complain(what: object, status: int) -> int:
 
 
 def _print_result(result: dict) -> None:
-    """A table of the estimates, where there are any."""
-    if result["method"] in UNTUNED:
-        return
+    """A table of the estimates, where there are any, and all warnings."""
+    if result["method"] not in UNTUNED:
+        _print_estimates(result)
+    for warning in result["warnings"]:
+        print(f"warning: {warning}")
+
+
+def _print_estimates(result: dict) -> None:
     print(f"{'parameter':18s} {'start':>9s} {'estimate':>9s}   90 % interval         verdict")
     for name, p in result["parameters"].items():
         interval = f"[{p['low']:.4g}, {p['high']:.4g}]"
@@ -214,5 +224,3 @@ def _print_result(result: dict) -> None:
         print(line)
     if "percent_error" in result:
         print(f"mean error {result['percent_error']:.1f} %")
-    for warning in result["warnings"]:
-        print(f"warning: {warning}")

@@ -1,17 +1,18 @@
 """What a training is made of: the real world, the simulator, the search, the agent."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 
 from simtune.agents import Agent, Seen, make_agent
-from simtune.config import SearchName, TrainConfig
+from simtune.config import TrainConfig
 from simtune.errors import InputError
 from simtune.networks import under
 from simtune.parameters import ParameterSpace
+from simtune.presets import choose_agent, choose_schedule, choose_search, choose_search_config
 from simtune.progress import Say
 from simtune.randomization import Distribution
 from simtune.real import RealWorld
@@ -20,25 +21,12 @@ from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.replay import Replay
 from simtune.rollout import Environment
-from simtune.schedule import PAPER_STEPS, PRESETS, Schedule
-from simtune.search_param_model.paper import PaperConfig
+from simtune.schedule import Schedule
 from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
 from simtune.tuning import FixedRange, make_search
-from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import Search
-
-_AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
-_SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
-# Nothing here may end by the clock, or no run could be repeated: less is learnt, but all of it.
-_SHORTER = PosteriorSearchConfig(
-    num_worlds=192,
-    sight_updates=(1500, 1000),
-    judge_updates=500,
-    state_updates=400,
-    replicas=(2, 2),
-)
 
 
 @dataclass(frozen=True)
@@ -108,8 +96,8 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
     task, device = load_task(config.task), _device(config.device)
     if task.reward is None:
         raise InputError(f"{task.name} has no reward, so there is nothing to train a policy for")
-    search_name = _search_name(config)
-    schedule = _schedule(config, task, search_name)
+    search_name = choose_search(config)
+    schedule = choose_schedule(config, task, search_name)
     say("looking at the real world", 0.0)
     image_size, num_real = schedule.image_size, schedule.real_episodes[0]
     real, start, truth = choose_real(
@@ -121,15 +109,15 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
     landmarks = find_landmarks(simulator, task.camera, first, seed=0)
     environment = Environment(task, simulator, schedule.num_stacked, landmarks)
     if search_name:
-        looks_alike = real.looks_like_simulator
+        range_policy = config.range_policy
+        # A robot, or a policy, films later.
         films = real.collect(num_real) if num_real and isinstance(real, RecordedReal) else []
         shortest = min([task.episode_steps, *(len(film) for film in films)])
-        own = _search_config(config, search_name, shortest)
-        rest = (config.seed, say, looks_alike, own, device)
+        settings = choose_search_config(config, search_name, shortest)
+        rest = (config.seed, say, real.looks_like_simulator, settings, device)
         search = make_search(search_name, simulator, task.camera, start, *rest)
-        if films:  # a robot, or a policy, films later
+        if films:
             search.check(films)
-        range_policy = config.range_policy
     else:
         range_policy = config.range_dr if config.method == "dr" else 0.0
         mean = truth.for_oracle() if truth and config.method == "oracle" else start
@@ -149,53 +137,6 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
     )
 
 
-def _search_name(config: TrainConfig) -> SearchName | None:
-    """None: nothing is searched for."""
-    if config.method == "autotune":
-        return config.search or _SEARCHES[config.preset]
-    return "regression" if config.method == "regression" else None
-
-
-def _schedule(config: TrainConfig, task: Task, search_name: SearchName | None) -> Schedule:
-    usual = PAPER_STEPS if config.preset == "paper" else task.policy_steps
-    total_steps = config.policy_steps or usual
-    if config.pretrain_steps >= total_steps:
-        raise InputError(
-            f"--pretrain-steps must be below all {total_steps} policy steps, "
-            f"got {config.pretrain_steps}"
-        )
-    schedule = PRESETS[config.preset](
-        total_steps,
-        config.real_episodes,
-        pretrain_steps=config.pretrain_steps,
-        many_searches=search_name in ("paper", "regression"),
-    )
-    if search_name is None:  # nobody would look at real episodes
-        return replace(schedule, real_episodes=(0,) * len(schedule.real_episodes))
-    return schedule
-
-
-def _search_config(
-    config: TrainConfig, search_name: SearchName, episode_steps: int
-) -> PosteriorSearchConfig | PaperConfig | None:
-    """The settings of the search; None: its own."""
-    if search_name == "posterior":
-        return _SHORTER if config.preset == "fast" else None
-    if config.window > episode_steps:
-        raise InputError(
-            f"--window must be at most an episode's {episode_steps} steps, got {config.window}"
-        )
-    settings: dict[str, Any] = {"window": config.window, "range_spm": config.range_spm}
-    settings |= {"step_size": config.step_size, "episode_steps": episode_steps}
-    if config.preset == "fast":  # smaller pictures, and fewer of them before anything moves
-        settings |= {"crop_size": 56, "collect_steps": 4000, "pretrain_steps": 0}
-        settings |= {"episodes_per_iteration": 5}
-    else:  # as `schedule.paper` counts on: 2,000 steps a call, however long an episode is
-        settings |= {"collect_steps": 50_000, "pretrain_steps": 50_000}
-        settings |= {"episodes_per_iteration": max(1, round(2000 / episode_steps))}
-    return PaperConfig(**settings)
-
-
 def _agent(
     config: TrainConfig,
     schedule: Schedule,
@@ -204,7 +145,7 @@ def _agent(
     device: str,
 ) -> Agent:
     return make_agent(
-        config.agent or _AGENTS[config.preset],
+        choose_agent(config),
         image_size=schedule.image_size,
         num_stacked=schedule.num_stacked,
         num_landmarks=num_landmarks,

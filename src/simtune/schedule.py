@@ -75,5 +75,5 @@ def paper(
     )
 
 
-PRESETS = {"fast": fast, "paper": paper}
+SCHEDULES = {"fast": fast, "paper": paper}
 PAPER_STEPS = 500_000  # theirs are 247k to 497k, read off their plots

@@ -1,0 +1,75 @@
+"""What a preset stands for: a schedule, a search and an agent, as they fit the task."""
+
+from dataclasses import replace
+from typing import Any
+
+from simtune.config import SearchName, TrainConfig
+from simtune.errors import InputError
+from simtune.schedule import PAPER_STEPS, SCHEDULES, Schedule
+from simtune.search_param_model.paper import PaperConfig
+from simtune.tasks import Task
+from simtune.tuning.posterior_config import PosteriorSearchConfig
+
+_AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
+_SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
+# Nothing here may end by the clock, or no run could be repeated: less is learnt, but all of it.
+_SHORTER = PosteriorSearchConfig(
+    num_worlds=192,
+    sight_updates=(1500, 1000),
+    judge_updates=500,
+    state_updates=400,
+    replicas=(2, 2),
+)
+
+
+def choose_agent(config: TrainConfig) -> str:
+    """Its name, see `agents.make_agent`."""
+    return config.agent or _AGENTS[config.preset]
+
+
+def choose_search(config: TrainConfig) -> SearchName | None:
+    """Its name; None: nothing is searched for."""
+    if config.method == "autotune":
+        return config.search or _SEARCHES[config.preset]
+    return "regression" if config.method == "regression" else None
+
+
+def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | None) -> Schedule:
+    """Raises InputError where pretraining would be all of it."""
+    usual = PAPER_STEPS if config.preset == "paper" else task.policy_steps
+    total_steps = config.policy_steps or usual
+    if config.pretrain_steps >= total_steps:
+        raise InputError(
+            f"--pretrain-steps must be below all {total_steps} policy steps, "
+            f"got {config.pretrain_steps}"
+        )
+    schedule = SCHEDULES[config.preset](
+        total_steps,
+        config.real_episodes,
+        pretrain_steps=config.pretrain_steps,
+        many_searches=search_name in ("paper", "regression"),
+    )
+    if search_name is None:  # nobody would look at real episodes
+        return replace(schedule, real_episodes=(0,) * len(schedule.real_episodes))
+    return schedule
+
+
+def choose_search_config(
+    config: TrainConfig, search_name: SearchName, episode_steps: int
+) -> PosteriorSearchConfig | PaperConfig | None:
+    """The search's settings; None: its usual ones. Raises InputError for too long a window."""
+    if search_name == "posterior":
+        return _SHORTER if config.preset == "fast" else None
+    if config.window > episode_steps:
+        raise InputError(
+            f"--window must be at most an episode's {episode_steps} steps, got {config.window}"
+        )
+    settings: dict[str, Any] = {"window": config.window, "range_spm": config.range_spm}
+    settings |= {"step_size": config.step_size, "episode_steps": episode_steps}
+    if config.preset == "fast":  # smaller pictures, and fewer of them before anything moves
+        settings |= {"crop_size": 56, "collect_steps": 4000, "pretrain_steps": 0}
+        settings |= {"episodes_per_iteration": 5}
+    else:  # as `schedule.paper` counts on: 2,000 steps a call, however long an episode is
+        settings |= {"collect_steps": 50_000, "pretrain_steps": 50_000}
+        settings |= {"episodes_per_iteration": max(1, round(2000 / episode_steps))}
+    return PaperConfig(**settings)
