@@ -86,7 +86,8 @@ def quick_tune(monkeypatch, tiny, one_renderer_each):
     monkeypatch.setattr("simtune.tuning.posterior.PosteriorSearchConfig", lambda: tiny)
     monkeypatch.setattr("simtune.parts.load_task", load_short_task)
     monkeypatch.setattr("simtune.presets._SHORTER", tiny)
-    early = TeacherStudentConfig(teacher_share=0.2)  # of so few steps
+    # Of so few steps
+    early = TeacherStudentConfig(teacher_share=0.2, random_steps=24, trusting_share=0.05)
     monkeypatch.setattr("simtune.agents.TeacherStudent", partial(TeacherStudent, config=early))
     monkeypatch.setattr("simtune.comparison._NUM_STARTS", 16)
     monkeypatch.setattr("simtune.comparison._ROUNDS", 2)

@@ -340,6 +340,7 @@ def test_what_searches_for_nothing_prints_no_estimates_but_its_warnings(
     assert "pole_mass" not in said
     assert "warning: the policy had not begun to learn: give more --policy-steps" in said
     assert "in 1 episode\n" in said
+    simtune.refuses("evaluate", tmp_path / "run", message="has no policy yet")
 
 
 def test_report_on_a_run_that_has_just_begun(simtune, tmp_path):

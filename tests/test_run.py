@@ -11,6 +11,7 @@ import torch
 
 from simtune.errors import InputError
 from simtune.run import RunFolder, read_json, read_jsonl, write_atomically, write_json
+from simtune.trajectory import Trajectory
 
 CONFIG = {"task": "ball_in_cup", "seed": 1, "out": "a", "spm": {"width": 256, "dropout": 0.5}}
 
@@ -264,3 +265,14 @@ def test_write_atomically_replaces(tmp_path):
     for content in ("old", b"new"):
         write_atomically(tmp_path / "x", content)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("x", "new")]
+
+
+def test_a_damaged_film_of_the_real_world_is_said_to_be_damaged(tmp_path):
+    with RunFolder.create(tmp_path / "run", {}) as run:
+        film = Trajectory(np.zeros((3, 8, 8, 3), np.uint8), np.zeros((2, 1), np.float32), 0.1)
+        run.write_real(0, [film])
+        assert len(run.read_real(0, 0.1)[0]) == 2
+        path = tmp_path / "run/real/000.safetensors"
+        path.write_bytes(path.read_bytes()[:-3])
+        with pytest.raises(InputError, match=r"000\.safetensors is damaged .* cannot be filmed"):
+            run.read_real(0, 0.1)

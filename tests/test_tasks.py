@@ -409,5 +409,33 @@ def test_a_world_that_is_dead_earns_nothing_and_no_policy_may_lose_its_mind():
         episodes = environment.play(lambda seen: np.ones((2, 6)), worlds, rng, film=False)
     assert (episodes.rewards[0, 3:] == 0).all()
     assert (episodes.rewards[1, 3:] > 0).any()
+    assert (episodes.terminated == [True, False]).all()  # time is up for the other: no end
     with pytest.raises(RuntimeError, match="its training diverged"):
         environment.play(lambda seen: np.full((2, 6), np.nan), worlds, rng, film=False)
+
+
+def test_a_world_that_dies_ends_alone(tmp_path, monkeypatch):
+    """Whoever acts by the state is told numbers, and MuJoCo writes no log of it."""
+    monkeypatch.chdir(tmp_path)
+    task = dataclasses.replace(load_task("walker"), episode_steps=6)
+
+    def begin(batch, rng):
+        task.initialize(batch, rng)
+        batch.qvel[1] = 2e4
+
+    simulator = dataclasses.replace(task, initialize=begin).simulator(image_size=48)
+    environment = Environment(task, simulator, num_stacked=2)
+    told = []
+
+    def act(seen):
+        told.append(seen.state)
+        return np.clip(seen.state[:, : simulator.num_actions], -1, 1)
+
+    worlds = np.tile(task.parameters.nominal, (3, 1))
+    played = environment.play(act, worlds, np.random.default_rng(0))
+    assert played.lengths[1] < 6
+    assert (played.lengths[[0, 2]] == 6).all()
+    assert (played.terminated == [False, True, False]).all()
+    assert np.isfinite(told).all()
+    assert np.isfinite(played.actions).all()
+    assert not list(tmp_path.iterdir())

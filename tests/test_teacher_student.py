@@ -89,8 +89,9 @@ def test_its_losses_move_each_what_is_its_own():
         torch.testing.assert_close(mine, its)
 
 
-def test_its_noise_has_fallen_when_the_student_begins():
-    agent = make_agent(teacher_share=0.5)  # at 5 · WORLDS · STEPS
+@pytest.mark.parametrize("rounds", [2, 10])
+def test_its_noise_falls_over_a_share_of_the_training_however_early_the_student_begins(rounds):
+    agent = make_agent(rounds * WORLDS * STEPS, noise_share=0.5)  # of 10 · WORLDS · STEPS
     first, last = agent.config.teacher.noise
     noises = []
     for num_steps in (0, 2.5, 5, 8):
@@ -174,7 +175,7 @@ def test_what_is_remembered_is_what_would_be_seen():
 # --- both together ------------------------------------------------------------------------
 
 
-def make_agent(**changes) -> TeacherStudent:
+def make_agent(first_tried: int = 10 * WORLDS * STEPS, **changes) -> TeacherStudent:
     return TeacherStudent(
         image_size=SIZE,
         num_stacked=3,
@@ -184,7 +185,8 @@ def make_agent(**changes) -> TeacherStudent:
         num_actions=1,
         knows=np.arange(len(SPACE)) < 2,
         total_steps=10 * WORLDS * STEPS,
-        first_tried=10 * WORLDS * STEPS,
+        first_tried=first_tried,
+        round_steps=WORLDS * STEPS,
         config=replace(SMALL, **changes),
         seed=1,
     )
@@ -227,6 +229,28 @@ def test_the_teacher_is_first_and_then_they_take_turns():
         looks.append(agent.looks)
         go_on(agent, replay, range(seed, seed + 1))
     assert looks == [False] * 5 + [True, False, True, False, True]
+
+
+@pytest.mark.parametrize("rounds", [1.5, 2, 2.5, 4, 5, 5.2, 10])
+def test_its_student_has_begun_whenever_it_is_tried_out(rounds):
+    first_tried = round(rounds * WORLDS * STEPS)
+    agent, replay = make_agent(first_tried), make_replay()
+    while agent.num_steps < first_tried:
+        assert not agent.is_ready or rounds > 5  # late, since its teacher is to know something
+        go_on(agent, replay, range(1))
+    assert agent.is_ready
+
+
+def test_the_teacher_acts_until_the_student_can():
+    agent, replay = make_agent(random_steps=0, noise=0.0), make_replay()
+    go_on(agent, replay, range(10))
+    filmed = episodes(0, True)
+    seen = Seen(filmed.states[:, 0], filmed.frames[:, :3])
+    best, own = agent.teacher.act(torch.from_numpy(seen.state)).numpy(), agent.act(seen.frames)
+    assert (np.abs(best - own) > 1e-4).all()
+    for filmed_rounds, expected in ((0, best), (1, own)):  # a tenth of ten rounds
+        agent.load(agent.tensors(), agent.state() | {"num_filmed": filmed_rounds * WORLDS * STEPS})
+        np.testing.assert_allclose(agent.explore(seen), expected, atol=1e-6)
 
 
 def test_losses_are_told_under_the_same_names_always():

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,20 +16,22 @@ import pytest
 import torch
 
 from simtune.agents import Agent, Seen, make_agent
+from simtune.agents.curl_sac import CurlSacConfig
+from simtune.agents.drqv2 import DrqV2Config
 from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate, trained_parts
 from simtune.parts import make_parts
 from simtune.randomization import Distribution
+from simtune.real.former import FormerReal
 from simtune.real.truth import Truth
 from simtune.recordings import write_dataset
 from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
-from simtune.schedule import SCHEDULES, Schedule, fast
+from simtune.schedule import SCHEDULES, Schedule, fast, paper
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import load_task
-from simtune.tuning import FixedRange
 from simtune.tuning.search import unsure
 
 TASK = load_task("cartpole")
@@ -53,7 +56,7 @@ class Players:
         self.calls: list[str] = []
         self.looks = True
         self.is_ready = False
-        self.device = torch.device("cpu")
+        self.device, self.step_s = torch.device("cpu"), TASK.step_s
         self.simulator = SimpleNamespace(num_steps=0, num_diverged=0)
         self.distribution = Distribution.proportional(SPACE, SPACE.nominal, 0.5)
         self.seen_worlds: list[np.ndarray] = []
@@ -89,7 +92,7 @@ class Players:
         raise AssertionError("nothing is played here")
 
 
-def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_for) -> None:
+def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_for) -> Training:
     """Algorithm 1 by fakes: two cycles, of two and one policy phases in three worlds."""
     schedule = Schedule(
         pretrain_steps=pretrain_steps,
@@ -114,7 +117,9 @@ def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_f
     )
     with pytest.MonkeyPatch.context() as patch, RunFolder.create(path / "run", {}) as run:
         patch.setattr(RunFolder, "write_real", lambda *_: None)
-        Training(asked(path, **asked_for), parts, run, lambda *_: None).carry_out()
+        training = Training(asked(path, **asked_for), parts, run, lambda *_: None)
+        training.carry_out()
+    return training
 
 
 def moved(times: int) -> np.ndarray:
@@ -173,8 +178,9 @@ def test_a_policy_that_was_trained_before_is_what_looks_at_the_real_world_first(
 def test_who_has_learnt_nothing_of_pictures_yet_is_not_tried_out(tmp_path):
     players = Players()
     players.update = lambda *_: {}  # it is still at school
-    carried_out(players, tmp_path, pretrain_steps=3 * STEPS)
+    training = carried_out(players, tmp_path, pretrain_steps=3 * STEPS)
     assert [call for call in players.calls if call.startswith("real")] == ["real: 4 random"]
+    assert training.num_untried == 2
 
 
 def test_what_was_learnt_in_worlds_far_from_here_can_be_forgotten(tmp_path):
@@ -252,12 +258,85 @@ def one_move(*asked_for, **settings):
     return dataclasses.replace(fast(*asked_for, **settings), searches=(1, 1))
 
 
-def test_ranges_are_those_asked_for(tmp_path):
-    """dr keeps its range around the start, and looks at nothing."""
-    search = FixedRange(Distribution.proportional(SPACE, SPACE.nominal, 0.3))
-    estimate, events, _ = search.iterate([], 0.0)
-    np.testing.assert_array_equal(estimate.low, SPACE.clip(0.7 * SPACE.nominal))
-    assert not events
+@pytest.mark.parametrize("agent", ["curl_sac", "drqv2"])
+def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick_tune, monkeypatch):
+    few = {"hidden_size": 8, "batch_size": 2, "random_steps": 16 * STEPS, "update_every": 4 * STEPS}
+    monkeypatch.setattr("simtune.agents.DrqV2Config", partial(DrqV2Config, **few))
+    monkeypatch.setattr("simtune.agents.CurlSacConfig", partial(CurlSacConfig, **few))
+    result = train(asked(tmp_path / "run", method="dr", agent=agent, policy_steps=3 * 16 * STEPS))
+    assert result["warnings"] == []
+    last = read_jsonl(tmp_path / "run" / "metrics.jsonl")[-1]
+    assert np.isfinite(last["critic_loss"])
+
+
+def test_ranges_are_those_asked_for(tmp_path, quick_tune):
+    ranges = {"range_policy": 0.02, "range_dr": 0.3, "range_spm": 0.4, "step_size": 0.07}
+
+    def training(**changes) -> Training:
+        config = asked(tmp_path, **ranges, **changes)
+        training = Training(config, make_parts(config, lambda *_: None), None, lambda *_: None)
+        training.num_looks = 1
+        return training
+
+    for method, around, half in (("dr", 0.5, 0.3), ("oracle", 1, 0.0), ("autotune", 0.5, 0.02)):
+        found = training(method=method)
+        mean = SPACE.nominal if around == 1 else found.parts.start
+        assert (np.abs(mean / SPACE.nominal - 1) > 0.2).any() == (around != 1)
+        distribution = found.distribution_policy
+        np.testing.assert_allclose(distribution.low, SPACE.clip((1 - half) * mean))
+        np.testing.assert_allclose(distribution.high, SPACE.clip((1 + half) * mean))
+    pretraining = training(method="autotune")
+    pretraining.num_looks = 0
+    start = pretraining.parts.start
+    np.testing.assert_allclose(pretraining.distribution_policy.low, SPACE.clip(0.7 * start))
+    config = training(method="regression").parts.search.config
+    assert (config.step_size, config.range_spm) == (0.07, 0.4)
+
+
+def test_nothing_is_scored_on_what_was_tuned_with(tmp_path):
+    """Every episode begins elsewhere: looked at, tried out, scored."""
+    config = asked(tmp_path, task="ball_in_cup", method="oracle")
+    parts = make_parts(config, lambda *_: None)
+    scored = []
+
+    def play(*args, play=parts.environment.play):
+        scored.append(play(*args))
+        return scored[-1]
+
+    parts.environment.play = play
+    parts.score(3, seed=config.seed)
+    still = np.zeros((2, parts.environment.simulator.num_actions))
+    seen = parts.real.collect(3)
+    for cycle in (0, 1):
+        seen += parts.real.try_out(lambda frames: still, 3, 2, cycle)
+    first = [*scored[0].frames[:, 0], *(trajectory.frames[0] for trajectory in seen)]
+    assert len({frame.tobytes() for frame in first}) == 3 + 3 + 4
+
+
+def test_of_recordings_all_are_taken_where_no_number_is_asked_for(tmp_path, quick_tune):
+    simulator = load_task("cartpole").simulator(image_size=64)
+    real = Truth(SPACE, SPACE.nominal).make_real(simulator, episode_steps=STEPS, seed=0)
+    names = {"action_names": ["slide"], "robot_type": "cartpole", "task": "balance"}
+    write_dataset(tmp_path / "dataset", real.collect(3), **names)
+    config = asked(tmp_path / "run", real=str(tmp_path / "dataset"), real_episodes=None)
+    assert make_parts(config, lambda *_: None).schedule.real_episodes == (3, 2)
+    with pytest.raises(InputError, match="5 episodes asked for, it holds 3; ask for 1 to 3"):
+        make_parts(dataclasses.replace(config, real_episodes=5), lambda *_: None)
+
+
+def test_a_former_training_has_steps_and_pictures_as_it_had(tmp_path, quick_tune):
+    parts = make_parts(asked(tmp_path), lambda *_: None, FormerReal(0.05))
+    assert parts.environment.simulator.step_s == 0.05
+    assert parts.environment.simulator.supersampling == 2  # as for what a camera films
+    assert parts.truth is None
+
+
+def test_what_came_too_early_is_told(tmp_path, quick_tune):
+    parts = make_parts(asked(tmp_path, method="dr"), lambda *_: None)
+    assert parts.doubts([], 0) == ["the policy had not begun to learn: give more --policy-steps"]
+    ready = dataclasses.replace(parts, agent=SimpleNamespace(is_ready=True))
+    assert ready.doubts([], 0) == []
+    assert "when the real world was to see it" in ready.doubts([], 1)[0]
 
 
 @pytest.mark.parametrize(
@@ -292,6 +371,10 @@ def test_the_presets_schedules(tmp_path):
     """By hand: what is tried out when, and the paper's phases in its own numbers."""
     assert fast(48_000, 5, many_searches=False).first_tried == 24_000
     assert fast(48_000, 5, pretrain_steps=16_000, many_searches=False).first_tried == 16_000
+    assert fast(48_000, 5, many_searches=False).real_episodes == (5, 2)
+    assert fast(48_000, 5, 0, many_searches=False).real_episodes == (5, 0)
+    assert paper(120_000, 5, many_searches=True).real_episodes == (5, 5, 5)
+    assert paper(120_000, 5, 1, many_searches=True).real_episodes == (5, 1, 1)
     config = asked(tmp_path, preset="paper", policy_steps=None)
     parts = make_parts(config, lambda *_: None)
     assert parts.schedule.total_steps == pytest.approx(500_000, abs=50)
@@ -341,7 +424,7 @@ def assert_same(one: Path, other: Path) -> None:
     )
     assert tensors.keys() == others.keys()
     for name, tensor in tensors.items():
-        assert torch.equal(tensor, others[name]) or tensor.isnan().any(), name
+        torch.testing.assert_close(tensor, others[name], rtol=0, atol=0, equal_nan=True, msg=name)
     for changing in (state, other_state):
         del changing["wall_s"]
     assert state == other_state
@@ -419,6 +502,7 @@ def test_agents_plug_in_by_name(name):
             knows=np.array([True, False]),
             total_steps=total_steps,
             first_tried=50_000,
+            round_steps=3_200,
             seed=seed,
             device="cpu",
         )

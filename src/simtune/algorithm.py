@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from simtune import outcome
-from simtune.check.warnings import warnings_of
 from simtune.comparison import write_comparison
 from simtune.config import TrainConfig
 from simtune.parts import Parts, make_parts
@@ -66,7 +65,7 @@ class Training:
         self.config, self.parts, self.run, self._say = config, parts, run, say
         self.real: list[Trajectory] = []  # the latest first
         self.estimate = unsure(parts.search.distribution, "not identifiable")
-        self.num_looks = self.num_searches = self.num_steps = 0
+        self.num_looks = self.num_untried = self.num_searches = self.num_steps = 0
         self.rng = np.random.default_rng(config.seed)
         self._began_s = self._saved_s = time.monotonic()
 
@@ -94,6 +93,8 @@ class Training:
         if num_episodes and agent.is_ready:
             stacked = self.parts.schedule.num_stacked
             seen = real.try_out(lambda f: agent.act(f, sample=True), stacked, num_episodes, cycle)
+        elif num_episodes and self.num_steps:
+            self.num_untried += 1
         if num_episodes and cycle == 0 and not seen:  # no policy yet, or recordings only
             seen = real.collect(num_episodes)
         self.run.write_real(cycle, seen)
@@ -162,10 +163,7 @@ class Training:
             write_video(self.run.videos / "policy.mp4", film, round(1 / parts.real.step_s, 3))
             facts |= {name: outcome.summary(values) for name, values in scores.items()}
         result = outcome.result(facts, parts.space, parts.start, self.estimate, parts.truth)
-        doubts = warnings_of(parts.task, parts.real.facts, self.real, parts.search_name)
-        if not parts.agent.is_ready:
-            doubts.append("the policy had not begun to learn: give more --policy-steps")
-        return result | {"warnings": doubts + result["warnings"]}
+        return result | {"warnings": parts.doubts(self.real, self.num_untried) + result["warnings"]}
 
     @property
     def _wall_s(self) -> float:
@@ -179,6 +177,7 @@ class Training:
         tensors, state = parts.saved()
         state |= {"step": self.num_steps, "looks": self.num_looks, "searches": self.num_searches}
         state |= {"sim_steps": simulator.num_steps, "num_diverged": simulator.num_diverged}
+        state |= {"untried": self.num_untried, "step_s": parts.real.step_s}
         state |= {"wall_s": self._wall_s, "rng": self.rng.bit_generator.state}
         self.run.save_checkpoint(tensors, state | {"estimate": outcome.to_json(self.estimate)})
         self._saved_s = time.monotonic()
@@ -191,8 +190,9 @@ class Training:
         self.parts.load(tensors, state)
         simulator = self.parts.environment.simulator
         simulator.num_steps, simulator.num_diverged = state["sim_steps"], state["num_diverged"]
-        self.num_steps, self.num_looks = state["step"], state["looks"]
-        self.num_searches, self.estimate = state["searches"], outcome.from_json(state["estimate"])
+        self.num_steps, self.num_searches = state["step"], state["searches"]
+        self.num_looks, self.num_untried = state["looks"], state["untried"]
+        self.estimate = outcome.from_json(state["estimate"])
         for cycle in range(self.num_looks):
             self.real = self.run.read_real(cycle, self.parts.real.step_s) + self.real
         self.rng.bit_generator.state = state["rng"]

@@ -9,6 +9,7 @@ from simtune.errors import InputError
 from simtune.outcome import summary
 from simtune.parts import Parts, make_parts
 from simtune.progress import Say, silent
+from simtune.real.former import FormerReal
 from simtune.run import checkpoint
 from simtune.run.config import stored_config
 
@@ -32,27 +33,35 @@ def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
 def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
     """A training's parts, of which the agent is as its newest checkpoint has it.
 
-    Nothing else is: what it learnt from need not be drawn anew, and of the real world there is a
-    pseudo one, whatever it was: no robot is asked, no recording read. Raises InputError.
+    Nothing else is: what it learnt from need not be drawn anew, and no robot is asked, no
+    recording read. Raises InputError, also where the policy had not begun to learn.
     """
     asked = _asked(run_folder)
     newest = checkpoint.newest(run_folder / "checkpoints")
     if newest is None:
         raise InputError(f"{run_folder} has no sound checkpoint to take a policy from")
+    tensors, state = checkpoint.load(newest)
     known = asked.pop("truth", None)  # runs of earlier versions know nothing of it
     usual = {f.name: f.default for f in fields(TrainConfig)}
+    former = None
     if asked["real"] != "pseudo":
         asked |= {f.name: usual[f.name] for f in fields(RealConfig) if f.name != "seed"}
+        former = FormerReal(state["step_s"])
     asked = {name: asked.get(name, default) for name, default in usual.items()}
     asked["real_parameters"] = asked["real_parameters"] and Path(asked["real_parameters"])
     asked |= {"out": run_folder, "device": "auto"}  # where it is now, and this machine's
-    parts = make_parts(TrainConfig(**asked), say)
+    parts = make_parts(TrainConfig(**asked), say, former)
     if known and parts.truth is not None and parts.truth.digest != known:
         raise InputError(
             f"--real-parameters {asked['real_parameters']}, by which {run_folder} was made, has "
             "other values now; put the former back"
         )
-    parts.load_agent(*checkpoint.load(newest))
+    parts.load_agent(tensors, state)
+    if not parts.agent.is_ready:
+        raise InputError(
+            f"{run_folder} has no policy yet, which begins to learn late in a training: go on with "
+            "it, or give more --policy-steps"
+        )
     return parts
 
 

@@ -1,13 +1,14 @@
 """What a training is made of: the real world, the simulator, the search, the agent."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 
 from simtune.agents import Agent, Seen, make_agent
+from simtune.check.warnings import warnings_of
 from simtune.config import TrainConfig
 from simtune.errors import InputError
 from simtune.networks import under
@@ -17,6 +18,7 @@ from simtune.progress import Say
 from simtune.randomization import Distribution
 from simtune.real import RealWorld
 from simtune.real.choose import choose_real, simulator_for
+from simtune.real.former import FormerReal
 from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.replay import Replay
@@ -25,6 +27,7 @@ from simtune.schedule import Schedule
 from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
+from simtune.trajectory import Trajectory
 from simtune.tuning import FixedRange, make_search
 from simtune.tuning.search import Search
 
@@ -66,6 +69,18 @@ class Parts:
         scores = dict(zip(self.task.goals, played.reached.T, strict=True))
         return {"return": played.rewards.sum(1), **scores}, played.frames[0]
 
+    def doubts(self, films: Sequence[Trajectory], num_untried: int) -> list[str]:
+        """What may be wrong with what was learnt, after so many looks without a policy to try."""
+        found = warnings_of(self.task, self.real.facts, films, self.search_name)
+        if not self.agent.is_ready:
+            found.append("the policy had not begun to learn: give more --policy-steps")
+        elif num_untried:
+            found.append(
+                "the policy had not begun to learn when the real world was to see it: give more "
+                "--policy-steps or --pretrain-steps"
+            )
+        return found
+
     def saved(self) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
         """Tensors and JSON of all that changes."""
         tensors = {
@@ -90,8 +105,11 @@ class Parts:
         return {"agent": self.agent, "search": self.search, "replay": self.replay}
 
 
-def make_parts(config: TrainConfig, say: Say) -> Parts:
-    """All of them. Raises InputError for what cannot be used."""
+def make_parts(config: TrainConfig, say: Say, former: FormerReal | None = None) -> Parts:
+    """All of them; a `former` real world stands for one that is to be left alone.
+
+    Raises InputError for what cannot be used.
+    """
     config.check()
     task, device = load_task(config.task), _device(config.device)
     if task.reward is None:
@@ -99,9 +117,13 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
     search_name = choose_search(config)
     schedule = choose_schedule(config, task, search_name)
     say("looking at the real world", 0.0)
-    image_size, num_real = schedule.image_size, schedule.real_episodes[0]
-    real, start, truth = choose_real(
-        config, task, image_size, real_episodes=num_real, out=config.out
+    image_size = schedule.image_size
+    # Recordings are read at once. Where none are asked for, there may be fewer than the usual.
+    num_read = config.real_episodes if search_name else 0
+    real, start, truth = (
+        (former, task.parameters.nominal.copy(), None)
+        if former
+        else choose_real(config, task, image_size, real_episodes=num_read, out=config.out)
     )
     simulator = simulator_for(real, task, image_size)
     assert isinstance(simulator, Simulator), "load_task gives models' only"
@@ -111,13 +133,15 @@ def make_parts(config: TrainConfig, say: Say) -> Parts:
     if search_name:
         range_policy = config.range_policy
         # A robot, or a policy, films later.
-        films = real.collect(num_real) if num_real and isinstance(real, RecordedReal) else []
+        films = real.collect(num_read) if isinstance(real, RecordedReal) else []
         shortest = min([task.episode_steps, *(len(film) for film in films)])
         settings = choose_search_config(config, search_name, shortest)
         rest = (config.seed, say, real.looks_like_simulator, settings, device)
         search = make_search(search_name, simulator, task.camera, start, *rest)
         if films:
             search.check(films)
+            later = schedule.real_episodes[1:]
+            schedule = replace(schedule, real_episodes=(len(films), *later))
     else:
         range_policy = config.range_dr if config.method == "dr" else 0.0
         mean = truth.for_oracle() if truth and config.method == "oracle" else start
@@ -155,6 +179,7 @@ def _agent(
         knows=~environment.task.parameters.is_appearance,
         total_steps=schedule.total_steps,
         first_tried=schedule.first_tried,
+        round_steps=schedule.num_worlds * environment.task.episode_steps,
         seed=config.seed,
         device=device,
     )
@@ -163,9 +188,10 @@ def _agent(
 def _replay(schedule: Schedule, task: Task, device: str) -> Replay:
     """Room for all episodes, but for the frames of the latest only."""
     num_episodes = -(-schedule.total_steps // task.episode_steps)
+    num_filmed = -(-schedule.filmed_steps // task.episode_steps)
     return Replay(
         task.parameters,
-        filmed_capacity=min(schedule.filmed_capacity, num_episodes),
+        filmed_capacity=min(num_filmed, num_episodes),
         unfilmed_capacity=num_episodes,
         num_stacked=schedule.num_stacked,
         device=device,

@@ -12,6 +12,7 @@ from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
 _SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
+_FEW_EPISODES = 5  # real ones of the first look, as of each update of the authors'
 # Nothing here may end by the clock, or no run could be repeated: less is learnt, but all of it.
 _SHORTER = PosteriorSearchConfig(
     num_worlds=192,
@@ -45,7 +46,8 @@ def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | N
         )
     schedule = SCHEDULES[config.preset](
         total_steps,
-        config.real_episodes,
+        config.real_episodes or _FEW_EPISODES,
+        config.tried_episodes,
         pretrain_steps=config.pretrain_steps,
         many_searches=search_name in ("paper", "regression"),
     )

@@ -8,6 +8,7 @@ import numpy as np
 from simtune.config import RecordConfig
 from simtune.errors import InputError
 from simtune.evaluate import trained_parts
+from simtune.parts import Parts
 from simtune.progress import Say, silent
 from simtune.real.choose import read_parameters
 from simtune.recordings import write_dataset
@@ -32,11 +33,16 @@ def record(config: RecordConfig, say: Say = silent) -> Path:
     config.check()
     task = load_task(config.task)
     parameters = read_parameters(config.parameters, task.parameters)
-    # OpenGL is there to look unlike the simulator, so it draws all that it can.
+    trained = _trained(config.policy, task)
     simulator = task.simulator(
-        image_size=config.image_size, renderer=config.renderer, quality=OPENGL_DM_CONTROL
+        image_size=config.image_size,
+        step_s=trained.environment.simulator.step_s if trained else None,
+        renderer=config.renderer,
+        # OpenGL is there to look unlike the simulator, so it draws all that it can.
+        quality=OPENGL_DM_CONTROL,
     )
-    actor = _Actor(config.policy, task, simulator, np.random.default_rng(config.seed))
+    rng = np.random.default_rng(config.seed)
+    actor = _Actor(config.policy, trained, task.episode_steps, simulator, rng)
     write_dataset(
         config.out,
         _film(config, simulator, task, parameters[None], actor, say),
@@ -72,21 +78,34 @@ def _film(
         yield Trajectory(frames, played.actions[0].astype(np.float32), simulator.step_s)
 
 
+def _trained(policy: str, task: Task) -> Parts | None:
+    """The training of a policy that is one. Raises InputError where `task` has no such policy."""
+    if policy == "scripted" and task.script is None:
+        raise InputError(f"{task.name} has no script to act by: --policy random or a run")
+    if policy in ("random", "scripted"):
+        return None
+    parts = trained_parts(Path(policy))
+    if parts.task.name != task.name:
+        raise InputError(
+            f"--policy {policy} was trained for {parts.task.name}, not for {task.name}"
+        )
+    return parts
+
+
 class _Actor:
     """Random actions, the task's script, or the policy of a training, which sees own pictures."""
 
-    def __init__(self, policy: str, task: Task, simulator: Simulator, rng: np.random.Generator):
+    def __init__(
+        self,
+        policy: str,
+        trained: Parts | None,
+        num_steps: int,
+        simulator: Simulator,
+        rng: np.random.Generator,
+    ):
         self.rng = rng
-        self._steps, self._simulator = task.episode_steps, simulator
+        self._steps, self._simulator, self._parts = num_steps, simulator, trained
         self._is_scripted = policy == "scripted"
-        if self._is_scripted and task.script is None:
-            raise InputError(f"{task.name} has no script to act by: --policy random or a run")
-        is_trained = policy not in ("random", "scripted")
-        self._parts = trained_parts(Path(policy)) if is_trained else None
-        if self._parts and self._parts.task.name != task.name:
-            raise InputError(
-                f"--policy {policy} was trained for {self._parts.task.name}, not for {task.name}"
-            )
 
     def begin(self, world: np.ndarray) -> Act:
         """What acts in the next episode of a (1, N) world."""

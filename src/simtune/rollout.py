@@ -74,7 +74,8 @@ class Environment:
 
         def act(t: int, states: np.ndarray) -> np.ndarray:
             frames = projector.show(t, states) if projector else None
-            actions[:, t] = policy(Seen(self.observe(states), frames))
+            # A world that died may hold what is no number; the others go on.
+            actions[:, t] = policy(Seen(np.nan_to_num(self.observe(states)), frames))
             if not np.isfinite(actions[:, t]).all():
                 raise RuntimeError("the policy's actions are no numbers: its training diverged")
             return scale_actions(simulator.action_mapping, actions[:, t])

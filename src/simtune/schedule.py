@@ -17,7 +17,7 @@ class Schedule:
     num_worlds: int  # that the policy acts in at once
     image_size: int  # pixels a side of what is drawn
     num_stacked: int = 3  # frames that the policy sees, appendix
-    filmed_capacity: int = 300  # episodes whose frames are kept
+    filmed_steps: int = 60_000  # the latest, whose frames are kept
 
     @property
     def total_steps(self) -> int:
@@ -25,7 +25,7 @@ class Schedule:
 
     @property
     def first_tried(self) -> int:
-        """Policy steps after which the policy is first tried out in the real world."""
+        """Policy steps after which the policy may first be tried out in the real world."""
         return self.pretrain_steps or self.policy_steps[0]
 
     def steps_after(self, cycle: int) -> int:
@@ -34,7 +34,12 @@ class Schedule:
 
 
 def fast(
-    total_steps: int, real_episodes: int, *, pretrain_steps: int = 0, many_searches: bool
+    total_steps: int,
+    real_episodes: int,
+    tried_episodes: int | None = None,
+    *,
+    pretrain_steps: int = 0,
+    many_searches: bool,
 ) -> Schedule:
     """Minutes on two CPU cores: two looks at the real world, the second at what a policy does.
 
@@ -45,14 +50,19 @@ def fast(
         pretrain_steps=pretrain_steps,
         policy_steps=(tuned // 2, tuned - tuned // 2),
         searches=(20, 20) if many_searches else (1, 1),
-        real_episodes=(real_episodes, 2),
+        real_episodes=(real_episodes, 2 if tried_episodes is None else tried_episodes),
         num_worlds=16,
         image_size=64,
     )
 
 
 def paper(
-    total_steps: int, real_episodes: int, *, pretrain_steps: int = 0, many_searches: bool
+    total_steps: int,
+    real_episodes: int,
+    tried_episodes: int | None = None,
+    *,
+    pretrain_steps: int = 0,
+    many_searches: bool,
 ) -> Schedule:
     """As the authors ran it: 40k policy steps, then 10k steps of the SPM, and again.
 
@@ -64,14 +74,15 @@ def paper(
     # Their "pretrain" and "update" phases, before any policy is trained: 25 calls that move nothing
     # (`PaperConfig.pretrain_steps`), 40 that do.
     first = 65 if many_searches else 1
+    later = real_episodes if tried_episodes is None else tried_episodes
     return Schedule(
         pretrain_steps=pretrain_steps,
         policy_steps=(tuned // cycles,) * cycles,
         searches=(first,) + (moves,) * (cycles - 1),
-        real_episodes=(real_episodes,) * cycles,
+        real_episodes=(real_episodes,) + (later,) * (cycles - 1),
         num_worlds=1,
         image_size=100,
-        filmed_capacity=500,  # their replay of 100k steps
+        filmed_steps=100_000,  # their replay
     )
 
 

@@ -21,6 +21,7 @@ def make_agent(
     knows: np.ndarray,
     total_steps: int,
     first_tried: int,
+    round_steps: int,
     seed: int,
     device: torch.device | str,
 ) -> Agent:
@@ -29,7 +30,7 @@ def make_agent(
     States are `num_positions` positions, then velocities.
     `knows`, (N,) bool: parameters that may be told to whoever knows the state.
     `total_steps`: of the whole training, for what changes in its course; `first_tried`: after so
-    many of them it is tried out in the real world.
+    many of them it is tried out in the real world; `round_steps`: between two updates.
     """
     if name == "teacher_student":
         return TeacherStudent(
@@ -42,6 +43,7 @@ def make_agent(
             knows=knows,
             total_steps=total_steps,
             first_tried=first_tried,
+            round_steps=round_steps,
             seed=seed,
             device=device,
         )

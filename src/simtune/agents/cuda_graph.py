@@ -26,6 +26,10 @@ class GraphedStep:
 
     def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
         """What `step` returns, in memory that the next call may write over."""
+        with torch.cuda.device(self._generator.device):  # streams are of the current device
+            return self._call(*inputs)
+
+    def _call(self, *inputs: torch.Tensor) -> torch.Tensor:
         self._calls += 1
         if self._calls <= _WARM_UP:
             return self._warm_up(*inputs)

@@ -24,6 +24,7 @@ class TeacherStudentConfig:
     teacher: TeacherConfig = field(default_factory=TeacherConfig)
     student: StudentConfig = field(default_factory=StudentConfig)
     teacher_share: float = 0.8  # of the steps before anybody sees the student, until it begins
+    noise_share: float = 0.4  # of all steps, in which the teacher's noise falls
     filmed_share: float = 0.7  # of the steps after that
     random_steps: int = 3_000  # at the start
     teacher_updates_per_step: float = 0.5
@@ -50,6 +51,7 @@ class TeacherStudent:
         knows: np.ndarray,  # (N,) bool: parameters that the teacher's critics are told
         total_steps: int,  # of the whole training: what shares are of
         first_tried: int,  # after so many steps it is tried out in reality
+        round_steps: int,  # between two updates
         config: TeacherStudentConfig | None = None,
         seed: int = 0,
         device: torch.device | str = "cpu",
@@ -58,7 +60,9 @@ class TeacherStudent:
         self.device = torch.device(device)
         self._knows = torch.as_tensor(np.flatnonzero(knows), device=device)
         self._total_steps, self._num_actions = total_steps, num_actions
-        self._begins = max(1.0, config.teacher_share * first_tried)  # the student, at that step
+        # The student, after so many steps: a round of them, at least, before it is tried out
+        latest = (-(-first_tried // round_steps) - 1) * round_steps - 1
+        self._begins = max(1.0, min(config.teacher_share * first_tried, latest))
         self._num_positions = num_positions
         with seeded(seed):
             sizes = (num_states, num_actions, len(self._knows))
@@ -154,8 +158,8 @@ class TeacherStudent:
 
     @property
     def _teacher_noise(self) -> float:
-        """It has fallen when the student begins."""
-        return falling(self.config.teacher.noise, self.num_steps / self._begins)
+        falls_over = self.config.noise_share * self._total_steps
+        return falling(self.config.teacher.noise, self.num_steps / falls_over)
 
     def tensors(self) -> dict[str, torch.Tensor]:
         return gather_tensors(self._parts(), self._generator)

@@ -44,14 +44,19 @@ class TrainConfig(RealConfig):
     at; then what the policy does there is filmed, not random actions (sim-to-real, Sec. VI-B)."""
     drop_far: bool = False
     """When the simulator has moved, forget what the policy did in worlds now out of its range."""
-    real_episodes: int = 5
-    """Real episodes of random actions, or of a noisy script, before the policy is tried out."""
+    real_episodes: int | None = None
+    """Real episodes of the first look, of random actions or a noisy script, by default 5; of
+    recordings so many (by default all, at most 10). With --pretrain-steps of the policy."""
+    tried_episodes: int | None = None
+    """Real episodes of each later look, of the policy; by default 2, or with --preset paper as
+    many as of the first."""
     scored_episodes: int = 10
     """Episodes in the pseudo-real world that the policy is scored on; nothing learns from them."""
     range_policy: float = 0.1
     """Half-width, relative to the mean, of the worlds that the policy is trained in (Sec. VI-A)."""
     range_dr: float = 0.5
-    """The same for --method dr, around the start (Sec. VI-A: the better of 0.5 and 1)."""
+    """The same for --method dr and --pretrain-steps, around the start (Sec. VI-A: the better of
+    0.5 and 1)."""
     range_spm: float = 1.0
     """The same for the worlds that --search paper and regression learn from (Sec. VI-A)."""
     step_size: float = 0.1
@@ -65,7 +70,7 @@ class TrainConfig(RealConfig):
         """Raises InputError for what makes no sense."""
         self.check_real()
         at_least(self, 1, "real_episodes", "scored_episodes", "window", "policy_steps")
-        at_least(self, 0, "pretrain_steps")
+        at_least(self, 0, "pretrain_steps", "tried_episodes")
         for name in ("range_policy", "range_dr", "range_spm", "step_size"):
             if not 0 < getattr(self, name) <= 1:
                 raise InputError(f"{flag(name)} must lie in (0, 1], got {getattr(self, name):g}")

@@ -166,8 +166,15 @@ class RunFolder:
         write_atomically(self._real(cycle), safetensors.torch.save(tensors))
 
     def read_real(self, cycle: int, step_s: float) -> list[Trajectory]:
-        """The inverse of `write_real`."""
-        tensors = safetensors.torch.load_file(self._real(cycle))
+        """The inverse of `write_real`. Raises InputError where the file is damaged."""
+        path = self._real(cycle)
+        try:
+            tensors = safetensors.torch.load_file(path)
+        except (OSError, safetensors.SafetensorError) as error:
+            raise InputError(
+                f"{path} is damaged ({error}), and what it showed cannot be filmed again: "
+                "give another --out to start anew"
+            ) from None
         count = len(tensors) // 2
         pairs = [(tensors[f"{i}.frames"], tensors[f"{i}.actions"]) for i in range(count)]
         return [Trajectory(f.numpy(), a.numpy(), step_s) for f, a in pairs]

@@ -16,6 +16,7 @@ from mujoco.batch import Batch
 from simtune.parameters import ModelWriter, ParameterSpace
 from simtune.simulation.primitives import Primitives
 from simtune.simulation.sky import smooth_sky
+from simtune.simulation.worlds import no_printed_warnings
 
 _CHUNK = 64  # pictures a launch: small enough to stay in the cache, large enough to amortise it
 _SKY_SAMPLES = 4  # a pixel and axis: the suite's stars are smaller than pixels and would sparkle
@@ -73,7 +74,8 @@ class Raycaster:
             finally:
                 self._idle.put(context)
 
-        list(self._pool.map(draw, range(0, n, step)))
+        with no_printed_warnings():  # worlds that diverged are drawn, too
+            list(self._pool.map(draw, range(0, n, step)))
         return frames
 
 

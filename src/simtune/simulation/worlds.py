@@ -57,7 +57,7 @@ class Worlds:
 
     def _begin(self, parameters: np.ndarray, start: Callable[[], None]) -> None:
         self._writer.write_batch(self.batch, parameters)
-        with _no_printed_warnings():
+        with no_printed_warnings():
             self.batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
             start()
             self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
@@ -66,7 +66,7 @@ class Worlds:
         """Hold (num_worlds, nu) controls for a number of physics steps."""
         alive = self.alive
         self.batch.ctrl[...] = controls
-        with _no_printed_warnings():
+        with no_printed_warnings():
             self.batch.step(
                 ids=None if alive.all() else alive,
                 nstep=num_substeps,
@@ -75,7 +75,7 @@ class Worlds:
 
 
 @contextmanager
-def _no_printed_warnings() -> Iterator[None]:
+def no_printed_warnings() -> Iterator[None]:
     """Keep MuJoCo from writing lines to stderr for worlds that diverge; they are counted."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
