@@ -258,6 +258,15 @@ def one_move(*asked_for, **settings):
     return dataclasses.replace(fast(*asked_for, **settings), searches=(1, 1))
 
 
+def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick_tune):
+    """By a reward of the user's own; the example's grows with the bob's height."""
+    tune = Path(__file__).parent.parent / "examples" / "cart_pendulum" / "tune.toml"
+    out = tmp_path / "run"
+    result = train(asked(out, task=str(tune), method="dr", policy_steps=3 * 16 * STEPS))
+    assert 0 < result["return"]["mean"] < STEPS
+    assert evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=0)) == result["return"]
+
+
 @pytest.mark.parametrize("agent", ["curl_sac", "drqv2"])
 def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick_tune, monkeypatch):
     few = {"hidden_size": 8, "batch_size": 2, "random_steps": 16 * STEPS, "update_every": 4 * STEPS}

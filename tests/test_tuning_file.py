@@ -20,6 +20,7 @@ from simtune.simulation import DirectActions, MocapActions, ScaledActions, rando
 from simtune.tasks import Task, load_any_task, load_task
 from simtune.tasks.tuning_file import load as loading
 from simtune.tasks.tuning_file import parameters as reading
+from simtune.tasks.tuning_file import policy as policies
 from simtune.tasks.tuning_file.toml_lines import key_lines
 from simtune.trajectory import Trajectory
 
@@ -127,12 +128,12 @@ def refuses(folder, load):
 # --- examples -------------------------------------------------------------------------------
 
 
-def documented() -> list[str]:
+def documented(language: str) -> list[str]:
     text = (ROOT / "docs" / "tuning-file.md").read_text(encoding="utf-8")
-    return re.findall(r"^```toml\n(.*?)^```", text, re.S | re.M)
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.S | re.M)
 
 
-@pytest.mark.parametrize("block", documented())
+@pytest.mark.parametrize("block", documented("toml"))
 def test_every_example_in_the_documentation_loads(load, folder, block, tmp_path):
     if block.startswith("environment"):
         (tmp_path / "env.py").write_text((BALL / "env.py").read_text())
@@ -140,6 +141,8 @@ def test_every_example_in_the_documentation_loads(load, folder, block, tmp_path)
         assert len(load_any_task(str(tmp_path / "tune.toml")).simulator(image_size=16).points())
         return
     head = "" if "model =" in block else HEAD
+    if block.startswith("[policy]"):
+        (folder / "policy.py").write_text(documented("python")[0])
     if 'mapping = "joints"' in block:  # which needs servos of positions
         servos = SCENE.replace(
             '<velocity name="elbow" joint="elbow" kv', '<position name="elbow" joint="elbow" kp'
@@ -154,7 +157,7 @@ def test_every_example_in_the_documentation_loads(load, folder, block, tmp_path)
 
 def test_all_kinds_and_keys_are_documented():
     text = (ROOT / "docs" / "tuning-file.md").read_text(encoding="utf-8")
-    for word in (*reading._ALL_KINDS, *reading._NUMBERS, *loading._KEYS):
+    for word in (*reading._ALL_KINDS, *reading._NUMBERS, *loading._KEYS, *policies._KEYS):
         assert f"`{word}`" in text or f"[[{word}]]" in text or f"`[{word}]`" in text, word
 
 
@@ -822,7 +825,7 @@ def test_check_takes_a_tuning_file_and_recordings(load, folder):
     ],
 )
 def test_numbers_that_cannot_be_meant(old, new, said, tmp_path):
-    for name in ("scene.xml", "tune.toml"):
+    for name in ("scene.xml", "tune.toml", "policy.py"):
         (tmp_path / name).write_text((EXAMPLE.parent / name).read_text())
     text = (tmp_path / "tune.toml").read_text()
     assert old in text
@@ -834,7 +837,7 @@ def test_numbers_that_cannot_be_meant(old, new, said, tmp_path):
 
 def test_a_task_that_was_edited_is_another_one(tmp_path):
     scene, tune = tmp_path / "scene.xml", tmp_path / "tune.toml"
-    for file in (scene, tune):
+    for file in (scene, tune, tmp_path / "policy.py"):
         file.write_text((EXAMPLE.parent / file.name).read_text())
 
     def content() -> str:
@@ -914,3 +917,76 @@ def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, re
 """)
     head = "model = 'scene.xml'\ncamera = 'front'\ncontrol_timestep_s = 0.05\n"
     refuses(f"{head}[[parameters]]\nname = 'x'\n{parameter}\n", line, message)
+
+
+# --- [policy] -------------------------------------------------------------------------------
+
+POLICY = MASS + "[policy]\n"
+
+
+def test_a_reward_is_of_many_worlds_at_once(load, folder):
+    (folder / "policy.py").write_text(
+        "import numpy as np\n"
+        "def height(data):\n"
+        "    return data.xpos[:, data.model.body('bob').id, 2] + 0 * data.qpos[:, 0]\n"
+        "def is_low(data):\n"
+        "    return data.qpos[:, 1] < 0\n"
+    )
+    task = load(
+        f'{HEAD}{POLICY}reward = "policy.py:height"\nsuccess = "policy.py:is_low"\nsteps = 7\n'
+        'free_joints = "sled"\nsymmetric_hinges = { elbow = 2 }\n'
+    )
+    assert (task.policy_steps, task.free_joints) == (7, ("sled",))
+    assert task.symmetric_hinges == {"elbow": 2}
+    batch = Batch(task.load_model(), 4, 1)
+    batch.qpos[:, 1] = angles = np.array([-1.0, -0.5, 0.0, 0.7])
+    batch.forward()
+    np.testing.assert_allclose(task.reward(batch), 0.5 - 0.4 * np.sin(angles), atol=1e-6)
+    np.testing.assert_array_equal(task.success(batch) > 0, [True, True, False, False])
+    assert list(task.goals) == ["success"]
+
+
+def test_a_change_of_the_reward_is_noticed(load, folder):
+    text = f'{HEAD}{POLICY}reward = "policy.py:f"\n'
+    hashes = set()
+    for factor in (1, 2):
+        (folder / "policy.py").write_text(f"def f(data): return {factor} * data.qpos[:, 0]\n")
+        hashes.add(load(text).content_hash)
+    assert len(hashes) == 2
+
+
+@pytest.mark.parametrize(
+    ("lines", "code", "message"),
+    [
+        ("steps = 3", "", r"\[policy\] has no reward: expected a text"),
+        ('reward = "f"', "", "expected FILE.py:NAME, a function in a file beside it, got f"),
+        ('reward = "gone.py:f"', "", "there is no file .*gone.py"),
+        ('reward = "policy.py:f"', "", "policy.py has no f to call"),
+        ('reward = "policy.py:f"', "1 / 0", "policy.py cannot be run: ZeroDivisionError"),
+        ('reward = "policy.py:f"', "def f(): pass", "policy.py:f failed: TypeError"),
+        (
+            'reward = "policy.py:f"',
+            "def f(data): return data.qpso",
+            "failed: AttributeError: qpso is not an MjData array field",
+        ),
+        (
+            'reward = "policy.py:f"',
+            "def f(data): return data.qpos.sum()",
+            r"must give a number for each world, here an array of shape \(3,\), got \(\)",
+        ),
+        (
+            'reward = "policy.py:f"\nfree_joints = "elbw"',
+            "def f(data): return data.qpos[:, 0]",
+            "no hinge or slide 'elbw' in the model; did you mean 'elbow'",
+        ),
+        (
+            'reward = "policy.py:f"\nsymmetric_hinges = { elbow = 1 }',
+            "def f(data): return data.qpos[:, 0]",
+            "elbow must be a whole number of at least 2, got 1",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_policy(load, folder, lines, code, message):
+    (folder / "policy.py").write_text(code)
+    with pytest.raises(InputError, match=r"^\S+tune\.toml:\d+: .*" + message):
+        load(f"{HEAD}{POLICY}{lines}\n")

@@ -113,7 +113,10 @@ def make_parts(config: TrainConfig, say: Say, former: FormerReal | None = None) 
     config.check()
     task, device = load_task(config.task), _device(config.device)
     if task.reward is None:
-        raise InputError(f"{task.name} has no reward, so there is nothing to train a policy for")
+        raise InputError(
+            f"{task.name} has no reward, so there is nothing to train a policy for: declare one "
+            "in the tuning file's [policy] (docs/tuning-file.md)"
+        )
     search_name = choose_search(config)
     schedule = choose_schedule(config, task, search_name)
     say("looking at the real world", 0.0)

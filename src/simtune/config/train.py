@@ -24,7 +24,7 @@ class TrainConfig(RealConfig):
     """
 
     task: Annotated[Positional[str], arg(metavar="TASK")]
-    """A built-in task (see `simtune tasks`)."""
+    """A built-in task (see `simtune tasks`), or a tuning file that declares a [policy]."""
     out: Path
     """The run's folder."""
     method: Method = "autotune"

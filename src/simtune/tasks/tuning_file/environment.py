@@ -1,8 +1,5 @@
 """`environment = ...` in a tuning file: a gymnasium environment instead of a model."""
 
-import importlib.util
-import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +8,7 @@ from simtune.errors import InputError
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.tasks.tuning_file.user_code import is_in_file, load_user_code
 
 _KEYS = ("environment", "name", "description", "control_timestep_s", "episode_steps", "parameters")
 _PARAMETER_KEYS = ("name", "nominal", "low", "high", "scale", "unit", "shows_in")
@@ -56,26 +54,9 @@ def _factory(folder: Path, named: str) -> tuple[Callable[[], Any], str]:
 
     And the file's text. Raises InputError where there is none, or the file cannot be run.
     """
-    in_file = re.fullmatch(r"(.+\.py):(\w+)", named)
-    if not in_file:
-        return lambda: _registered(named), ""
-    path = folder / in_file[1]
-    module_name = f"simtune_environment_{path.stem}"  # no other module's
-    module_spec = importlib.util.spec_from_file_location(module_name, path)
-    if not path.is_file() or module_spec is None or module_spec.loader is None:
-        raise InputError(f"there is no file {path}")
-    module = importlib.util.module_from_spec(module_spec)
-    sys.modules[module_name] = module  # dataclasses look there, among others
-    sys.path.insert(0, str(path.parent))  # as if it were run as a script
-    try:
-        module_spec.loader.exec_module(module)
-    except Exception as error:  # whatever the user's own code raises
-        raise InputError(f"{path} cannot be run: {type(error).__name__}: {error}") from error
-    finally:
-        sys.path.remove(str(path.parent))
-    if not callable(make := getattr(module, in_file[2], None)):
-        raise InputError(f"{path} has no {in_file[2]} to call")
-    return make, path.read_text(encoding="utf-8")
+    if is_in_file(named):
+        return load_user_code(folder, named)
+    return lambda: _registered(named), ""
 
 
 def _registered(named: str) -> Any:

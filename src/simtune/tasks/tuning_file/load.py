@@ -1,4 +1,4 @@
-"""A tuning file: a user's own model as a task, without any Python (docs/tuning-file.md)."""
+"""A tuning file: a user's own model as a task (docs/tuning-file.md)."""
 
 from pathlib import Path
 
@@ -13,10 +13,11 @@ from simtune.tasks.tuning_file.camera import read_camera
 from simtune.tasks.tuning_file.environment import read_environment_task
 from simtune.tasks.tuning_file.initial_state import read_initial_state
 from simtune.tasks.tuning_file.parameters import read_parameters
+from simtune.tasks.tuning_file.policy import read_policy
 from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
 
 _KEYS = ("model", "name", "description", "camera", "control_timestep_s", "action_repeat")
-_KEYS += ("episode_steps", "actions", "initial_state", "parameters")
+_KEYS += ("episode_steps", "actions", "initial_state", "policy", "parameters")
 _MOST_SUBSTEPS = 2000
 
 
@@ -47,10 +48,11 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
             f"{model.opt.timestep:g} s; expected at most {_MOST_SUBSTEPS}; is it in seconds?",
             "control_timestep_s",
         )
+    policy, source = read_policy(file.table("policy"), model)
     return Task(
         name=file.text("name", path.stem),
         description=file.text("description", f"{file.text('model')}, of {path.name}"),
-        declared=file.content,
+        declared=file.content + source,
         load_spec=load_spec,
         parameters=read_parameters(file, load_spec(), camera.name, step_s),
         camera=camera.name,
@@ -59,6 +61,7 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
         episode_steps=file.whole("episode_steps", 200),
         initialize=read_initial_state(file.table("initial_state"), model),
         map_actions=read_actions(file.table("actions"), model),
+        **policy,
     )
 
 

@@ -142,6 +142,10 @@ class TomlTable:
         """A number, or a list of numbers or of such lists, whose shape others check."""
         return self._checked(key, "a number or a list of numbers", default, _is_array)
 
+    @property
+    def is_empty(self) -> bool:
+        return not self._values
+
     def is_table(self, key: str) -> bool:
         return isinstance(self._values.get(key), dict)
 

@@ -1,0 +1,95 @@
+"""The table [policy] of a tuning file: what is good, so that a policy can be trained."""
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.errors import InputError, UnknownName
+from simtune.tasks.batch_state import computed
+from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.tasks.tuning_file.user_code import load_user_code
+
+_GOALS = ("reward", "success")
+_KEYS = (*_GOALS, "steps", "free_joints", "symmetric_hinges")
+_MOVES_ONE_NUMBER = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
+
+
+class WorldsData:
+    """What a user's reward is told: MjData of n worlds at once, and `model`.
+
+    Each field has the worlds as its first axis: `qpos` is (n, nq), `xpos` is (n, nbody, 3).
+    """
+
+    def __init__(self, batch: Batch):
+        self._batch, self.model = batch, batch.model
+
+    def __getattr__(self, field: str) -> np.ndarray:
+        try:
+            return computed(self._batch, field)
+        except ValueError as error:
+            raise AttributeError(str(error)) from None
+
+
+def read_policy(table: TomlTable, model: mujoco.MjModel) -> tuple[dict[str, Any], str]:
+    """What a `Task` is told of it, and the text of the user's code; nothing of an empty table.
+
+    Raises InputError for what is wrong with it, or does not go with the model.
+    """
+    table.allow(*_KEYS)
+    if table.is_empty:
+        return {}, ""
+    told: dict[str, Any] = {}
+    sources = ""
+    for goal in _GOALS:
+        if goal == "reward" or goal in table:
+            named = table.text(goal)
+            with table.at(goal):
+                function, source = load_user_code(table.file.parent, named)
+                told[goal] = _of_worlds(named, function)
+                told[goal](_some_worlds(model))
+            sources += source
+    if "steps" in table:
+        told["policy_steps"] = table.whole("steps")
+    told["free_joints"] = table.names("free_joints", ())
+    hinges = table.table("symmetric_hinges")
+    told["symmetric_hinges"] = {name: hinges.whole(name, least=2) for name in hinges}
+    for where, names in ((table, told["free_joints"]), (hinges, told["symmetric_hinges"])):
+        for name in names:
+            _check_joint(where, model, name)
+    return told, sources
+
+
+def _check_joint(table: TomlTable, model: mujoco.MjModel, name: str) -> None:
+    known = [
+        model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] in _MOVES_ONE_NUMBER
+    ]
+    if name not in known:
+        raise table.error(UnknownName("hinge or slide", name, "the model", known))
+
+
+def _of_worlds(named: str, function: Callable[..., Any]) -> Callable[[Batch], np.ndarray]:
+    """The user's function of a batch. Raises InputError where it fails."""
+
+    def call(batch: Batch) -> np.ndarray:
+        try:
+            values = np.asarray(function(WorldsData(batch)), float)
+        except Exception as error:  # whatever the user's own code raises
+            raise InputError(f"{named} failed: {type(error).__name__}: {error}") from error
+        if values.shape != (batch.nsim,):
+            raise InputError(
+                f"{named} must give a number for each world, here an array of shape "
+                f"({batch.nsim},), got {values.shape}"
+            )
+        return values
+
+    return call
+
+
+def _some_worlds(model: mujoco.MjModel) -> Batch:
+    """Three, in the default state: as many as tell worlds from one number, or from x, y."""
+    batch = Batch(model, 3, 1)
+    batch.forward()
+    return batch
