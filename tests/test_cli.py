@@ -133,6 +133,16 @@ def dataset(recorded, tmp_path) -> Path:
             ["tune", "cartpole", "--out", "OUT", "--real", "NOWHERE", "--control-hz", "0"],
             r"must lie in \[0.01, 1000\], got 0",
         ),
+        (["tune", "cartpole", "--out", "OUT", "--seed", str(2**63)], "--seed must be below 2"),
+        (
+            ["train", "cartpole", "--out", "OUT", "--budget-minutes", "3"],
+            "simtune train has no --budget-minutes; --help",
+        ),
+        (["tune", "my_robot", "--out", "OUT"], "tuning files end in .toml"),
+        (
+            ["record", "cartpole", "--out", "/proc/x/y"],
+            "cannot write into /proc/x: .*another place",
+        ),
         (["report", "NOWHERE"], "is no run: there is no such folder"),
     ],
 )
@@ -149,6 +159,7 @@ def test_unusable_arguments(simtune, tmp_path, arguments, message):
         ('{"body_r": "red"}', "must be a finite number, got 'red'"),
         ('{"body_r": NaN}', "must be a finite number, got nan"),
         ('{"body_r": true}', "must be a finite number, got True"),
+        ('{"body_r": 1' + 400 * "0" + "}", "must be a finite number, got 1000"),
         ("[0.1]", "must hold one JSON object"),
         ("pole_mass: 1", "is not JSON"),
         (b"\xff\xfe", "is not JSON"),

@@ -257,6 +257,17 @@ def test_files_that_name_no_environment_say_so(tmp_path):
         ('{"points": [[self._place[0], 1 - self._place[1]]]}', "{}", 'info["points"]'),
         (".astype(np.uint8)", "", "uint8"),
         ("Box(-1, 1, (1,), np.float32)", "Discrete(3)", "must be a Box"),
+        ("def __init__(self):", "def __init__(self, size):", "cannot be made: TypeError"),
+        (
+            "def __init__(self):",
+            "def __new__(cls):\n        return []\n\n    def __init__(self):",
+            "expected a gymnasium.Env, got one without action_space: []",
+        ),
+        ("seed=None, options=None", "seed=None", "environment's reset() failed: TypeError"),
+        ("0.0, False, False,", "0.0, False,", "environment's step() failed: ValueError"),
+        ("        away =", "        1 / 0\n        away =", "render() failed: ZeroDivisionError"),
+        ("1 - self._place[1]]", "np.nan]", 'info["points"] must be (L, 2) finite'),
+        ("1 - self._place[1]]", "0, 0]", "from the top, got (1, 3)"),
     ],
 )
 def test_environments_that_lack_something_say_what(before, after, said, tmp_path):

@@ -303,16 +303,23 @@ def test_an_xarm_has_limits_of_its_own(file):
     text = LEROBOT.replace('"pan.pos"', "x").replace('"lift.pos"', "z").replace("-pan.pos", "x")
     text = text.replace("z = [0, 40]", "y = [-100, 100]\nz = [0, 40]") + "\n[start]\n"
     text = text.replace("[start]\nx = 1", "[start]\ny = 0\nx = 1").removesuffix("[start]\n")
+    text = text.replace("fake_lerobot:make", "192.168.1.203")
     file.write_text(text)
     assert read_robot(file, "xarm").speed == 100
     file.write_text(text.replace("speed = 100", ""))
     assert read_robot(file, "xarm").speed == 100  # mm/s
+    as_written = re.search(r"\[workspace\]\n(.*\n)(.*\n)(.*\n)", text)
+    file.write_text(
+        text.replace(as_written[0], "[workspace]\n" + "".join(as_written.groups()[::-1]))
+    )
+    assert tuple(read_robot(file, "xarm").workspace) == ("x", "y", "z")
     for old, new, message in (
         ("speed = 100", "speed = 251", "speed must be at most 250 mm/s, got 251"),
         ("ask = false", "collision_sensitivity = 6", "must be 1 to 5, got 6"),
         ("ask = false", "acceleration = 2001", "at most 2000 mm/s², got 2001"),
         ("[-100, 100]", "[-100, 1001]", "more than 1000 mm from the base, farther than any xArm"),
         ("y = [-100, 100]", "w = [-1, 1]", "y|w"),
+        ("192.168.1.203", "my_arm.local", "address must be the controller's IP address"),
     ):
         file.write_text(text.replace(old, new))
         with pytest.raises(InputError, match=message):

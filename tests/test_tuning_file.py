@@ -23,6 +23,7 @@ from simtune.tasks.tuning_file import parameters as reading
 from simtune.tasks.tuning_file import policy as policies
 from simtune.tasks.tuning_file.toml_lines import key_lines
 from simtune.trajectory import Trajectory
+from simtune.tuning.posterior import PosteriorSearch
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "cart_pendulum" / "tune.toml"
@@ -990,3 +991,22 @@ def test_what_is_wrong_with_a_policy(load, folder, lines, code, message):
     (folder / "policy.py").write_text(code)
     with pytest.raises(InputError, match=r"^\S+tune\.toml:\d+: .*" + message):
         load(f"{HEAD}{POLICY}{lines}\n")
+
+
+def test_where_nothing_moves_no_motion_can_be_tuned(load, folder):
+    """Nor is that found out after a minute of training."""
+    resting = """<mujoco><option gravity="0 0 0"/><worldbody><light pos="0 0 2"/>
+    <camera name="front" pos="0 -1 0" xyaxes="1 0 0 0 0 1"/>
+    <body name="bob"><joint name="hinge" axis="0 1 0"/><geom size="0.1" mass="1"/></body>
+    </worldbody><keyframe><key name="home"/></keyframe></mujoco>"""
+    (folder / "scene.xml").write_text(resting)
+    start = '[initial_state]\nkind = "keyframe"\nkeyframe = "home"\n'
+    task = load(HEAD + start + MASS)
+    simulator = task.simulator(image_size=32)
+    with pytest.raises(InputError, match="m shows in motion only, and nothing moves"):
+        PosteriorSearch(simulator, task.camera, task.parameters.nominal, seed=0)
+
+
+def test_a_mark_in_front_of_the_text_is_no_mistake(folder):
+    (folder / "tune.toml").write_text(HEAD + MASS, encoding="utf-8-sig")
+    assert load_task(str(folder / "tune.toml")).parameters.names == ("m",)

@@ -79,6 +79,8 @@ def main() -> None:
     except BrokenPipeError:  # `simtune tasks | head -1`: whoever reads has read enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains when it closes stdout
         sys.exit(1)
+    except MemoryError as error:
+        sys.exit(_complain(f"out of memory: {error}", 1))
     except (RuntimeError, OSError) as error:
         sys.exit(_complain(error, 1))
 
@@ -103,6 +105,9 @@ def _parse() -> Any:
         if wrong := re.search(r"Error parsing (\S+): .*\b(int|float)\b.*: ('.*')", what):
             option, kind, value = wrong.groups()
             what = f"{option} must be {_TYPES[kind]}, got {value}"
+        if others := re.findall(r"(--[\w-]+) \(applied to (simtune \w+)\)", what):
+            option, command = others[0]
+            what = f"{command} has no {option}"
         raise InputError(f"{what}; --help says what there is") from None
 
 

@@ -69,6 +69,6 @@ def _asked(run_folder: Path) -> dict[str, Any]:
     """What the training was asked. Raises InputError for what is none."""
     is_run = (run_folder / "config.json").is_file()
     stored = stored_config(run_folder) if is_run else None
-    if stored is None or "method" not in stored["config"]:
+    if stored is None or not {"method", "real", "task"} <= stored["config"].keys():
         raise InputError(f"{run_folder} is no folder that `simtune train` wrote")
     return dict(stored["config"])

@@ -12,6 +12,13 @@ def at_least(config: object, smallest: int, *names: str) -> None:
             raise InputError(f"{flag(name)} must {bound}, got {value}")
 
 
+def check_seed(seed: int) -> None:
+    """Raises InputError for one that generators of random numbers do not take."""
+    if not 0 <= seed < 2**63:
+        bound = "not be negative" if seed < 0 else "be below 2^63"
+        raise InputError(f"--seed must {bound}, got {seed}")
+
+
 def flag(name: str) -> str:
     """A field as it is asked for on the command line."""
     return f"--{name.replace('_', '-')}"

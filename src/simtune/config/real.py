@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from simtune.config.checks import at_least
+from simtune.config.checks import check_seed
 from simtune.config.recordings import RecordingsConfig
 from simtune.errors import InputError
 
@@ -42,4 +42,4 @@ class RealConfig(RecordingsConfig):
             raise InputError("--start-factor goes with --real pseudo only")
         if not self.start_factor >= 1:
             raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
-        at_least(self, 0, "seed")
+        check_seed(self.seed)

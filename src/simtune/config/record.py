@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from simtune.config.checks import at_least
+from simtune.config.checks import at_least, check_seed
 from simtune.errors import InputError
 
 RendererName = Literal["raycaster", "opengl"]
@@ -38,7 +38,7 @@ class RecordConfig:
     def check(self) -> None:
         """Raises InputError for numbers that make no sense."""
         at_least(self, 1, "episodes")
-        at_least(self, 0, "seed")
+        check_seed(self.seed)
         if not 16 <= self.image_size <= _LARGEST_PX or self.image_size % 2:
             raise InputError(
                 f"--image-size must be an even number from 16 to {_LARGEST_PX}, "

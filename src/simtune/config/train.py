@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from simtune.config.checks import at_least, flag
+from simtune.config.checks import at_least, check_seed, flag
 from simtune.config.real import RealConfig
 from simtune.errors import InputError
 
@@ -99,4 +99,4 @@ class EvaluateConfig:
     def check(self) -> None:
         """Raises InputError for numbers that make no sense."""
         at_least(self, 1, "episodes")
-        at_least(self, 0, "seed")
+        check_seed(self.seed)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from simtune.config.checks import at_least
+from simtune.config.checks import at_least, check_seed
 from simtune.config.real import RealConfig
 from simtune.config.recordings import RecordingsConfig
 from simtune.errors import InputError
@@ -74,4 +74,4 @@ class CheckConfig(RecordingsConfig):
             raise InputError("check simulates by itself what it needs: leave out --real pseudo")
         self.check_recordings(self.real is not None)
         at_least(self, 1, "episodes")
-        at_least(self, 0, "seed")
+        check_seed(self.seed)

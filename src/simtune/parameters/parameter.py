@@ -34,6 +34,7 @@ _VISIBLE = (
 
 
 # Quantities that physics knows no negative ones of
+_LONGEST_DELAY_S = 10.0  # what is longer was meant in another unit
 _NEVER_NEGATIVE = (
     "body_mass",
     "body_inertia",
@@ -92,10 +93,18 @@ class Parameter:
                 f"{self.name}: {self.field} needs a component, the axis to turn about: "
                 f"0, 1 or 2, got {self.component}"
             )
-        if self.field in _NEVER_NEGATIVE and self.low < 0:
+        if self.is_never_negative and self.low < 0:
             raise InputError(
                 f"{self.name}: {self.field} cannot be negative, got low = {self.low:g}"
             )
+        if self.is_delay and self.high > _LONGEST_DELAY_S:
+            raise InputError(
+                f"{self.name}: a delay is at most {_LONGEST_DELAY_S:g} s, got high = {self.high:g}"
+            )
+
+    @property
+    def is_never_negative(self) -> bool:
+        return self.field in _NEVER_NEGATIVE
 
     @property
     def is_colour(self) -> bool:

@@ -82,8 +82,8 @@ class ParameterSpace:
         for name, value in values.items():
             parameter = self[name]
             number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not number or not np.isfinite(value):
-                raise InputError(f"parameter {name!r} must be a finite number, got {value!r}")
+            if not number or not abs(value) < 1e300:  # which a whole number may exceed
+                raise InputError(f"parameter {name!r} must be a finite number, got {value!r:.60}")
             if not parameter.low <= value <= parameter.high:
                 raise InputError(
                     f"parameter {name!r} must lie in [{parameter.low:g}, {parameter.high:g}] "

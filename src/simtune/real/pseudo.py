@@ -44,7 +44,10 @@ class PseudoReal:
 
             rollouts = simulator.play(worlds, act, coming.shape[1], rng).episodes(worlds)
             if not len(rollouts):
-                raise RuntimeError("every episode of the pseudo-real world diverged")
+                raise RuntimeError(
+                    "every episode of the pseudo-real world diverged, or ended before its "
+                    f"{episode_steps} steps"
+                )
             seen = replace(rollouts, states=rollouts.states[:, : episode_steps + 1])
             commanded = rollouts.actions[:, delay_steps:].astype(np.float32)
             return [

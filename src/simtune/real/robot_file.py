@@ -1,5 +1,7 @@
 """A robot's file, as docs/robot.md describes it."""
 
+import contextlib
+import ipaddress
 from pathlib import Path
 
 from simtune.config.robot import CameraConfig, Driver, RobotConfig
@@ -16,9 +18,11 @@ def read_robot(file: Path, driver: Driver) -> RobotConfig:
     table.allow(*_KEYS)
     actions, start, camera = (table.table(key) for key in ("actions", "start", "camera"))
     actions.allow("moved", "step")
-    workspace = _workspace(table)
+    workspace, is_xarm = _workspace(table), driver == "xarm"
     start.allow(*workspace)
-    is_xarm = driver == "xarm"
+    if is_xarm:  # whose axes have an order, which a table has not
+        workspace = dict(sorted(workspace.items()))
+        _check_ip(table)
     config = RobotConfig(
         file=file,
         driver=driver,
@@ -37,6 +41,19 @@ def read_robot(file: Path, driver: Driver) -> RobotConfig:
     )
     config.check()
     return config
+
+
+def _check_ip(table: TomlTable) -> None:
+    """Anything else the SDK takes for a serial port."""
+    address = table.text("address")
+    with contextlib.suppress(ValueError):
+        ipaddress.IPv4Address(address)
+        return
+    if address != "localhost":
+        raise table.error(
+            f"address must be the controller's IP address, such as 192.168.1.203, got {address}",
+            "address",
+        )
 
 
 def _workspace(table: TomlTable) -> dict[str, tuple[float, float]]:

@@ -50,12 +50,18 @@ def write_dataset(
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         what = "is not empty" if folder.is_dir() else "is a file"
         raise InputError(f"{folder}: exists already and {what}; choose another name")
+    unfinished = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    try:  # before anything is filmed
+        unfinished.mkdir(parents=True)
+        unfinished.rmdir()
+    except OSError as error:
+        raise InputError(
+            f"cannot write into {folder.parent}: {error.strerror}; choose another place"
+        ) from None
     trajectories = iter(trajectories)
     first = next(trajectories, None)
     if first is None:
         raise ValueError("a dataset needs at least one trajectory")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:
         contents = Contents(
             step_s=first.step_s,

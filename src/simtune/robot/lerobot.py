@@ -106,13 +106,18 @@ class LeRobotCamera:
 def make_lerobot(address: str, beside: Path) -> Any:
     """What MODULE:FUNCTION returns; the module may lie in a folder. Raises InputError."""
     module, _, function = address.partition(":")
+    if not (module and function):
+        raise InputError(f"address must be MODULE:FUNCTION, which makes a robot, got {address}")
     sys.path.insert(0, str(beside.resolve()))
     try:
-        return getattr(importlib.import_module(module), function)()
+        robot = getattr(importlib.import_module(module), function)()
     except Exception as error:  # whatever the user's own code raises
         raise InputError(f"{address} makes no robot: {error}") from error
     finally:
         sys.path.pop(0)
+    if not hasattr(robot, "action_features"):
+        raise InputError(f"{address} makes no robot of LeRobot's interface, but {robot!r:.60}")
+    return robot
 
 
 @contextlib.contextmanager

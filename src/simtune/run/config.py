@@ -27,7 +27,7 @@ def stored_config(path: Path) -> dict[str, Any] | None:
             raise TypeError
     except (ValueError, KeyError, TypeError):
         raise InputError(
-            f"{path}/config.json is damaged: give --out another folder to start anew"
+            f"{path}/config.json is damaged: nothing can go on there; a new run needs a new folder"
         ) from None
     return stored
 

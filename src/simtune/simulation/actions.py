@@ -94,7 +94,7 @@ class ScaledActions:
             if not limited.all():
                 name = self.names[int(np.flatnonzero(~limited)[0])]
                 raise InputError(f"{name} has no ctrlrange for the actions to cover: give a gain")
-            self.range = checked_range(action_range, len(ids))
+            self.range = finite_range(action_range, len(ids))
             self._gain = np.ptp(controls, axis=1) / np.ptp(self.range, axis=1)
             self._offset = controls[:, 0] - self._gain * self.range[:, 0]
             self.is_limited = limited
@@ -105,7 +105,7 @@ class ScaledActions:
             covering = np.sort((controls - self._offset[:, None]) / self._gain[:, None], axis=1)
             usual = np.where(limited[:, None], covering, [-1.0, 1.0])
             is_given = action_range is not None
-            self.range = checked_range(action_range, len(ids)) if is_given else usual
+            self.range = finite_range(action_range, len(ids)) if is_given else usual
             self.is_limited = limited & (not is_given)
 
     def settle(self, batch: Batch) -> None:
@@ -151,7 +151,7 @@ class JointActions:
                 )
         self._places = model.jnt_qposadr[joints]
         self._per_unit = _each("per_unit", per_unit, ids)
-        self.range = checked_range(action_range, len(ids))
+        self.range = finite_range(action_range, len(ids))
         self.is_limited = np.full(len(ids), True)
 
     def settle(self, batch: Batch) -> None:
@@ -209,9 +209,17 @@ def _numbers(given: np.ndarray | Sequence | float) -> np.ndarray:
         return np.empty((0, 0))
 
 
-def checked_range(given: np.ndarray | Sequence | None, num: int) -> np.ndarray:
+def finite_range(given: np.ndarray | Sequence | None, num: int) -> np.ndarray:
     """(num, 2) from None, one pair or as many. Raises InputError."""
-    pairs = _numbers([-1.0, 1.0] if given is None else given)
+    pairs = checked_range([-1.0, 1.0] if given is None else given, num)
+    if not np.isfinite(pairs).all():
+        raise InputError(f"actions are drawn from their range: it must be finite, got {given}")
+    return pairs
+
+
+def checked_range(given: np.ndarray | Sequence, num: int) -> np.ndarray:
+    """(num, 2) from one pair or as many, of which ends may be infinite. Raises InputError."""
+    pairs = _numbers(given)
     if pairs.shape not in ((2,), (num, 2)):
         raise InputError(
             f"expected a range [low, high] or {num} of them, one for each action; got {given}"

@@ -12,7 +12,8 @@ What an environment has to do, beside gymnasium's usual:
 Of pictures that are no squares the middle is looked at.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -158,7 +159,8 @@ class EnvironmentSimulator(AnySimulator):
         infos = [self._begin(seed, world)]
         draw(0)
         for t, action in enumerate(actions.astype(np.float32), start=1):
-            _, _, terminated, _, info = self._env.step(action)
+            with _told_of("step()"):
+                _, _, terminated, _, info = self._env.step(action)
             if terminated:
                 break
             infos.append(info)
@@ -167,14 +169,17 @@ class EnvironmentSimulator(AnySimulator):
 
     def _begin(self, seed: int, world: np.ndarray) -> dict[str, Any]:
         options = {"parameters": dict(zip(self.space.names, world.tolist(), strict=True))}
-        return self._env.reset(seed=seed, options=options)[1]
+        with _told_of("reset()"):
+            _, info = self._env.reset(seed=seed, options=options)
+        return info
 
     def _seed_of(self, state: np.ndarray) -> int:
         return self._episodes[int(state[0])][0]
 
     def _picture(self) -> np.ndarray:
         """The present picture as the environment draws it."""
-        picture = self._env.render()
+        with _told_of("render()"):
+            picture = self._env.render()
         if not isinstance(picture, np.ndarray) or picture.ndim != 3 or picture.dtype != np.uint8:
             raise InputError(
                 "render() must give an (H, W, 3) uint8 array: is render_mode='rgb_array' set?"
@@ -190,5 +195,25 @@ class EnvironmentSimulator(AnySimulator):
 
 
 def _told(info: dict[str, Any]) -> np.ndarray:
-    """(L, 2) shares of the whole picture."""
-    return np.asarray(info.get("points", ()), float).reshape(-1, 2)
+    """(L, 2) shares of the whole picture. Raises InputError for what is none."""
+    with _told_of('info["points"]'):
+        points = np.asarray(info.get("points", ()), float)
+    if not points.size:
+        return points.reshape(0, 2)
+    if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
+        raise InputError(
+            'info["points"] must be (L, 2) finite numbers, shares of the picture from the left and '
+            f"from the top, got {points.shape}{'' if np.isfinite(points).all() else ' with NaN'}"
+        )
+    return points
+
+
+@contextmanager
+def _told_of(what: str) -> Iterator[None]:
+    """Environments raise whatever they like."""
+    try:
+        yield
+    except Exception as error:
+        raise InputError(
+            f"the environment's {what} failed: {type(error).__name__}: {error}"
+        ) from error

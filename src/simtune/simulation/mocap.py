@@ -8,7 +8,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName
-from simtune.simulation.actions import checked_range
+from simtune.simulation.actions import checked_range, finite_range
 
 _AXES = "xyz"
 _WELD, _CONNECT = mujoco.mjtEq.mjEQ_WELD.value, mujoco.mjtEq.mjEQ_CONNECT.value
@@ -46,7 +46,7 @@ class MocapActions:
         self._axes = [_AXES.index(axis) for axis in axes]
         self._metres_per_unit = metres_per_unit
         self.names = tuple(f"{body} {axis}" for axis in axes)
-        self.range = checked_range(action_range, len(axes))
+        self.range = finite_range(action_range, len(axes))
         self.is_limited = np.full(len(axes), True)
         unlimited = np.tile([-np.inf, np.inf], (len(axes), 1))
         given = workspace_m is not None

@@ -45,7 +45,7 @@ def load_any_task(name: str) -> AnyTask:
     if name.endswith((".xml", ".mjcf", ".urdf")):
         raise InputError(f"{name} is a model: give a tuning file that names it, as NAME.toml")
     if name not in TASKS:
-        raise UnknownName("task", name, "simtune", TASKS)
+        raise UnknownName("task", name, "simtune (tuning files end in .toml)", TASKS)
     return TASKS[name]()
 
 

@@ -34,7 +34,20 @@ class EnvironmentTask:
 
     @cached_property
     def _env(self) -> Any:
-        return self.make()
+        try:
+            env = self.make()
+        except InputError:
+            raise
+        except Exception as error:  # whatever the user's own code raises
+            raise InputError(
+                f"{self.name}: the environment cannot be made: {type(error).__name__}: {error}"
+            ) from error
+        for needed in ("action_space", "reset", "step", "render"):
+            if not hasattr(env, needed):
+                raise InputError(
+                    f"{self.name}: expected a gymnasium.Env, got one without {needed}: {env!r:.60}"
+                )
+        return env
 
     def load_actions(self) -> BoxActions:
         """What actions there are."""

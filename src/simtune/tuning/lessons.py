@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from simtune.errors import InputError
 from simtune.fit import ReplayFit, affordable
 from simtune.progress import Progress
 from simtune.randomization import Distribution
@@ -49,6 +50,12 @@ class Lessons:
         began_s = time.monotonic()
         self._seed = seed
         self.landmarks = find_landmarks(simulator, camera, first, seed)
+        hidden = [p.name for p in simulator.space if not p.is_visible]
+        if hidden and not len(self.landmarks):
+            raise InputError(
+                f"{hidden[0]} shows in motion only, and nothing moves in the simulator's episodes: "
+                "have them start elsewhere, act, or leave the parameter out"
+            )
         # Of a simulated step, and of a picture
         self._step_s = max(1e-9, (time.monotonic() - began_s) / PILOT_STEPS)
         self._frame_s = 0.0

@@ -86,6 +86,8 @@ def _number(
     nominal = entry.number("nominal", None)
     if nominal is None:
         nominal = own_nominal(model, some)
+    if nominal < 0 and some.is_never_negative:
+        raise entry.error(f"{some.name}: {field} cannot be negative, got {nominal:g}", "nominal")
     low, high, scale = usual_range(some, nominal)
     low, high = entry.number("low", low), entry.number("high", high)
     if low is None or high is None:

@@ -13,12 +13,13 @@ from simtune.errors import InputError, UnknownName
 from simtune.tasks.tuning_file.toml_lines import KeyPath, key_lines, line_of
 
 _REQUIRED: Any = object()
+_HUGE = 1e300
 
 
 def read_toml(file: Path) -> "TomlTable":
     """The whole of a file. Raises InputError for one that cannot be read or is no TOML."""
     try:
-        text = file.read_text(encoding="utf-8")
+        text = file.read_text(encoding="utf-8-sig")  # some editors put a mark in front
     except OSError as error:
         raise InputError(f"cannot read {file}: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -174,7 +175,7 @@ class TomlTable:
 
 def _is_finite(value: Any) -> bool:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and math.isfinite(value)
+    return is_number and abs(value) < _HUGE  # which NaN is not, and a whole number may be
 
 
 def _are(value: Any, count: int) -> bool:
@@ -197,8 +198,7 @@ def _are_tables(value: Any) -> bool:
 def _is_array(value: Any) -> bool:
     if isinstance(value, list):
         return bool(value) and all(map(_is_array, value))
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and not math.isnan(value)
+    return _is_finite(value) or value in (math.inf, -math.inf)
 
 
 def _shown(value: Any) -> str:

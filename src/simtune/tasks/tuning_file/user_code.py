@@ -20,9 +20,7 @@ def load_user_code(folder: Path, named: str) -> tuple[Callable[..., Any], str]:
     Raises InputError where there is none, or the file cannot be run.
     """
     if not is_in_file(named):
-        raise InputError(
-            f"expected FILE.py:NAME, a function in a file beside it, got {named}"
-        )
+        raise InputError(f"expected FILE.py:NAME, a function in a file beside it, got {named}")
     file, _, name = named.rpartition(":")
     path = folder / file
     module_name = f"simtune_user_{path.stem}"  # no other module's
