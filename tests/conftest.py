@@ -7,15 +7,12 @@ import pytest
 import torch
 from fake_xarm import FakeXArm
 from robot_limits import LIMITS, STEP_S
+from tiny_search import TINY_SEARCH
 
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
-from simtune.fit import ParticleConfig, ShootingConfig, Stage
 from simtune.robot.latch import Latch
 from simtune.robot.safe_arm import SafeArm
 from simtune.robot.xarm import XArm
-from simtune.search_param_model.judge import JudgeConfig
-from simtune.search_param_model.posterior import PosteriorConfig
-from simtune.search_param_model.sight import SightConfig
 from simtune.simulation import make_renderer
 from simtune.tasks import load_any_task
 from simtune.tuning.posterior_config import PosteriorSearchConfig
@@ -33,30 +30,7 @@ def _one_torch_thread():
 @pytest.fixture(scope="session")
 def tiny() -> PosteriorSearchConfig:
     """A posterior search that takes seconds and finds nothing."""
-    return PosteriorSearchConfig(
-        model=PosteriorConfig(
-            sight=SightConfig(channels=4, free_maps=2, hidden=16, batch_size=8),
-            judge=JudgeConfig(channels=8, hidden=16, batch_size=8, candidates=8),
-        ),
-        num_worlds=16,
-        episodes_per_world=2,
-        filmed_steps=4,
-        unseen_worlds=6,
-        unseen_steps=8,
-        iterations=2,
-        sight_updates=(6, 4),
-        judge_updates=5,
-        state_updates=4,
-        least_updates=2,
-        replicas=(1, 1),
-        particles=ParticleConfig(num=8, steps=4),
-        shooting=ShootingConfig(
-            stages=(Stage(4, 1, 2.0), Stage(8, 1)),
-            longer=(16,),
-            longer_iterations=1,
-            num_windows=6,
-        ),
-    )
+    return TINY_SEARCH
 
 
 @pytest.fixture(scope="session")

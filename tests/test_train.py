@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -25,9 +26,10 @@ from simtune.evaluate import evaluate, trained_parts
 from simtune.parts import make_parts
 from simtune.randomization import Distribution
 from simtune.real.former import FormerReal
+from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.recordings import write_dataset
-from simtune.run import RunFolder, read_json, read_jsonl
+from simtune.run import RunFolder, checkpoint, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
 from simtune.schedule import SCHEDULES, Schedule, fast, paper
 from simtune.search_param_model.paper import PaperConfig
@@ -260,11 +262,18 @@ def one_move(*asked_for, **settings):
 
 def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick_tune):
     """By a reward of the user's own; the example's grows with the bob's height."""
-    tune = Path(__file__).parent.parent / "examples" / "cart_pendulum" / "tune.toml"
-    out = tmp_path / "run"
+    example = Path(__file__).parent.parent / "examples" / "cart_pendulum"
+    for name in ("tune.toml", "scene.xml", "policy.py"):
+        shutil.copy(example / name, tmp_path / name)
+    tune, out = tmp_path / "tune.toml", tmp_path / "run"
     result = train(asked(out, task=str(tune), method="dr", policy_steps=3 * 16 * STEPS))
     assert 0 < result["return"]["mean"] < STEPS
-    assert evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=0)) == result["return"]
+    again = EvaluateConfig(run_folder=out, episodes=2, seed=0)
+    assert evaluate(again) == result["return"]
+    code = (tmp_path / "policy.py").read_text()
+    (tmp_path / "policy.py").write_text(code.replace("/ 2", "* 50"))
+    with pytest.raises(InputError, match=r"is not what .* was trained with: bring it back"):
+        evaluate(again)
 
 
 @pytest.mark.parametrize("agent", ["curl_sac", "drqv2"])
@@ -346,6 +355,9 @@ def test_what_came_too_early_is_told(tmp_path, quick_tune):
     ready = dataclasses.replace(parts, agent=SimpleNamespace(is_ready=True))
     assert ready.doubts([], 0) == []
     assert "when the real world was to see it" in ready.doubts([], 1)[0]
+    of_recordings = RecordedReal.__new__(RecordedReal)  # where nobody can be tried out
+    of_recordings._collected = []
+    assert dataclasses.replace(ready, real=of_recordings).doubts([], 1) == []
 
 
 @pytest.mark.parametrize(
@@ -439,6 +451,11 @@ def assert_same(one: Path, other: Path) -> None:
     assert state == other_state
 
 
+def without_step(loaded: tuple) -> tuple:
+    tensors, state = loaded
+    return tensors, {key: value for key, value in state.items() if key != "step_s"}
+
+
 def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_tune, monkeypatch):
     monkeypatch.setattr("simtune.algorithm._CHECKPOINT_EVERY_S", 0.0)
     train(asked(tmp_path / "straight"))
@@ -468,6 +485,10 @@ def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_t
     stored["config"] |= {"real": "xarm", "robot": "gone.toml", "truth": None}
     (out / "config.json").write_text(json.dumps(stored))
     assert trained_parts(out).agent.is_ready
+    # Earlier versions did not store how long a step was.
+    checkpoint_load = checkpoint.load
+    monkeypatch.setattr(checkpoint, "load", lambda path: without_step(checkpoint_load(path)))
+    assert trained_parts(out).environment.simulator.step_s == TASK.step_s
     with pytest.raises(InputError, match="is of the real world, where no return is known"):
         evaluate(EvaluateConfig(run_folder=out))
 

@@ -947,13 +947,15 @@ def test_a_reward_is_of_many_worlds_at_once(load, folder):
     assert list(task.goals) == ["success"]
 
 
-def test_a_change_of_the_reward_is_noticed(load, folder):
+def test_a_change_of_the_reward_is_noticed_and_not_by_who_tunes(load, folder):
     text = f'{HEAD}{POLICY}reward = "policy.py:f"\n'
-    hashes = set()
+    without, tasks = load(HEAD + MASS), []
     for factor in (1, 2):
         (folder / "policy.py").write_text(f"def f(data): return {factor} * data.qpos[:, 0]\n")
-        hashes.add(load(text).content_hash)
-    assert len(hashes) == 2
+        tasks += [load(text), load(text + "steps = 7\n")]
+    assert len({task.policy_hash for task in tasks}) == 4
+    assert {task.content_hash for task in tasks} == {without.content_hash}
+    assert without.policy_hash is None
 
 
 @pytest.mark.parametrize(
@@ -973,7 +975,22 @@ def test_a_change_of_the_reward_is_noticed(load, folder):
         (
             'reward = "policy.py:f"',
             "def f(data): return data.qpos.sum()",
-            r"must give a number for each world, here an array of shape \(3,\), got \(\)",
+            r"must give a number for each world, here an array of shape \(\d+,\), got \(\)",
+        ),
+        (
+            'reward = "policy.py:f"',
+            "def f(data): return data.xpos[0, 1]",
+            r"here an array of shape \(\d+,\), got \(3,\)",
+        ),
+        (
+            'reward = "policy.py:f"',
+            "def f(data):\n    q = data.qpos[:, 0]\n    q -= 1\n    return q",
+            "failed: ValueError: output array is read-only",
+        ),
+        (
+            'reward = "policy.py:f"',
+            "def f(data): return data.qpos[:, 0] + float('inf')",
+            "policy.py:f gives no finite number where the model starts",
         ),
         (
             'reward = "policy.py:f"\nfree_joints = "elbw"',

@@ -191,7 +191,7 @@ class Training:
         simulator = self.parts.environment.simulator
         simulator.num_steps, simulator.num_diverged = state["sim_steps"], state["num_diverged"]
         self.num_steps, self.num_searches = state["step"], state["searches"]
-        self.num_looks, self.num_untried = state["looks"], state["untried"]
+        self.num_looks, self.num_untried = state["looks"], state.get("untried", 0)
         self.estimate = outcome.from_json(state["estimate"])
         for cycle in range(self.num_looks):
             self.real = self.run.read_real(cycle, self.parts.real.step_s) + self.real

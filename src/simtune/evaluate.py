@@ -12,6 +12,7 @@ from simtune.progress import Say, silent
 from simtune.real.former import FormerReal
 from simtune.run import checkpoint
 from simtune.run.config import stored_config
+from simtune.tasks import load_task
 
 
 def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
@@ -36,26 +37,22 @@ def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
     Nothing else is: what it learnt from need not be drawn anew, and no robot is asked, no
     recording read. Raises InputError, also where the policy had not begun to learn.
     """
-    asked = _asked(run_folder)
+    stored = _asked(run_folder)
     newest = checkpoint.newest(run_folder / "checkpoints")
     if newest is None:
         raise InputError(f"{run_folder} has no sound checkpoint to take a policy from")
     tensors, state = checkpoint.load(newest)
-    known = asked.pop("truth", None)  # runs of earlier versions know nothing of it
     usual = {f.name: f.default for f in fields(TrainConfig)}
+    asked = {name: stored.get(name, default) for name, default in usual.items()}
     former = None
-    if asked["real"] != "pseudo":
+    if stored["real"] != "pseudo":
         asked |= {f.name: usual[f.name] for f in fields(RealConfig) if f.name != "seed"}
-        former = FormerReal(state["step_s"])
-    asked = {name: asked.get(name, default) for name, default in usual.items()}
+        # Which earlier versions did not store
+        former = FormerReal(state.get("step_s") or load_task(asked["task"]).step_s)
     asked["real_parameters"] = asked["real_parameters"] and Path(asked["real_parameters"])
     asked |= {"out": run_folder, "device": "auto"}  # where it is now, and this machine's
     parts = make_parts(TrainConfig(**asked), say, former)
-    if known and parts.truth is not None and parts.truth.digest != known:
-        raise InputError(
-            f"--real-parameters {asked['real_parameters']}, by which {run_folder} was made, has "
-            "other values now; put the former back"
-        )
+    _check_unchanged(parts, stored, run_folder)
     parts.load_agent(tensors, state)
     if not parts.agent.is_ready:
         raise InputError(
@@ -63,6 +60,22 @@ def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
             "it, or give more --policy-steps"
         )
     return parts
+
+
+def _check_unchanged(parts: Parts, stored: dict[str, Any], run_folder: Path) -> None:
+    """Raises InputError where what the run was asked of is not what its names stand for now."""
+    known = stored.get("truth")  # runs of earlier versions know nothing of it
+    if known and parts.truth is not None and parts.truth.digest != known:
+        raise InputError(
+            f"--real-parameters {stored['real_parameters']}, by which {run_folder} was made, has "
+            "other values now; put the former back"
+        )
+    now = {"task_content": parts.task.content_hash, "policy_content": parts.task.policy_hash}
+    if any(stored.get(name) != content for name, content in now.items()):
+        raise InputError(
+            f"{stored['task']}, its model, or what is good there, is not what {run_folder} was "
+            "trained with: bring it back, or train anew"
+        )
 
 
 def _asked(run_folder: Path) -> dict[str, Any]:

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from simtune.config import TrainConfig
 from simtune.parameters import ParameterSpace
 from simtune.real.truth import Truth
-from simtune.tasks import AnyTask
+from simtune.tasks import AnyTask, Task
 from simtune.tuning.search import Estimate, Search
 
 _TOLD = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
@@ -36,6 +37,8 @@ def asked(
     parameters = declared(task.parameters, start)
     contents = {"recordings": content, "task_content": task.content_hash}
     contents["truth"] = truth.digest if truth else None
+    if isinstance(config, TrainConfig) and isinstance(task, Task):
+        contents["policy_content"] = task.policy_hash
     return {**settings, **contents, "parameters": parameters}
 
 

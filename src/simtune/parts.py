@@ -74,7 +74,7 @@ class Parts:
         found = warnings_of(self.task, self.real.facts, films, self.search_name)
         if not self.agent.is_ready:
             found.append("the policy had not begun to learn: give more --policy-steps")
-        elif num_untried:
+        elif num_untried and not isinstance(self.real, RecordedReal):
             found.append(
                 "the policy had not begun to learn when the real world was to see it: give more "
                 "--policy-steps or --pretrain-steps"

@@ -85,7 +85,7 @@ def _trained(policy: str, task: Task) -> Parts | None:
     if policy in ("random", "scripted"):
         return None
     parts = trained_parts(Path(policy))
-    if parts.task.name != task.name:
+    if parts.task.content_hash != task.content_hash:
         raise InputError(
             f"--policy {policy} was trained for {parts.task.name}, not for {task.name}"
         )

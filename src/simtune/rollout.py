@@ -66,7 +66,7 @@ class Environment:
     ) -> Episodes:
         """An episode in each of n worlds of (n, N) parameters; without `film` nothing is drawn.
 
-        Raises RuntimeError where the policy's actions are not finite.
+        Raises RuntimeError where the policy's actions are not finite, or rewards of live worlds.
         """
         simulator, num_steps = self.simulator, self.task.episode_steps
         projector = Projector(simulator, parameters, num_steps, self.num_stacked) if film else None
@@ -96,6 +96,8 @@ class Environment:
         assert watched is not None, "asked for above"
         rewards = watched[:, 1:, 0].reshape(n, num_steps, repeat).sum(2)
         rewards[np.arange(num_steps) >= played.lengths[:, None]] = 0  # a dead world earns nothing
+        if not np.isfinite(rewards).all():
+            raise RuntimeError(f"the reward of {self.task.name} is no finite number everywhere")
         reached = watched[:, -1, 1 : 1 + len(goals)] > 0
         landmarks = None
         if noted:
@@ -106,7 +108,7 @@ class Environment:
             rows=played.states,
             states=self.observe(played.states),
             actions=actions,
-            rewards=np.nan_to_num(rewards).astype(np.float32),
+            rewards=rewards.astype(np.float32),
             lengths=played.lengths,
             terminated=played.lengths < num_steps,
             frames=projector.frames if projector else None,

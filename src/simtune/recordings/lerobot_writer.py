@@ -52,6 +52,7 @@ def write_dataset(
         raise InputError(f"{folder}: exists already and {what}; choose another name")
     unfinished = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:  # before anything is filmed
+        shutil.rmtree(unfinished, ignore_errors=True)  # of one that was killed
         unfinished.mkdir(parents=True)
         unfinished.rmdir()
     except OSError as error:

@@ -42,12 +42,11 @@ def check_same(
     path: Path, stored: dict[str, Any], config: dict[str, Any], may_differ: Collection[str]
 ) -> None:
     """Raise InputError, naming the keys, where two configurations differ in what matters."""
-    before, now = _flat(stored), _flat(config)
-    missing = object()
+    before, now = _flat(stored), _flat(config)  # what an earlier version did not ask is None
     differing = [
         key
         for key in sorted({*before, *now}, key=lambda key: (key.count("."), key))  # causes first
-        if before.get(key, missing) != now.get(key, missing)
+        if before.get(key) != now.get(key)
         and not any(key == free or key.startswith(f"{free}.") for free in may_differ)
     ]
     if differing:

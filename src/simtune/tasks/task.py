@@ -53,6 +53,7 @@ class Task:
     # tells one from the other; `observe` does not either.
     symmetric_hinges: Mapping[str, int] = field(default_factory=dict)
     declared: str = ""  # what a tuning file says of it
+    declared_policy: str = ""  # ... of what is good, which nobody who tunes looks at
 
     @property
     def content_hash(self) -> str:
@@ -61,6 +62,11 @@ class Task:
         compiled = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, compiled)
         return content_hash(compiled.tobytes(), self.declared, repr(list(self.parameters)))
+
+    @property
+    def policy_hash(self) -> str | None:
+        """The same of what a policy is trained for; None: nothing is declared of it."""
+        return content_hash(self.declared_policy) if self.declared_policy else None
 
     @property
     def goals(self) -> dict[str, Callable[[Batch], np.ndarray]]:

@@ -26,7 +26,7 @@ def read_environment_task(file: TomlTable) -> EnvironmentTask:
     return EnvironmentTask(
         name=file.text("name", path.stem),
         description=file.text("description", f"{named}, of {path.name}"),
-        declared=file.content + source,
+        declared=file.content() + source,
         make=make,
         parameters=ParameterSpace([_read(entry) for entry in entries], where=path.name),
         step_s=file.number("control_timestep_s", above=0),

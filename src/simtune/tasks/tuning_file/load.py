@@ -48,11 +48,10 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
             f"{model.opt.timestep:g} s; expected at most {_MOST_SUBSTEPS}; is it in seconds?",
             "control_timestep_s",
         )
-    policy, source = read_policy(file.table("policy"), model)
     return Task(
         name=file.text("name", path.stem),
         description=file.text("description", f"{file.text('model')}, of {path.name}"),
-        declared=file.content + source,
+        declared=file.content(without="policy"),
         load_spec=load_spec,
         parameters=read_parameters(file, load_spec(), camera.name, step_s),
         camera=camera.name,
@@ -61,7 +60,7 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
         episode_steps=file.whole("episode_steps", 200),
         initialize=read_initial_state(file.table("initial_state"), model),
         map_actions=read_actions(file.table("actions"), model),
-        **policy,
+        **read_policy(file.table("policy"), model),
     )
 
 

@@ -1,5 +1,6 @@
 """The table [policy] of a tuning file: what is good, so that a policy can be trained."""
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -28,29 +29,31 @@ class WorldsData:
 
     def __getattr__(self, field: str) -> np.ndarray:
         try:
-            return computed(self._batch, field)
+            values = computed(self._batch, field).view()
         except ValueError as error:
             raise AttributeError(str(error)) from None
+        values.flags.writeable = False  # it is the simulation's own memory
+        return values
 
 
-def read_policy(table: TomlTable, model: mujoco.MjModel) -> tuple[dict[str, Any], str]:
-    """What a `Task` is told of it, and the text of the user's code; nothing of an empty table.
+def read_policy(table: TomlTable, model: mujoco.MjModel) -> dict[str, Any]:
+    """What a `Task` is told of it; nothing of an empty table.
 
     Raises InputError for what is wrong with it, or does not go with the model.
     """
     table.allow(*_KEYS)
     if table.is_empty:
-        return {}, ""
-    told: dict[str, Any] = {}
-    sources = ""
+        return {}
+    told: dict[str, Any] = {"declared_policy": table.content()}
     for goal in _GOALS:
         if goal == "reward" or goal in table:
             named = table.text(goal)
             with table.at(goal):
                 function, source = load_user_code(table.file.parent, named)
                 told[goal] = _of_worlds(named, function)
-                told[goal](_some_worlds(model))
-            sources += source
+                if not np.isfinite(told[goal](_some_worlds(model))).all():
+                    raise InputError(f"{named} gives no finite number where the model starts")
+            told["declared_policy"] += source
     if "steps" in table:
         told["policy_steps"] = table.whole("steps")
     told["free_joints"] = table.names("free_joints", ())
@@ -59,7 +62,7 @@ def read_policy(table: TomlTable, model: mujoco.MjModel) -> tuple[dict[str, Any]
     for where, names in ((table, told["free_joints"]), (hinges, told["symmetric_hinges"])):
         for name in names:
             _check_joint(where, model, name)
-    return told, sources
+    return told
 
 
 def _check_joint(table: TomlTable, model: mujoco.MjModel, name: str) -> None:
@@ -89,7 +92,9 @@ def _of_worlds(named: str, function: Callable[..., Any]) -> Callable[[Batch], np
 
 
 def _some_worlds(model: mujoco.MjModel) -> Batch:
-    """Three, in the default state: as many as tell worlds from one number, or from x, y."""
-    batch = Batch(model, 3, 1)
+    """In the default state, as many as there is nothing else of: an axis left out is noticed."""
+    every = (getattr(model, name) for name in dir(model) if name.startswith("n"))
+    sizes = {size for size in every if isinstance(size, int)}
+    batch = Batch(model, next(n for n in itertools.count(11) if n not in sizes), 1)
     batch.forward()
     return batch

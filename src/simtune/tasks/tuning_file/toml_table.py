@@ -55,10 +55,10 @@ class TomlTable:
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)
 
-    @property
-    def content(self) -> str:
-        """All that it says, comments left out."""
-        return json.dumps(self._values, sort_keys=True, default=str)
+    def content(self, without: str = "") -> str:
+        """All that it says, comments and one key left out."""
+        values = {key: value for key, value in self._values.items() if key != without}
+        return json.dumps(values, sort_keys=True, default=str)
 
     @property
     def name(self) -> str:
