@@ -322,7 +322,7 @@ def test_nothing_is_scored_on_what_was_tuned_with(tmp_path):
         return scored[-1]
 
     parts.environment.play = play
-    parts.score(3, seed=config.seed)
+    parts.score(parts.space.nominal, 3, seed=config.seed)
     still = np.zeros((2, parts.environment.simulator.num_actions))
     seen = parts.real.collect(3)
     for cycle in (0, 1):
@@ -491,6 +491,9 @@ def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_t
     assert trained_parts(out).environment.simulator.step_s == TASK.step_s
     with pytest.raises(InputError, match="is of the real world, where no return is known"):
         evaluate(EvaluateConfig(run_folder=out))
+    (tmp_path / "world.json").write_text("{}")
+    world = EvaluateConfig(run_folder=out, parameters=tmp_path / "world.json", episodes=2, seed=0)
+    assert evaluate(world)["mean"] > 0
 
 
 @pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.slow)])

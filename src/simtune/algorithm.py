@@ -46,8 +46,7 @@ def train(config: TrainConfig, say: Say = silent) -> dict[str, Any]:
         training = Training(config, parts, run, say)
         training.resume()
         training.carry_out()
-        result = training.result()
-        run.write_result(result)
+        run.write_result(result := training.result())
         run.write_curves(outcome.curves(training.estimate))
         if training.num_looks and parts.search_name:
             say("filming the comparison", 1.0)
@@ -159,7 +158,8 @@ class Training:
         }
         if parts.truth is not None:
             self._say("scoring the policy in the pseudo-real world", 1.0)
-            scores, film = parts.score(config.scored_episodes, config.seed)
+            num, world = config.scored_episodes, parts.truth.for_oracle()
+            scores, film = parts.score(world, num, config.seed)
             write_video(self.run.videos / "policy.mp4", film, round(1 / parts.real.step_s, 3))
             facts |= {name: outcome.summary(values) for name, values in scores.items()}
         result = outcome.result(facts, parts.space, parts.start, self.estimate, parts.truth)

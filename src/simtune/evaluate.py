@@ -9,6 +9,7 @@ from simtune.errors import InputError
 from simtune.outcome import summary
 from simtune.parts import Parts, make_parts
 from simtune.progress import Say, silent
+from simtune.real.choose import read_parameters
 from simtune.real.former import FormerReal
 from simtune.run import checkpoint
 from simtune.run.config import stored_config
@@ -16,17 +17,24 @@ from simtune.tasks import load_task
 
 
 def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
-    """Returns of the policy of a run that `train` wrote, in its pseudo-real world; goals by name.
+    """Returns of the policy of a run that `train` wrote, in a simulated world; goals by name.
 
     Nothing is written. Raises InputError where there is no policy, or no world to score it in.
     """
     config.check()
-    if _asked(config.run_folder)["real"] != "pseudo":
-        raise InputError(f"{config.run_folder} is of the real world, where no return is known")
+    if _asked(config.run_folder)["real"] != "pseudo" and config.parameters is None:
+        raise InputError(
+            f"{config.run_folder} is of the real world, where no return is known; give "
+            "--parameters of a simulated one"
+        )
     parts = trained_parts(config.run_folder, say)
-    assert parts.truth is not None, "of a pseudo-real world"
-    say("scoring the policy in the pseudo-real world", 0.5)
-    scores, _ = parts.score(config.episodes, config.seed)
+    if config.parameters is not None:
+        world = read_parameters(config.parameters, parts.space)
+    else:
+        assert parts.truth is not None, "of a pseudo-real world"
+        world = parts.truth.for_oracle()
+    say("scoring the policy", 0.5)
+    scores, _ = parts.score(world, config.episodes, config.seed)
     returns = summary(scores.pop("return"))
     return returns | {goal: summary(reached) for goal, reached in scores.items()}
 

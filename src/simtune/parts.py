@@ -50,14 +50,15 @@ class Parts:
     def space(self) -> ParameterSpace:
         return self.task.parameters
 
-    def score(self, num_episodes: int, seed: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    def score(
+        self, world: np.ndarray, num_episodes: int, seed: int
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """(num_episodes,) of "return" and of goals reached, by pixels alone; and a film.
 
-        In the pseudo-real world.
+        In a world of (N,) parameters.
         """
-        assert self.truth is not None
         rng = np.random.default_rng((seed, 3))  # episodes that nothing was learnt from
-        worlds = np.tile(self.truth.for_oracle(), (num_episodes, 1))
+        worlds = np.tile(world, (num_episodes, 1))
 
         def act(seen: Seen) -> np.ndarray:
             assert seen.frames is not None

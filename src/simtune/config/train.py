@@ -86,11 +86,14 @@ class TrainConfig(RealConfig):
 class EvaluateConfig:
     """Score the policy of a training once more, on other episodes of its pseudo-real world.
 
-    Prints one JSON object, and writes nothing.
+    Or in any other simulated world. Prints one JSON object, and writes nothing.
     """
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
     """A folder that `simtune train` wrote."""
+    parameters: Path | None = None
+    """A JSON object of the world to score in, {name: value}, or a run's result.json; by default the
+    pseudo-real world."""
     episodes: int = 20
     """How many episodes."""
     seed: int = 1000
