@@ -105,8 +105,8 @@ def _parse() -> Any:
         if wrong := re.search(r"Error parsing (\S+): .*\b(int|float)\b.*: ('.*')", what):
             option, kind, value = wrong.groups()
             what = f"{option} must be {_TYPES[kind]}, got {value}"
-        if others := re.findall(r"(--[\w-]+) \(applied to (simtune \w+)\)", what):
-            option, command = others[0]
+        if other := re.search(r"(--[\w-]+) \(applied to (simtune \w+)\)", what):
+            option, command = other.groups()
             what = f"{command} has no {option}"
         raise InputError(f"{what}; --help says what there is") from None
 

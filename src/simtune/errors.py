@@ -1,7 +1,8 @@
 """What can be wrong with the user's input, said in one line."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class InputError(ValueError):
@@ -21,6 +22,17 @@ class UnknownName(InputError):
 def one_line(error: ValueError) -> str:
     """What MuJoCo says, in several lines."""
     return " ".join(str(error).split())
+
+
+@contextmanager
+def blame(what: str, kind: type[Exception] = InputError) -> Iterator[None]:
+    """Code that users bring raises whatever it likes: as `kind`, it says in a line what failed."""
+    try:
+        yield
+    except InputError:  # says it already
+        raise
+    except Exception as error:
+        raise kind(f"{what}: {type(error).__name__}: {error}") from error
 
 
 class RobotError(RuntimeError):

@@ -33,8 +33,8 @@ _VISIBLE = (
 )
 
 
-# Quantities that physics knows no negative ones of
 _LONGEST_DELAY_S = 10.0  # what is longer was meant in another unit
+# Quantities that physics knows no negative ones of
 _NEVER_NEGATIVE = (
     "body_mass",
     "body_inertia",

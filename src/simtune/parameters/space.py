@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from simtune.errors import InputError, UnknownName
+from simtune.numbers import is_number
 from simtune.parameters.parameter import Parameter
 
 
@@ -81,8 +82,7 @@ class ParameterSpace:
         vector = self.nominal.copy()
         for name, value in values.items():
             parameter = self[name]
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not number or not abs(value) < 1e300:  # which a whole number may exceed
+            if not is_number(value):
                 raise InputError(f"parameter {name!r} must be a finite number, got {value!r:.60}")
             if not parameter.low <= value <= parameter.high:
                 raise InputError(

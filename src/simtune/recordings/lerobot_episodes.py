@@ -1,15 +1,15 @@
 """Where the episodes of a LeRobotDataset v3.0 lie: meta/episodes read and checked."""
 
 import itertools
-import math
 import re
 import reprlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeGuard
+from typing import Any
 
 from simtune.errors import InputError
+from simtune.numbers import is_number
 from simtune.recordings.lerobot_format import DATA_PATH, INFO_PATH, VIDEO_PATH
 from simtune.recordings.lerobot_table import read_table
 from simtune.recordings.source import MOST_ROWS
@@ -79,7 +79,7 @@ def _rows(folder: Path, camera: str) -> Iterator[tuple[Path, dict[str, int | flo
     columns += [f"{video}/{name}" for name in ("chunk_index", "file_index", "from_timestamp")]
     for path in paths:
         for row in read_table(path, columns, optional=["dataset_from_index"]).to_pylist():
-            empty = [column for column in columns if not _is_number(row[column])]
+            empty = [column for column in columns if not is_number(row[column])]
             if empty:
                 raise InputError(
                     f"{path}: episode {row['episode_index']}: expected a number in "
@@ -114,7 +114,7 @@ def _episode(
     return Episode(
         index=index,
         num_rows=num_rows,
-        first_index=int(first_index) if _is_number(first_index) else None,
+        first_index=int(first_index) if is_number(first_index) else None,
         data_file=place(data_path, "data"),
         video_file=place(video_path, f"videos/{camera}"),
         from_s=from_s,
@@ -145,7 +145,3 @@ def _inside(folder: Path, place: str) -> Path:
             "expected all of its files within its folder"
         )
     return folder / path
-
-
-def _is_number(value: Any) -> TypeGuard[int | float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,13 +1,13 @@
 """What a run folder tells, read for a report; whatever is missing is left out."""
 
-import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 from simtune.config import UNTUNED
 from simtune.errors import InputError
+from simtune.numbers import is_number
 from simtune.run import read_json, read_jsonl
 
 VIDEOS = ("real", "before", "after", "overlay")
@@ -96,11 +96,6 @@ def _is_of_colour(facts: dict[str, Any]) -> bool:
     """By its values: what is called r, g or b need not be one."""
     known = (facts.get(key) for key in ("nominal", "initial", "mean", "low", "high", "real"))
     return all(0 <= value <= 1 for value in known if is_number(value))
-
-
-def is_number(value: Any) -> TypeGuard[float]:
-    is_real = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_real and math.isfinite(value)
 
 
 def read_run(path: Path) -> RunData:

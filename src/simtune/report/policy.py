@@ -2,8 +2,9 @@
 
 import base64
 
+from simtune.numbers import is_number
 from simtune.report.axis import Axis, value_axis
-from simtune.report.data import POLICY_VIDEO, RunData, is_number
+from simtune.report.data import POLICY_VIDEO, RunData
 from simtune.report.svg import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, frame, horizontal, line, svg
 from simtune.report.words import count, number
 

@@ -3,7 +3,8 @@
 import base64
 from typing import Any
 
-from simtune.report.data import VIDEOS, RunData, is_number
+from simtune.numbers import is_number
+from simtune.report.data import VIDEOS, RunData
 from simtune.report.plots import estimate_plot, survival_plot
 from simtune.report.tables import chip
 from simtune.report.verdicts import explanation

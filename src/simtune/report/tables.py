@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from simtune.report.data import RunData, is_number
+from simtune.numbers import is_number
+from simtune.report.data import RunData
 from simtune.report.words import MISSING, interval, number, percent, text, unit
 
 _VERDICTS = ("identified", "weak", "not identifiable")

@@ -3,7 +3,8 @@
 from math import log
 from typing import Any
 
-from simtune.report.data import RunData, is_number
+from simtune.numbers import is_number
+from simtune.report.data import RunData
 from simtune.report.rank_plots import rank_dots, rank_histogram
 from simtune.report.words import text
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from simtune.report.data import is_number
+from simtune.numbers import is_number
 from simtune.report.words import number
 
 _MEANS = {

@@ -3,7 +3,7 @@
 from html import escape
 from typing import Any
 
-from simtune.report.data import is_number
+from simtune.numbers import is_number
 
 MISSING = "–"
 

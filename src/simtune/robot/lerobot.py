@@ -5,17 +5,16 @@ that was really sent), action_features and observation_features. Each of its act
 axis, and has to be observed under the same name.
 """
 
-import contextlib
 import importlib
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from simtune.errors import InputError, RobotError, UnknownName
+from simtune.errors import InputError, RobotError, UnknownName, blame
 from simtune.robot.limits import Limits
 from simtune.robot.robot import Picture
 
@@ -35,19 +34,19 @@ class LeRobot:
         self.axes, self.robot = tuple(axes), robot
 
     def connect(self) -> None:
-        with _told("connect"):
+        with blame("the robot does not connect", RobotError):
             self.robot.connect()
 
     def allow_motion(self, limits: Limits) -> "Unwatched":
         return Unwatched()
 
     def measure(self) -> np.ndarray:
-        with _told("tell where it is"):
+        with blame("the robot does not tell where it is", RobotError):
             seen = self.robot.get_observation()
             return np.array([float(seen[axis]) for axis in self.axes])
 
     def move_to(self, target: np.ndarray) -> np.ndarray:
-        with _told("move"):
+        with blame("the robot does not move", RobotError):
             asked = {axis: float(v) for axis, v in zip(self.axes, target, strict=True)}
             sent = self.robot.send_action(asked)
             return np.array([float(sent[axis]) for axis in self.axes])
@@ -60,7 +59,7 @@ class LeRobot:
         self.move_to(place)
 
     def close(self) -> None:
-        with _told("disconnect"):
+        with blame("the robot does not disconnect", RobotError):
             self.robot.disconnect()
 
 
@@ -90,7 +89,7 @@ class LeRobotCamera:
         """With the robot."""
 
     def look(self) -> Picture:
-        with _told("show a picture"):
+        with blame("the robot does not show a picture", RobotError):
             pixels = np.asarray(self._robot.get_observation()[self._name])
             time_s = time.time()
         if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
@@ -118,12 +117,3 @@ def make_lerobot(address: str, beside: Path) -> Any:
     if not hasattr(robot, "action_features"):
         raise InputError(f"{address} makes no robot of LeRobot's interface, but {robot!r:.60}")
     return robot
-
-
-@contextlib.contextmanager
-def _told(what: str) -> Iterator[None]:
-    """Drivers raise whatever they like."""
-    try:
-        yield
-    except Exception as error:
-        raise RobotError(f"the robot does not {what}: {type(error).__name__}: {error}") from error

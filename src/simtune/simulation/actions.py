@@ -18,7 +18,7 @@ from mujoco.batch import Batch
 from simtune.errors import InputError, UnknownName
 
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
-_HINGE_OR_SLIDE = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
+HINGE_OR_SLIDE = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
 
 
 class ActionSpace(Protocol):
@@ -140,7 +140,7 @@ class JointActions:
         self._ids, self.names = ids, _actuator_names(model, ids)
         joints = model.actuator_trnid[ids, 0]
         for name, kind, joint in zip(self.names, model.actuator_trntype[ids], joints, strict=True):
-            if kind != _JOINT or model.jnt_type[joint] not in _HINGE_OR_SLIDE:
+            if kind != _JOINT or model.jnt_type[joint] not in HINGE_OR_SLIDE:
                 raise InputError(f"{name} moves no hinge and no slide, so it displaces none")
         # Force by how far the joint is from the control: MuJoCo's <position>, or the like
         for name, pull in zip(self.names, model.actuator_biasprm[ids, 1], strict=True):

@@ -12,14 +12,13 @@ What an environment has to do, beside gymnasium's usual:
 Of pictures that are no squares the middle is looked at.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from simtune.errors import InputError
+from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
 from simtune.recordings import middle_square, resize
 from simtune.simulation.played import Act, AnySimulator, Played, Record
@@ -159,7 +158,7 @@ class EnvironmentSimulator(AnySimulator):
         infos = [self._begin(seed, world)]
         draw(0)
         for t, action in enumerate(actions.astype(np.float32), start=1):
-            with _told_of("step()"):
+            with blame("the environment's step() failed"):
                 _, _, terminated, _, info = self._env.step(action)
             if terminated:
                 break
@@ -169,7 +168,7 @@ class EnvironmentSimulator(AnySimulator):
 
     def _begin(self, seed: int, world: np.ndarray) -> dict[str, Any]:
         options = {"parameters": dict(zip(self.space.names, world.tolist(), strict=True))}
-        with _told_of("reset()"):
+        with blame("the environment's reset() failed"):
             _, info = self._env.reset(seed=seed, options=options)
         return info
 
@@ -178,7 +177,7 @@ class EnvironmentSimulator(AnySimulator):
 
     def _picture(self) -> np.ndarray:
         """The present picture as the environment draws it."""
-        with _told_of("render()"):
+        with blame("the environment's render() failed"):
             picture = self._env.render()
         if not isinstance(picture, np.ndarray) or picture.ndim != 3 or picture.dtype != np.uint8:
             raise InputError(
@@ -196,7 +195,7 @@ class EnvironmentSimulator(AnySimulator):
 
 def _told(info: dict[str, Any]) -> np.ndarray:
     """(L, 2) shares of the whole picture. Raises InputError for what is none."""
-    with _told_of('info["points"]'):
+    with blame('the environment\'s info["points"] failed'):
         points = np.asarray(info.get("points", ()), float)
     if not points.size:
         return points.reshape(0, 2)
@@ -206,14 +205,3 @@ def _told(info: dict[str, Any]) -> np.ndarray:
             f"from the top, got {points.shape}{'' if np.isfinite(points).all() else ' with NaN'}"
         )
     return points
-
-
-@contextmanager
-def _told_of(what: str) -> Iterator[None]:
-    """Environments raise whatever they like."""
-    try:
-        yield
-    except Exception as error:
-        raise InputError(
-            f"the environment's {what} failed: {type(error).__name__}: {error}"
-        ) from error

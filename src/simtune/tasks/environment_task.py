@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from simtune.errors import InputError
+from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
 from simtune.simulation import EnvironmentSimulator
 from simtune.simulation.environment import BoxActions
@@ -34,14 +34,8 @@ class EnvironmentTask:
 
     @cached_property
     def _env(self) -> Any:
-        try:
+        with blame(f"{self.name}: the environment cannot be made"):
             env = self.make()
-        except InputError:
-            raise
-        except Exception as error:  # whatever the user's own code raises
-            raise InputError(
-                f"{self.name}: the environment cannot be made: {type(error).__name__}: {error}"
-            ) from error
         for needed in ("action_space", "reset", "step", "render"):
             if not hasattr(env, needed):
                 raise InputError(

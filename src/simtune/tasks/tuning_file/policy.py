@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.errors import InputError, UnknownName
+from simtune.errors import InputError, UnknownName, blame
+from simtune.simulation.actions import HINGE_OR_SLIDE
 from simtune.tasks.batch_state import computed
 from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.tasks.tuning_file.user_code import load_user_code
 
 _GOALS = ("reward", "success")
 _KEYS = (*_GOALS, "steps", "free_joints", "symmetric_hinges")
-_MOVES_ONE_NUMBER = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
 
 
 class WorldsData:
@@ -45,13 +45,14 @@ def read_policy(table: TomlTable, model: mujoco.MjModel) -> dict[str, Any]:
     if table.is_empty:
         return {}
     told: dict[str, Any] = {"declared_policy": table.content()}
+    worlds = _some_worlds(model)
     for goal in _GOALS:
         if goal == "reward" or goal in table:
             named = table.text(goal)
             with table.at(goal):
                 function, source = load_user_code(table.file.parent, named)
                 told[goal] = _of_worlds(named, function)
-                if not np.isfinite(told[goal](_some_worlds(model))).all():
+                if not np.isfinite(told[goal](worlds)).all():
                     raise InputError(f"{named} gives no finite number where the model starts")
             told["declared_policy"] += source
     if "steps" in table:
@@ -66,9 +67,7 @@ def read_policy(table: TomlTable, model: mujoco.MjModel) -> dict[str, Any]:
 
 
 def _check_joint(table: TomlTable, model: mujoco.MjModel, name: str) -> None:
-    known = [
-        model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] in _MOVES_ONE_NUMBER
-    ]
+    known = [model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] in HINGE_OR_SLIDE]
     if name not in known:
         raise table.error(UnknownName("hinge or slide", name, "the model", known))
 
@@ -77,10 +76,8 @@ def _of_worlds(named: str, function: Callable[..., Any]) -> Callable[[Batch], np
     """The user's function of a batch. Raises InputError where it fails."""
 
     def call(batch: Batch) -> np.ndarray:
-        try:
+        with blame(f"{named} failed"):
             values = np.asarray(function(WorldsData(batch)), float)
-        except Exception as error:  # whatever the user's own code raises
-            raise InputError(f"{named} failed: {type(error).__name__}: {error}") from error
         if values.shape != (batch.nsim,):
             raise InputError(
                 f"{named} must give a number for each world, here an array of shape "

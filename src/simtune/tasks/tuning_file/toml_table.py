@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError, UnknownName
+from simtune.numbers import is_number
 from simtune.tasks.tuning_file.toml_lines import KeyPath, key_lines, line_of
 
 _REQUIRED: Any = object()
-_HUGE = 1e300
 
 
 def read_toml(file: Path) -> "TomlTable":
@@ -108,12 +108,12 @@ class TomlTable:
 
     def number(self, key: str, default: Any = _REQUIRED, *, above: float = -math.inf) -> Any:
         what = "a finite number" if above == -math.inf else f"a finite number above {above:g}"
-        return self._checked(key, what, default, lambda v: _is_finite(v) and v > above)
+        return self._checked(key, what, default, lambda v: is_number(v) and v > above)
 
     def whole(self, key: str, default: Any = _REQUIRED, *, least: int = 1) -> Any:
         what = f"a whole number of at least {least}"
         return self._checked(
-            key, what, default, lambda v: _is_finite(v) and isinstance(v, int) and v >= least
+            key, what, default, lambda v: is_number(v) and isinstance(v, int) and v >= least
         )
 
     def names(self, key: str, default: Any = _REQUIRED) -> Any:
@@ -173,13 +173,8 @@ class TomlTable:
         return value
 
 
-def _is_finite(value: Any) -> bool:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and abs(value) < _HUGE  # which NaN is not, and a whole number may be
-
-
 def _are(value: Any, count: int) -> bool:
-    return isinstance(value, list) and len(value) == count and all(map(_is_finite, value))
+    return isinstance(value, list) and len(value) == count and all(map(is_number, value))
 
 
 def _is_pair(value: Any) -> bool:
@@ -198,7 +193,7 @@ def _are_tables(value: Any) -> bool:
 def _is_array(value: Any) -> bool:
     if isinstance(value, list):
         return bool(value) and all(map(_is_array, value))
-    return _is_finite(value) or value in (math.inf, -math.inf)
+    return is_number(value) or value in (math.inf, -math.inf)
 
 
 def _shown(value: Any) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from simtune.errors import InputError
+from simtune.errors import InputError, blame
 
 
 def is_in_file(named: str) -> bool:
@@ -31,9 +31,8 @@ def load_user_code(folder: Path, named: str) -> tuple[Callable[..., Any], str]:
     sys.modules[module_name] = module  # dataclasses look there, among others
     sys.path.insert(0, str(path.parent))  # as if it were run as a script
     try:
-        module_spec.loader.exec_module(module)
-    except Exception as error:  # whatever the user's own code raises
-        raise InputError(f"{path} cannot be run: {type(error).__name__}: {error}") from error
+        with blame(f"{path} cannot be run"):
+            module_spec.loader.exec_module(module)
     finally:
         sys.path.remove(str(path.parent))
     if not callable(found := getattr(module, name, None)):

@@ -1,0 +1,11 @@
+"""What counts as a number in files that others wrote."""
+
+from typing import Any, TypeGuard
+
+_HUGE = 1e300  # whole numbers may be larger than any float
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """A finite one, which true and false are not."""
+    is_real = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_real and abs(value) < _HUGE  # which NaN is not
