@@ -2,7 +2,7 @@
 
 A search tunes to one random world, as `simtune tune` does: in the first range only, or in a
 narrowed one after that. Then worlds are drawn from the range that its last iteration searched,
-filmed, and looked at by the sight, judge and fit of that iteration, just as the real world was; the
+filmed, and looked at by the detector, judge and fit of that iteration, just as the real world was; the
 rank of each truth in its own curve is uniform where intervals can be trusted (Talts et al. 2018).
 A fit has less time than in `simtune tune`, since there are many. What one search got wrong all its
 worlds share, so every so many of them another one begins, with another random world.
@@ -26,9 +26,9 @@ from common import QUICK, machine
 from simtune.real.truth import Truth
 from simtune.tasks import TASKS, Task, load_task
 from simtune.trajectory import Trajectory
-from simtune.tuning.moves import candidate_grid
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.range_update import candidate_grid
 
 _INSIDE = (0.05, 0.95)
 _SEARCHES = {"first": (1.0,), "narrowed": PosteriorSearchConfig().time_shares}
@@ -122,7 +122,7 @@ def ranks_of(
     search: PosteriorSearch, trajectories: list[Trajectory], truth: np.ndarray
 ) -> np.ndarray:
     """(N,) probabilities, by a world's curves, of being below its truth."""
-    _, prob_higher = search.look(trajectories)
+    _, prob_higher = search.detect(trajectories)
     at = 2 * search.searched.to_local(truth) - 1
     grid = candidate_grid()
     curves = zip(at, prob_higher, strict=True)

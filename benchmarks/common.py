@@ -13,8 +13,8 @@ from simtune.tuning.posterior_config import PosteriorSearchConfig
 QUICK = PosteriorSearchConfig(
     num_worlds=32,
     unseen_worlds=16,
-    sight_updates=(10,),
-    judge_updates=10,
+    detector_updates=(10,),
+    posterior_updates=10,
     state_updates=10,
     least_updates=2,
     replicas=(1, 1),

@@ -41,8 +41,8 @@ def tune(
             config = PosteriorSearchConfig(
                 num_worlds=worlds,
                 iterations=moves + 1,
-                sight_updates=(_UPDATES,),
-                judge_updates=_UPDATES,
+                detector_updates=(_UPDATES,),
+                posterior_updates=_UPDATES,
             )
             made = PosteriorSearch(simulator, camera, start, config, seed=seed, say=say)
         else:

@@ -13,9 +13,9 @@ import pytest
 from simtune import cli
 from simtune.check.conclusions import conclude
 from simtune.check.warnings import warnings
-from simtune.fit.information import (
+from simtune.fit.sensitivity import (
     WINDOW_STEPS,
-    examine,
+    analyze,
     motion_changes,
     one_by_one,
     picture_changes,
@@ -24,10 +24,10 @@ from simtune.fit.information import (
 )
 from simtune.parameters import ParameterSpace, colour, delay, dynamics
 from simtune.recordings import write_dataset
-from simtune.search_param_model.landmarks import candidate_landmarks
 from simtune.simulation import Rollouts, Simulator, random_actions
 from simtune.tasks import TASKS, Task
 from simtune.trajectory import Trajectory
+from simtune.vision.keypoints import candidate_keypoints
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 SIZE, DEPTH_M, FOVY = 64, 6.0, 50.0
@@ -112,14 +112,14 @@ class Scene:
         self.simulator: Simulator = task.simulator(image_size=SIZE)
         rng = np.random.default_rng(0)
         self.actions = random_actions(NUM_EPISODES, task.episode_steps, self.simulator.model, rng)
-        self.landmarks = candidate_landmarks(self.simulator.model, task.camera, SIZE)
+        self.keypoints = candidate_keypoints(self.simulator.model, task.camera, SIZE)
         nominal = np.tile(task.parameters.nominal, (NUM_EPISODES, 1))
         self.episodes: Rollouts = self.simulator.roll_out(
-            nominal, self.actions, rng, self.landmarks.record
+            nominal, self.actions, rng, self.keypoints.record
         )
 
     def conclude(self) -> dict:
-        information = examine(self.simulator, self.task.camera, self.actions, 0)
+        information = analyze(self.simulator, self.task.camera, self.actions, 0)
         return conclude(self.task.parameters, information)
 
 
@@ -168,7 +168,7 @@ def test_mass_and_gain_show_only_in_their_ratio(sliding):
 
 
 def test_a_single_one_of_the_two_shows(sliding):
-    told = told_by_motion(sliding.simulator, sliding.landmarks, sliding.episodes, np.array([0]))
+    told = told_by_motion(sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0]))
     assert np.sqrt(told[0, 0]) < 0.02
 
 
@@ -184,7 +184,7 @@ def test_a_delay_of_nothing_is_looked_at_where_it_is_some():
 
 def test_a_real_camera_tells_colours_less_well(swinging):
     arguments = (swinging.simulator, "front", swinging.actions, 0)
-    at_best, filmed = (examine(*arguments, looks_alike=alike) for alike in (True, False))
+    at_best, filmed = (analyze(*arguments, looks_alike=alike) for alike in (True, False))
     arm = swinging.task.parameters.index("arm_g")
     assert filmed.picture_std[arm] > 3 * at_best.picture_std[arm]
     np.testing.assert_array_equal(filmed.motion_std, at_best.motion_std)
@@ -197,7 +197,7 @@ def test_motion_is_that_of_a_plain_loop(swinging):
     space, model = swinging.task.parameters, swinging.task.load_model()
     changed = one_by_one(space, space.nominal)[[1]]
     rms, largest = motion_changes(
-        swinging.simulator, swinging.landmarks, swinging.episodes, changed
+        swinging.simulator, swinging.keypoints, swinging.episodes, changed
     )
     data, arm = mujoco.MjData(model), model.geom("arm").id
     distances = []
@@ -240,10 +240,10 @@ def test_picture_is_that_of_a_plain_loop(swinging):
 
 def test_what_motion_tells_is_fishers_information(sliding):
     """x(t) = x0 + v0 t + s(t) / mass: all derivatives are known."""
-    told = told_by_motion(sliding.simulator, sliding.landmarks, sliding.episodes, np.array([0]))
+    told = told_by_motion(sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0]))
     assert 0 < sliding.episodes.recorded.min() < sliding.episodes.recorded.max() < SIZE - 1
     times_s = np.arange(WINDOW_STEPS + 1) * sliding.simulator.step_s
-    px_per_m = FOCAL_PX / DEPTH_M / 0.5  # in units of sight's noise
+    px_per_m = FOCAL_PX / DEPTH_M / 0.5  # in units of the detector's noise
     sure = 0.98 * 0.99
     all_of_it = 1.05 * sure + 0.003 * (1 - sure)  # with wide tails, and anywhere
     weight = (1 + 0.05 / 16) * sure / all_of_it

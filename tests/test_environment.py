@@ -16,10 +16,12 @@ from simtune.errors import InputError
 from simtune.randomization import Distribution
 from simtune.record import record
 from simtune.run import read_json
-from simtune.search_param_model.simulated import Camera, find_landmarks, simulate
+from simtune.search_param_model.simulated import simulate
 from simtune.simulation import EnvironmentSimulator, random_actions
 from simtune.tasks import load_any_task
 from simtune.tune import tune
+from simtune.vision.image_noise import ImageNoise
+from simtune.vision.keypoints import find_keypoints
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "bouncing_ball"
 FILE = str(EXAMPLE / "tune.toml")
@@ -161,13 +163,13 @@ def test_worlds_that_end_before_their_time_are_left_out(ball):
 def test_worlds_to_learn_from_are_made_as_of_a_model():
     simulator = TASK.simulator(image_size=SIZE)
     first = Distribution.first(SPACE, SPACE.nominal)
-    points = find_landmarks(simulator, TASK.camera, first, seed=0)
+    points = find_keypoints(simulator, TASK.camera, first, seed=0)
     assert len(points) == 1
     rng = np.random.default_rng(0)
     actions = random_actions(12, 20, simulator.action_mapping, rng).reshape(6, 2, 20, 1)
-    worlds = simulate(simulator, points, first.sample(6, rng), actions, 4, rng, Camera())
+    worlds = simulate(simulator, points, first.sample(6, rng), actions, 4, rng, ImageNoise())
     assert worlds.frames.shape == (6, 4, SIZE, SIZE, 3)
-    assert worlds.filmed_landmarks().shape == (6, 4, 1, 2)
+    assert worlds.filmed_keypoints().shape == (6, 4, 1, 2)
 
 
 # --- tuned --------------------------------------------------------------------------------

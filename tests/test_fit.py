@@ -6,22 +6,23 @@ import mujoco
 import numpy as np
 import pytest
 
-from simtune.fit import budget
+from simtune.fit import sizing
+from simtune.fit.bootstrap import Bootstrap, run_bootstrap
 from simtune.fit.combine import FIRST_VARIANCE, Combined, combine
-from simtune.fit.conclusions import correlations, doubts, widened
-from simtune.fit.found import Fit, Misfit
 from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
 from simtune.fit.pictures import fit_pictures
-from simtune.fit.replicas import Replicas, make_replicas
+from simtune.fit.result import FitResult, Misfit
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.fit.tracks import Tracks
+from simtune.fit.uncertainty import correlations, doubts, inflate
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
-from simtune.search_param_model.simulated import Camera, find_landmarks
 from simtune.simulation import StateSpace, random_actions
 from simtune.tasks import load_task
-from simtune.tuning.moves import MoveConfig, candidate_grid, read_curves, with_fit
+from simtune.tuning.range_update import RangeUpdateConfig, candidate_grid, read_curves, with_fit
+from simtune.vision.image_noise import ImageNoise
+from simtune.vision.keypoints import find_keypoints
 
 CARTPOLE = load_task("cartpole")
 SPACE = CARTPOLE.parameters
@@ -47,19 +48,19 @@ def simulator():
 
 @pytest.fixture(scope="module")
 def played(simulator):
-    """Three episodes of a known world, and its landmarks."""
+    """Three episodes of a known world, and its keypoints."""
     rng = np.random.default_rng(0)
-    landmarks = find_landmarks(
+    keypoints = find_keypoints(
         simulator, CARTPOLE.camera, Distribution.first(SPACE, SPACE.nominal), 0
     )
     truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
     actions = random_actions(3, 96, simulator.model, rng)
-    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, landmarks.record)
-    return landmarks, truth, rollouts
+    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.record)
+    return keypoints, truth, rollouts
 
 
 def tracks_of(rollouts, noise_px: float, mixed_up: float, rng) -> Tracks:
-    """What a sight would see that is sometimes sure of another landmark's place."""
+    """What the detector would see that is sometimes sure of another keypoint's place."""
     true = rollouts.recorded.reshape(*rollouts.recorded.shape[:2], -1, 2)
     seen = true + noise_px * rng.normal(size=true.shape)
     other = np.roll(seen, 1, axis=2)
@@ -71,11 +72,11 @@ def tracks_of(rollouts, noise_px: float, mixed_up: float, rng) -> Tracks:
     return Tracks(np.stack([first, second], 2), both, rollouts.actions.astype(float))
 
 
-def shooting(simulator, landmarks, rollouts, noise_px: float, fitted=MOVING) -> Shooting:
+def shooting(simulator, keypoints, rollouts, noise_px: float, fitted=MOVING) -> Shooting:
     config = ShootingConfig(stages=(Stage(4, 4, 4.0), Stage(12, 8)))
-    noise = np.full(len(landmarks), noise_px)
+    noise = np.full(len(keypoints), noise_px)
     spread = np.array([0.1, 0.1, 0.5, 0.5])
-    physics = Physics(simulator, landmarks, rollouts.states[0, 0])
+    physics = Physics(simulator, keypoints, rollouts.states[0, 0])
     return Shooting(physics, noise, spread, fitted, config)
 
 
@@ -182,21 +183,21 @@ def test_what_nothing_tells_stays_as_unknown_as_it_was():
     first = Distribution.first(space, space.nominal)
     flat = np.tile((1 - candidate_grid()).clip(0, 2) / 2, (2, 1))
     local = 2 * std / (space.to_unit(first.high) - space.to_unit(first.low))
-    curves = with_fit(flat, np.zeros(2), local, MoveConfig())
-    told, untold = read_curves(curves, first, first, MoveConfig()).verdict
+    curves = with_fit(flat, np.zeros(2), local, RangeUpdateConfig())
+    told, untold = read_curves(curves, first, first, RangeUpdateConfig()).verdict
     assert (told, untold) == ("identified", "not identifiable")
-    estimate = read_curves(curves, first, first, MoveConfig())
+    estimate = read_curves(curves, first, first, RangeUpdateConfig())
     assert estimate.low[1] <= first.low[1]
     assert estimate.high[1] >= first.high[1]
 
 
-def test_physics_is_found_from_landmarks(simulator, played):
-    landmarks, truth, rollouts = played
+def test_physics_is_found_from_keypoints(simulator, played):
+    keypoints, truth, rollouts = played
     rng = np.random.default_rng(2)
     tracks = tracks_of(rollouts, 0.2, 0.1, rng)
     start = truth.copy()
     start[MOVING] *= [0.6, 1.5]
-    found = shooting(simulator, landmarks, rollouts, 0.2).fit(
+    found = shooting(simulator, keypoints, rollouts, 0.2).fit(
         tracks, rough_states(rollouts, rng), start
     )
     unit = SPACE.to_unit(truth)
@@ -208,7 +209,7 @@ def test_physics_is_found_from_landmarks(simulator, played):
 
 
 def test_a_simulator_that_cannot_make_the_motion_fits_worse(simulator, played):
-    landmarks, truth, rollouts = played
+    keypoints, truth, rollouts = played
     rng = np.random.default_rng(3)
     tracks = tracks_of(rollouts, 0.2, 0.0, rng)
     states = rough_states(rollouts, rng)
@@ -217,9 +218,9 @@ def test_a_simulator_that_cannot_make_the_motion_fits_worse(simulator, played):
         if geom.name == "pole_1":
             geom.fromto = [*geom.fromto[:5], 1.3 * geom.fromto[5]]
     none = MOVING[:0]
-    right = shooting(simulator, landmarks, rollouts, 0.2, none).fit(tracks, states, truth)
+    right = shooting(simulator, keypoints, rollouts, 0.2, none).fit(tracks, states, truth)
     other = replace(CARTPOLE, load_spec=lambda: longer).simulator(image_size=48)
-    wrong = shooting(other, landmarks, rollouts, 0.2, none).fit(tracks, states, truth)
+    wrong = shooting(other, keypoints, rollouts, 0.2, none).fit(tracks, states, truth)
     assert wrong.residual_px > 1.5 * right.residual_px
 
 
@@ -246,26 +247,26 @@ def test_colours_far_off_are_found_though_most_pictures_show_other_states(simula
     np.testing.assert_allclose(fit.unit, SPACE.to_unit(truth)[APPEARANCE], atol=0.01)
 
 
-def a_fit(motion_px: float = 0.3, picture: float = 0.004, lag: int = 0) -> Fit:
+def a_fit(motion_px: float = 0.3, picture: float = 0.004, lag: int = 0) -> FitResult:
     correlation = np.array([[1, 0.9], [0.9, 1]])
     misfit = Misfit(motion_px, picture)
     std = np.full(len(SPACE), 0.01)
-    return Fit(SPACE.nominal, std, correlation, MOVING, misfit, np.zeros(1), lag)
+    return FitResult(SPACE.nominal, std, correlation, MOVING, misfit, np.zeros(1), lag)
 
 
-def replicas_of(errors: np.ndarray) -> Replicas:
+def replicas_of(errors: np.ndarray) -> Bootstrap:
     is_moving = ~np.isin(np.arange(len(SPACE)), APPEARANCE)
-    return Replicas(errors, is_moving, [a_fit().misfit] * len(errors))
+    return Bootstrap(errors, is_moving, [a_fit().misfit] * len(errors))
 
 
 def test_windows_are_counted_by_what_the_motion_is_fitted_to(simulator, monkeypatch):
     """Colours, of which a cartpole has six, are derived by elsewhere."""
-    monkeypatch.setattr(budget, "_seconds_per_step", lambda *_: (1e-3, 1e-3))
+    monkeypatch.setattr(sizing, "_seconds_per_step", lambda *_: (1e-3, 1e-3))
     shooting, seconds = ShootingConfig(num_windows=10_000), 1000.0
     first = Distribution.first(SPACE, SPACE.nominal)
-    landmarks = find_landmarks(simulator, CARTPOLE.camera, first, 0)
-    asked = (ParticleConfig(), shooting, simulator, landmarks, SPACE.nominal, 1000, seconds)
-    _, afforded = budget.affordable(*asked)
+    keypoints = find_keypoints(simulator, CARTPOLE.camera, first, 0)
+    asked = (ParticleConfig(), shooting, simulator, keypoints, SPACE.nominal, 1000, seconds)
+    _, afforded = sizing.fit_to_budget(*asked)
     played = 3 + 2 * 2 + 2  # and by two joints' positions and velocities, a mass and a gain
     once_s = 1e-3 * played * shooting.steps_per_window * 2
     assert afforded.num_windows == int(0.4 * seconds / once_s)
@@ -305,8 +306,8 @@ def test_replicas_that_went_astray_do_not_count_and_none_is_drawn_from_farther_t
 
     actions, rng, near = np.zeros((1, 4, 1)), np.random.default_rng(0), real.parameters
 
-    def made_of(num: int, guess: np.ndarray = near) -> Replicas:
-        return make_replicas(
+    def made_of(num: int, guess: np.ndarray = near) -> Bootstrap:
+        return run_bootstrap(
             FakeReplay(), simulator, real, actions, num, guess, guess_std, None, rng
         )
 
@@ -328,11 +329,11 @@ def test_replicas_that_went_astray_do_not_count_and_none_is_drawn_from_farther_t
 
 def test_intervals_widen_where_the_videos_fit_worse_than_simulated_ones():
     replicas = replicas_of(np.zeros((8, len(SPACE))))
-    same = widened(a_fit(), replicas, True).std
-    worse = widened(a_fit(motion_px=0.6, picture=0.012), replicas, True).std
+    same = inflate(a_fit(), replicas, True).std
+    worse = inflate(a_fit(motion_px=0.6, picture=0.012), replicas, True).std
     np.testing.assert_allclose(worse[MOVING] / same[MOVING], 2)
     np.testing.assert_allclose(worse[APPEARANCE] / same[APPEARANCE], 3)
-    through_a_camera = widened(a_fit(), replicas, False).std
+    through_a_camera = inflate(a_fit(), replicas, False).std
     factor, said = replicas.inflation(), a_fit().std
     expected = factor * np.hypot(said, np.where(a_fit().is_moving, 0.005, 0.035))
     np.testing.assert_allclose(through_a_camera, expected)
@@ -353,21 +354,21 @@ def test_what_a_camera_does_to_all_colours_alike_widens_those_of_thin_things_no_
 
     real = replace(a_fit(), parameters=SPACE.from_unit(unit), std=std)
     still, exact = np.zeros((1, 4, 1)), np.zeros(len(SPACE))
-    made = make_replicas(
-        FakeReplay(), simulator, real, still, 6, SPACE.nominal, exact, Camera(), rng
+    made = run_bootstrap(
+        FakeReplay(), simulator, real, still, 6, SPACE.nominal, exact, ImageNoise(), rng
     )
-    wide = widened(real, made, False).std[APPEARANCE]
+    wide = inflate(real, made, False).std[APPEARANCE]
     assert 0.03 < wide.min() <= wide.max() < 0.12
 
 
 def test_where_sight_is_sure_of_nothing_nothing_is_sure():
     replicas = replicas_of(np.zeros((2, len(SPACE))))
     lost = a_fit(motion_px=float("nan"))
-    assert np.isinf(widened(lost, replicas, True).std[MOVING]).all()
-    assert np.isfinite(widened(lost, replicas, True).std[APPEARANCE]).all()
+    assert np.isinf(inflate(lost, replicas, True).std[MOVING]).all()
+    assert np.isfinite(inflate(lost, replicas, True).std[APPEARANCE]).all()
     nowhere = replace(replicas, misfits=[lost.misfit] * 2)
     for known in (nowhere, replace(replicas, misfits=[])):  # nothing to compare with
-        assert np.isfinite(widened(lost, known, True).std).all()
+        assert np.isfinite(inflate(lost, known, True).std).all()
         assert doubts(lost, known) == []
     one_lost = replace(replicas, misfits=[lost.misfit, a_fit().misfit])
     assert doubts(a_fit(motion_px=0.9), one_lost), "a replica that was lost silences nothing"

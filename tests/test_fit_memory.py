@@ -14,9 +14,9 @@ from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.fit.tracks import Tracks
 from simtune.parameters import ParameterSpace, delay
 from simtune.randomization import Distribution
-from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import JointActions, random_actions
 from simtune.tasks import Task, load_task
+from simtune.vision.keypoints import find_keypoints
 
 CARTPOLE = load_task("cartpole")
 SPREAD = np.array([0.05, 0.05, 0.2, 0.2])
@@ -60,15 +60,15 @@ def played(task: Task, truth: np.ndarray):
     """Three episodes, and all that a fit needs to know of them."""
     simulator, rng = task.simulator(image_size=64), np.random.default_rng(0)
     first = Distribution.first(task.parameters, task.parameters.nominal)
-    landmarks = find_landmarks(simulator, task.camera, first, 0)
+    keypoints = find_keypoints(simulator, task.camera, first, 0)
     actions = random_actions(3, STEPS, simulator.action_mapping, rng)
-    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, landmarks.record)
-    physics = Physics(simulator, landmarks, rollouts.states[0, 0])
-    return physics, landmarks, rollouts
+    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.record)
+    physics = Physics(simulator, keypoints, rollouts.states[0, 0])
+    return physics, keypoints, rollouts
 
 
 def seen(rollouts) -> Tracks:
-    """Landmarks as a nearly perfect sight sees them."""
+    """Keypoints as a nearly perfect the detector sees them."""
     places = rollouts.recorded.reshape(3, STEPS + 1, 1, -1, 2).repeat(2, 2)
     probability = np.zeros(places.shape[:-1])
     probability[:, :, 0] = 0.98
@@ -90,8 +90,11 @@ def test_a_stretch_from_the_middle_of_an_episode_moves_as_the_episode_did(name):
     at, length = 40, 12
     states, actions = physics.states(rollouts.states), rollouts.actions[:, at : at + length]
     unit = task.parameters.to_unit(np.array(truth))
-    acted, unit = physics.after(rollouts.actions, states, unit)[:, at], np.tile(unit, (3, 1))
-    rows, _ = physics.play(states[:, at], unit, actions, acted)
+    actuator_state, unit = (
+        physics.after(rollouts.actions, states, unit)[:, at],
+        np.tile(unit, (3, 1)),
+    )
+    rows, _ = physics.play(states[:, at], unit, actions, actuator_state)
     np.testing.assert_allclose(physics.states(rows), states[:, at : at + length + 1], atol=1e-6)
     forgetful, _ = physics.play(states[:, at], unit, actions)
     assert np.abs(physics.states(forgetful) - states[:, at : at + length + 1]).max() > 0.01
@@ -101,10 +104,10 @@ def test_a_stretch_from_the_middle_of_an_episode_moves_as_the_episode_did(name):
 def test_parameters_are_found_though_windows_begin_in_the_middle(name):
     make, truth = CASES[name]
     task, truth = make(), np.array(truth)
-    physics, landmarks, rollouts = played(task, truth)
+    physics, keypoints, rollouts = played(task, truth)
     space, fitted, rng = task.parameters, np.arange(len(truth)), np.random.default_rng(1)
     config = ShootingConfig(stages=(Stage(4, 4, 4.0), Stage(12, 8)), longer=())
-    noise = np.full(len(landmarks), 0.2)
+    noise = np.full(len(keypoints), 0.2)
     states = physics.states(rollouts.states)
     rough = states + SPREAD * rng.normal(size=states.shape)
     start = space.from_unit(space.to_unit(truth) + 0.1)

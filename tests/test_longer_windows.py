@@ -10,9 +10,9 @@ from simtune.fit.physics import Physics
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit
 from simtune.fit.tracks import Tracks
 from simtune.randomization import Distribution
-from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
+from simtune.vision.keypoints import find_keypoints
 
 PENDULUM = Path(__file__).parents[1] / "examples" / "phone_pendulum" / "tune.toml"
 SPREAD = np.array([0.02, 0.2])  # of first guesses at angle and velocity
@@ -36,9 +36,9 @@ def swings(
     space, rng = task.parameters, np.random.default_rng(seed)
     truth = space.nominal.copy()
     truth[0] *= 1.3
-    landmarks = find_landmarks(simulator, task.camera, Distribution.first(space, truth), 0)
+    keypoints = find_keypoints(simulator, task.camera, Distribution.first(space, truth), 0)
     rollouts = simulator.roll_out(
-        np.repeat(truth[None], 4, 0), np.zeros((4, STEPS, 0)), rng, landmarks.record
+        np.repeat(truth[None], 4, 0), np.zeros((4, STEPS, 0)), rng, keypoints.record
     )
     true = rollouts.recorded.reshape(4, STEPS + 1, 1, -1, 2)
     places = np.repeat(true + noise_px * rng.normal(size=true.shape), 2, 2)
@@ -46,8 +46,8 @@ def swings(
     probability[:, :, 0] = 0.98
     states = rollouts.states[..., 1:3]
     rough = states + SPREAD * rng.normal(size=states.shape)
-    physics = Physics(simulator, landmarks, rollouts.states[0, 0])
-    noise = np.full(len(landmarks), noise_px)
+    physics = Physics(simulator, keypoints, rollouts.states[0, 0])
+    noise = np.full(len(keypoints), noise_px)
     shooting = Shooting(physics, noise, SPREAD, OPEN, LONG)
     return shooting, Tracks(places, probability, rollouts.actions.astype(float)), rough, truth[0]
 

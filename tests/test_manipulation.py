@@ -14,10 +14,10 @@ from simtune.parameters import ModelWriter
 from simtune.randomization import Distribution
 from simtune.record import record
 from simtune.rollout import Environment
-from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import Simulator, random_actions
 from simtune.tasks import Task, load_task
 from simtune.tasks.xarm7.scene import place_of
+from simtune.vision.keypoints import find_keypoints
 
 VEL = mujoco.mjtStage.mjSTAGE_VEL.value
 NAMES = ("rope_peg", "cabinet_slide")
@@ -214,23 +214,23 @@ class TestBoth:
             record(RecordConfig(task="cartpole", out=tmp_path / "other", policy="scripted"))
         assert not (tmp_path / "other").exists()
 
-    def test_landmarks_are_on_what_moves_and_can_be_seen(self, name):
+    def test_keypoints_are_on_what_moves_and_can_be_seen(self, name):
         simulator, task = simulator_of(name), task_of(name)
         first = Distribution.first(task.parameters, task.parameters.nominal)
-        landmarks = find_landmarks(simulator, task.camera, first, seed=0)
+        keypoints = find_keypoints(simulator, task.camera, first, seed=0)
         model = simulator.model
-        bodies = {model.body(model.geom_bodyid[geom]).name for geom in landmarks.geoms}
+        bodies = {model.body(model.geom_bodyid[geom]).name for geom in keypoints.geoms}
         assert {"rope_peg": "peg", "cabinet_slide": "lid"}[name] in bodies
         played = simulator.play(
             worlds_of(name, 1),
             simulator.follow_script(1),
             STEPS,
             np.random.default_rng(0),
-            watch=landmarks.record,
+            watch=keypoints.record,
         )
         pixels = played.watched.reshape(STEPS + 1, -1, 2)
         inside = ((pixels > 0) & (pixels < simulator.image_size - 1)).all(-1)  # (T + 1, L)
-        thing = [model.body(model.geom_bodyid[g]).name in ("peg", "lid") for g in landmarks.geoms]
+        thing = [model.body(model.geom_bodyid[g]).name in ("peg", "lid") for g in keypoints.geoms]
         assert inside[:, thing].all()
 
     def test_every_colour_shows(self, name):

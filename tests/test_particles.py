@@ -8,9 +8,9 @@ from simtune.fit.physics import Physics
 from simtune.fit.tracks import Tracks
 from simtune.fit.windows import log_likelihood
 from simtune.randomization import Distribution
-from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import StateSpace, random_actions
 from simtune.tasks import load_task
+from simtune.vision.keypoints import find_keypoints
 
 CARTPOLE = load_task("cartpole")
 SPACE = CARTPOLE.parameters
@@ -21,27 +21,27 @@ NOISE_PX = 0.5
 
 @pytest.fixture(scope="module")
 def scene():
-    """Two episodes of a known world, and how a sight sees them that is wrong one time in five."""
+    """Two episodes of a known world, and how the detector sees them that is wrong one time in five."""
     simulator, rng = CARTPOLE.simulator(image_size=48), np.random.default_rng(0)
-    landmarks = find_landmarks(
+    keypoints = find_keypoints(
         simulator, CARTPOLE.camera, Distribution.first(SPACE, SPACE.nominal), 0
     )
     truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
     actions = random_actions(2, 150, simulator.model, rng)
-    rollouts = simulator.roll_out(np.repeat(truth[None], 2, 0), actions, rng, landmarks.record)
+    rollouts = simulator.roll_out(np.repeat(truth[None], 2, 0), actions, rng, keypoints.record)
     true = rollouts.recorded.reshape(2, 151, -1, 2)
     seen = true + NOISE_PX * rng.normal(size=true.shape)
     lost = rng.random(seen.shape[:-1]) < 1 / 5
     seen[lost] = rng.uniform(0, 48, (lost.sum(), 2))
     places = np.stack([seen, rng.uniform(0, 48, seen.shape)], 2)
     probability = np.stack([np.full(lost.shape, 0.8), np.full(lost.shape, 0.1)], 2)
-    return simulator, landmarks, truth, rollouts, Tracks(places, probability, rollouts.actions)
+    return simulator, keypoints, truth, rollouts, Tracks(places, probability, rollouts.actions)
 
 
 def particles(scene, **config) -> Particles:
-    simulator, landmarks, _, rollouts, _ = scene
-    noise = np.full(len(landmarks), NOISE_PX)
-    physics = Physics(simulator, landmarks, rollouts.states[0, 0])
+    simulator, keypoints, _, rollouts, _ = scene
+    noise = np.full(len(keypoints), NOISE_PX)
+    physics = Physics(simulator, keypoints, rollouts.states[0, 0])
     return Particles(physics, noise, SPREAD, MOVING, ParticleConfig(**{"num": 128, **config}))
 
 
@@ -55,7 +55,9 @@ def test_states_and_parameters_are_found_from_rough_guesses(scene):
     followed = particles(scene).follow(tracks, rough, unit, np.full(len(SPACE), 0.1))
     before = np.abs(space.difference(rough, true))[..., :2]
     after = np.abs(space.difference(followed.states, true))[..., :2]
-    assert np.median(after) < 0.04 < np.median(before) / 2, "m, rad: sight's noise of half a pixel"
+    assert np.median(after) < 0.04 < np.median(before) / 2, (
+        "m, rad: the detector's noise of half a pixel"
+    )
     assert np.quantile(after, 0.9) < np.quantile(before, 0.9) / 2
     error = followed.unit.mean(0) - SPACE.to_unit(truth)[MOVING]
     assert abs(error[1]) < 0.07, "the gain, which shows at every step"
@@ -99,8 +101,8 @@ def test_likely_particles_go_on_in_proportion(scene):
     np.testing.assert_array_equal(parent[1], np.arange(num))
 
 
-def test_likelihood_of_a_landmark_by_hand():
-    """One landmark, one frame: at the first place with .6, at the second with .3, else anywhere."""
+def test_likelihood_of_a_keypoint_by_hand():
+    """One keypoint, one frame: at the first place with .6, at the second with .3, else anywhere."""
     residual = np.array([[1.0, 0.0], [0.0, 2.0]])[None, None, :, None]  # (1, 1, 2, 1, 2)
     probability = np.array([0.6, 0.3])[None, None, :, None]
     square = np.array([1.0, 4.0])

@@ -14,12 +14,13 @@ from simtune.parameters import ParameterSpace, delay
 from simtune.randomization import Distribution
 from simtune.real.truth import Truth
 from simtune.search_param_model import simulated
-from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import Rollouts, Simulator
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.vision.image_noise import ImageNoise
+from simtune.vision.keypoints import find_keypoints
 
 SIZE = 32  # pixels
 STEPS = 24
@@ -48,13 +49,13 @@ def start(simulator: Simulator, config: PosteriorSearchConfig, seed: int = 0) ->
 
 
 def taught_worlds(search: PosteriorSearch, monkeypatch) -> list:
-    """The worlds that sight is taught on, as they come; the judge is on the same."""
+    """The worlds that the detector is taught on, as they come; the posterior network is on the same."""
     seen = []
-    train_sight = search.model.train_sight
+    train_detector = search.model.train_detector
 
     def spy(worlds, *rest):
         seen.append(worlds)
-        return train_sight(worlds, *rest)
+        return train_detector(worlds, *rest)
 
     monkeypatch.setattr(search.model, "train_sight", spy)
     return seen
@@ -88,7 +89,7 @@ def test_simulated_worlds_replay_the_real_actions(simulator, real, tiny, monkeyp
     search.iterate(real, far_away())
     (worlds,) = seen
     assert worlds.actions.shape == (16, 2, STEPS, 1)
-    assert worlds.landmarks.shape[:3] == (16, 2, STEPS + 1)
+    assert worlds.keypoints.shape[:3] == (16, 2, STEPS + 1)
     assert worlds.frames.shape == (16, 4, SIZE, SIZE, 3)
     recorded = [t.actions.astype(float) for t in real]
     used = set()
@@ -135,17 +136,17 @@ def test_where_a_delay_is_tuned_no_hidden_one_comes_on_top(real):
 
         made.roll_out = spy
         nominal = np.repeat(made.space.nominal[None], 8, 0)
-        points = find_landmarks(
+        points = find_keypoints(
             made, CARTPOLE.camera, Distribution.first(made.space, nominal[0]), 0
         )
-        simulated.simulate(made, points, nominal, actions, 2, rng, simulated.Camera())
+        simulated.simulate(made, points, nominal, actions, 2, rng, ImageNoise())
         assert np.array_equal(played[-1], actions.reshape(24, STEPS, 1)) == late
 
 
 def test_a_search_that_was_loaded_has_to_iterate_before_it_looks(simulator, real, tiny):
     search = start(simulator, tiny)
     with pytest.raises(RuntimeError, match="iterate first"):
-        search.look(real)
+        search.detect(real)
 
 
 def test_filmed_frames_show_the_steps_they_are_said_to(simulator, real, tiny, monkeypatch):
@@ -195,8 +196,8 @@ def test_worlds_of_which_an_episode_diverged_are_left_out(simulator, real, tiny,
     np.testing.assert_array_equal(worlds.parameters, whole.parameters[::2][left])
     for i, world in enumerate(left):
         np.testing.assert_array_equal(worlds.actions[i], whole.actions[2 * world : 2 * world + 2])
-        landmarks = worlds.landmarks[i].reshape(2, STEPS + 1, -1)
-        np.testing.assert_array_equal(landmarks, whole.recorded[2 * world : 2 * world + 2])
+        keypoints = worlds.keypoints[i].reshape(2, STEPS + 1, -1)
+        np.testing.assert_array_equal(keypoints, whole.recorded[2 * world : 2 * world + 2])
 
 
 def test_when_all_worlds_diverge_the_search_says_so(simulator, real, tiny, monkeypatch):
@@ -278,7 +279,7 @@ def test_a_seed_decides_all(simulator, real, tiny):
 
 
 def test_a_deadline_that_is_over_still_gives_an_estimate_soon(simulator, real, tiny):
-    config = replace(tiny, sight_updates=(10**6,), judge_updates=10**6, least_updates=5)
+    config = replace(tiny, detector_updates=(10**6,), posterior_updates=10**6, least_updates=5)
     search = start(simulator, config)
     began_s = time.monotonic()
     estimate, _, _ = search.iterate(real, began_s - 1)
@@ -299,7 +300,7 @@ def test_what_is_done_is_said_and_never_goes_back(simulator, real, tiny):
         simulator,
         CARTPOLE.camera,
         START,
-        replace(tiny, sight_updates=(40,), judge_updates=40),
+        replace(tiny, detector_updates=(40,), posterior_updates=40),
         seed=0,
         say=lambda doing, done: said.append((doing, done)),
     )
@@ -322,7 +323,7 @@ def test_finds_the_truth_of_a_ball_and_a_cup():
     simulator = task.simulator(image_size=64)
     real = truth.make_real(simulator, episode_steps=task.episode_steps, seed=5).collect(4)
     config = PosteriorSearchConfig(
-        num_worlds=128, iterations=3, sight_updates=(1200, 500), judge_updates=700
+        num_worlds=128, iterations=3, detector_updates=(1200, 500), posterior_updates=700
     )
     start = truth.wrong_start(5)
     search = PosteriorSearch(simulator, task.camera, start, config, seed=5)

@@ -114,7 +114,7 @@ def test_only_the_simulators_own_pictures_look_like_it(simulator):
 def test_there_is_still_no_way_to_the_parameters(simulator):
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=STILL)
     public = {name for name in dir(real) if not name.startswith("_")}
-    can = {"collect", "try_out", "step_s", "looks_like_simulator"}
+    can = {"collect", "run_policy", "step_s", "looks_like_simulator"}
     assert public == {*can, "facts"}
     assert real.facts == {}
     for value in vars(real).values():

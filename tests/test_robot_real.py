@@ -144,7 +144,7 @@ def test_a_policy_sees_the_latest_pictures_and_acts_in_its_own_units(file):
         return np.array([[0.5]])
 
     real = make_real(file)
-    (trajectory,) = real.try_out(policy, num_stacked=3, num_episodes=1, seed=1)
+    (trajectory,) = real.run_policy(policy, num_stacked=3, num_episodes=1, seed=1)
     assert seen[0].shape == (1, 3, 16, 16, 3)
     assert len(seen) == 1 + STEPS  # the first time only to get warm
     np.testing.assert_array_equal(seen[1][0, 0], seen[1][0, 2])
@@ -155,7 +155,7 @@ def test_a_policy_sees_the_latest_pictures_and_acts_in_its_own_units(file):
 def test_an_ill_policy_stops_the_robot(file):
     real = make_real(file)
     with pytest.raises(RobotError, match="an action must be finite"):
-        real.try_out(lambda _: np.array([[np.nan]]), num_stacked=1, num_episodes=1, seed=1)
+        real.run_policy(lambda _: np.array([[np.nan]]), num_stacked=1, num_episodes=1, seed=1)
     places = [action["pan.pos"] for action in fake_lerobot.latest[-1].sent]
     assert places == pytest.approx([1.0] * len(places), abs=1e-3)
     assert "must be finite" in (file.parent / "arm.toml.stopped").read_text()
@@ -167,13 +167,13 @@ def test_a_robot_that_does_not_know_where_it_is_is_sent_nowhere(file):
         return np.zeros((1, 1))
 
     with pytest.raises(RobotError, match=r"a place must be 2 finite numbers, got \[nan, 25.0\]"):
-        make_real(file).try_out(policy, num_stacked=1, num_episodes=1, seed=1)
+        make_real(file).run_policy(policy, num_stacked=1, num_episodes=1, seed=1)
     assert np.isfinite([list(action.values()) for action in fake_lerobot.latest[-1].sent]).all()
 
 
 def test_what_the_robot_did_not_do_is_not_recorded(file):
     file.write_text(LEROBOT.replace("-pan.pos", "lift.pos"))
-    (trajectory,) = make_real(file).try_out(lambda _: np.ones((1, 1)), 1, 1, seed=0)
+    (trajectory,) = make_real(file).run_policy(lambda _: np.ones((1, 1)), 1, 1, seed=0)
     # From 25 by 4 a step, but it does not get beyond 30.
     np.testing.assert_allclose(trajectory.actions[:, 0], [1, 0.25, 0, 0], atol=1e-5)
 

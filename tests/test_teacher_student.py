@@ -15,18 +15,18 @@ from simtune.errors import InputError
 from simtune.networks import seeded
 from simtune.parameters import ParameterSpace
 from simtune.replay import Episodes, Replay, Transitions
-from simtune.search_param_model.sight import SightConfig
 from simtune.tasks import load_task
+from simtune.vision.detector import DetectorConfig
 
 SPACE: ParameterSpace = load_task("cartpole").parameters
 SIZE, STEPS, WORLDS = 32, 6, 4
 SMALL = TeacherStudentConfig(
     teacher=TeacherConfig(hidden_size=16, batch_size=8),
     student=StudentConfig(
-        sight=SightConfig(channels=4, free_maps=1, batch_size=4), hidden_size=16, batch_size=8
+        detector=DetectorConfig(channels=4, free_maps=1, batch_size=4), hidden_size=16, batch_size=8
     ),
     random_steps=24,
-    sight_updates_per_step=0.1,
+    detector_updates_per_step=0.1,
     teacher_updates_per_step=0.2,
 )
 
@@ -154,7 +154,7 @@ def test_a_student_learns_to_see():
         height = (places[at, 0, :1] - 16) / 6  # of a standard deviation of about 1
         student.learn_to_see(frames[at], places[at], height, i / 150, generator)
     unseen, truth = dots(32, seed=1)
-    seen = student.look(unseen)
+    seen = student.detect(unseen)
     found = (seen[:, :4].reshape(-1, 2, 2) + 1) / 2 * SIZE
     assert (found - truth).abs().median() < 0.5  # pixels
     assert (seen[:, -1] - (truth[:, 0, 0] - 16) / 6).abs().median() < 0.3
@@ -165,9 +165,9 @@ def test_what_is_remembered_is_what_would_be_seen():
     film = dots(40)[0].reshape(4, 10, SIZE, SIZE, 3)
     for t in range(8):
         stack = film[:, t : t + 3]
-        acted = student.act(stack)
+        actuator_state = student.act(stack)
         student_anew = small_student()
-        torch.testing.assert_close(acted, student_anew.act(stack), rtol=1e-5, atol=1e-6)
+        torch.testing.assert_close(actuator_state, student_anew.act(stack), rtol=1e-5, atol=1e-6)
     other = film[:, [0, 5, 9]]  # not the next picture: all are looked at
     torch.testing.assert_close(student.act(other), small_student().act(other))
 
@@ -179,7 +179,7 @@ def make_agent(first_tried: int = 10 * WORLDS * STEPS, **changes) -> TeacherStud
     return TeacherStudent(
         image_size=SIZE,
         num_stacked=3,
-        num_landmarks=2,
+        num_keypoints=2,
         num_states=3,
         num_positions=2,
         num_actions=1,
@@ -210,7 +210,7 @@ def episodes(seed: int, filmed: bool) -> Episodes:
         lengths=np.full(WORLDS, STEPS),
         terminated=np.zeros(WORLDS, bool),
         frames=pictures if filmed else None,
-        landmarks=places.numpy().reshape(WORLDS, STEPS + 1, 2, 2) if filmed else None,
+        keypoints=places.numpy().reshape(WORLDS, STEPS + 1, 2, 2) if filmed else None,
     )
 
 
@@ -256,9 +256,9 @@ def test_the_teacher_acts_until_the_student_can():
 def test_losses_are_told_under_the_same_names_always():
     taught, studied = make_agent(teacher_share=0.1), make_replay()
     losses = go_on(taught, studied, range(4))
-    names = {"loss/critic", "loss/actor", "loss/sight", "loss/imitation"}
+    names = {"loss/critic", "loss/actor", "loss/detector", "loss/imitation"}
     assert all(set(told) == names for told in losses)
-    assert math.isnan(losses[0]["loss/sight"])
+    assert math.isnan(losses[0]["loss/detector"])
     assert math.isfinite(losses[0]["loss/critic"])
     assert math.isfinite(losses[-1]["loss/imitation"])
 
@@ -267,20 +267,20 @@ def test_what_acts_sees_pixels_alone():
     agent, replay = make_agent(), make_replay()
     go_on(agent, replay, range(6))
     frames = episodes(9, True).frames[:, :3]
-    acted = agent.act(frames)
+    actuator_state = agent.act(frames)
     for part in (agent.teacher.actor, agent.teacher.critics):
         for weights in part.parameters():
             weights.data.fill_(torch.nan)  # whoever knows the state is struck dumb
-    np.testing.assert_array_equal(agent.act(frames), acted)
-    assert np.ptp(agent.act(episodes(10, True).frames[:, :3]) - acted) > 0
+    np.testing.assert_array_equal(agent.act(frames), actuator_state)
+    assert np.ptp(agent.act(episodes(10, True).frames[:, :3]) - actuator_state) > 0
 
 
 def test_in_simulation_it_may_explore_by_the_state():
     agent = make_agent(random_steps=0)
     states = np.random.default_rng(0).normal(size=(WORLDS, 3)).astype(np.float32)
-    acted = agent.explore(Seen(states, None))
-    assert acted.shape == (WORLDS, 1)
-    assert (np.abs(acted) <= 1).all()
+    actuator_state = agent.explore(Seen(states, None))
+    assert actuator_state.shape == (WORLDS, 1)
+    assert (np.abs(actuator_state) <= 1).all()
 
 
 def test_a_checkpoint_of_other_networks_is_said_to_be_one():

@@ -25,7 +25,7 @@ from simtune.errors import InputError
 from simtune.evaluate import evaluate, trained_parts
 from simtune.parts import make_parts
 from simtune.randomization import Distribution
-from simtune.real.former import FormerReal
+from simtune.real.closed import ClosedReal
 from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.recordings import write_dataset
@@ -67,7 +67,7 @@ class Players:
         self.calls.append(f"real: {num} random")
         return ["random"] * num
 
-    def try_out(self, policy, num_stacked, num, seed):
+    def run_policy(self, policy, num_stacked, num, seed):
         self.calls.append(f"real: {num} of the policy")
         return ["policy"] * num
 
@@ -172,7 +172,7 @@ def test_a_policy_that_was_trained_before_is_what_looks_at_the_real_world_first(
     assert before.min() < 0.7
     # Where nobody can act, as in recordings, it takes what there is.
     players = Players()
-    players.try_out = lambda *_: []
+    players.run_policy = lambda *_: []
     carried_out(players, tmp_path / "recordings", pretrain_steps=STEPS * 3)
     assert "real: 4 random" in players.calls
 
@@ -326,7 +326,7 @@ def test_nothing_is_scored_on_what_was_tuned_with(tmp_path):
     still = np.zeros((2, parts.environment.simulator.num_actions))
     seen = parts.real.collect(3)
     for cycle in (0, 1):
-        seen += parts.real.try_out(lambda frames: still, 3, 2, cycle)
+        seen += parts.real.run_policy(lambda frames: still, 3, 2, cycle)
     first = [*scored[0].frames[:, 0], *(trajectory.frames[0] for trajectory in seen)]
     assert len({frame.tobytes() for frame in first}) == 3 + 3 + 4
 
@@ -343,7 +343,7 @@ def test_of_recordings_all_are_taken_where_no_number_is_asked_for(tmp_path, quic
 
 
 def test_a_former_training_has_steps_and_pictures_as_it_had(tmp_path, quick_tune):
-    parts = make_parts(asked(tmp_path), lambda *_: None, FormerReal(0.05))
+    parts = make_parts(asked(tmp_path), lambda *_: None, ClosedReal(0.05))
     assert parts.environment.simulator.step_s == 0.05
     assert parts.environment.simulator.supersampling == 2  # as for what a camera films
     assert parts.truth is None
@@ -528,7 +528,7 @@ def test_agents_plug_in_by_name(name):
             name,
             image_size=64,
             num_stacked=3,
-            num_landmarks=2,
+            num_keypoints=2,
             num_states=5,
             num_positions=3,
             num_actions=2,
@@ -544,9 +544,9 @@ def test_agents_plug_in_by_name(name):
     assert not agent.is_ready
     frames = np.random.default_rng(0).integers(0, 256, (4, 3, 64, 64, 3), dtype=np.uint8)
     explored = agent.explore(Seen(np.zeros((4, 5), np.float32), frames))
-    acted = agent.act(frames)
-    for actions in (explored, acted, agent.act(frames, sample=True)):
+    actuator_state = agent.act(frames)
+    for actions in (explored, actuator_state, agent.act(frames, sample=True)):
         assert actions.shape == (4, 2)
         assert (np.abs(actions) <= 1).all()
     other.load({k: v.clone() for k, v in agent.tensors().items()}, agent.state())
-    np.testing.assert_array_equal(other.act(frames), acted)
+    np.testing.assert_array_equal(other.act(frames), actuator_state)

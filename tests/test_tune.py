@@ -313,7 +313,7 @@ def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
     simulator = load_task("cartpole").simulator(image_size=64)
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0)
     public = {name for name in dir(real) if not name.startswith("_")}
-    can = {"collect", "try_out", "step_s", "looks_like_simulator"}
+    can = {"collect", "run_policy", "step_s", "looks_like_simulator"}
     assert public == {*can, "facts"}
     assert real.facts == {}
     for name in ("parameters", "real_parameters", "state", "states", "reward", "simulator"):
@@ -336,7 +336,7 @@ def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
         assert frames.shape == (2, 3, 64, 64, 3)
         return np.full((2, 1), 0.5)
 
-    tried = real.try_out(policy, num_stacked=3, num_episodes=2, seed=0)
+    tried = real.run_policy(policy, num_stacked=3, num_episodes=2, seed=0)
     assert {f.name for f in dataclasses.fields(tried[0])} == {"frames", "actions", "step_s"}
     np.testing.assert_array_equal(tried[1].actions, np.full((5, 1), 0.5))
 

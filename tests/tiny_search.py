@@ -1,15 +1,15 @@
 """A posterior search that takes seconds and finds nothing."""
 
 from simtune.fit import ParticleConfig, ShootingConfig, Stage
-from simtune.search_param_model.judge import JudgeConfig
 from simtune.search_param_model.posterior import PosteriorConfig
-from simtune.search_param_model.sight import SightConfig
+from simtune.search_param_model.posterior_net import PosteriorNetConfig
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.vision.detector import DetectorConfig
 
 TINY_SEARCH = PosteriorSearchConfig(
     model=PosteriorConfig(
-        sight=SightConfig(channels=4, free_maps=2, hidden=16, batch_size=8),
-        judge=JudgeConfig(channels=8, hidden=16, batch_size=8, candidates=8),
+        detector=DetectorConfig(channels=4, free_maps=2, hidden=16, batch_size=8),
+        posterior_net=PosteriorNetConfig(channels=8, hidden=16, batch_size=8, candidates=8),
     ),
     num_worlds=16,
     episodes_per_world=2,
@@ -17,8 +17,8 @@ TINY_SEARCH = PosteriorSearchConfig(
     unseen_worlds=6,
     unseen_steps=8,
     iterations=2,
-    sight_updates=(6, 4),
-    judge_updates=5,
+    detector_updates=(6, 4),
+    posterior_updates=5,
     state_updates=4,
     least_updates=2,
     replicas=(1, 1),

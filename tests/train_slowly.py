@@ -16,14 +16,16 @@ from simtune.agents.student import StudentConfig
 from simtune.agents.teacher import TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
 from simtune.config import TrainConfig
-from simtune.search_param_model.sight import SightConfig
 from simtune.tasks import load_task
+from simtune.vision.detector import DetectorConfig
 
 torch.set_num_threads(1)
 algorithm._CHECKPOINT_EVERY_S = 0.0
 small = TeacherStudentConfig(
     teacher=TeacherConfig(hidden_size=16, batch_size=8),
-    student=StudentConfig(sight=SightConfig(channels=4, free_maps=2, hidden=16, batch_size=8)),
+    student=StudentConfig(
+        detector=DetectorConfig(channels=4, free_maps=2, hidden=16, batch_size=8)
+    ),
     random_steps=24,  # nearly all of it is learnt from
 )
 agents.TeacherStudent = partial(TeacherStudent, config=small)

@@ -20,7 +20,7 @@ from torch import nn
 
 from baselines import Found, Problem
 from simtune.networks import predicting, seeded
-from simtune.search_param_model.sight import to_input
+from simtune.vision.detector import to_input
 
 _STRETCHES = 5  # filmed of an episode
 _PICTURES, _EVERY = 5, 2  # of a stretch, and the steps from one to the next

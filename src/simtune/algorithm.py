@@ -91,7 +91,9 @@ class Training:
         seen: list[Trajectory] = []
         if num_episodes and agent.is_ready:
             stacked = self.parts.schedule.num_stacked
-            seen = real.try_out(lambda f: agent.act(f, sample=True), stacked, num_episodes, cycle)
+            seen = real.run_policy(
+                lambda f: agent.act(f, sample=True), stacked, num_episodes, cycle
+            )
         elif num_episodes and self.num_steps:
             self.num_untried += 1
         if num_episodes and cycle == 0 and not seen:  # no policy yet, or recordings only

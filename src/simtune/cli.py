@@ -138,9 +138,9 @@ def _run(command: Any) -> None:
 
             print(write_report(run_folder))
         case DoctorCommand():
-            from simtune.doctor import examine
+            from simtune.doctor import analyze
 
-            if not examine(print):
+            if not analyze(print):
                 raise RuntimeError("the default renderer does not work here; see above")
 
 

@@ -12,7 +12,7 @@ _FOR_ROBOTS = ("xarm-python-sdk", "pyrealsense2")
 _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "torch", "av", "pyarrow", "numpy")
 
 
-def examine(say: Callable[[str], None]) -> bool:
+def analyze(say: Callable[[str], None]) -> bool:
     """Say what there is, a line each; whether the default renderer works."""
     say(f"python     {platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores")
     for package in _PACKAGES + _FOR_ROBOTS:

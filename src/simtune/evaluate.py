@@ -10,7 +10,7 @@ from simtune.outcome import summary
 from simtune.parts import Parts, make_parts
 from simtune.progress import Say, silent
 from simtune.real.choose import read_parameters
-from simtune.real.former import FormerReal
+from simtune.real.closed import ClosedReal
 from simtune.run import checkpoint
 from simtune.run.config import stored_config
 from simtune.tasks import load_task
@@ -56,7 +56,7 @@ def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
     if stored["real"] != "pseudo":
         asked |= {f.name: usual[f.name] for f in fields(RealConfig) if f.name != "seed"}
         # Which earlier versions did not store
-        former = FormerReal(state.get("step_s") or load_task(asked["task"]).step_s)
+        former = ClosedReal(state.get("step_s") or load_task(asked["task"]).step_s)
     asked["real_parameters"] = asked["real_parameters"] and Path(asked["real_parameters"])
     asked |= {"out": run_folder, "device": "auto"}  # where it is now, and this machine's
     parts = make_parts(TrainConfig(**asked), say, former)

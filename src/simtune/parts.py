@@ -18,18 +18,18 @@ from simtune.progress import Say
 from simtune.randomization import Distribution
 from simtune.real import RealWorld
 from simtune.real.choose import choose_real, simulator_for
-from simtune.real.former import FormerReal
+from simtune.real.closed import ClosedReal
 from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.replay import Replay
 from simtune.rollout import Environment
 from simtune.schedule import Schedule
-from simtune.search_param_model.simulated import find_landmarks
 from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import FixedRange, make_search
 from simtune.tuning.search import Search
+from simtune.vision.keypoints import find_keypoints
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Parts:
         return {"agent": self.agent, "search": self.search, "replay": self.replay}
 
 
-def make_parts(config: TrainConfig, say: Say, former: FormerReal | None = None) -> Parts:
+def make_parts(config: TrainConfig, say: Say, former: ClosedReal | None = None) -> Parts:
     """All of them; a `former` real world stands for one that is to be left alone.
 
     Raises InputError for what cannot be used.
@@ -132,8 +132,8 @@ def make_parts(config: TrainConfig, say: Say, former: FormerReal | None = None) 
     simulator = simulator_for(real, task, image_size)
     assert isinstance(simulator, Simulator), "load_task gives models' only"
     first = Distribution.first(task.parameters, task.parameters.nominal)
-    landmarks = find_landmarks(simulator, task.camera, first, seed=0)
-    environment = Environment(task, simulator, schedule.num_stacked, landmarks)
+    keypoints = find_keypoints(simulator, task.camera, first, seed=0)
+    environment = Environment(task, simulator, schedule.num_stacked, keypoints)
     if search_name:
         range_policy = config.range_policy
         # A robot, or a policy, films later.
@@ -160,7 +160,7 @@ def make_parts(config: TrainConfig, say: Say, former: FormerReal | None = None) 
         search=search,
         search_name=search_name,
         range_policy=range_policy,
-        agent=_agent(config, schedule, environment, len(landmarks), device),
+        agent=_agent(config, schedule, environment, len(keypoints), device),
         replay=_replay(schedule, task, device),
     )
 
@@ -169,14 +169,14 @@ def _agent(
     config: TrainConfig,
     schedule: Schedule,
     environment: Environment,
-    num_landmarks: int,
+    num_keypoints: int,
     device: str,
 ) -> Agent:
     return make_agent(
         choose_agent(config),
         image_size=schedule.image_size,
         num_stacked=schedule.num_stacked,
-        num_landmarks=num_landmarks,
+        num_keypoints=num_keypoints,
         num_states=environment.num_states,
         num_positions=environment.num_positions,
         num_actions=environment.simulator.num_actions,

@@ -16,8 +16,8 @@ _FEW_EPISODES = 5  # real ones of the first look, as of each update of the autho
 # Nothing here may end by the clock, or no run could be repeated: less is learnt, but all of it.
 _SHORTER = PosteriorSearchConfig(
     num_worlds=192,
-    sight_updates=(1500, 1000),
-    judge_updates=500,
+    detector_updates=(1500, 1000),
+    posterior_updates=500,
     state_updates=400,
     replicas=(2, 2),
 )

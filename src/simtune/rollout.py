@@ -7,9 +7,9 @@ from mujoco.batch import Batch
 
 from simtune.agents.agent import Seen
 from simtune.replay import Episodes
-from simtune.search_param_model.landmarks import Landmarks
 from simtune.simulation import Projector, Simulator, StateSpace, scale_actions
 from simtune.tasks import Task
+from simtune.vision.keypoints import Keypoints
 
 Policy = Callable[[Seen], np.ndarray]  # (n, A) actions in [−1, 1]
 
@@ -26,13 +26,13 @@ class Environment:
         task: Task,
         simulator: Simulator,
         num_stacked: int,
-        landmarks: Landmarks | None = None,
+        keypoints: Keypoints | None = None,
     ):
-        """`landmarks`: what is noted down of filmed episodes, besides."""
+        """`keypoints`: what is noted down of filmed episodes, besides."""
         if task.reward is None:
             raise ValueError(f"{task.name} has no reward, so no policy can be trained in it")
         self.task, self.simulator, self._reward = task, simulator, task.reward
-        self.num_stacked, self.landmarks = num_stacked, landmarks
+        self.num_stacked, self.keypoints = num_stacked, keypoints
         self._space = StateSpace(simulator.model)
         joint = simulator.model.joint
         self._free = [joint(name).qposadr[0] for name in task.free_joints]
@@ -81,7 +81,7 @@ class Environment:
             return scale_actions(simulator.action_mapping, actions[:, t])
 
         repeat, n = self.task.action_repeat, len(parameters)
-        noted, goals = self.landmarks if film else None, self.task.goals
+        noted, goals = self.keypoints if film else None, self.task.goals
 
         def watch(batch: Batch) -> np.ndarray:
             told = np.stack([self._reward(batch), *(goal(batch) for goal in goals.values())], 1)
@@ -99,10 +99,10 @@ class Environment:
         if not np.isfinite(rewards).all():
             raise RuntimeError(f"the reward of {self.task.name} is no finite number everywhere")
         reached = watched[:, -1, 1 : 1 + len(goals)] > 0
-        landmarks = None
+        keypoints = None
         if noted:
             seen = watched[:, ::repeat, 1 + len(goals) :]
-            landmarks = seen.reshape(n, num_steps + 1, -1, 2).astype(np.float32)
+            keypoints = seen.reshape(n, num_steps + 1, -1, 2).astype(np.float32)
         return Episodes(
             parameters=parameters,
             rows=played.states,
@@ -112,6 +112,6 @@ class Environment:
             lengths=played.lengths,
             terminated=played.lengths < num_steps,
             frames=projector.frames if projector else None,
-            landmarks=landmarks,
+            keypoints=keypoints,
             reached=reached & (played.lengths == num_steps)[:, None],
         )

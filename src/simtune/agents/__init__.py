@@ -14,7 +14,7 @@ def make_agent(
     *,
     image_size: int,
     num_stacked: int,
-    num_landmarks: int,
+    num_keypoints: int,
     num_states: int,
     num_positions: int,
     num_actions: int,
@@ -36,7 +36,7 @@ def make_agent(
         return TeacherStudent(
             image_size=image_size,
             num_stacked=num_stacked,
-            num_landmarks=num_landmarks,
+            num_keypoints=num_keypoints,
             num_states=num_states,
             num_positions=num_positions,
             num_actions=num_actions,

@@ -2,8 +2,8 @@
 
 Learning to act from pixels end to end is slow because seeing has to be learnt from what an action
 was worth. In simulation it is known where things are in a picture, so the student is taught that
-first, as the SPM's sight is (`search_param_model/sight.py`): some hundred updates. To act on what
-it saw lately is then little to learn. Besides landmarks it learns to tell the state's positions:
+first, as the SPM's detector is (`search_param_model/detector.py`): some hundred updates. To act on what
+it saw lately is then little to learn. Besides keypoints it learns to tell the state's positions:
 to a camera that goes with a cheetah, only the ground shows how high the cheetah is.
 """
 
@@ -15,9 +15,9 @@ from torch import nn
 from torch.nn import functional
 
 from simtune.networks import mlp, predicting
-from simtune.search_param_model.sight import Sight, SightConfig, to_input
+from simtune.vision.detector import DetectorConfig, KeypointDetector, to_input
 
-_PLACES = 2  # for each landmark: what looks alike, left and right, gets mixed up
+_PLACES = 2  # for each keypoint: what looks alike, left and right, gets mixed up
 _POSITIONS_WIDTH = 4.0  # of the range that errors count relative to, in standard deviations
 _CHUNK = 256  # pictures looked at at once
 
@@ -26,11 +26,11 @@ _CHUNK = 256  # pictures looked at at once
 class StudentConfig:
     """Measured on cartpole and ball_in_cup, unless said otherwise."""
 
-    sight: SightConfig = field(default_factory=SightConfig)
+    detector: DetectorConfig = field(default_factory=DetectorConfig)
     hidden_size: int = 256
     batch_size: int = 256
     learning_rate: float = 1e-3
-    warm_up: int = 50  # updates of sight, which comes first
+    warm_up: int = 50  # updates of the detector, which comes first
 
 
 class Memory(NamedTuple):
@@ -45,7 +45,7 @@ class Student(nn.Module):
 
     def __init__(
         self,
-        num_landmarks: int,
+        num_keypoints: int,
         num_positions: int,
         image_size: int,
         num_stacked: int,
@@ -54,20 +54,20 @@ class Student(nn.Module):
     ):
         super().__init__()
         self.config = config
-        self.sight = Sight(num_landmarks, num_positions, image_size, config.sight)
+        self.detector = KeypointDetector(num_keypoints, num_positions, image_size, config.detector)
         self._image_size = image_size
         # Of each place x, y and how probable it is
-        self.num_features = num_landmarks * _PLACES * 3 + num_positions
+        self.num_features = num_keypoints * _PLACES * 3 + num_positions
         hidden = config.hidden_size
         sizes = (num_stacked * self.num_features, hidden, hidden, num_actions)
         self.head = mlp(sizes, nn.ReLU)
-        self.sight_optimizer = torch.optim.AdamW(
-            self.sight.parameters(), config.sight.learning_rate, fused=True
+        self.detector_optimizer = torch.optim.AdamW(
+            self.detector.parameters(), config.detector.learning_rate, fused=True
         )
         self.head_optimizer = torch.optim.Adam(
             self.head.parameters(), config.learning_rate, fused=True
         )
-        self.num_updates = 0  # of sight
+        self.num_updates = 0  # of the detector
         self._memory: Memory | None = None
 
     def forward(self, seen: torch.Tensor) -> torch.Tensor:
@@ -86,12 +86,12 @@ class Student(nn.Module):
             return self(seen)
 
     def look(self, frames: torch.Tensor) -> torch.Tensor:
-        """(n, H, W, 3) uint8 to (n, F): two places for each landmark, and positions."""
+        """(n, H, W, 3) uint8 to (n, F): two places for each keypoint, and positions."""
         parts = []
         with predicting(self):
             for part in frames.split(_CHUNK):
-                heatmaps, _, positions = self.sight(to_input(part))
-                places, probability = self.sight.places(heatmaps)
+                heatmaps, _, positions = self.detector(to_input(part))
+                places, probability = self.detector.places(heatmaps)
                 centred = places / self._image_size * 2 - 1
                 found = (centred.flatten(1), probability.flatten(1), positions)
                 parts.append(torch.cat(found, 1))
@@ -100,21 +100,21 @@ class Student(nn.Module):
     def learn_to_see(
         self,
         frames: torch.Tensor,
-        landmarks: torch.Tensor,
+        keypoints: torch.Tensor,
         positions: torch.Tensor,
         progress: float,
         generator: torch.Generator,
     ) -> torch.Tensor:
-        """One step on (B, H, W, 3) frames of known (B, L, 2) landmarks; the loss.
+        """One step on (B, H, W, 3) frames of known (B, L, 2) keypoints; the loss.
 
         `positions`: (B, P) of the state, with a standard deviation of about 1.
         """
-        config = self.config.sight
+        config = self.config.detector
         pictures = to_input(frames)
         noise = torch.randn(pictures.shape, generator=generator, device=pictures.device)
         width = torch.full_like(positions[0], _POSITIONS_WIDTH)
-        loss = self.sight.loss(pictures + 2 * config.noise * noise, landmarks, positions, width)
-        self._step(self.sight_optimizer, loss, config.learning_rate, progress)
+        loss = self.detector.loss(pictures + 2 * config.noise * noise, keypoints, positions, width)
+        self._step(self.detector_optimizer, loss, config.learning_rate, progress)
         self.num_updates += 1
         self._memory = None  # it sees otherwise now
         return loss.detach()

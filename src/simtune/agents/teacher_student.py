@@ -28,8 +28,8 @@ class TeacherStudentConfig:
     filmed_share: float = 0.7  # of the steps after that
     random_steps: int = 3_000  # at the start
     teacher_updates_per_step: float = 0.5
-    sight_updates_per_step: float = 0.03
-    first_sight_factor: float = 3.0  # so many times more of them at first: it is blind
+    detector_updates_per_step: float = 0.03
+    first_detector_factor: float = 3.0  # so many times more of them at first: it is blind
     head_updates_per_step: float = 0.25
     remembered_episodes: int = 96  # filmed ones that the student learns to act in
     trusting_share: float = 0.1  # of all steps in which teacher and student take turns
@@ -44,7 +44,7 @@ class TeacherStudent:
         *,
         image_size: int,
         num_stacked: int,
-        num_landmarks: int,
+        num_keypoints: int,
         num_states: int,
         num_positions: int,  # the first of them, without velocities
         num_actions: int,
@@ -67,7 +67,7 @@ class TeacherStudent:
         with seeded(seed):
             sizes = (num_states, num_actions, len(self._knows))
             self.teacher = Teacher(*sizes, config.teacher).to(device)
-            sizes = (num_landmarks, num_positions, image_size, num_stacked, num_actions)
+            sizes = (num_keypoints, num_positions, image_size, num_stacked, num_actions)
             self.student = Student(*sizes, config.student).to(device)
         self._generator = torch.Generator(self.device).manual_seed(seed)
         self.num_steps = self._num_filmed = 0
@@ -107,7 +107,7 @@ class TeacherStudent:
         filmed = self.looks
         self.num_steps += num_steps
         self._num_filmed += num_steps if filmed else 0
-        none = dict.fromkeys(("critic", "actor", "sight", "imitation"), torch.tensor(torch.nan))
+        none = dict.fromkeys(("critic", "actor", "detector", "imitation"), torch.tensor(torch.nan))
         losses = self._study(replay, num_steps) if filmed else self._teach(replay, num_steps)
         return {f"loss/{name}": float(loss) for name, loss in (none | losses).items()}
 
@@ -123,15 +123,15 @@ class TeacherStudent:
         """See better, look at the latest episodes again, do there as the teacher would."""
         config, student, losses = self.config, self.student, {}
         progress = (self.num_steps - self._begins) / (self._total_steps - self._begins)
-        num_updates = num_steps * config.sight_updates_per_step
+        num_updates = num_steps * config.detector_updates_per_step
         if not student.num_updates:
-            num_updates *= config.first_sight_factor
+            num_updates *= config.first_detector_factor
         for _ in range(round(num_updates)):
-            size = config.student.sight.batch_size
-            frames, landmarks, states = replay.pictures(size, self._generator)
+            size = config.student.detector.batch_size
+            frames, keypoints, states = replay.pictures(size, self._generator)
             positions = self.teacher.normalized(states)[:, : self._num_positions]
-            losses["sight"] = student.learn_to_see(
-                frames, landmarks, positions, progress, self._generator
+            losses["detector"] = student.learn_to_see(
+                frames, keypoints, positions, progress, self._generator
             )
 
         slots = replay.latest_filmed(config.remembered_episodes)
@@ -181,6 +181,6 @@ class TeacherStudent:
             "teacher": self.teacher,
             "student": self.student,
             "teacher_optimizer": self.teacher.optimizer,
-            "sight_optimizer": self.student.sight_optimizer,
+            "sight_optimizer": self.student.detector_optimizer,
             "head_optimizer": self.student.head_optimizer,
         }

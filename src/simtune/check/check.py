@@ -8,7 +8,7 @@ from simtune.check.conclusions import conclude
 from simtune.check.soundness import look_through
 from simtune.check.warnings import warnings
 from simtune.config import CheckConfig
-from simtune.fit.information import examine
+from simtune.fit.sensitivity import analyze
 from simtune.progress import Say, silent
 from simtune.real.choose import open_recordings
 from simtune.real.recorded import how_many
@@ -46,6 +46,6 @@ def check(config: CheckConfig, say: Say = silent) -> dict[str, Any]:
         actions = simulator.play(worlds, act, task.episode_steps, rng).actions
         facts["actions"] = "scripted" if task.script else "random"
     looks_alike = config.real is None
-    information = examine(simulator, task.camera, actions, config.seed, looks_alike)
+    information = analyze(simulator, task.camera, actions, config.seed, looks_alike)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return facts | conclude(space, information)

@@ -4,9 +4,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from simtune.fit.information import Information
+from simtune.fit.sensitivity import Sensitivity
 from simtune.parameters import ParameterSpace
-from simtune.tuning.moves import MoveConfig
+from simtune.tuning.range_update import RangeUpdateConfig
 
 Shows = Literal["shows clearly", "shows weakly", "does not show"]
 
@@ -15,7 +15,7 @@ _TOGETHER = 0.8  # correlation from which on two errors are rather one: (1 + r) 
 _NOTHING = "changes neither picture nor motion: it cannot be found from video"
 
 
-def conclude(space: ParameterSpace, information: Information) -> dict[str, Any]:
+def conclude(space: ParameterSpace, information: Sensitivity) -> dict[str, Any]:
     """{"parameters": an object each, by name, "pairs": what shows only together}; JSON."""
     # What shows in a picture alone needs no motion; the others do, whatever they look like.
     picture_std = np.where(space.is_visible, information.picture_std, np.inf)
@@ -43,7 +43,7 @@ def _shows(share: float) -> Shows:
     tuning can call identified, "weakly" what it can call weak: at best, since no real fit has more
     than is told.
     """
-    limits = MoveConfig()
+    limits = RangeUpdateConfig()
     if share <= limits.identified_share:
         return "shows clearly"
     return "shows weakly" if share <= limits.weak_share else "does not show"
@@ -56,7 +56,7 @@ def _note(name: str, shows_nothing: bool, pairs: list[dict[str, Any]]) -> str:
     return f"together with {', '.join(sorted(named - {name}))}: see below" if named else ""
 
 
-def _numbers(space: ParameterSpace, information: Information, i: int) -> dict[str, Any]:
+def _numbers(space: ParameterSpace, information: Sensitivity, i: int) -> dict[str, Any]:
     parameter, std = space.parameters[i], float(information.motion_std[i])
     numbers = {
         "unit": parameter.unit,
@@ -73,7 +73,7 @@ def _numbers(space: ParameterSpace, information: Information, i: int) -> dict[st
 
 
 def _pair(
-    space: ParameterSpace, information: Information, shows: list[Shows], i: int, j: int
+    space: ParameterSpace, information: Sensitivity, shows: list[Shows], i: int, j: int
 ) -> dict[str, Any]:
     """Two parameters whose errors go together, and what is known of them nevertheless."""
     names = [space.names[i], space.names[j]]
@@ -88,7 +88,7 @@ def _pair(
     }
 
 
-def _combination(space: ParameterSpace, information: Information, i: int, j: int) -> str:
+def _combination(space: ParameterSpace, information: Sensitivity, i: int, j: int) -> str:
     """What stays the same while the errors of two parameters go together, in words."""
     a, b = space.names[i], space.names[j]
     rise_together = information.correlation[i, j] > 0

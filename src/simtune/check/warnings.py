@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from simtune.search_param_model.judge import SHORTEST_STEPS
+from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory
 

@@ -1,26 +1,26 @@
-"""Physics and pictures fitted to what sight saw: from the SPM's estimate to the last per cent."""
+"""Physics and pictures fitted to what the detector saw: from the SPM's estimate to the last per cent."""
 
-from simtune.fit.budget import affordable
-from simtune.fit.conclusions import correlations, doubts, in_range, ranks, widened
-from simtune.fit.fit import ReplayFit, num_fitted
-from simtune.fit.found import Fit
+from simtune.fit.bootstrap import Bootstrap, run_bootstrap
 from simtune.fit.particles import ParticleConfig
-from simtune.fit.replicas import Replicas, make_replicas
+from simtune.fit.replay_fit import ReplayFit, num_fitted
+from simtune.fit.result import FitResult
 from simtune.fit.shooting import ShootingConfig, Stage
+from simtune.fit.sizing import fit_to_budget
+from simtune.fit.uncertainty import correlations, doubts, in_range, inflate, ranks
 
 __all__ = [
-    "Fit",
+    "Bootstrap",
+    "FitResult",
     "ParticleConfig",
     "ReplayFit",
-    "Replicas",
     "ShootingConfig",
     "Stage",
-    "affordable",
     "correlations",
     "doubts",
+    "fit_to_budget",
     "in_range",
-    "make_replicas",
+    "inflate",
     "num_fitted",
     "ranks",
-    "widened",
+    "run_bootstrap",
 ]

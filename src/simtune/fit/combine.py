@@ -1,7 +1,7 @@
 """Many small experiments to one estimate: a random-effects meta-analysis.
 
 Windows of a motion, or pictures, each tell something of the same parameters, and disagree by more
-than their own noise explains: sight's errors go with each other, contacts are not smooth. So each
+than their own noise explains: the detector's errors go with each other, contacts are not smooth. So each
 counts by the variance of its own estimate plus the variance between them (DerSimonian and Laird,
 1986), which is also what keeps a single chaotic window from outweighing all others.
 """
@@ -80,7 +80,7 @@ def combine(
     return Combined(slopes.sum(0), weighted.sum(0), covariance, variance)
 
 
-def trusted(cost: np.ndarray) -> np.ndarray:
+def robust_weights(cost: np.ndarray) -> np.ndarray:
     """(W,) how much experiments of such costs count: little, if far worse explained than others.
 
     Compared with the better half: the worse one may be lost altogether.

@@ -1,4 +1,4 @@
-"""A first guess at the states behind what sight saw: a small network over time."""
+"""A first guess at the states behind what the detector saw: a small network over time."""
 
 import numpy as np
 import torch
@@ -16,19 +16,19 @@ _CROP, _BATCH, _LEARNING_RATE = 48, 48, 3e-3
 
 
 class StateEstimator:
-    """From tracks to a state at every frame; exact only where landmarks fix the state."""
+    """From tracks to a state at every frame; exact only where keypoints fix the state."""
 
     def __init__(
         self,
         space: StateSpace,
-        num_landmarks: int,
+        num_keypoints: int,
         action_scale: np.ndarray,
         scale_px: float,
         seed: int,
     ):
         self._space, self._scale_px = space, scale_px
         self._action_scale = np.asarray(action_scale)
-        self._num_seen = 6 * num_landmarks + len(self._action_scale)
+        self._num_seen = 6 * num_keypoints + len(self._action_scale)
         self._generator = torch.Generator().manual_seed(seed)
         self._seed = seed
         self.spread = np.ones(space.num_tangent)  # of its errors, robustly, one tangent each

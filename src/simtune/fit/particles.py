@@ -1,4 +1,4 @@
-"""Many simulated motions at once follow what sight saw; the likely ones go on.
+"""Many simulated motions at once follow what the detector saw; the likely ones go on.
 
 A particle filter (Gordon, Salmond and Smith 1993) of states and parameters together. What single
 pictures leave open, a left leg that may be the right one, the motion decides after a while: until
@@ -13,7 +13,7 @@ from simtune.fit.physics import Physics
 from simtune.fit.tracks import Tracks
 from simtune.fit.windows import log_likelihood
 
-_TEMPER = 0.3  # sight's errors in neighbouring frames and landmarks go together
+_TEMPER = 0.3  # the detector's errors in neighbouring frames and keypoints go together
 _FRESH = 0.2  # share that begins anew from the first guess, should all others have gone astray
 _FRESH_PENALTY = 2.0  # of their log likelihood
 _STATE_JITTER = 0.1  # in terms of the first guess's usual errors
@@ -65,7 +65,7 @@ class Particles:
         """From guesses at the (E, T + 1, nq + nv) states and the (N,) parameters, and their std."""
         rng, config, history = np.random.default_rng(0), self._config, _History()
         num_episodes, num_steps, _ = tracks.actions.shape
-        acted = self._physics.after(tracks.actions, states, unit)
+        actuator_state = self._physics.after(tracks.actions, states, unit)
         shape = (num_episodes, config.num)
         now = self._fresh(states[:, 0], config.num, rng)  # (E, K, nq + nv)
         drawn = rng.normal(size=(*shape, len(self._fitted)))
@@ -75,7 +75,7 @@ class Particles:
         for start in range(0, num_steps, config.steps):
             end, new = min(start + config.steps, num_steps), int(start > 0)
             actions = tracks.actions[:, start:end]
-            played, seen = self._play(now, unit, units, actions, acted[:, start])
+            played, seen = self._play(now, unit, units, actions, actuator_state[:, start])
             weight = weight + self._likely(seen[:, :, new:], tracks, slice(start + new, end + 1))
             share = np.exp(weight - weight.max(1, keepdims=True))
             share /= share.sum(1, keepdims=True)
@@ -101,9 +101,9 @@ class Particles:
         unit: np.ndarray,
         units: np.ndarray,
         actions: np.ndarray,
-        acted: np.ndarray,
+        actuator_state: np.ndarray,
     ):
-        """States (E, K, steps + 1, nq + nv) and landmarks of what happens next."""
+        """States (E, K, steps + 1, nq + nv) and keypoints of what happens next."""
         num_episodes, num, size = states.shape
         worlds = np.repeat(unit[None], num_episodes * num, 0)
         worlds[:, self._fitted] = units.reshape(len(worlds), -1)
@@ -111,14 +111,14 @@ class Particles:
             states.reshape(-1, size),
             worlds,
             np.repeat(actions, num, 0),
-            np.repeat(acted, num, 0),
+            np.repeat(actuator_state, num, 0),
         )
         shape = (num_episodes, num, actions.shape[1] + 1)
         played = np.nan_to_num(self._physics.states(rows)).reshape(*shape, size)
         return played, seen.reshape(*shape, -1, 2)
 
     def _likely(self, seen: np.ndarray, tracks: Tracks, frames: slice) -> np.ndarray:
-        """(E, K) tempered log likelihoods of (E, K, frames, L, 2) landmarks."""
+        """(E, K) tempered log likelihoods of (E, K, frames, L, 2) keypoints."""
         apart = seen[:, :, :, None] - tracks.places[:, None, frames]
         probability = tracks.probability[:, None, frames]
         return _TEMPER * log_likelihood(apart / self._noise_px[:, None], probability)

@@ -1,21 +1,21 @@
-"""Physics as a fit asks for it: states and parameters in, states and landmarks out."""
+"""Physics as a fit asks for it: states and parameters in, states and keypoints out."""
 
 import numpy as np
 
-from simtune.search_param_model.landmarks import Landmarks
 from simtune.simulation import Simulator
 from simtune.simulation.states import StateSpace
+from simtune.vision.keypoints import Keypoints
 
-_NOWHERE_PX = -1e3  # landmarks of a world that diverged
+_NOWHERE_PX = -1e3  # keypoints of a world that diverged
 
 
 class Physics:
     """Of one simulator, its states as positions and velocities, its parameters as coordinates."""
 
-    def __init__(self, simulator: Simulator, landmarks: Landmarks, row: np.ndarray):
+    def __init__(self, simulator: Simulator, keypoints: Keypoints, row: np.ndarray):
         """`row`: (S,) any state; of it is what is neither position nor velocity, nor acted upon."""
         self.space, self.parameters = StateSpace(simulator.model), simulator.space
-        self._simulator, self._landmarks, self._row = simulator, landmarks, row
+        self._simulator, self._keypoints, self._row = simulator, keypoints, row
         self._rng = np.random.default_rng(0)  # starts are given, or make no difference
 
     def play(
@@ -23,21 +23,25 @@ class Physics:
         states: np.ndarray,
         units: np.ndarray,
         actions: np.ndarray,
-        acted: np.ndarray | None = None,
+        actuator_state: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(n, T + 1, S) rows and (n, T + 1, L, 2) landmarks of n worlds.
+        """(n, T + 1, S) rows and (n, T + 1, L, 2) keypoints of n worlds.
 
         They begin in (n, nq + nv) states, have (n, N) parameters in unit coordinates and play
         (n, T, A) actions. `acted`: (n, S) of `after`, where actions came before. A world that
         diverges stays where it does.
         """
-        rows = np.repeat(self._row[None], len(states), 0) if acted is None else acted.copy()
+        rows = (
+            np.repeat(self._row[None], len(states), 0)
+            if actuator_state is None
+            else actuator_state.copy()
+        )
         rows[:, 1 : 1 + states.shape[1]] = states
         played = self._simulator.roll_out(
             self.parameters.from_unit(units),
             actions,
             self._rng,
-            self._landmarks.record,
+            self._keypoints.record,
             rows,
             keep_diverged=True,
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simtune.fit.combine import FIRST_VARIANCE, combine, trusted
+from simtune.fit.combine import FIRST_VARIANCE, combine, robust_weights
 from simtune.simulation import Simulator
 from simtune.simulation.states import StateSpace
 
@@ -56,7 +56,9 @@ def fit_pictures(
         information = np.einsum("vmp,mp,ump->mvu", slopes, weight, slopes, optimize=True)
         slope = np.einsum("vmp,mp,mp->mv", slopes, weight, residual, optimize=True)
         cost = np.minimum(np.square(residual / noise), 9).mean(1)
-        told = combine(information.astype(float), slope.astype(float), variance, trusted(cost))
+        told = combine(
+            information.astype(float), slope.astype(float), variance, robust_weights(cost)
+        )
         covariance, variance = told.covariance, told.variance
         unit[fitted] = np.clip(unit[fitted] + told.step(unit[fitted], _LARGEST_STEP), 0, 1)
         drawn, slopes = _draw(simulator, rows, unit, fitted)
@@ -80,7 +82,7 @@ def _noise(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndar
     return noise
 
 
-def aligned(
+def align_to_images(
     simulator: Simulator,
     frames: np.ndarray,
     rows: np.ndarray,

@@ -1,4 +1,4 @@
-"""Multiple shooting: the physics is replayed in short windows and fitted to what sight saw.
+"""Multiple shooting: the physics is replayed in short windows and fitted to what the detector saw.
 
 In each window the initial state is unknown as well, so that no error grows for long and no
 contact is followed for long. Gauss-Newton finds parameters and initial states together; finite
@@ -11,8 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.fit.combine import FIRST_VARIANCE, combine, trusted
-from simtune.fit.linear import Guess, WindowPlayer, diagonal, eliminate, residuals
+from simtune.fit.combine import FIRST_VARIANCE, combine, robust_weights
+from simtune.fit.linearization import (
+    LinearizationPoint,
+    WindowPlayer,
+    diagonal,
+    eliminate,
+    residuals,
+)
 from simtune.fit.physics import Physics
 from simtune.fit.tracks import Tracks
 from simtune.fit.windows import Windows, cut
@@ -28,7 +34,7 @@ _AS_WELL = 1.0  # by so much −log likelihood may rise: distances half as large
 class Stage(NamedTuple):
     window: int  # steps
     iterations: int
-    blur: float = 1.0  # a factor on sight's noise
+    blur: float = 1.0  # a factor on the detector's noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +61,7 @@ class ShootingFit:
     episode: np.ndarray  # (W,)
     step: np.ndarray  # (W,) at which each window begins
     misfit: np.ndarray  # (W,) mean of −log likelihood of an observation
-    residual_px: float  # median distance of what sight is sure of
+    residual_px: float  # median distance of what the detector is sure of
 
 
 class Shooting:
@@ -69,9 +75,9 @@ class Shooting:
         fitted: np.ndarray,
         config: ShootingConfig,
     ):
-        """`noise_px`: (L,) where sight is sure; `spread`: (2 nv,) usual errors of first guesses."""
+        """`noise_px`: (L,) where the detector is sure; `spread`: (2 nv,) usual errors of first guesses."""
         self._physics, self._space, self.config = physics, physics.space, config
-        self._noise_px = self._noise = np.asarray(noise_px)  # of sight, and as it is blurred
+        self._noise_px = self._noise = np.asarray(noise_px)  # of the detector, and as it is blurred
         self._spread, self.fitted = spread * _PRIOR, np.asarray(fitted)
         self._player = WindowPlayer(physics, self._spread, self.fitted)
 
@@ -108,14 +114,14 @@ class Shooting:
     def _fit(self, whole: Windows, unit: np.ndarray, stages: tuple[Stage, ...]) -> ShootingFit:
         """From (N,) parameters in unit coordinates."""
         windows = whole
-        guess = Guess(
+        guess = LinearizationPoint(
             windows.states.copy(), unit, np.full(len(windows.states), 1e-2), FIRST_VARIANCE
         )
         covariance = np.zeros((len(self.fitted),) * 2)
         for stage in stages:
             windows = whole.first(stage.window)
             self._noise = stage.blur * self._noise_px
-            guess = replace(guess, damping=np.full(len(guess.damping), 1e-2), boldness=1.0)
+            guess = replace(guess, damping=np.full(len(guess.damping), 1e-2), step_scale=1.0)
             for iteration in range(stage.iterations):
                 step_size = 0.0 if stage.blur > _STATES_ONLY else 1.0 if iteration < 3 else 0.5
                 guess, covariance = self._step(windows, guess, step_size)
@@ -142,7 +148,9 @@ class Shooting:
         """
         unit = self._physics.parameters.to_unit(parameters)
         windows = self._cut(tracks, states, unit)
-        guess = Guess(windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE)
+        guess = LinearizationPoint(
+            windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE
+        )
         residual, by_state, by_parameter = self._player.linearise(windows, guess, self._noise)
         weight = windows.weight(residual)
         information = eliminate(by_state, by_parameter, weight, self._spread)[-1]
@@ -151,7 +159,7 @@ class Shooting:
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
         return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)
 
-    def _step(self, windows: Windows, guess: Guess, step_size: float):
+    def _step(self, windows: Windows, guess: LinearizationPoint, step_size: float):
         """One step of Gauss-Newton; the guess after it, and the parameters' covariance."""
         residual, by_state, by_parameter = self._player.linearise(windows, guess, self._noise)
         weight = windows.weight(residual)  # (W, M)
@@ -164,11 +172,11 @@ class Shooting:
         of_parameters = np.einsum("wpm,wm,wm->wp", by_parameter, weight, flat)
         of_parameters -= np.einsum("wsp,ws->wp", to_parameters, slope)
         cost = windows.cost(residual[None])[0]
-        trust, anchored = trusted(cost), 0.5 * np.square(pull).sum(-1)
+        trust, anchored = robust_weights(cost), 0.5 * np.square(pull).sum(-1)
         told = combine(information, of_parameters, guess.variance, trust / (1 + guess.damping))
         change = told.step(guess.unit[self.fitted], _LARGEST_STEP)
         unit = guess.unit.copy()
-        unit[self.fitted] = np.clip(unit[self.fitted] + step_size * guess.boldness * change, 0, 1)
+        unit[self.fitted] = np.clip(unit[self.fitted] + step_size * guess.step_scale * change, 0, 1)
         change = unit[self.fitted] - guess.unit[self.fitted]
         damped = hessian + guess.damping[:, None, None] * diagonal(hessian)
         tangent = -np.linalg.solve(damped, (slope + cross @ change)[..., None])[..., 0]
@@ -181,12 +189,12 @@ class Shooting:
         costs = windows.cost(residuals(windows, seen, self._noise))
         costs += np.stack([0.5 * np.square(pulled).sum(-1), anchored])
         if trust @ costs.min(0) > trust @ (cost + anchored):  # too far for a straight line
-            return replace(guess, boldness=guess.boldness / 4), told.covariance
+            return replace(guess, step_scale=guess.step_scale / 4), told.covariance
         better = costs[0] < costs[1]
         states = np.where(better[:, None], moved, guess.states)
         damping = np.where(better, guess.damping / 4, guess.damping * 8).clip(1e-6, 1e4)
-        boldness = min(1.0, 2 * guess.boldness)
-        return Guess(states, unit, damping, told.variance, boldness), told.covariance
+        step_scale = min(1.0, 2 * guess.step_scale)
+        return LinearizationPoint(states, unit, damping, told.variance, step_scale), told.covariance
 
     def _cut(
         self, tracks: Tracks, states: np.ndarray, unit: np.ndarray, steps: int | None = None
@@ -194,9 +202,9 @@ class Shooting:
         """By default as long as the last stage's; however long, of as many steps in all."""
         usual = self.config.stages[-1].window
         steps = steps or usual
-        acted = self._physics.after(tracks.actions, states, unit)
+        actuator_state = self._physics.after(tracks.actions, states, unit)
         at_most = self.config.num_windows * usual
-        return cut(tracks, states, acted, steps, max(1, at_most // steps))
+        return cut(tracks, states, actuator_state, steps, max(1, at_most // steps))
 
     def _improved(self, states: np.ndarray, fit: ShootingFit) -> np.ndarray:
         """(E, T + 1, nq + nv) states, those of a fit's windows as it has them."""

@@ -1,6 +1,6 @@
 """Short stretches of tracks, and how well a simulated motion explains them.
 
-What sight saw is a mixture: near the truth with the probability that sight itself gives to either
+What the detector saw is a mixture: near the truth with the probability that the detector itself gives to either
 place, else anywhere.
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from simtune.fit.tracks import Tracks
 
-_ELSEWHERE = 0.003  # density of a landmark that is not where sight is, in units of its noise
+_ELSEWHERE = 0.003  # density of a keypoint that is not where the detector is, in units of its noise
 _WIDE, _WIDE_SHARE = 4.0, 0.05  # the noise has wider tails than a normal distribution
 
 
@@ -20,7 +20,7 @@ class Windows:
     probability: np.ndarray  # (W, K, 2, L)
     actions: np.ndarray  # (W, K - 1, A)
     states: np.ndarray  # (W, nq + nv) first guess at the initial ones
-    acted: np.ndarray  # (W, S) what earlier actions left behind, of `Physics.after`
+    actuator_state: np.ndarray  # (W, S) what earlier actions left behind, of `Physics.after`
     episode: np.ndarray  # (W,)
     step: np.ndarray  # (W,)
 
@@ -31,7 +31,7 @@ class Windows:
         return replace(self, **cut, actions=self.actions[:, :steps])
 
     def cost(self, residual: np.ndarray) -> np.ndarray:
-        """(G, W) −log likelihoods of (G, W, K, 2, L, 2) residuals in units of sight's noise."""
+        """(G, W) −log likelihoods of (G, W, K, 2, L, 2) residuals in units of the detector's noise."""
         return -log_likelihood(residual, self.probability)
 
     def weight(self, residual: np.ndarray) -> np.ndarray:
@@ -49,9 +49,9 @@ class Windows:
 
 
 def log_likelihood(residual: np.ndarray, probability: np.ndarray) -> np.ndarray:
-    """(...) of K frames with (..., K, 2, L, 2) residuals in units of sight's noise.
+    """(...) of K frames with (..., K, 2, L, 2) residuals in units of the detector's noise.
 
-    `probability`, (..., K, 2, L), that the landmark is at either place.
+    `probability`, (..., K, 2, L), that the keypoint is at either place.
     """
     near, wide, elsewhere = _terms(residual, probability)
     return np.log((near + wide).sum(-2) + elsewhere).sum((-1, -2))
@@ -65,7 +65,9 @@ def _terms(residual: np.ndarray, probability: np.ndarray):
     return near, wide, (1 - probability.sum(-2)) * _ELSEWHERE + 1e-12
 
 
-def cut(tracks: Tracks, states: np.ndarray, acted: np.ndarray, steps: int, at_most: int) -> Windows:
+def cut(
+    tracks: Tracks, states: np.ndarray, actuator_state: np.ndarray, steps: int, at_most: int
+) -> Windows:
     """Windows of so many steps that do not overlap; `at_most` of them, evenly spread.
 
     (E, T + 1, nq + nv) guesses at states, (E, T + 1, S) what actions left behind.
@@ -83,5 +85,5 @@ def cut(tracks: Tracks, states: np.ndarray, acted: np.ndarray, steps: int, at_mo
     actions = tracks.actions[episode[:, None], frames[:, :-1]]
     begin = (episode, step)
     return Windows(
-        tracks.places[at], probability, actions, states[begin], acted[begin], episode, step
+        tracks.places[at], probability, actions, states[begin], actuator_state[begin], episode, step
     )

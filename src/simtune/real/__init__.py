@@ -28,7 +28,7 @@ class RealWorld(Protocol):
         """Trajectories of so many episodes; None: of a few."""
         ...
 
-    def try_out(
+    def run_policy(
         self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
     ) -> list[Trajectory]:
         """Trajectories of a policy that sees the latest frames; none where nobody can act."""

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simtune.recordings import decode, resize, write_video
+from simtune.pictures import resize
+from simtune.recordings import decode, write_video
 from simtune.simulation import OPENGL_DM_CONTROL, Simulator
 from simtune.tasks import Task
 

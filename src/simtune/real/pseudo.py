@@ -55,7 +55,7 @@ class PseudoReal:
                 for frames, asked in zip(simulator.film(seen), commanded, strict=True)
             ]
 
-        def try_out(
+        def run_policy(
             policy: PixelPolicy, num_stacked: int, num_episodes: int, rng: np.random.Generator
         ) -> list[Trajectory]:
             assert isinstance(simulator, Simulator), "nobody trains in an environment"
@@ -69,7 +69,7 @@ class PseudoReal:
             actions = played.actions.astype(np.float32)
             return [Trajectory(projector.frames[i], actions[i], step_s) for i in whole]
 
-        self._film, self._try_out, self._seed = film, try_out, seed
+        self._film, self._run_policy, self._seed = film, run_policy, seed
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -80,12 +80,12 @@ class PseudoReal:
         """Film exploring episodes, by default 5. Worlds that diverge yield fewer."""
         return self._film(num_episodes or 5)
 
-    def try_out(
+    def run_policy(
         self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
     ) -> list[Trajectory]:
         """See `RealWorld`; the same policy and seed give the same episodes. Without a gap only."""
         if not self.looks_like_simulator:
             raise NotImplementedError("no policy can act through a reality gap")
-        return self._try_out(
+        return self._run_policy(
             policy, num_stacked, num_episodes, np.random.default_rng((self._seed, 2, seed))
         )

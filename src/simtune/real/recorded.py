@@ -39,7 +39,7 @@ class RecordedReal:
             self._collected.append(self._dataset.read(episode))
         return self._collected[:num_episodes]
 
-    def try_out(
+    def run_policy(
         self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
     ) -> list[Trajectory]:
         """Nothing: what was filmed is all there will ever be."""

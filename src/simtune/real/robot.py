@@ -11,9 +11,9 @@ import numpy as np
 
 from simtune.config.robot import RobotConfig
 from simtune.errors import InputError
-from simtune.real.filmed import Filmed, Sitting
+from simtune.pictures import resize
+from simtune.real.archive import RecordingArchive, RecordingSession
 from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
-from simtune.recordings import resize
 from simtune.robot.displacements import Displacements
 from simtune.simulation import (
     DirectActions,
@@ -68,7 +68,7 @@ class RobotReal:
             )
         self._config, self._task, self._mapping = config, task, mapping
         self._image_size, self._seed, self._move = image_size, seed, move
-        self._filmed = Filmed(folder, self.num_actions)
+        self._filmed = RecordingArchive(folder, self.num_actions)
         self._displacements = Displacements.of(
             config.moved, config.step, mapping.range, config.axes, config.start
         )
@@ -91,7 +91,7 @@ class RobotReal:
         with connected(self._config) as (robot, camera):
             place = robot.measure()
             limits_of(self._config).check(place)
-            height, width, _ = camera.look().pixels.shape
+            height, width, _ = camera.detect().pixels.shape
         where = ", ".join(
             f"{axis} {value:.1f}" for axis, value in zip(robot.axes, place, strict=True)
         )
@@ -115,7 +115,7 @@ class RobotReal:
             self._film(num_episodes - done, draw)
         return self._filmed.read(self._image_size)[:num_episodes]
 
-    def try_out(
+    def run_policy(
         self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
     ) -> list[Trajectory]:
         """See `RealWorld`. Raises as `collect` does."""
@@ -128,7 +128,7 @@ class RobotReal:
 
         return list(self._film(num_episodes, lambda _: act).read(self._image_size))
 
-    def _film(self, num_episodes: int, begin: Callable[[int], ActOnFrames]) -> Sitting:
+    def _film(self, num_episodes: int, begin: Callable[[int], ActOnFrames]) -> RecordingSession:
         if not self._move:
             raise InputError("the robot has to move for this: give --move")
         ask = self._config.ask
@@ -138,7 +138,7 @@ class RobotReal:
                 f"or write ask = false into {self._config.file}"
             )
         with acting(self._config, self.step_s, self._displacements) as session:
-            sitting = self._filmed.new_sitting(
+            sitting = self._filmed.new_session(
                 action_names=self._mapping.names,
                 robot_type=self._config.driver,
                 task=self._task.description,

@@ -11,7 +11,7 @@ import numpy as np
 
 from simtune.config.robot import RobotConfig
 from simtune.errors import InputError, RobotError
-from simtune.recordings import middle_square, resize
+from simtune.pictures import middle_square, resize
 from simtune.robot.displacements import Displacements
 from simtune.robot.latch import Latch
 from simtune.robot.limits import Limits
@@ -93,7 +93,7 @@ class Session:
 
     def _look(self) -> tuple[np.ndarray, float]:
         """The middle of the picture, as wide as high, and when it was taken."""
-        pixels, taken_s = self._camera.look()
+        pixels, taken_s = self._camera.detect()
         size = (self._recorded_px, self._recorded_px)
         return resize(middle_square(pixels), size), taken_s
 

@@ -3,7 +3,6 @@
 from simtune.recordings.dataset import Dataset
 from simtune.recordings.lerobot_writer import write_dataset
 from simtune.recordings.open import open_dataset
-from simtune.recordings.pictures import middle_square, resize
 from simtune.recordings.video import decode, frames_at, probe
 from simtune.recordings.video_writer import VideoWriter, write_video
 
@@ -12,10 +11,8 @@ __all__ = [
     "VideoWriter",
     "decode",
     "frames_at",
-    "middle_square",
     "open_dataset",
     "probe",
-    "resize",
     "write_dataset",
     "write_video",
 ]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from simtune.errors import InputError
+from simtune.pictures import middle_square, resize
 from simtune.recordings.fingerprint import fingerprint
-from simtune.recordings.pictures import middle_square, resize
 from simtune.recordings.resample import step_actions, step_times, typical_step_s
 from simtune.recordings.source import MOST_ROWS, Rows, Source, choose_actions, short
 from simtune.trajectory import Trajectory

@@ -22,7 +22,7 @@ class Episodes:
     lengths: np.ndarray  # (n,) int, steps that count: fewer than T where the physics diverged
     terminated: np.ndarray  # (n,) bool: the last step ended the task; a time limit does not
     frames: np.ndarray | None = None  # (n, T + 1, H, W, 3) uint8, where somebody looks
-    landmarks: np.ndarray | None = None  # (n, T + 1, L, 2) float32 pixels, where they are in those
+    keypoints: np.ndarray | None = None  # (n, T + 1, L, 2) float32 pixels, where they are in those
     reached: np.ndarray | None = None  # (n, G) bool, which of the task's goals in the end
 
     def __post_init__(self) -> None:
@@ -37,7 +37,7 @@ class Episodes:
             "lengths": (n,),
             "terminated": (n,),
             "frames": (n, num_steps + 1, "H", "W", 3),
-            "landmarks": (n, num_steps + 1, "L", 2),
+            "keypoints": (n, num_steps + 1, "L", 2),
             "reached": (n, "G"),
         }
         for name, shape in expected.items():

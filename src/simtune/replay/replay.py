@@ -49,9 +49,9 @@ class Replay(EpisodeStore):
     def pictures(
         self, batch_size: int, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """(B, H, W, 3) frames drawn from all that are stored; their landmarks and states."""
+        """(B, H, W, 3) frames drawn from all that are stored; their keypoints and states."""
         at = self._draw(batch_size, generator, filmed=True)
-        return self.frames[at], self.landmarks[at], self.states[at]
+        return self.frames[at], self.keypoints[at], self.states[at]
 
     @property
     def stack_offsets(self) -> torch.Tensor:

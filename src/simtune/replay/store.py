@@ -13,7 +13,7 @@ from simtune.replay.episodes import Episodes
 Film = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 _OF_ALL = ("parameters", "lengths", "terminated", "states", "actions", "rewards")
-_OF_FILMED = ("rows", "landmarks", "frames")
+_OF_FILMED = ("rows", "keypoints", "frames")
 
 
 class EpisodeStore:
@@ -44,7 +44,7 @@ class EpisodeStore:
         # Without a size until the first episodes, or the first filmed ones, bring it.
         self.rows = torch.empty(filmed_capacity, 0, dtype=torch.float64)  # (·, T + 1, S)
         self.frames = torch.empty(filmed_capacity, 0, dtype=torch.uint8, device=self.device)
-        self.landmarks = torch.empty(filmed_capacity, 0, device=self.device)  # (·, T + 1, L, 2)
+        self.keypoints = torch.empty(filmed_capacity, 0, device=self.device)  # (·, T + 1, L, 2)
         self.states = torch.empty(slots, 0, device=self.device)  # (slots, T + 1, D)
         self.actions = torch.empty(slots, 0, device=self.device)  # (slots, T, A)
         self.rewards = torch.empty(slots, 0, device=self.device)  # (slots, T)
@@ -103,7 +103,7 @@ class EpisodeStore:
         arrays = {name: getattr(self, name) for name in _OF_ALL}
         kept = {name: array[slots.to(array.device)] for name, array in arrays.items()}
         filmed = slots[slots < self.filmed_capacity]
-        kept |= {"rows": self.rows[filmed], "landmarks": self.landmarks[filmed.to(self.device)]}
+        kept |= {"rows": self.rows[filmed], "keypoints": self.keypoints[filmed.to(self.device)]}
         return {"slots": slots, "numbers": self._numbers[slots], **kept}
 
     def state(self) -> dict[str, Any]:
@@ -127,7 +127,7 @@ class EpisodeStore:
             self._numbers[slots] = tensors["numbers"]
             self._write(slots, {name: tensors[name] for name in _OF_ALL})
             filmed = slots[slots < self.filmed_capacity]
-            self._write(filmed, {name: tensors[name] for name in ("rows", "landmarks")})
+            self._write(filmed, {name: tensors[name] for name in ("rows", "keypoints")})
             for slot in filmed:  # one at a time: pictures are large
                 self._film(slot, film)
         self._changed()

@@ -55,7 +55,7 @@ class Robot(Protocol):
 class Camera(Protocol):
     def connect(self) -> None: ...
 
-    def look(self) -> Picture:
+    def detect(self) -> Picture:
         """A picture taken after the call. Raises RobotError where none comes."""
         ...
 

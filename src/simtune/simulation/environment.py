@@ -6,7 +6,7 @@ What an environment has to do, beside gymnasium's usual:
   parameters; the same seed, parameters and actions give the same episode;
 * `render()` gives the present picture, (H, W, 3) uint8 RGB;
 * `info["points"]` of `reset` and `step`, (L, 2), says where in the picture points are that move
-  with its parts: 0 to 1 from the left and from the top. Only a simulator knows them, and sight
+  with its parts: 0 to 1 from the left and from the top. Only a simulator knows them, and the detector
   learns to see them.
 
 Of pictures that are no squares the middle is looked at.
@@ -20,7 +20,7 @@ import numpy as np
 
 from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
-from simtune.recordings import middle_square, resize
+from simtune.pictures import middle_square, resize
 from simtune.simulation.played import Act, AnySimulator, Played, Record
 
 _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
@@ -37,7 +37,7 @@ class Points:
         return len(self.chosen)
 
     def record(self, points: np.ndarray) -> np.ndarray:
-        """(n, all, 2) shares of the picture to (n, L · 2) float32 pixels; cf. `Landmarks`."""
+        """(n, all, 2) shares of the picture to (n, L · 2) float32 pixels; cf. `Keypoints`."""
         pixels = points[:, self.chosen] * self.image_size - 0.5
         edge = _MARGIN_PX
         seen = np.clip(pixels, -edge, self.image_size - 1 + edge).astype(np.float32)

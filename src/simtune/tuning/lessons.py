@@ -10,22 +10,17 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.fit import ReplayFit, affordable
+from simtune.fit import ReplayFit, fit_to_budget
 from simtune.progress import Progress
 from simtune.randomization import Distribution
-from simtune.search_param_model.landmarks import Landmarks
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
-from simtune.search_param_model.sight import Seen
-from simtune.search_param_model.simulated import (
-    PILOT_STEPS,
-    Camera,
-    SimulatedWorlds,
-    find_landmarks,
-    simulate,
-)
+from simtune.search_param_model.simulated import SimulatedWorlds, simulate
 from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.vision.detector import Detections
+from simtune.vision.image_noise import ImageNoise
+from simtune.vision.keypoints import PILOT_STEPS, Keypoints, find_keypoints
 
 _FEWEST_WORLDS = 64  # to learn anything from
 
@@ -45,13 +40,13 @@ class Lessons:
     ):
         """`now(doing, share)` is told what is done, and how much of the iteration is over."""
         self.simulator, self._config, self._now = simulator, config, now
-        self.camera = None if looks_alike else Camera()
+        self.image_noise = None if looks_alike else ImageNoise()
         self.rng = np.random.default_rng(seed)
         began_s = time.monotonic()
         self._seed = seed
-        self.landmarks = find_landmarks(simulator, camera, first, seed)
+        self.keypoints = find_keypoints(simulator, camera, first, seed)
         hidden = [p.name for p in simulator.space if not p.is_visible]
-        if hidden and not len(self.landmarks):
+        if hidden and not len(self.keypoints):
             raise InputError(
                 f"{hidden[0]} shows in motion only, and nothing moves in the simulator's episodes: "
                 "have them start elsewhere, act, or leave the parameter out"
@@ -60,7 +55,7 @@ class Lessons:
         self._step_s = max(1e-9, (time.monotonic() - began_s) / PILOT_STEPS)
         self._frame_s = 0.0
         self.model = PosteriorSearchParamModel(
-            len(self.landmarks),
+            len(self.keypoints),
             simulator.action_scale,
             simulator.space.is_visible,
             simulator.image_size,
@@ -79,29 +74,29 @@ class Lessons:
         worlds = self._collect(
             real, distribution, config.num_worlds, episodes, config.filmed_steps, collect_s
         )
-        losses = self._to_see(worlds, distribution, iteration, seconds * config.sight_share)
+        losses = self._to_see(worlds, distribution, iteration, seconds * config.detector_share)
         worlds = replace(worlds, frames=worlds.frames[:0].copy())  # makes room for others
         unseen = self._collect(
             real, distribution, config.unseen_worlds, 1, config.unseen_steps, collect_s
         )
-        seen = self.model.look_at(unseen)
-        errors = self.model.sight_errors(unseen, seen, distribution)
-        times = 1 if self._scene else config.lone_judge
+        seen = self.model.detect(unseen)
+        errors = self.model.detector_errors(unseen, seen, distribution)
+        times = 1 if self._scene else config.no_fit_scale
         if times > 1:  # hardly filmed: what they looked like is known from others
             most = config.num_worlds * times
             worlds = self._collect(real, distribution, most, episodes, 2, collect_s)
-        judge_s = seconds * config.judge_share * times
-        losses |= self._to_judge(worlds, errors, distribution, times, judge_s)
+        posterior_s = seconds * config.posterior_share * times
+        losses |= self._train_posterior_net(worlds, errors, distribution, times, posterior_s)
         num_steps = min(len(t) for t in real) * len(real)
         return self._to_follow(unseen, seen, distribution, num_steps, seconds), losses
 
     @property
-    def _scene(self) -> tuple[Simulator, Landmarks] | None:
+    def _scene(self) -> tuple[Simulator, Keypoints] | None:
         """What can be fitted: it begins anywhere, as environments need not, and something moves."""
-        simulator, landmarks = self.simulator, self.landmarks
-        if not isinstance(simulator, Simulator) or not isinstance(landmarks, Landmarks):
+        simulator, keypoints = self.simulator, self.keypoints
+        if not isinstance(simulator, Simulator) or not isinstance(keypoints, Keypoints):
             return None
-        return (simulator, landmarks) if len(landmarks) else None
+        return (simulator, keypoints) if len(keypoints) else None
 
     def _collect(
         self,
@@ -125,12 +120,12 @@ class Lessons:
         which = np.stack([rng.permutation(len(real))[:episodes] for _ in range(num_worlds)])
         worlds = simulate(
             self.simulator,
-            self.landmarks,
+            self.keypoints,
             distribution.sample(num_worlds, rng),
             played[which],
             filmed,
             rng,
-            self.camera,
+            self.image_noise,
         )
         world_s = (time.monotonic() - began_s) / num_worlds
         self._step_s = min(self._step_s, world_s / (episodes * steps))
@@ -148,12 +143,12 @@ class Lessons:
     def _to_see(
         self, worlds: SimulatedWorlds, distribution: Distribution, iteration: int, seconds: float
     ) -> dict[str, float]:
-        counts = self._config.sight_updates
+        counts = self._config.detector_updates
         updates = counts[min(iteration, len(counts) - 1)]
         progress = self._progress(updates, seconds, "learning to see", 0.1, 0.6)
-        return {"loss/sight": self.model.train_sight(worlds, distribution, progress)}
+        return {"loss/detector": self.model.train_detector(worlds, distribution, progress)}
 
-    def _to_judge(
+    def _train_posterior_net(
         self,
         worlds: SimulatedWorlds,
         errors: tuple[np.ndarray, np.ndarray],
@@ -162,16 +157,16 @@ class Lessons:
         seconds: float,
     ) -> dict[str, float]:
         """With so many `times` the usual updates."""
-        updates = self._config.judge_updates * times
+        updates = self._config.posterior_updates * times
         progress = self._progress(updates, seconds, "learning to judge", 0.6, 0.7)
-        loss = self.model.train_judge(worlds, distribution, errors, progress)
+        loss = self.model.train_posterior_net(worlds, distribution, errors, progress)
         error_px = float(np.median(np.abs(errors[0]))) if errors[0].size else 0.0
-        return {"loss/judge": loss, "sight/error_px": error_px}
+        return {"loss/posterior_net": loss, "detector/error_px": error_px}
 
     def _to_follow(
         self,
         unseen: SimulatedWorlds,
-        seen: Seen,
+        seen: Detections,
         distribution: Distribution,
         num_steps: int,
         seconds: float,
@@ -180,7 +175,7 @@ class Lessons:
         config, scene = self._config, self._scene
         if scene is None:
             return None
-        particles, shooting = affordable(
+        particles, shooting = fit_to_budget(
             config.particles,
             config.shooting,
             *scene,
@@ -188,7 +183,7 @@ class Lessons:
             num_steps,
             seconds * config.fit_share,
         )
-        replay = ReplayFit(*scene, self.model.sight, self._seed, particles, shooting)
+        replay = ReplayFit(*scene, self.model.detector, self._seed, particles, shooting)
         seconds *= config.state_share
         progress = self._progress(config.state_updates, seconds, "learning to follow", 0.7, 0.8)
         replay.learn(unseen, seen, progress)

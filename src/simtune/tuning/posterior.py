@@ -10,27 +10,27 @@ import torch
 
 from simtune.errors import InputError
 from simtune.fit import (
-    Fit,
+    Bootstrap,
+    FitResult,
     ReplayFit,
-    Replicas,
     correlations,
     doubts,
     in_range,
-    make_replicas,
+    inflate,
     num_fitted,
     ranks,
-    widened,
+    run_bootstrap,
 )
 from simtune.networks import load_weights, under
 from simtune.progress import Say, silent
 from simtune.randomization import Distribution
-from simtune.search_param_model.judge import SHORTEST_STEPS
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
+from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.lessons import Lessons
-from simtune.tuning.moves import candidate_grid, guess, move, read_curves, with_fit
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.range_update import candidate_grid, guess, move, read_curves, with_fit
 from simtune.tuning.search import Estimate, Event
 
 
@@ -58,7 +58,7 @@ class PosteriorSearch:
         self._lessons = Lessons(simulator, camera, self.first, config, seed, self._now, looks_alike)
         self._has_iterated = False
         self._replay: ReplayFit | None = None
-        self._replicas: Replicas | None = None
+        self._replicas: Bootstrap | None = None
 
     @property
     def model(self) -> PosteriorSearchParamModel:
@@ -126,9 +126,9 @@ class PosteriorSearch:
         """
         began_s = time.monotonic()
         if self._replay is None:
-            prob_higher = self._judge(trajectories)
+            prob_higher = self._read_posterior_net(trajectories)
             return self._read(prob_higher), prob_higher
-        prob_higher = self._judge(trajectories[: num_fitted(len(trajectories))])
+        prob_higher = self._read_posterior_net(trajectories[: num_fitted(len(trajectories))])
         steps = min(len(t) for t in trajectories)
         frames = [t.frames[: steps + 1] for t in trajectories]  # no copy: there may be many
         actions = np.stack([t.actions[:steps] for t in trajectories]).astype(float)
@@ -141,10 +141,10 @@ class PosteriorSearch:
             is_last = grow or time.monotonic() > deadline_s
             num = int(np.clip(left_s / fit_s, *self.config.replicas)) if is_last else 0
             self._now("fitting known worlds for comparison", 0.85)
-            simulator, camera, rng = self.simulator, self._lessons.camera, self._lessons.rng
+            simulator, noise, rng = self.simulator, self._lessons.image_noise, self._lessons.rng
             assert isinstance(simulator, Simulator), "only those are fitted"
-            self._replicas = make_replicas(
-                self._replay, simulator, found, actions, num, start, std, camera, rng, grow
+            self._replicas = run_bootstrap(
+                self._replay, simulator, found, actions, num, start, std, noise, rng, grow
             )
         assert self._replicas is not None, "an iteration comes first"
         return self._conclude(prob_higher, found, self._replicas)
@@ -153,10 +153,10 @@ class PosteriorSearch:
     def _lag(self) -> int | None:
         """Known to be 0, or (None) to be found."""
         is_tuned = self.simulator.space.is_delay.any()
-        return None if self._lessons.camera and not is_tuned else 0
+        return None if self._lessons.image_noise and not is_tuned else 0
 
-    def _judge(self, trajectories: list[Trajectory]) -> np.ndarray:
-        """(N, C) the judge's survival curves on the grid."""
+    def _read_posterior_net(self, trajectories: list[Trajectory]) -> np.ndarray:
+        """(N, C) the posterior network's survival curves on the grid."""
         curves = self.model.curves(trajectories, self.searched)
         grid = torch.tensor(candidate_grid(), dtype=torch.float32)
         return curves.prob_higher(grid.expand(1, len(self.first.mean), -1))[0].numpy()
@@ -165,11 +165,13 @@ class PosteriorSearch:
         return read_curves(prob_higher, self.searched, self.first, self.config.move)
 
     def _conclude(
-        self, prob_higher: np.ndarray, found: Fit, replicas: Replicas
+        self, prob_higher: np.ndarray, found: FitResult, replicas: Bootstrap
     ) -> tuple[Estimate, np.ndarray]:
-        """The estimate and its (N, C) curves: those of the fit, with the judge's for tails."""
+        """The estimate and its (N, C) curves: those of the fit, with the posterior network's for tails."""
         names = self.simulator.space.names
-        mean, std = in_range(widened(found, replicas, self._lessons.camera is None), self.searched)
+        mean, std = in_range(
+            inflate(found, replicas, self._lessons.image_noise is None), self.searched
+        )
         prob_higher = with_fit(prob_higher, mean, std, self.config.move)
         estimate = replace(
             self._read(prob_higher),
@@ -182,7 +184,7 @@ class PosteriorSearch:
         return estimate, prob_higher
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        parts = {"sight": self.model.sight, "judge": self.model.judge}
+        parts = {"detector": self.model.detector, "posterior_net": self.model.posterior_net}
         tensors = {f"{p}.{k}": v for p, m in parts.items() for k, v in m.state_dict().items()}
         return tensors | {"generator": self.model.generator.get_state()}
 
@@ -191,17 +193,20 @@ class PosteriorSearch:
         return {
             "iteration": self.iteration,
             "distribution": ranges,
-            "landmarks": self._lessons.landmarks.state(),
+            "keypoints": self._lessons.keypoints.state(),
             "rng": self._lessons.rng.bit_generator.state,
         }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         # What the networks were taught on, should another machine choose others.
-        landmarks = self._lessons.landmarks.with_state(state["landmarks"])
-        if len(landmarks) != len(self._lessons.landmarks):
-            raise RuntimeError("the run was made with other landmarks; start another one")
-        self._lessons.landmarks = landmarks
-        for part, module in (("sight", self.model.sight), ("judge", self.model.judge)):
+        keypoints = self._lessons.keypoints.with_state(state["keypoints"])
+        if len(keypoints) != len(self._lessons.keypoints):
+            raise RuntimeError("the run was made with other keypoints; start another one")
+        self._lessons.keypoints = keypoints
+        for part, module in (
+            ("detector", self.model.detector),
+            ("posterior_net", self.model.posterior_net),
+        ):
             load_weights(module, under(f"{part}.", tensors), part)
         self.model.generator.set_state(tensors["generator"])
         self.iteration = state["iteration"]

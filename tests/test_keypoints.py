@@ -1,4 +1,4 @@
-"""Landmarks: where points of moving geoms appear, against plain loops and against pictures."""
+"""Keypoints: where points of moving geoms appear, against plain loops and against pictures."""
 
 import json
 
@@ -14,13 +14,13 @@ from simtune.parameters import (
     colour,
     field_of_view,
 )
-from simtune.search_param_model.landmarks import (
-    Landmarks,
-    candidate_landmarks,
-    choose_landmarks,
-)
 from simtune.simulation import Worlds, make_renderer
 from simtune.tasks import TASKS, load_task
+from simtune.vision.keypoints import (
+    Keypoints,
+    candidate_keypoints,
+    choose_keypoints,
+)
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 SIZE = 64  # pixels
@@ -72,9 +72,9 @@ def project_by_hand(model, data, camera: int, point: np.ndarray) -> tuple[float,
 def test_projection_is_that_of_a_plain_loop(name):
     task = load_task(name)
     worlds, parameters = start_worlds(name, 3)
-    landmarks = candidate_landmarks(worlds.batch.model, task.camera, SIZE)
-    pixels = landmarks.record(worlds.batch)
-    assert pixels.shape == (3, 2 * len(landmarks))
+    keypoints = candidate_keypoints(worlds.batch.model, task.camera, SIZE)
+    pixels = keypoints.record(worlds.batch)
+    assert pixels.shape == (3, 2 * len(keypoints))
     assert pixels.dtype == np.float32
     model = task.load_model()
     camera = model.camera(task.camera).id
@@ -85,13 +85,13 @@ def test_projection_is_that_of_a_plain_loop(name):
         mujoco.mj_setState(model, data, worlds.state[world], STATE)
         mujoco.mj_forward(model, data)
         expected = []
-        for geom, offset in zip(landmarks.geoms, landmarks.offsets, strict=True):
+        for geom, offset in zip(keypoints.geoms, keypoints.offsets, strict=True):
             point = data.geom_xpos[geom] + data.geom_xmat[geom].reshape(3, 3) @ offset
             expected += project_by_hand(model, data, camera, point)
         np.testing.assert_allclose(pixels[world], expected, atol=1e-3)
 
 
-def test_landmarks_are_where_the_picture_shows_them():
+def test_keypoints_are_where_the_picture_shows_them():
     model = mujoco.MjModel.from_xml_string(BALL)
     batch = Batch(model, 6)
     for field in ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat"):
@@ -100,8 +100,8 @@ def test_landmarks_are_where_the_picture_shows_them():
     batch.reset()
     batch.qpos[:, :3] = rng.uniform([-0.3, -0.3, 0.2], [0.4, 0.3, 0.7], (6, 3))
     batch.forward()
-    landmarks = candidate_landmarks(model, "oblique", SIZE)
-    assert landmarks.geoms.tolist() == [model.geom("ball").id]
+    keypoints = candidate_keypoints(model, "oblique", SIZE)
+    assert keypoints.geoms.tolist() == [model.geom("ball").id]
     renderer = make_renderer("raycaster", model, BALL_SPACE, "oblique", SIZE)
     frames = renderer.render(batch.state, np.tile(BALL_SPACE.nominal, (6, 1)))
     red = frames[..., 0].astype(float) * (frames[..., 0] > 100)
@@ -109,10 +109,10 @@ def test_landmarks_are_where_the_picture_shows_them():
     axis = np.arange(SIZE)
     centroid = np.stack([weight.sum(1) @ axis, weight.sum(2) @ axis], -1)
     assert (np.ptp(centroid, axis=0) > 5).all()  # the balls are in different places
-    np.testing.assert_allclose(landmarks.record(batch), centroid, atol=0.4)
+    np.testing.assert_allclose(keypoints.record(batch), centroid, atol=0.4)
 
 
-def test_landmarks_follow_a_camera_of_another_pose_and_field_of_view():
+def test_keypoints_follow_a_camera_of_another_pose_and_field_of_view():
     """Against pictures: each world has its own camera, and the ball stays where it is."""
     model = mujoco.MjModel.from_xml_string(BALL)
     camera = [
@@ -139,44 +139,44 @@ def test_landmarks_follow_a_camera_of_another_pose_and_field_of_view():
     axis = np.arange(SIZE)
     centroid = np.stack([weight.sum(1) @ axis, weight.sum(2) @ axis], -1)
     assert (np.ptp(centroid, axis=0) > 15).all()
-    landmarks = candidate_landmarks(model, "oblique", SIZE)
-    np.testing.assert_allclose(landmarks.record(worlds.batch), centroid, atol=0.4)
+    keypoints = candidate_keypoints(model, "oblique", SIZE)
+    np.testing.assert_allclose(keypoints.record(worlds.batch), centroid, atol=0.4)
 
 
 def test_what_is_out_of_the_picture_is_put_just_beyond_its_edge():
-    landmarks = Landmarks(np.array([0]), np.zeros((1, 3)), camera=0, image_size=SIZE)
+    keypoints = Keypoints(np.array([0]), np.zeros((1, 3)), camera=0, image_size=SIZE)
     # right, above, below left, and behind the camera
     seen = np.array([[[9, 0, -1]], [[0, 9, -1]], [[-9, -9, -1]], [[0.1, 0.0, 5]]], float)
-    pixels = landmarks._project(seen, np.full(4, SIZE / 2))[:, 0]
+    pixels = keypoints._project(seen, np.full(4, SIZE / 2))[:, 0]
     middle = (SIZE - 1) / 2
     expected = [[SIZE, middle], [middle, -1], [-1, SIZE], [SIZE, middle]]
     np.testing.assert_allclose(pixels, expected)
-    assert np.isfinite(landmarks._project(np.zeros((1, 1, 3)), np.full(1, 32.0))).all()
+    assert np.isfinite(keypoints._project(np.zeros((1, 1, 3)), np.full(1, 32.0))).all()
 
 
-def test_geoms_that_never_move_are_no_landmarks():
+def test_geoms_that_never_move_are_no_keypoints():
     model = load_task("cartpole").load_model()
-    landmarks = candidate_landmarks(model, "fixed", SIZE)
-    names = [model.geom(geom).name for geom in landmarks.geoms]
+    keypoints = candidate_keypoints(model, "fixed", SIZE)
+    names = [model.geom(geom).name for geom in keypoints.geoms]
     assert set(names) == {"cart", "pole_1"}
     assert names.count("pole_1") == 3  # its centre and its two ends
-    ends = landmarks.offsets[[n == "pole_1" for n in names]]
+    ends = keypoints.offsets[[n == "pole_1" for n in names]]
     length = model.geom("pole_1").size[1]
     np.testing.assert_allclose(ends, [[0, 0, -length], [0, 0, 0], [0, 0, length]])
 
 
 def test_a_sphere_has_only_its_centre():
     model = load_task("ball_in_cup").load_model()
-    landmarks = candidate_landmarks(model, "cam0", SIZE)
-    assert landmarks.geoms.tolist().count(model.geom("ball").id) == 1
+    keypoints = candidate_keypoints(model, "cam0", SIZE)
+    assert keypoints.geoms.tolist().count(model.geom("ball").id) == 1
 
 
-def test_few_landmarks_that_explain_all_are_chosen():
+def test_few_keypoints_that_explain_all_are_chosen():
     rng = np.random.default_rng(0)
     hidden = rng.normal(0, 8, (200, 2, 2))  # two points move, in x and y
     mixing = np.array([[1, 0], [0, 1], [0.5, 0.5], [0.3, 0.7], [0, 0]])  # the last never moves
     seen = np.einsum("lk,skc->slc", mixing, hidden) + 30
-    chosen = choose_landmarks(seen)
+    chosen = choose_keypoints(seen)
     assert sorted(chosen) == [0, 1]
     # All others follow from the chosen: least squares leaves nothing.
     basis = (seen - seen.mean(0))[:, chosen].reshape(200, -1)
@@ -185,21 +185,21 @@ def test_few_landmarks_that_explain_all_are_chosen():
     assert np.sqrt(np.square(rest).mean()) < 1e-9
 
 
-def test_at_most_so_many_landmarks_and_none_for_less_than_the_tolerance():
+def test_at_most_so_many_keypoints_and_none_for_less_than_the_tolerance():
     rng = np.random.default_rng(0)
     seen = rng.normal(0, 5, (500, 9, 2))
-    assert len(choose_landmarks(seen, at_most=4)) == 4
-    assert sorted(choose_landmarks(seen)) == list(range(9))
-    assert choose_landmarks(rng.normal(0, 0.1, (500, 9, 2))) == []
+    assert len(choose_keypoints(seen, at_most=4)) == 4
+    assert sorted(choose_keypoints(seen)) == list(range(9))
+    assert choose_keypoints(rng.normal(0, 0.1, (500, 9, 2))) == []
 
 
-def test_chosen_landmarks_of_a_task_fix_all_others():
+def test_chosen_keypoints_of_a_task_fix_all_others():
     worlds, _ = start_worlds("walker", 256)
-    landmarks = candidate_landmarks(worlds.batch.model, "side", SIZE)
-    seen = landmarks.record(worlds.batch).reshape(256, -1, 2)
-    chosen = choose_landmarks(seen)
-    assert 3 <= len(chosen) < len(landmarks)
-    few = landmarks.select(chosen)
+    keypoints = candidate_keypoints(worlds.batch.model, "side", SIZE)
+    seen = keypoints.record(worlds.batch).reshape(256, -1, 2)
+    chosen = choose_keypoints(seen)
+    assert 3 <= len(chosen) < len(keypoints)
+    few = keypoints.select(chosen)
     np.testing.assert_array_equal(few.record(worlds.batch).reshape(256, -1, 2), seen[:, chosen])
     centred = seen - seen.mean(0)
     basis, others = centred[:, chosen].reshape(256, -1), centred.reshape(256, -1)
@@ -208,19 +208,19 @@ def test_chosen_landmarks_of_a_task_fix_all_others():
 
 
 @pytest.mark.parametrize("name", ["ball_in_cup", None])
-def test_the_same_landmarks_come_back_from_json(name):
+def test_the_same_keypoints_come_back_from_json(name):
     """Of a model in which nothing moves that could be seen, too."""
     still = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><camera name='cam0'/><geom size='1'/></worldbody></mujoco>"
     )
     model = load_task(name).load_model() if name else still
-    landmarks = candidate_landmarks(model, "cam0", SIZE)
-    again = landmarks.with_state(json.loads(json.dumps(landmarks.state())))
-    np.testing.assert_array_equal(again.geoms, landmarks.geoms)
-    np.testing.assert_array_equal(again.offsets, landmarks.offsets)
+    keypoints = candidate_keypoints(model, "cam0", SIZE)
+    again = keypoints.with_state(json.loads(json.dumps(keypoints.state())))
+    np.testing.assert_array_equal(again.geoms, keypoints.geoms)
+    np.testing.assert_array_equal(again.offsets, keypoints.offsets)
     batch = Batch(model, 2)
     batch.expand("cam_fovy")
     for field in ("geom_xmat", "geom_xpos", "cam_xmat", "cam_xpos"):
         batch.bind(field)
     batch.forward()
-    assert again.record(batch).shape == (2, 2 * len(landmarks))
+    assert again.record(batch).shape == (2, 2 * len(keypoints))

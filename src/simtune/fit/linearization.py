@@ -15,14 +15,14 @@ _UNIT_DELTA = 1e-3
 
 
 @dataclass(frozen=True)
-class Guess:
+class LinearizationPoint:
     """At the states in which W windows begin, and at the parameters of all."""
 
     states: np.ndarray  # (W, nq + nv)
     unit: np.ndarray  # (N,)
     damping: np.ndarray  # (W,) of the states' steps
     variance: float  # of the parameters between windows
-    boldness: float = 1.0  # share of a step in the parameters that is taken
+    step_scale: float = 1.0  # share of a step in the parameters that is taken
 
 
 class WindowPlayer:
@@ -34,21 +34,21 @@ class WindowPlayer:
         self._spread, self._fitted = spread, fitted
 
     def play(self, windows: Windows, states: np.ndarray, units: np.ndarray):
-        """(G, W, nq + nv) initial states, (G, N) parameters to rows and landmarks of all steps."""
+        """(G, W, nq + nv) initial states, (G, N) parameters to rows and keypoints of all steps."""
         groups, num_windows, size = states.shape
         rows, seen = self._physics.play(
             states.reshape(-1, size),
             np.repeat(units, num_windows, 0),
             np.tile(windows.actions, (groups, 1, 1)),
-            np.tile(windows.acted, (groups, 1)),
+            np.tile(windows.actuator_state, (groups, 1)),
         )
         shape = (groups, num_windows)
         return rows.reshape(*shape, *rows.shape[1:]), seen.reshape(*shape, *seen.shape[1:])
 
-    def linearise(self, windows: Windows, guess: Guess, noise_px: np.ndarray):
+    def linearise(self, windows: Windows, guess: LinearizationPoint, noise_px: np.ndarray):
         """Residuals (W, K, 2, L, 2) and derivatives (W, 2 nv, M), (W, P, M) at a guess.
 
-        The derivatives are the same for both places of a landmark: M = K · L · 2.
+        The derivatives are the same for both places of a keypoint: M = K · L · 2.
         """
         num_states, num_fitted = self._space.num_tangent, len(self._fitted)
         delta = np.maximum(_STATE_DELTA * self._spread, _SMALLEST_DELTA)
@@ -68,7 +68,7 @@ class WindowPlayer:
 
 
 def residuals(windows: Windows, seen: np.ndarray, noise_px: np.ndarray) -> np.ndarray:
-    """(G, W, K, 2, L, 2) of (G, W, K, L, 2) landmarks to each place, in units of sight's noise."""
+    """(G, W, K, 2, L, 2) of (G, W, K, L, 2) keypoints to each place, in units of the detector's noise."""
     return (seen[:, :, :, None] - windows.places) / noise_px[:, None]
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from simtune.fit.particles import ParticleConfig
 from simtune.fit.shooting import ShootingConfig
-from simtune.search_param_model.landmarks import Landmarks
 from simtune.simulation import Simulator
+from simtune.vision.keypoints import Keypoints
 
 _PARTICLES_SHARE = 0.6  # of the time; the rest is for windows
 _SIDES = 2  # from which windows are fitted
@@ -16,17 +16,17 @@ _FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20
 _TRIED_WORLDS = 64
 
 
-def affordable(
+def fit_to_budget(
     particles: ParticleConfig,
     shooting: ShootingConfig,
     simulator: Simulator,
-    landmarks: Landmarks,
+    keypoints: Keypoints,
     parameters: np.ndarray,
     num_steps: int,
     seconds: float,
 ) -> tuple[ParticleConfig, ShootingConfig]:
     """Both with as many as so many seconds allow, for episodes of `num_steps` in all."""
-    step_s, begun_step_s = _seconds_per_step(simulator, landmarks, parameters)
+    step_s, begun_step_s = _seconds_per_step(simulator, keypoints, parameters)
     each_s = begun_step_s * num_steps / particles.steps
     num = int(np.clip(_PARTICLES_SHARE * seconds / each_s, _FEWEST_PARTICLES, particles.num))
     # Each iteration plays every window once for all it is derived by, and a few more.
@@ -38,7 +38,7 @@ def affordable(
 
 
 def _seconds_per_step(
-    simulator: Simulator, landmarks: Landmarks, parameters: np.ndarray, steps: int = 12
+    simulator: Simulator, keypoints: Keypoints, parameters: np.ndarray, steps: int = 12
 ) -> tuple[float, float]:
     """Of one world's policy step, among many at once: of several in a row, and of a single one."""
     rng = np.random.default_rng(0)
@@ -49,7 +49,7 @@ def _seconds_per_step(
     for count in (steps, 1):
         began_s = time.monotonic()
         simulator.roll_out(
-            worlds, still[:, :count], rng, landmarks.record, starts, keep_diverged=True
+            worlds, still[:, :count], rng, keypoints.record, starts, keep_diverged=True
         )
         seconds.append((time.monotonic() - began_s) / _TRIED_WORLDS / count)
     return seconds[0], seconds[1]

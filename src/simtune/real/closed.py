@@ -6,7 +6,7 @@ from simtune.simulation import PixelPolicy
 from simtune.trajectory import Trajectory
 
 
-class FormerReal:
+class ClosedReal:
     """How long its steps were, and that a camera filmed it; nothing can be asked of it."""
 
     looks_like_simulator = False
@@ -22,7 +22,7 @@ class FormerReal:
         """None: recordings may be gone, and no robot moves."""
         return []
 
-    def try_out(
+    def run_policy(
         self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
     ) -> list[Trajectory]:
         """None, likewise."""

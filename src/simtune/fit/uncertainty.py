@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from simtune.fit.found import Fit
-from simtune.fit.replicas import Replicas
+from simtune.fit.bootstrap import Bootstrap
+from simtune.fit.result import FitResult
 from simtune.randomization import Distribution
 
 _WORTH_TELLING = 0.6  # correlation
@@ -13,7 +13,7 @@ _WORTH_TELLING = 0.6  # correlation
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
 
 
-def widened(fit: Fit, replicas: Replicas, looks_alike: bool) -> Fit:
+def inflate(fit: FitResult, replicas: Bootstrap, looks_alike: bool) -> FitResult:
     """A fit with the standard deviations that replicas show, larger still where it fits worse.
 
     Unless the real world `looks_alike` to the simulator, allow for what no fit can see.
@@ -25,14 +25,14 @@ def widened(fit: Fit, replicas: Replicas, looks_alike: bool) -> Fit:
     return replace(fit, std=factor * np.hypot(std, fit.discrepancy(looks_alike)))
 
 
-def in_range(fit: Fit, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
+def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
     """(N,) means and standard deviations in coordinates of the range, -1 to 1."""
     space = distribution.space
     width = space.to_unit(distribution.high) - space.to_unit(distribution.low)
     return 2 * distribution.to_local(fit.parameters) - 1, 2 * fit.std / width
 
 
-def correlations(fit: Fit, names: tuple[str, ...]) -> dict[str, float]:
+def correlations(fit: FitResult, names: tuple[str, ...]) -> dict[str, float]:
     """{"a, b": correlation} of the pairs that the motion can hardly tell from each other."""
     found = {}
     for i, j in zip(*np.triu_indices(len(fit.moving), 1), strict=True):
@@ -42,20 +42,20 @@ def correlations(fit: Fit, names: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
-def ranks(replicas: Replicas, names: tuple[str, ...]) -> dict[str, list[float]]:
+def ranks(replicas: Bootstrap, names: tuple[str, ...]) -> dict[str, list[float]]:
     """{name: ranks of the replicas' truths}."""
     if not len(replicas.errors):
         return {}
     return dict(zip(names, replicas.ranks().T.round(4).tolist(), strict=True))
 
 
-def doubts(fit: Fit, replicas: Replicas) -> list[str]:
+def doubts(fit: FitResult, replicas: Bootstrap) -> list[str]:
     """What to tell a user who would trust the estimates."""
     given = []
     limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / max(1, len(replicas.misfits))
     if (ratio := replicas.ratio(fit.misfit, "motion_px")) > limit:
         found = (
-            f"landmarks are {fit.misfit.motion_px:.2f} px off, {ratio:.1f} times as far as"
+            f"keypoints are {fit.misfit.motion_px:.2f} px off, {ratio:.1f} times as far as"
             if np.isfinite(ratio)
             else "nothing that moves is found for sure, as it is"
         )

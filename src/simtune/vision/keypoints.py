@@ -1,4 +1,4 @@
-"""Landmarks: points on moving geoms, where they appear in the picture.
+"""Keypoints: points on moving geoms, where they appear in the picture.
 
 In simulation the true state is free. What a single picture can show of it is where things
 are, so that is what the encoder is taught first: the picture coordinates of a few points that
@@ -6,20 +6,26 @@ together fix all others, for any model with a camera and without naming a joint.
 """
 
 from dataclasses import dataclass, replace
+from typing import overload
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from simtune.randomization import Distribution
+from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
+
 # Values, since MuJoCo's enums are unequal to the integers in its arrays.
 _SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value  # its ends tell nothing that its centre does not
 _ROUND = (mujoco.mjtGeom.mjGEOM_CAPSULE.value, mujoco.mjtGeom.mjGEOM_CYLINDER.value)
 _THREE_SIZES = (mujoco.mjtGeom.mjGEOM_BOX.value, mujoco.mjtGeom.mjGEOM_ELLIPSOID.value)
+PILOT_STEPS = 3200  # simulated to choose keypoints by
+_PILOTS = 32
 _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
 
 
 @dataclass(frozen=True)
-class Landmarks:
+class Keypoints:
     """L points fixed to geoms, as one camera with a picture of `image_size` pixels sees them."""
 
     geoms: np.ndarray  # (L,) geom ids
@@ -53,19 +59,19 @@ class Landmarks:
         edge = _MARGIN_PX
         return np.clip(pixels, -edge, self.image_size - 1 + edge).astype(np.float32)
 
-    def select(self, indices: list[int]) -> "Landmarks":
+    def select(self, indices: list[int]) -> "Keypoints":
         return replace(self, geoms=self.geoms[indices], offsets=self.offsets[indices])
 
     def state(self) -> list:
         """JSON to choose the same again by."""
         return [self.geoms.tolist(), self.offsets.tolist()]
 
-    def with_state(self, state: list) -> "Landmarks":
+    def with_state(self, state: list) -> "Keypoints":
         geoms, offsets = np.array(state[0], int), np.array(state[1], float)
         return replace(self, geoms=geoms, offsets=offsets.reshape(-1, 3))
 
 
-def candidate_landmarks(model: mujoco.MjModel, camera: str, image_size: int) -> Landmarks:
+def candidate_keypoints(model: mujoco.MjModel, camera: str, image_size: int) -> Keypoints:
     """The centre and, where it has some, the two ends of every geom that can move."""
     geoms, offsets = [], []
     for geom in range(model.ngeom):
@@ -77,7 +83,7 @@ def candidate_landmarks(model: mujoco.MjModel, camera: str, image_size: int) -> 
             geoms.append(geom)
             offsets.append([0.0, 0.0, end * half_length])
     index = model.camera(camera).id
-    return Landmarks(np.array(geoms, int), np.array(offsets).reshape(-1, 3), index, image_size)
+    return Keypoints(np.array(geoms, int), np.array(offsets).reshape(-1, 3), index, image_size)
 
 
 def _half_length(model: mujoco.MjModel, geom: int) -> float:
@@ -90,8 +96,8 @@ def _half_length(model: mujoco.MjModel, geom: int) -> float:
     return float(model.geom_aabb[geom, 5])  # meshes and the rest: the bounding box
 
 
-def choose_landmarks(seen: np.ndarray, at_most: int = 16, tolerance_px: float = 0.3) -> list[int]:
-    """The few landmarks from which all others follow linearly.
+def choose_keypoints(seen: np.ndarray, at_most: int = 16, tolerance_px: float = 0.3) -> list[int]:
+    """The few keypoints from which all others follow linearly.
 
     `seen`: (samples, L, 2) pixels. Greedy: each next one is the least explained by those
     before, until what is unexplained of every one is below `tolerance_px` (root mean square).
@@ -107,3 +113,30 @@ def choose_landmarks(seen: np.ndarray, at_most: int = 16, tolerance_px: float = 
         basis, _ = np.linalg.qr(rest[:, best])  # (samples, 2)
         rest = rest - np.einsum("sb,blc->slc", basis, np.einsum("sb,slc->blc", basis, rest))
     return chosen
+
+
+@overload
+def find_keypoints(
+    simulator: Simulator, camera: str, distribution: Distribution, seed: int
+) -> Keypoints: ...
+@overload
+def find_keypoints(
+    simulator: AnySimulator, camera: str, distribution: Distribution, seed: int
+) -> Keypoints | Points: ...
+def find_keypoints(
+    simulator: AnySimulator, camera: str, distribution: Distribution, seed: int
+) -> Keypoints | Points:
+    """Few keypoints from which all others follow, judged by a few exploring episodes."""
+    rng = np.random.default_rng(seed)
+    if isinstance(simulator, Simulator):
+        every = candidate_keypoints(simulator.model, camera, simulator.image_size)
+    else:
+        assert isinstance(simulator, EnvironmentSimulator)
+        every = simulator.points()
+    if not len(every):
+        return every
+    steps = PILOT_STEPS // _PILOTS
+    act, parameters = simulator.explore(_PILOTS, steps, rng), distribution.sample(_PILOTS, rng)
+    rollouts = simulator.play(parameters, act, steps, rng, watch=every.record).episodes(parameters)
+    assert rollouts.recorded is not None, "asked for above"
+    return every.select(choose_keypoints(rollouts.recorded.reshape(-1, len(every), 2)))

@@ -13,12 +13,14 @@ _DISCREPANCY = (0.005, 0.035)
 class Misfit:
     """How badly videos fit a simulator; larger is worse."""
 
-    motion_px: float  # distance between where sight is sure a landmark is and where it should be
+    motion_px: (
+        float  # distance between where the detector is sure a keypoint is and where it should be
+    )
     picture: float  # noise of a pixel, of the full scale
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitResult:
     """Parameters (N,) as fitted, with their standard deviations in unit coordinates."""
 
     parameters: np.ndarray

@@ -5,8 +5,8 @@ import pytest
 
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.randomization import Distribution
-from simtune.tuning.moves import (
-    MoveConfig,
+from simtune.tuning.range_update import (
+    RangeUpdateConfig,
     candidate_grid,
     move,
     quantile,
@@ -16,7 +16,7 @@ from simtune.tuning.moves import (
 )
 
 GRID = candidate_grid()
-CONFIG = MoveConfig()
+CONFIG = RangeUpdateConfig()
 
 
 def a_parameter(name: str, low: float, high: float, scale: str = "linear") -> Parameter:
@@ -118,13 +118,15 @@ def test_estimates_stay_within_the_bounds():
 
 def test_what_lies_beyond_the_grid_is_not_called_certain():
     # mass: the grid's end is 3^1.5 = 5.2, the bound 100.
-    judge, mean = flat(), np.array([0.0, 1.6])
+    posterior_net, mean = flat(), np.array([0.0, 1.6])
     estimate = read_curves(
-        with_fit(judge, mean, np.array([0.01, 0.05]), CONFIG), FIRST, FIRST, CONFIG
+        with_fit(posterior_net, mean, np.array([0.01, 0.05]), CONFIG), FIRST, FIRST, CONFIG
     )
     assert estimate.verdict == ["identified", "not identifiable"]
     assert estimate.low[1] <= 3**1.6 <= estimate.high[1] == 100
-    below = read_curves(with_fit(judge, -mean, np.full(2, 0.05), CONFIG), FIRST, FIRST, CONFIG)
+    below = read_curves(
+        with_fit(posterior_net, -mean, np.full(2, 0.05), CONFIG), FIRST, FIRST, CONFIG
+    )
     assert below.low[1] == 0.01
     assert below.low[1] <= 3**-1.6 <= below.high[1]
 

@@ -15,7 +15,7 @@ from simtune.run.files import append_jsonl
 from simtune.trajectory import Trajectory
 
 
-class Filmed:
+class RecordingArchive:
     """The datasets of a folder, the latest last."""
 
     def __init__(self, folder: Path, num_actions: int):
@@ -37,12 +37,12 @@ class Filmed:
     def _open(self, folder: Path, image_size: int | None = None) -> Dataset:
         return open_dataset(folder, num_actions=self._num_actions, image_size=image_size)
 
-    def new_sitting(self, **about: Any) -> "Sitting":
+    def new_session(self, **about: Any) -> "RecordingSession":
         """`about`: what `write_dataset` wants to know."""
         self._folder.mkdir(parents=True, exist_ok=True)
         # Also past a sitting that ended within its first episode.
         used = [int(path.stem) for path in self._folder.iterdir() if path.stem.isdigit()]
-        return Sitting(self._folder / f"{max(used, default=-1) + 1:03d}", about)
+        return RecordingSession(self._folder / f"{max(used, default=-1) + 1:03d}", about)
 
     def _datasets(self) -> list[Path]:
         if not self._folder.is_dir():
@@ -50,7 +50,7 @@ class Filmed:
         return sorted(path for path in self._folder.iterdir() if (path / "meta").is_dir())
 
 
-class Sitting:
+class RecordingSession:
     """A dataset that grows by whole episodes; nothing of it is lost when the next one fails."""
 
     def __init__(self, folder: Path, about: Mapping[str, Any]):

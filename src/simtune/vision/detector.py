@@ -1,6 +1,6 @@
-"""Sight: what a single picture tells, by a small convolutional encoder.
+"""The keypoint detector: what a single picture tells, by a small convolutional encoder.
 
-It finds the landmarks and estimates the parameters that show in a picture (colours, light,
+It finds the keypoints and estimates the parameters that show in a picture (colours, light,
 camera). It is taught by the simulator's free state, on single frames: learning to see needs
 no sequences, and is most of the work of learning to judge from pixels.
 """
@@ -16,33 +16,35 @@ from torch.nn import functional as F
 from simtune.networks import mlp
 
 _STRIDE = 2  # pixels per cell of the heatmaps
-_NEAR_CELLS = 2  # a landmark's position is averaged over the cells this near to the peak
+_NEAR_CELLS = 2  # a keypoint's position is averaged over the cells this near to the peak
 
 
 @dataclass(frozen=True, kw_only=True)
-class SightConfig:
+class DetectorConfig:
     channels: int = 16
-    free_maps: int = 8  # attention maps beside the landmarks', for colours of what stands still
+    free_maps: int = 8  # attention maps beside the keypoints', for colours of what stands still
     hidden: int = 128
     batch_size: int = 64
     learning_rate: float = 3e-3
     noise: float = 0.01  # of the full scale: a camera's, a video's compression
 
 
-class Sight(nn.Module):
-    """(B, H, W, 3) uint8 pictures to landmarks (B, L, 2) in pixels and visible parameters (B, V).
+class KeypointDetector(nn.Module):
+    """(B, H, W, 3) uint8 pictures to keypoints (B, L, 2) in pixels and visible parameters (B, V).
 
     Attention maps at half resolution; each is read out as a position and the picture's colour
-    there. The landmarks' maps are taught where to look (cross-entropy on the true cell), which
+    there. The keypoints' maps are taught where to look (cross-entropy on the true cell), which
     takes a few hundred updates where regression through the maps takes thousands.
     """
 
     grid: torch.Tensor  # (cells², 2) x, y in pixels
 
-    def __init__(self, num_landmarks: int, num_visible: int, image_size: int, config: SightConfig):
+    def __init__(
+        self, num_keypoints: int, num_visible: int, image_size: int, config: DetectorConfig
+    ):
         super().__init__()
-        c, self.num_landmarks = config.channels, num_landmarks
-        num_maps = num_landmarks + config.free_maps
+        c, self.num_keypoints = config.channels, num_keypoints
+        num_maps = num_keypoints + config.free_maps
         self.fine = nn.ModuleList([nn.Conv2d(3, c, 5, _STRIDE, 2), nn.Conv2d(c, c, 3, 1, 1)])
         self.middle = nn.ModuleList(
             [nn.Conv2d(c, 2 * c, 3, 2, 1), nn.Conv2d(2 * c, 2 * c, 3, 1, 1)]
@@ -63,10 +65,10 @@ class Sight(nn.Module):
         self.register_buffer("grid", grid, persistent=False)
 
     def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells²), landmarks, visible."""
+        """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells²), keypoints, visible."""
         fine, coarse = self._features(pictures)
         logits = self.maps(fine).flatten(2)  # (B, maps, cells²)
-        heatmaps = logits[:, : self.num_landmarks]
+        heatmaps = logits[:, : self.num_keypoints]
         if self.head is None:
             return heatmaps, self._peaks(heatmaps), logits.new_empty(len(pictures), 0)
         colours = F.avg_pool2d(pictures, _STRIDE, ceil_mode=True).flatten(2).transpose(1, 2)
@@ -92,7 +94,7 @@ class Sight(nn.Module):
         return heatmaps.masked_fill(~self._near_peak(heatmaps), -torch.inf).softmax(-1) @ self.grid
 
     def places(self, heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(B, 2, L, 2) the two most probable places of each landmark, and (B, 2, L) how probable.
+        """(B, 2, L, 2) the two most probable places of each keypoint, and (B, 2, L) how probable.
 
         Two, since what looks alike (left and right) gets mixed up: one of the two is right then.
         """
@@ -110,20 +112,20 @@ class Sight(nn.Module):
     def loss(
         self,
         pictures: torch.Tensor,
-        landmarks: torch.Tensor,
+        keypoints: torch.Tensor,
         visible: torch.Tensor,
         visible_width: torch.Tensor,
     ) -> torch.Tensor:
-        """Mean loss of (B, 3, H, W) pictures with true (B, L, 2) landmarks, (B, V) visible.
+        """Mean loss of (B, 3, H, W) pictures with true (B, L, 2) keypoints, (B, V) visible.
 
         Visible parameters are in coordinates of the whole space; errors count relative to
         `visible_width` (V,), the width of the range searched at present.
         """
         heatmaps, found, estimated = self(pictures)
-        truth = splat(landmarks, self.cells)
+        truth = splat(keypoints, self.cells)
         zero = 0 * estimated.sum()  # a tensor, so that there always is something to derive
-        where = -(truth * heatmaps.log_softmax(-1)).sum(-1).mean() if self.num_landmarks else zero
-        exact = F.smooth_l1_loss(found, landmarks, beta=0.5) if self.num_landmarks else zero
+        where = -(truth * heatmaps.log_softmax(-1)).sum(-1).mean() if self.num_keypoints else zero
+        exact = F.smooth_l1_loss(found, keypoints, beta=0.5) if self.num_keypoints else zero
         error = 2 * (estimated - visible) / visible_width
         colours = (
             F.smooth_l1_loss(error, torch.zeros_like(error), beta=0.1) if error.numel() else zero
@@ -131,12 +133,12 @@ class Sight(nn.Module):
         return where + 0.5 * exact + 5.0 * colours
 
 
-def splat(landmarks: torch.Tensor, cells: int) -> torch.Tensor:
+def splat(keypoints: torch.Tensor, cells: int) -> torch.Tensor:
     """(B, L, 2) pixel positions to (B, L, cells²) weights of the four cells around each."""
-    place = ((landmarks - (_STRIDE - 1) / 2) / _STRIDE).clamp(0, cells - 1)
+    place = ((keypoints - (_STRIDE - 1) / 2) / _STRIDE).clamp(0, cells - 1)
     corner = place.floor().clamp(max=cells - 2)
     part = place - corner
-    weights = landmarks.new_zeros(*landmarks.shape[:-1], cells * cells)
+    weights = keypoints.new_zeros(*keypoints.shape[:-1], cells * cells)
     for step_x in (0, 1):
         for step_y in (0, 1):
             x, y = part[..., 0], part[..., 1]
@@ -153,19 +155,19 @@ def to_input(frames: np.ndarray | torch.Tensor) -> torch.Tensor:
 
 
 @torch.no_grad()
-def look(sight: Sight, frames: np.ndarray, batch_size: int = 64) -> "Seen":
-    """What sight makes of (n, H, W, 3) frames; larger batches are slower, and take much memory."""
+def detect(detector: KeypointDetector, frames: np.ndarray, batch_size: int = 64) -> "Detections":
+    """What the detector makes of (n, H, W, 3) frames; larger batches are slower, and take much memory."""
     parts = []
     for start in range(0, len(frames), batch_size):
-        heatmaps, found, estimated = sight(to_input(frames[start : start + batch_size]))
-        parts.append((found, *sight.places(heatmaps), estimated))
-    return Seen(*(torch.cat(part).numpy() for part in zip(*parts, strict=True)))
+        heatmaps, found, estimated = detector(to_input(frames[start : start + batch_size]))
+        parts.append((found, *detector.places(heatmaps), estimated))
+    return Detections(*(torch.cat(part).numpy() for part in zip(*parts, strict=True)))
 
 
-class Seen(NamedTuple):
-    """What sight makes of n pictures."""
+class Detections(NamedTuple):
+    """What the detector makes of n pictures."""
 
-    landmarks: np.ndarray  # (n, L, 2) pixels
+    keypoints: np.ndarray  # (n, L, 2) pixels
     places: np.ndarray  # (n, 2, L, 2) pixels: the same, and the next best place of each
-    probability: np.ndarray  # (n, 2, L) that the landmark is at that place; the rest is elsewhere
+    probability: np.ndarray  # (n, 2, L) that the keypoint is at that place; the rest is elsewhere
     visible: np.ndarray  # (n, V) visible parameters, in coordinates of the whole space

@@ -12,27 +12,30 @@ from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.fit.tracks import Tracks
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
-from simtune.search_param_model.landmarks import Landmarks
-from simtune.search_param_model.simulated import Camera, find_landmarks
 from simtune.simulation import Rollouts, Simulator
+from simtune.vision.image_noise import ImageNoise
+from simtune.vision.keypoints import Keypoints, find_keypoints
 
 WINDOW_STEPS = 12  # chaotic motion diverges anyway: no fit follows it for longer
 _FACTOR, _TENTH = 1.2, 0.1  # what a parameter is changed by: on a log scale, on a linear one
 _LEVELS = 2  # of 256: a pixel that changes by no more looks the same
-_STILL_PX = 0.01  # a landmark that moves by less stays: sight is off by fifty times as much
-_SIGHT_PX, _SURE = 0.5, 0.98  # how far off sight is, and how probably it looks at the right place
+_STILL_PX = 0.01  # a keypoint that moves by less stays: the detector is off by fifty times as much
+_DETECTOR_PX, _SURE = (
+    0.5,
+    0.98,
+)  # how far off the detector is, and how probably it looks at the right place
 _NUM_PICTURES = 24
 
 
 @dataclass(frozen=True)
-class Information:
+class Sensitivity:
     """Of N parameters: what each changes, and how well it could be told at best."""
 
     parameters: np.ndarray  # (N,) where this holds
     changed: np.ndarray  # (N,) what each was changed to, one at a time
     levels: np.ndarray  # (N,) of 256, by which the pixels change that change at all
     pixel_share: np.ndarray  # (N,) of the pixels, that change
-    rms_px: np.ndarray  # (N,) how far landmarks are elsewhere after WINDOW_STEPS steps
+    rms_px: np.ndarray  # (N,) how far keypoints are elsewhere after WINDOW_STEPS steps
     largest_px: np.ndarray  # (N,)
     # Standard deviations, of the logarithm on a log scale. Nothing is worse than knowing no more
     # than the first range of a search:
@@ -47,9 +50,9 @@ class Information:
         return (self.pixel_share == 0) & (self.largest_px <= _STILL_PX)
 
 
-def examine(
+def analyze(
     simulator: Simulator, camera: str, actions: np.ndarray, seed: int, looks_alike: bool = True
-) -> Information:
+) -> Sensitivity:
     """At the nominal parameters, in episodes of (E, T, A) actions.
 
     `looks_alike`: what films them shows colours as the simulator does, no real camera's.
@@ -58,9 +61,9 @@ def examine(
     space, rng = simulator.space, np.random.default_rng((seed, 1))
     nominal = _nominal(space)
     first = Distribution.first(space, nominal)
-    landmarks = find_landmarks(simulator, camera, first, seed)
+    keypoints = find_keypoints(simulator, camera, first, seed)
     worlds = np.tile(nominal, (len(actions), 1))
-    episodes = simulator.roll_out(worlds, actions.astype(float), rng, landmarks.record)
+    episodes = simulator.roll_out(worlds, actions.astype(float), rng, keypoints.record)
     if not len(episodes):
         raise RuntimeError("every episode diverged; check the timestep and the actions")
     changed = one_by_one(space, nominal)
@@ -68,7 +71,7 @@ def examine(
     is_appearance = space.is_appearance
     rms, largest = np.zeros((2, len(space)))
     rms[~is_appearance], largest[~is_appearance] = motion_changes(
-        simulator, landmarks, episodes, changed[~is_appearance]
+        simulator, keypoints, episodes, changed[~is_appearance]
     )
     scale = _along_scale(space, space.high) - _along_scale(space, space.low)
     width = scale * (space.to_unit(first.high) - space.to_unit(first.low))
@@ -76,7 +79,7 @@ def examine(
     covariance = np.diag(prior**2)
     moving = np.flatnonzero(largest > _STILL_PX)
     if len(moving):
-        told = told_by_motion(simulator, landmarks, episodes, moving)
+        told = told_by_motion(simulator, keypoints, episodes, moving)
         told *= np.outer(scale[moving], scale[moving])
         known = np.linalg.inv(told) + np.diag(prior[moving] ** -2)
         covariance[np.ix_(moving, moving)] = np.linalg.inv(known)
@@ -84,7 +87,7 @@ def examine(
     step = np.diag(_along_scale(space, changed) - _along_scale(space, nominal))
     error = _camera_error(share * simulator.image_size**2, looks_alike)
     seen = step * error / np.maximum(levels, 1e-9)
-    return Information(
+    return Sensitivity(
         nominal,
         np.diag(changed),
         levels,
@@ -125,9 +128,9 @@ def picture_changes(
 
 
 def motion_changes(
-    simulator: Simulator, landmarks: Landmarks, episodes: Rollouts, changed: np.ndarray
+    simulator: Simulator, keypoints: Keypoints, episodes: Rollouts, changed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(G,) pixels by which landmarks are elsewhere with (G, N) parameters: root mean square, most.
+    """(G,) pixels by which keypoints are elsewhere with (G, N) parameters: root mean square, most.
 
     At the end of windows that begin in the same states with the same actions.
     """
@@ -137,7 +140,7 @@ def motion_changes(
         np.repeat(worlds, len(starts), 0),
         np.tile(actions, (len(worlds), 1, 1)),
         np.random.default_rng(0),  # starts are given: nothing is drawn
-        landmarks.record,
+        keypoints.record,
         starts=np.tile(starts, (len(worlds), 1)),
         keep_diverged=True,
     )
@@ -161,17 +164,17 @@ def windows(episodes: Rollouts) -> tuple[np.ndarray, np.ndarray]:
 
 
 def told_by_motion(
-    simulator: Simulator, landmarks: Landmarks, episodes: Rollouts, fitted: np.ndarray
+    simulator: Simulator, keypoints: Keypoints, episodes: Rollouts, fitted: np.ndarray
 ) -> np.ndarray:
     """(P, P) covariance in unit coordinates of the `fitted` parameters, at best."""
     assert episodes.recorded is not None, "asked for where they were played"
-    physics = Physics(simulator, landmarks, episodes.states[0, 0])
+    physics = Physics(simulator, keypoints, episodes.states[0, 0])
     states = physics.states(episodes.states)
     # A start is somewhere where these episodes go; Shooting believes a guess a third as much.
     spread = physics.space.difference(states, states[:1, :1]).std((0, 1)) / 3
     shooting = Shooting(
         physics,
-        np.full(len(landmarks), _SIGHT_PX),
+        np.full(len(keypoints), _DETECTOR_PX),
         np.maximum(spread, 1e-3),
         fitted,
         ShootingConfig(stages=(Stage(WINDOW_STEPS, 0),)),
@@ -190,9 +193,9 @@ def _along_scale(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
 
 def _camera_error(num_pixels: np.ndarray, looks_alike: bool) -> np.ndarray:
     """(N,) levels by which the mean colour of so many pixels may be off; rounding makes it one."""
-    camera = Camera(offset=0, noise=0) if looks_alike else Camera()
-    noise = camera.noise / np.sqrt(np.maximum(num_pixels, 1))
-    return np.hypot(1, 255 * np.hypot(camera.offset, noise))
+    added = ImageNoise(offset=0, noise=0) if looks_alike else ImageNoise()
+    noise = added.noise / np.sqrt(np.maximum(num_pixels, 1))
+    return np.hypot(1, 255 * np.hypot(added.offset, noise))
 
 
 def _nominal(space: ParameterSpace) -> np.ndarray:

@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.fit.estimator import StateEstimator
-from simtune.fit.found import Fit, Misfit
 from simtune.fit.particles import ParticleConfig, Particles
 from simtune.fit.physics import Physics
-from simtune.fit.pictures import PictureFit, aligned, fit_pictures
+from simtune.fit.pictures import PictureFit, align_to_images, fit_pictures
+from simtune.fit.result import FitResult, Misfit
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
 from simtune.fit.tracks import Tracks, noise_px, to_tracks, track
 from simtune.progress import Progress
-from simtune.search_param_model.landmarks import Landmarks
-from simtune.search_param_model.sight import Seen, Sight
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.simulation import Simulator
+from simtune.vision.detector import Detections, KeypointDetector
+from simtune.vision.keypoints import Keypoints
 
 _NUM_PICTURES = 40
 _SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fits end sometime
@@ -34,37 +34,37 @@ def num_fitted(num_episodes: int) -> int:
 
 
 class ReplayFit:
-    """Fits one simulator to episodes, given a sight and worlds to learn from."""
+    """Fits one simulator to episodes, given the detector and worlds to learn from."""
 
     def __init__(
         self,
         simulator: Simulator,
-        landmarks: Landmarks,
-        sight: Sight,
+        keypoints: Keypoints,
+        detector: KeypointDetector,
         seed: int,
         particles: ParticleConfig | None = None,
         shooting: ShootingConfig | None = None,
     ):
-        self._simulator, self._landmarks, self._sight = simulator, landmarks, sight
+        self._simulator, self._keypoints, self._detector = simulator, keypoints, detector
         appearance = simulator.space.is_appearance
         self._moving, self._appearance = np.flatnonzero(~appearance), np.flatnonzero(appearance)
         self._seed = seed
         self._particles = particles or ParticleConfig()
         self._config = shooting or ShootingConfig()
 
-    def learn(self, worlds: SimulatedWorlds, seen: Seen, progress: Progress) -> float:
-        """From filmed worlds that sight was not taught on: its noise, and to guess states.
+    def learn(self, worlds: SimulatedWorlds, seen: Detections, progress: Progress) -> float:
+        """From filmed worlds that the detector was not taught on: its noise, and to guess states.
 
-        `seen`: what sight made of their frames.
+        `seen`: what the detector made of their frames.
         """
         at = worlds.filmed_from[:, None] + np.arange(worlds.frames.shape[1] - 1)
         actions = worlds.actions[np.arange(len(at))[:, None], 0, at]
         tracks = to_tracks(seen, actions)
-        self._noise_px = noise_px(tracks, worlds.filmed_landmarks())
-        self._physics = Physics(self._simulator, self._landmarks, worlds.states[0, 0])
+        self._noise_px = noise_px(tracks, worlds.filmed_keypoints())
+        self._physics = Physics(self._simulator, self._keypoints, worlds.states[0, 0])
         self._estimator = StateEstimator(
             self._physics.space,
-            len(self._landmarks),
+            len(self._keypoints),
             self._simulator.action_scale,
             self._simulator.image_size / 8,
             self._seed,
@@ -79,14 +79,14 @@ class ReplayFit:
         start_std: np.ndarray,
         lag: int | None = 0,
         grow: bool = True,
-    ) -> Fit:
+    ) -> FitResult:
         """Fit E times (T + 1, H, W, 3) frames and (E, T, A) actions, from (N,) parameters.
 
         `start_std`: (N,) of the start in unit coordinates. With three episodes or more the last
         one is kept to test the fit on. `lag` is the actions' delay in steps; None: find it.
         `grow`: windows where short ones do not tell enough, which takes time.
         """
-        tracks = track(self._sight, frames, actions)
+        tracks = track(self._detector, frames, actions)
         if lag is None:
             lag = self._find_lag(tracks, start)
         tracks = tracks.delayed(lag)
@@ -108,7 +108,7 @@ class ReplayFit:
         std = np.zeros(len(space))
         std[self._moving] = np.hypot(deviation, apart)
         std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
-        return Fit(
+        return FitResult(
             space.from_unit(unit),
             np.maximum(std, _SMALLEST_STD),
             motion.covariance / np.outer(deviation, deviation),
@@ -198,12 +198,14 @@ class ReplayFit:
         places = zip(motion.episode[chosen], motion.step[chosen] + middle, strict=True)
         shown = np.stack([frames[episode][step] for episode, step in places])
         rows = motion.rows[chosen, middle]
-        for tangent in self._unseen_by_landmarks():
-            rows = aligned(self._simulator, shown, rows, parameters, self._physics.space, tangent)
+        for tangent in self._unseen_by_keypoints():
+            rows = align_to_images(
+                self._simulator, shown, rows, parameters, self._physics.space, tangent
+            )
         return fit_pictures(self._simulator, shown, rows, parameters, self._appearance)
 
-    def _unseen_by_landmarks(self) -> np.ndarray:
-        """(D, 2 nv) changes of position, as large as is unknown, that move no landmark.
+    def _unseen_by_keypoints(self) -> np.ndarray:
+        """(D, 2 nv) changes of position, as large as is unknown, that move no keypoint.
 
         A camera that follows the robot, say: how far it went shows in the ground's texture only.
         """

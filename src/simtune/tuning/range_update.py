@@ -14,14 +14,14 @@ _GRID = np.linspace(-1.5, 1.5, 1201)  # coordinates of the range: -1 its low end
 
 
 @dataclass(frozen=True, kw_only=True)
-class MoveConfig:
+class RangeUpdateConfig:
     edge_mass: float = 0.1  # a range is widened when the truth lies beyond its edge so probably
     margin: float = 1.6  # a narrowed range over the central 98 %, lest it cut the posterior off
     barely_told: float = 0.85  # a range that would still be this wide, of the old, is not moved
     smallest_share: float = 0.06  # of the first range: no range gets narrower than this
     identified_share: float = 0.15  # 90 % interval within the first range: verdict "identified"
     weak_share: float = 0.6  # ... and up to here "weak"
-    judge_weight: float = 0.04  # beside a fit, lest all be lost where it went astray
+    posterior_net_weight: float = 0.04  # beside a fit, lest all be lost where it went astray
 
 
 def candidate_grid() -> np.ndarray:
@@ -39,11 +39,11 @@ def guess(prob_higher: np.ndarray, distribution: Distribution) -> tuple[np.ndarr
 
 
 def with_fit(
-    prob_higher: np.ndarray, mean: np.ndarray, std: np.ndarray, config: MoveConfig
+    prob_higher: np.ndarray, mean: np.ndarray, std: np.ndarray, config: RangeUpdateConfig
 ) -> np.ndarray:
-    """(N, C) curves of a judge mixed with the normal ones of a fit, (N,) in coordinates."""
+    """(N, C) curves of a posterior network mixed with the normal ones of a fit, (N,) in coordinates."""
     fitted = ndtr((mean[:, None] - _GRID) / np.maximum(std[:, None], 1e-4))
-    return config.judge_weight * prob_higher + (1 - config.judge_weight) * fitted
+    return config.posterior_net_weight * prob_higher + (1 - config.posterior_net_weight) * fitted
 
 
 def quantile(prob_higher: np.ndarray, share: float) -> np.ndarray:
@@ -68,7 +68,10 @@ def shortest_interval(prob_higher: np.ndarray, share: float) -> tuple[np.ndarray
 
 
 def read_curves(
-    prob_higher: np.ndarray, distribution: Distribution, first: Distribution, config: MoveConfig
+    prob_higher: np.ndarray,
+    distribution: Distribution,
+    first: Distribution,
+    config: RangeUpdateConfig,
 ) -> Estimate:
     """Median, 90 % interval and verdict of (N, C) survival curves on the grid."""
     space = distribution.space
@@ -87,14 +90,17 @@ def read_curves(
     return Estimate(mean, low, high, [_verdict(s, config) for s in share], curves)
 
 
-def _verdict(share: float, config: MoveConfig) -> Verdict:
+def _verdict(share: float, config: RangeUpdateConfig) -> Verdict:
     if share <= config.identified_share:
         return "identified"
     return "weak" if share <= config.weak_share else "not identifiable"
 
 
 def move(
-    prob_higher: np.ndarray, distribution: Distribution, first: Distribution, config: MoveConfig
+    prob_higher: np.ndarray,
+    distribution: Distribution,
+    first: Distribution,
+    config: RangeUpdateConfig,
 ) -> tuple[Distribution, list[Event]]:
     """Straight to the median; narrower where the curve is sharp, wider where it hits an edge."""
     space = distribution.space

@@ -1,4 +1,4 @@
-"""Sight and judge: by hand, by plain loops, and against a posterior that is known."""
+"""The keypoint detector and judge: by hand, by plain loops, and against a posterior that is known."""
 
 import math
 import time
@@ -12,22 +12,23 @@ from simtune.parameters import Parameter, ParameterSpace
 from simtune.progress import Progress
 from simtune.randomization import Distribution
 from simtune.search_param_model import posterior
-from simtune.search_param_model.judge import (
-    SHORTEST_STEPS,
-    Curves,
-    Judge,
-    JudgeConfig,
-    judge_loss,
-)
 from simtune.search_param_model.posterior import (
     PosteriorConfig,
     PosteriorSearchParamModel,
 )
-from simtune.search_param_model.sight import Sight, SightConfig, look, splat, to_input
-from simtune.search_param_model.simulated import Camera, SimulatedWorlds
+from simtune.search_param_model.posterior_net import (
+    SHORTEST_STEPS,
+    PosteriorNet,
+    PosteriorNetConfig,
+    SurvivalMixture,
+    posterior_loss,
+)
+from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.trajectory import Trajectory
+from simtune.vision.detector import DetectorConfig, KeypointDetector, detect, splat, to_input
+from simtune.vision.image_noise import ImageNoise
 
-SMALL_SIGHT = SightConfig(channels=4, free_maps=2, hidden=16, batch_size=16)
+SMALL_DETECTOR = DetectorConfig(channels=4, free_maps=2, hidden=16, batch_size=16)
 SIZE = 32  # pixels
 
 
@@ -35,9 +36,9 @@ def generator(seed: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
-def a_sight(num_landmarks=2, num_visible=3, size=SIZE) -> Sight:
+def a_detector(num_keypoints=2, num_visible=3, size=SIZE) -> KeypointDetector:
     torch.manual_seed(0)
-    return Sight(num_landmarks, num_visible, size, SMALL_SIGHT)
+    return KeypointDetector(num_keypoints, num_visible, size, SMALL_DETECTOR)
 
 
 def a_parameter(name: str, field: str, low=0.0, high=1.0, scale="linear") -> Parameter:
@@ -47,13 +48,13 @@ def a_parameter(name: str, field: str, low=0.0, high=1.0, scale="linear") -> Par
     )
 
 
-# --- sight --------------------------------------------------------------------------------
+# --- the detector --------------------------------------------------------------------------------
 
 
 def test_splat_by_hand():
     # Cells of 2 pixels: the first cell's centre lies at pixel 0.5, the next one's at 2.5.
-    landmarks = torch.tensor([[[0.5, 0.5], [1.5, 0.5], [3.0, 5.0], [-9.0, 99.0]]])
-    weights = splat(landmarks, 4).view(4, 4, 4)  # landmark, y, x
+    keypoints = torch.tensor([[[0.5, 0.5], [1.5, 0.5], [3.0, 5.0], [-9.0, 99.0]]])
+    weights = splat(keypoints, 4).view(4, 4, 4)  # keypoint, y, x
     expected = torch.zeros(4, 4, 4)
     expected[0, 0, 0] = 1
     expected[1, 0, 0] = expected[1, 0, 1] = 0.5
@@ -65,19 +66,21 @@ def test_splat_by_hand():
 
 
 def test_splat_keeps_the_mean_position():
-    sight = a_sight(1)
-    landmarks = torch.rand(50, 1, 2, generator=generator()) * (SIZE - 2) + 0.5
-    weights = splat(landmarks, sight.cells)
+    detector = a_detector(1)
+    keypoints = torch.rand(50, 1, 2, generator=generator()) * (SIZE - 2) + 0.5
+    weights = splat(keypoints, detector.cells)
     torch.testing.assert_close(weights.sum(-1), torch.ones(50, 1))
-    torch.testing.assert_close(weights @ sight.grid, landmarks)
+    torch.testing.assert_close(weights @ detector.grid, keypoints)
 
 
 @pytest.mark.parametrize("truth", [(10.3, 20.9), (4.0, 27.2), (15.5, 15.5), (0.6, 30.4)])
 def test_peaks_are_found_finer_than_a_cell(truth):
-    sight = a_sight(1)
-    heatmap = splat(torch.tensor([[truth]]), sight.cells).log().clamp(min=-20)
+    detector = a_detector(1)
+    heatmap = splat(torch.tensor([[truth]]), detector.cells).log().clamp(min=-20)
     heatmap[..., 0 if truth[0] > 8 else -1] = heatmap.max() - 0.1  # a lower peak far away
-    np.testing.assert_allclose(sight._peaks(heatmap)[0, 0], truth, atol=0.1)  # a cell is 2 pixels
+    np.testing.assert_allclose(
+        detector._peaks(heatmap)[0, 0], truth, atol=0.1
+    )  # a cell is 2 pixels
 
 
 def test_input_is_between_minus_one_and_one_in_the_order_of_torch():
@@ -90,18 +93,20 @@ def test_input_is_between_minus_one_and_one_in_the_order_of_torch():
 
 
 def test_looking_in_batches_is_looking_at_once():
-    sight = a_sight()
+    detector = a_detector()
     frames = np.random.default_rng(0).integers(256, size=(7, SIZE, SIZE, 3)).astype(np.uint8)
-    for at_once, in_batches in zip(look(sight, frames), look(sight, frames, 3), strict=True):
+    for at_once, in_batches in zip(
+        detect(detector, frames), detect(detector, frames, 3), strict=True
+    ):
         np.testing.assert_allclose(at_once, in_batches, atol=1e-4)
 
 
-@pytest.mark.parametrize(("num_landmarks", "num_visible"), [(0, 2), (2, 0)])
-def test_a_world_without_landmarks_or_without_visible_parameters(num_landmarks, num_visible):
-    sight = a_sight(num_landmarks, num_visible)
-    loss = sight.loss(
+@pytest.mark.parametrize(("num_keypoints", "num_visible"), [(0, 2), (2, 0)])
+def test_a_world_without_keypoints_or_without_visible_parameters(num_keypoints, num_visible):
+    detector = a_detector(num_keypoints, num_visible)
+    loss = detector.loss(
         torch.zeros(4, 3, SIZE, SIZE),
-        torch.full((4, num_landmarks, 2), 7.0),
+        torch.full((4, num_keypoints, 2), 7.0),
         torch.full((4, num_visible), 0.5),
         torch.ones(num_visible),
     )
@@ -110,12 +115,12 @@ def test_a_world_without_landmarks_or_without_visible_parameters(num_landmarks, 
 
 
 def test_errors_count_relative_to_the_width_of_the_range():
-    sight = a_sight(0, 1)
-    pictures, landmarks = torch.zeros(1, 3, SIZE, SIZE), torch.zeros(1, 0, 2)
-    _, _, estimated = sight(pictures)
+    detector = a_detector(0, 1)
+    pictures, keypoints = torch.zeros(1, 3, SIZE, SIZE), torch.zeros(1, 0, 2)
+    _, _, estimated = detector(pictures)
     truth = (estimated + 1.0).detach()  # far away, where the loss is linear
     wide, narrow = (
-        sight.loss(pictures, landmarks, truth, torch.tensor([w])).item() for w in (1.0, 0.5)
+        detector.loss(pictures, keypoints, truth, torch.tensor([w])).item() for w in (1.0, 0.5)
     )
     # smooth L1 of an error of 2/width with beta .1
     expected = (4.0 - 0.05) / (2.0 - 0.05)
@@ -137,7 +142,9 @@ def dots(num: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_sight_learns_to_find_a_dot_and_a_grey():
     space = ParameterSpace([a_parameter("grey", "geom_rgba"), a_parameter("mass", "body_mass")])
     distribution = Distribution(space, np.full(2, 0.25), np.zeros(2), np.array([0.5, 1.0]))
-    config = PosteriorConfig(sight=SightConfig(channels=8, free_maps=2, hidden=32, batch_size=32))
+    config = PosteriorConfig(
+        detector=DetectorConfig(channels=8, free_maps=2, hidden=32, batch_size=32)
+    )
     model = PosteriorSearchParamModel(1, np.ones(1), space.is_visible, SIZE, config, seed=0)
 
     def worlds(seed: int) -> SimulatedWorlds:
@@ -151,10 +158,10 @@ def test_sight_learns_to_find_a_dot_and_a_grey():
             np.zeros((300, 1, 1)),
         )
 
-    loss = model.train_sight(worlds(0), distribution, Progress(250, math.inf))
+    loss = model.train_detector(worlds(0), distribution, Progress(250, math.inf))
     assert np.isfinite(loss)
     others = worlds(1)
-    error_px, error_range = model.sight_errors(others, model.look_at(others), distribution)
+    error_px, error_range = model.detector_errors(others, model.detect(others), distribution)
     assert error_px.shape == (300, 1, 1, 2)
     assert error_range.shape == (300, 1)
     assert np.median(np.abs(error_px)) < 0.5
@@ -165,17 +172,17 @@ def test_sight_learns_to_find_a_dot_and_a_grey():
 # --- curves -------------------------------------------------------------------------------
 
 
-def some_curves(worlds=2, parameters=3, components=3) -> Curves:
+def some_curves(worlds=2, parameters=3, components=3) -> SurvivalMixture:
     g = generator(3)
     shape = (worlds, parameters, components)
-    return Curves(
+    return SurvivalMixture(
         torch.randn(shape, generator=g).log_softmax(-1),
         torch.randn(shape, generator=g) * 0.6,
         torch.rand(shape, generator=g) * 0.3 + 0.02,
     )
 
 
-def survival(curves: Curves, world: int, parameter: int, candidate: float) -> float:
+def survival(curves: SurvivalMixture, world: int, parameter: int, candidate: float) -> float:
     """P(truth > candidate), by a plain loop."""
     total = 0.0
     for k in range(curves.places.shape[-1]):
@@ -216,16 +223,16 @@ def test_samples_follow_the_curve():
 # --- judge --------------------------------------------------------------------------------
 
 
-def certain(place: float) -> Curves:
+def certain(place: float) -> SurvivalMixture:
     """Curves that are sure of the truth's place."""
     one = torch.full((1, 1, 1), place)
-    return Curves(torch.zeros(1, 1, 1), one, torch.full((1, 1, 1), 1e-3))
+    return SurvivalMixture(torch.zeros(1, 1, 1), one, torch.full((1, 1, 1), 1e-3))
 
 
 def test_a_curve_that_is_right_has_less_loss():
     truth = torch.tensor([[0.5]])
     right, opposite, higher = (
-        judge_loss(certain(p), truth, 2000, generator()).item() for p in (0.5, -0.5, 0.7)
+        posterior_loss(certain(p), truth, 2000, generator()).item() for p in (0.5, -0.5, 0.7)
     )
     assert right < 0.2 < higher < opposite
 
@@ -237,8 +244,8 @@ def test_label_is_true_where_the_truth_is_higher(monkeypatch):
         asked.append(candidates)
         return (candidates < 0.3).float() * 0.98 + 0.01  # sure that the truth is 0.3
 
-    monkeypatch.setattr(Curves, "prob_higher", prob_higher)
-    loss = judge_loss(certain(0.0), torch.tensor([[0.3]]), 500, generator())
+    monkeypatch.setattr(SurvivalMixture, "prob_higher", prob_higher)
+    loss = posterior_loss(certain(0.0), torch.tensor([[0.3]]), 500, generator())
     assert loss.item() == pytest.approx(-math.log(0.99), rel=1e-4)
     (candidates,) = asked
     assert candidates.shape == (1, 1, 1000)
@@ -249,32 +256,32 @@ def test_label_is_true_where_the_truth_is_higher(monkeypatch):
 def test_candidates_do_not_depend_on_the_truth(monkeypatch):
     asked = []
     monkeypatch.setattr(
-        Curves, "prob_higher", lambda _, c: asked.append(c) or torch.full_like(c, 0.5)
+        SurvivalMixture, "prob_higher", lambda _, c: asked.append(c) or torch.full_like(c, 0.5)
     )
     for truth in (-0.9, 0.9):
-        judge_loss(certain(0.1), torch.tensor([[truth]]), 50, generator())
+        posterior_loss(certain(0.1), torch.tensor([[truth]]), 50, generator())
     assert torch.equal(*asked)
 
 
 def test_judge_takes_any_number_of_episodes_and_steps():
     torch.manual_seed(0)
-    judge = Judge(5, [1], 3, JudgeConfig(channels=8, hidden=16))
+    posterior_net = PosteriorNet(5, [1], 3, PosteriorNetConfig(channels=8, hidden=16))
     for episodes, steps in ((1, SHORTEST_STEPS), (4, 30)):
         seen = torch.randn(2, episodes, steps, 5)
-        curves = judge(seen, torch.zeros(2, 1))
+        curves = posterior_net(seen, torch.zeros(2, 1))
         assert curves.places.shape == (2, 3, 3)
         order = torch.randperm(episodes)
-        again = judge(seen[:, order], torch.zeros(2, 1))
+        again = posterior_net(seen[:, order], torch.zeros(2, 1))
         torch.testing.assert_close(curves.places, again.places)  # a set has no order
     with pytest.raises(RuntimeError):
-        judge(torch.randn(2, 1, SHORTEST_STEPS - 1, 5), torch.zeros(2, 1))
+        posterior_net(torch.randn(2, 1, SHORTEST_STEPS - 1, 5), torch.zeros(2, 1))
 
 
 def test_what_sight_estimates_moves_the_curve_along():
-    judge = Judge(5, [1], 3, JudgeConfig(channels=8, hidden=16))
-    for parameter in judge.head.parameters():
+    posterior_net = PosteriorNet(5, [1], 3, PosteriorNetConfig(channels=8, hidden=16))
+    for parameter in posterior_net.head.parameters():
         torch.nn.init.zeros_(parameter)  # no corrections learnt yet
-    places = judge(torch.randn(1, 1, 30, 5), torch.tensor([[0.7]])).places.mean(-1)
+    places = posterior_net(torch.randn(1, 1, 30, 5), torch.tensor([[0.7]])).places.mean(-1)
     torch.testing.assert_close(places, torch.tensor([[0.0, 0.7, 0.0]]))
 
 
@@ -298,31 +305,31 @@ def analytic(seen: torch.Tensor, grid: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def judge_of_a_known_posterior() -> Judge:
+def net_of_a_known_posterior() -> PosteriorNet:
     torch.manual_seed(0)
-    config = JudgeConfig(channels=16, hidden=48, weight_decay=0.0)
-    judge = Judge(1, [], 1, config)
-    judge.most_episodes.fill_(4)
+    config = PosteriorNetConfig(channels=16, hidden=48, weight_decay=0.0)
+    posterior_net = PosteriorNet(1, [], 1, config)
+    posterior_net.most_episodes.fill_(4)
     updates = 500
-    optimizer = torch.optim.AdamW(judge.parameters(), weight_decay=0.0)
+    optimizer = torch.optim.AdamW(posterior_net.parameters(), weight_decay=0.0)
     for update in range(updates):
         optimizer.param_groups[0]["lr"] = 6e-3 * (1 - update / updates)
         truth = torch.rand(96, 1, generator=generator(update)) * 2 - 1
         seen = observe(truth, 1 + update % 4, update + 10_000)
-        curves = judge(seen, torch.zeros(96, 0))
-        loss = judge_loss(curves, truth, 48, generator(update))
+        curves = posterior_net(seen, torch.zeros(96, 0))
+        loss = posterior_loss(curves, truth, 48, generator(update))
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    return judge
+    return posterior_net
 
 
 @torch.no_grad()
 @pytest.mark.parametrize("episodes", [1, 4])
-def test_a_trained_judge_gives_the_analytic_posterior(judge_of_a_known_posterior, episodes):
+def test_a_trained_judge_gives_the_analytic_posterior(net_of_a_known_posterior, episodes):
     truth = torch.rand(800, 1, generator=generator(1)) * 2 - 1
     seen = observe(truth, episodes, 2)
-    curves = judge_of_a_known_posterior(seen, torch.zeros(800, 0))
+    curves = net_of_a_known_posterior(seen, torch.zeros(800, 0))
     grid = np.linspace(-1.5, 1.5, 601)
     candidates = torch.tensor(grid, dtype=torch.float32).expand(800, 1, -1)
     below = 1 - curves.prob_higher(candidates)[:, 0].numpy()
@@ -340,21 +347,20 @@ def test_a_trained_judge_gives_the_analytic_posterior(judge_of_a_known_posterior
 
 
 @torch.no_grad()
-def test_of_more_episodes_than_it_was_taught_on_it_is_told_as_many(judge_of_a_known_posterior):
+def test_of_more_episodes_than_it_was_taught_on_it_is_told_as_many(net_of_a_known_posterior):
     seen = observe(torch.zeros(3, 1), 1, 5)
     four, nine = (
-        judge_of_a_known_posterior(seen.repeat(1, n, 1, 1), torch.zeros(3, 0)).scales
-        for n in (4, 9)
+        net_of_a_known_posterior(seen.repeat(1, n, 1, 1), torch.zeros(3, 0)).scales for n in (4, 9)
     )
     np.testing.assert_allclose(nine, four, rtol=1e-5)
 
 
 @torch.no_grad()
-def test_more_episodes_narrow_the_interval(judge_of_a_known_posterior):
+def test_more_episodes_narrow_the_interval(net_of_a_known_posterior):
     truth = torch.rand(400, 1, generator=generator(3)) * 0.6 - 0.3  # away from the edges
     widths = []
     for episodes in (1, 4):
-        curves = judge_of_a_known_posterior(observe(truth, episodes, 4), torch.zeros(400, 0))
+        curves = net_of_a_known_posterior(observe(truth, episodes, 4), torch.zeros(400, 0))
         samples = curves.sample(2000, generator())[:, 0]
         widths.append((samples.quantile(0.75, 1) - samples.quantile(0.25, 1)).median())
     # As 1/sqrt(E), but that the prior narrows the interval of a single episode as well.
@@ -417,7 +423,8 @@ def a_model_and_worlds(num_worlds=12, episodes=2, steps=30, filmed=5):
     distribution = Distribution(space, (low + high) / 2, low, high)
     rng = np.random.default_rng(0)
     config = PosteriorConfig(
-        sight=SMALL_SIGHT, judge=JudgeConfig(channels=8, hidden=16, batch_size=8, candidates=8)
+        detector=SMALL_DETECTOR,
+        posterior_net=PosteriorNetConfig(channels=8, hidden=16, batch_size=8, candidates=8),
     )
     model = PosteriorSearchParamModel(2, np.ones(1), space.is_visible, SIZE, config, seed=0)
     worlds = SimulatedWorlds(
@@ -431,20 +438,20 @@ def a_model_and_worlds(num_worlds=12, episodes=2, steps=30, filmed=5):
     return model, worlds, distribution
 
 
-def test_filmed_landmarks_are_those_of_the_filmed_steps():
+def test_filmed_keypoints_are_those_of_the_filmed_steps():
     _, worlds, _ = a_model_and_worlds()
-    filmed = worlds.filmed_landmarks()
+    filmed = worlds.filmed_keypoints()
     for world, start in enumerate(worlds.filmed_from):
         for i in range(5):
-            np.testing.assert_array_equal(filmed[world, i], worlds.landmarks[world, 0, start + i])
+            np.testing.assert_array_equal(filmed[world, i], worlds.keypoints[world, 0, start + i])
 
 
 def test_sights_estimates_are_brought_to_the_present_range():
     model, _, distribution = a_model_and_worlds()
-    # sight gives coordinates of the whole space, 0 to 1; the judge wants -1 to 1 in the range
+    # the detector gives coordinates of the whole space, 0 to 1; the posterior network wants -1 to 1 in the range
     estimated = np.array([[0.2, 0.0], [0.3, 0.5], [0.4, 1.0], [0.5, 0.75]])
     expected = [[-1, -1], [0, 0], [1, 1], [2, 0.5]]
-    np.testing.assert_allclose(model._from_sight(estimated, distribution), expected, atol=1e-9)
+    np.testing.assert_allclose(model._from_detector(estimated, distribution), expected, atol=1e-9)
 
 
 def test_the_judge_learns_from_sets_spoilt_by_errors_of_one_world_each():
@@ -452,24 +459,24 @@ def test_the_judge_learns_from_sets_spoilt_by_errors_of_one_world_each():
     # An error that says of which world it is: +1000·(world + 1)
     errors = np.zeros((3, 5, 2, 2)) + 1000.0 * np.arange(1, 4)[:, None, None, None]
     visible_errors = np.tile(np.arange(1, 4)[:, None] * 10.0, (1, 2))
-    batches = posterior._JudgeBatches(
-        worlds, (errors, visible_errors), model.visible, model.config.judge, model.generator
+    batches = posterior._PosteriorBatches(
+        worlds, (errors, visible_errors), model.visible, model.config.posterior_net, model.generator
     )
     truth = torch.tensor(model._to_range(worlds.parameters, distribution), dtype=torch.float32)
     sizes = set()
     for _ in range(20):
-        at, landmarks, actions, visible = batches.draw(truth)[:4]
+        at, keypoints, actions, visible = batches.draw(truth)[:4]
         num, steps = actions.shape[1:3]
         sizes.add(num)
-        assert landmarks.shape == (8, num, steps + 1, 2, 2)
+        assert keypoints.shape == (8, num, steps + 1, 2, 2)
         assert SHORTEST_STEPS <= steps <= 30
-        misled = (landmarks / 1000).floor()
+        misled = (keypoints / 1000).floor()
         assert (misled == misled[:, :1, :1, :1, :1]).all()
-        clean = landmarks - 1000 * misled
+        clean = keypoints - 1000 * misled
         expected = truth[at][:, model.visible] + 10 * misled[:, 0, 0, 0, :1]
         torch.testing.assert_close(visible, expected)
         for b in range(8):  # each is a stretch of an episode of that very world
-            world = torch.from_numpy(worlds.landmarks[at[b]])
+            world = torch.from_numpy(worlds.keypoints[at[b]])
             starts = [
                 (e, t)
                 for e in range(2)
@@ -485,9 +492,11 @@ def test_the_judge_learns_from_sets_spoilt_by_errors_of_one_world_each():
 
 def test_training_and_reading_the_whole_model():
     model, worlds, distribution = a_model_and_worlds()
-    assert np.isfinite(model.train_sight(worlds, distribution, Progress(3, math.inf)))
-    errors = model.sight_errors(worlds, model.look_at(worlds), distribution)
-    assert np.isfinite(model.train_judge(worlds, distribution, errors, Progress(3, math.inf)))
+    assert np.isfinite(model.train_detector(worlds, distribution, Progress(3, math.inf)))
+    errors = model.detector_errors(worlds, model.detect(worlds), distribution)
+    assert np.isfinite(
+        model.train_posterior_net(worlds, distribution, errors, Progress(3, math.inf))
+    )
     rng = np.random.default_rng(0)
     real = [
         Trajectory(
@@ -509,30 +518,30 @@ def test_a_seed_gives_the_same_model_and_leaves_torchs_own_numbers_alone():
     torch.manual_seed(5)
     (one, _, _), (other, _, _) = a_model_and_worlds(), a_model_and_worlds()
     assert torch.equal(torch.rand(3), expected)
-    for a, b in zip(one.sight.parameters(), other.sight.parameters(), strict=True):
+    for a, b in zip(one.detector.parameters(), other.detector.parameters(), strict=True):
         assert torch.equal(a, b)
-    for a, b in zip(one.judge.parameters(), other.judge.parameters(), strict=True):
+    for a, b in zip(one.posterior_net.parameters(), other.posterior_net.parameters(), strict=True):
         assert torch.equal(a, b)
 
 
 def test_gradients_reach_every_weight_of_sight():
-    sight = a_sight()
+    detector = a_detector()
     pictures = torch.rand(4, 3, SIZE, SIZE, generator=generator()) * 2 - 1
-    landmarks = torch.rand(4, 2, 2, generator=generator()) * SIZE
-    sight.loss(pictures, landmarks, torch.rand(4, 3), torch.ones(3)).backward()
-    for name, weight in sight.named_parameters():
+    keypoints = torch.rand(4, 2, 2, generator=generator()) * SIZE
+    detector.loss(pictures, keypoints, torch.rand(4, 3), torch.ones(3)).backward()
+    for name, weight in detector.named_parameters():
         assert weight.grad is not None, name
         assert F.l1_loss(weight.grad, torch.zeros_like(weight)) > 0, name
 
 
-def test_a_landmark_that_may_be_in_two_places_is_given_both():
-    sight = Sight(1, 0, SIZE, SMALL_SIGHT)
-    heat = torch.full((1, 1, sight.cells**2), -20.0)
-    left, right = 2 * sight.cells + 2, 9 * sight.cells + 10  # cells far from each other
+def test_a_keypoint_that_may_be_in_two_places_is_given_both():
+    detector = KeypointDetector(1, 0, SIZE, SMALL_DETECTOR)
+    heat = torch.full((1, 1, detector.cells**2), -20.0)
+    left, right = 2 * detector.cells + 2, 9 * detector.cells + 10  # cells far from each other
     heat[0, 0, left], heat[0, 0, right] = math.log(0.7), math.log(0.3)
-    places, probability = sight.places(heat)
-    torch.testing.assert_close(places[0, 0, 0], sight.grid[left], atol=0.01, rtol=0)
-    torch.testing.assert_close(places[0, 1, 0], sight.grid[right], atol=0.01, rtol=0)
+    places, probability = detector.places(heat)
+    torch.testing.assert_close(places[0, 0, 0], detector.grid[left], atol=0.01, rtol=0)
+    torch.testing.assert_close(places[0, 1, 0], detector.grid[right], atol=0.01, rtol=0)
     torch.testing.assert_close(probability[0, :, 0], torch.tensor([0.7, 0.3]), atol=1e-3, rtol=0)
 
 
@@ -540,11 +549,11 @@ def test_cameras_differ_from_world_to_world_and_not_within_one():
     rng = np.random.default_rng(0)
     drawn = np.full((6, 3, 8, 8, 3), 128, np.uint8)
     filmed = drawn.copy()
-    Camera(noise=0.0).film(filmed, rng)
+    ImageNoise(noise=0.0).apply(filmed, rng)
     levels = filmed.mean((2, 3))  # (W, F, 3)
     assert (np.ptp(levels, axis=1) == 0).all()
     assert levels[:, 0, 0].std() > 2
     assert abs(levels.mean() - 128) < 20
     noisy = drawn.copy()
-    Camera(gain=0, tint=0, offset=0, noise=0.05).film(noisy, rng)
+    ImageNoise(gain=0, tint=0, offset=0, noise=0.05).apply(noisy, rng)
     assert 0.5 < noisy.std((1, 2, 3, 4)).mean() < 0.05 * 255

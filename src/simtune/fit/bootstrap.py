@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtrit
 
-from simtune.fit.fit import ReplayFit
-from simtune.fit.found import Fit, Misfit
-from simtune.search_param_model.simulated import Camera
+from simtune.fit.replay_fit import ReplayFit
+from simtune.fit.result import FitResult, Misfit
 from simtune.simulation import Simulator
 from simtune.trajectory import delayed
+from simtune.vision.image_noise import ImageNoise
 
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
 _POOLED_COUNT = 3.0  # all of a kind count like so many replicas of each parameter
@@ -30,7 +30,7 @@ _MARGIN = 0.002  # truths keep so far from the bounds
 
 
 @dataclass(frozen=True)
-class Replicas:
+class Bootstrap:
     """What fits of known worlds showed."""
 
     errors: np.ndarray  # (K, N) in terms of each fit's own standard deviations
@@ -85,22 +85,22 @@ def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
     return factors
 
 
-def make_replicas(
+def run_bootstrap(
     replay: ReplayFit,
     simulator: Simulator,
-    fit: Fit,
+    fit: FitResult,
     actions: np.ndarray,
     num: int,
     guess: np.ndarray,
     guess_std: np.ndarray,
-    camera: Camera | None,
+    image_noise: ImageNoise | None,
     rng: np.random.Generator,
     grow: bool = True,
-) -> Replicas:
+) -> Bootstrap:
     """Fit `num` worlds near `fit`, which play (E, T, A) actions, as the real one was fitted.
 
     `guess`: (N,) what the real one's fit started from; `guess_std`: (N,) in unit coordinates.
-    `camera`: what films them, where the real world does not look like the simulator. `grow`: see
+    `image_noise`: what a camera adds, where the real world does not look like the simulator. `grow`: see
     `ReplayFit.fit`.
     """
     space, actions = simulator.space, actions[:_FEW_EPISODES]
@@ -117,17 +117,17 @@ def make_replicas(
         if len(rollouts) < len(actions):
             continue  # its physics diverged
         frames = simulator.film(rollouts)
-        if camera is not None:
+        if image_noise is not None:
             one_world = frames.reshape(1, -1, *frames.shape[2:])  # one camera films all of it
-            camera.film(one_world, rng)
+            image_noise.apply(one_world, rng)
             frames = one_world.reshape(frames.shape)
         begin = space.from_unit(truth + away * rng.normal(size=len(unit)))
         found = replay.fit(list(frames), actions, begin, guess_std, fit.lag, grow)
         misfits.append(found.misfit)
-        claimed = np.hypot(found.std, found.discrepancy(looks_alike=camera is None))
+        claimed = np.hypot(found.std, found.discrepancy(looks_alike=image_noise is None))
         errors.append((space.to_unit(found.parameters) - truth) / claimed)
         # Either may be NaN.
         astray.append(found.misfit.motion_px > _ASTRAY * fit.misfit.motion_px)
     # Where all of them went astray, the real one may well have: then they do count.
     kept = ~np.array(astray, bool) | np.all(astray)
-    return Replicas(np.array(errors).reshape(-1, len(unit))[kept], fit.is_moving, misfits)
+    return Bootstrap(np.array(errors).reshape(-1, len(unit))[kept], fit.is_moving, misfits)

@@ -11,7 +11,7 @@ _EDGE = 1e-5  # probabilities are kept this far from 0 and 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class JudgeConfig:
+class PosteriorNetConfig:
     channels: int = 64
     hidden: int = 128
     components: int = 3
@@ -23,7 +23,7 @@ class JudgeConfig:
     crop_lengths: int = 8  # different ones
 
 
-class Judge(nn.Module):
+class PosteriorNet(nn.Module):
     """The set of a world's episodes to one survival curve a parameter.
 
     Episodes of one world are one question: their features are pooled inside the network, and
@@ -34,11 +34,13 @@ class Judge(nn.Module):
 
     most_episodes: torch.Tensor  # () that it was taught on at a time
 
-    def __init__(self, num_seen: int, visible: list[int], num_parameters: int, config: JudgeConfig):
+    def __init__(
+        self, num_seen: int, visible: list[int], num_parameters: int, config: PosteriorNetConfig
+    ):
         super().__init__()
         c, self.components = config.channels, config.components
         self.num_parameters = num_parameters
-        self.visible = visible  # indices of the parameters that sight estimates
+        self.visible = visible  # indices of the parameters that the detector estimates
         self.first = nn.Conv1d(num_seen, c, 5, stride=2)  # half the work, and nothing lost
         self.later = nn.ModuleList([nn.Conv1d(c, c, 5) for _ in range(2)])
         self.head = nn.Sequential(
@@ -52,8 +54,8 @@ class Judge(nn.Module):
         spread = torch.linspace(-0.5, 0.5, self.components)
         self.register_buffer("spread", spread, persistent=False)
 
-    def forward(self, seen: torch.Tensor, visible: torch.Tensor) -> "Curves":
-        """(B, E, T, S) landmarks and actions, (B, V) pooled visible estimates, to B × N curves."""
+    def forward(self, seen: torch.Tensor, visible: torch.Tensor) -> "SurvivalMixture":
+        """(B, E, T, S) keypoints and actions, (B, V) pooled visible estimates, to B × N curves."""
         worlds, episodes, steps, _ = seen.shape
         x = F.elu(self.first(seen.reshape(worlds * episodes, steps, -1).transpose(1, 2)))
         for conv in self.later:
@@ -69,11 +71,13 @@ class Judge(nn.Module):
         known = torch.zeros_like(places)
         known[:, self.visible] = visible[..., None]  # so that only corrections need learning
         places = places + known
-        return Curves(weights.log_softmax(-1), places + self.spread, (scales - 1.5).exp() + 1e-3)
+        return SurvivalMixture(
+            weights.log_softmax(-1), places + self.spread, (scales - 1.5).exp() + 1e-3
+        )
 
 
 @dataclass(frozen=True)
-class Curves:
+class SurvivalMixture:
     """Mixtures of logistics: P(truth > candidate) for B worlds and N parameters."""
 
     log_weights: torch.Tensor  # (B, N, K)
@@ -97,12 +101,12 @@ class Curves:
         return place + scale * uniform.logit()
 
 
-def judge_loss(
-    curves: Curves, truth: torch.Tensor, num_candidates: int, generator: torch.Generator
+def posterior_loss(
+    curves: SurvivalMixture, truth: torch.Tensor, num_candidates: int, generator: torch.Generator
 ) -> torch.Tensor:
     """Binary cross-entropy of "is the truth (B, N) higher?" over random candidates.
 
-    Half of the candidates are uniform in the range, half are drawn where the judge itself
+    Half of the candidates are uniform in the range, half are drawn where the posterior network itself
     believes the truth to be, since that is where telling is hard. None depends on the truth.
     """
     with torch.no_grad():
