@@ -23,7 +23,7 @@ from simtune import outcome
 from simtune.comparison import write_comparison
 from simtune.config import TrainConfig
 from simtune.parts import Parts, make_parts
-from simtune.progress import Say, silent
+from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.recordings import write_video
 from simtune.report import write_report
@@ -34,7 +34,7 @@ from simtune.tuning.search import unsure
 _CHECKPOINT_EVERY_S = 60.0
 
 
-def train(config: TrainConfig, say: Say = silent) -> dict[str, Any]:
+def train(config: TrainConfig, say: ReportProgress = silent) -> dict[str, Any]:
     """Carry out Algorithm 1; returns the content of result.json.
 
     A run that was interrupted goes on from its last checkpoint, to the same result.
@@ -60,7 +60,7 @@ def train(config: TrainConfig, say: Say = silent) -> dict[str, Any]:
 class Training:
     """Where Algorithm 1 is. Its counters only grow, so that it can go on from any of them."""
 
-    def __init__(self, config: TrainConfig, parts: Parts, run: RunFolder, say: Say):
+    def __init__(self, config: TrainConfig, parts: Parts, run: RunFolder, say: ReportProgress):
         self.config, self.parts, self.run, self._say = config, parts, run, say
         self.real: list[Trajectory] = []  # the latest first
         self.estimate = unsure(parts.search.distribution, "not identifiable")

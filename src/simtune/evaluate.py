@@ -8,7 +8,7 @@ from simtune.config import EvaluateConfig, RealConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.outcome import summary
 from simtune.parts import Parts, make_parts
-from simtune.progress import Say, silent
+from simtune.progress import ReportProgress, silent
 from simtune.real.choose import read_parameters
 from simtune.real.closed import ClosedReal
 from simtune.run import checkpoint
@@ -16,7 +16,7 @@ from simtune.run.config import stored_config
 from simtune.tasks import load_task
 
 
-def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
+def evaluate(config: EvaluateConfig, say: ReportProgress = silent) -> dict[str, Any]:
     """Returns of the policy of a run that `train` wrote, in a simulated world; goals by name.
 
     Nothing is written. Raises InputError where there is no policy, or no world to score it in.
@@ -39,7 +39,7 @@ def evaluate(config: EvaluateConfig, say: Say = silent) -> dict[str, Any]:
     return returns | {goal: summary(reached) for goal, reached in scores.items()}
 
 
-def trained_parts(run_folder: Path, say: Say = silent) -> Parts:
+def trained_parts(run_folder: Path, say: ReportProgress = silent) -> Parts:
     """A training's parts, of which the agent is as its newest checkpoint has it.
 
     Nothing else is: what it learnt from need not be drawn anew, and no robot is asked, no

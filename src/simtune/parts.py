@@ -14,7 +14,7 @@ from simtune.errors import InputError
 from simtune.networks import under
 from simtune.parameters import ParameterSpace
 from simtune.presets import choose_agent, choose_schedule, choose_search, choose_search_config
-from simtune.progress import Say
+from simtune.progress import ReportProgress
 from simtune.randomization import Distribution
 from simtune.real import RealWorld
 from simtune.real.choose import choose_real, simulator_for
@@ -106,7 +106,7 @@ class Parts:
         return {"agent": self.agent, "search": self.search, "replay": self.replay}
 
 
-def make_parts(config: TrainConfig, say: Say, former: ClosedReal | None = None) -> Parts:
+def make_parts(config: TrainConfig, say: ReportProgress, former: ClosedReal | None = None) -> Parts:
     """All of them; a `former` real world stands for one that is to be left alone.
 
     Raises InputError for what cannot be used.

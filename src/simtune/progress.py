@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from tqdm import tqdm
 
-Say = Callable[[str, float], None]  # what is happening, and the share of the whole that is done
+ReportProgress = Callable[[str, float], None]  # what is happening, and the share of the whole that is done
 
 _LINE_EVERY_S = 15.0
 
@@ -17,7 +17,7 @@ def silent(doing: str, done: float) -> None:
 
 
 class ProgressBar:
-    """Use as a `Say`; a context manager, so that the terminal is left tidy."""
+    """Use as a `ReportProgress`; a context manager, so that the terminal is left tidy."""
 
     def __init__(self, total_s: float = math.inf):
         """`total_s`: how long the whole may take at most, to guess from at the start."""

@@ -9,7 +9,7 @@ from simtune.config import RecordConfig
 from simtune.errors import InputError
 from simtune.evaluate import trained_parts
 from simtune.parts import Parts
-from simtune.progress import Say, silent
+from simtune.progress import ReportProgress, silent
 from simtune.real.choose import read_parameters
 from simtune.recordings import write_dataset
 from simtune.simulation import (
@@ -24,7 +24,7 @@ from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
 
 
-def record(config: RecordConfig, say: Say = silent) -> Path:
+def record(config: RecordConfig, say: ReportProgress = silent) -> Path:
     """Film episodes of one world, and whatever acts in it; returns the folder.
 
     One episode is in memory at a time. Raises InputError for what cannot be used, with nothing
@@ -62,7 +62,7 @@ def _film(
     task: Task,
     world: np.ndarray,
     actor: "_Actor",
-    say: Say,
+    say: ReportProgress,
 ) -> Iterator[Trajectory]:
     """Episodes one after the other; one that diverges is played again from another start."""
     for done in range(config.episodes):

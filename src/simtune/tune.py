@@ -9,7 +9,7 @@ from simtune import outcome
 from simtune.check.warnings import warnings_of
 from simtune.comparison import write_comparison
 from simtune.config import TuneConfig
-from simtune.progress import Say, silent
+from simtune.progress import ReportProgress, silent
 from simtune.real.choose import choose_real, simulator_for
 from simtune.report import write_report
 from simtune.run import RunFolder
@@ -23,7 +23,7 @@ from simtune.tuning.search import Estimate, Search
 log = logging.getLogger(__name__)
 
 
-def tune(config: TuneConfig, say: Say = silent) -> dict[str, Any]:
+def tune(config: TuneConfig, say: ReportProgress = silent) -> dict[str, Any]:
     """Find the parameters of a real world; returns the content of result.json.
 
     A run that was interrupted goes on where its last iteration ended.
@@ -91,7 +91,7 @@ def _search(
     search: Search,
     simulator: AnySimulator,
     real: list[Trajectory],
-    say: Say,
+    say: ReportProgress,
 ) -> tuple[Estimate, float]:
     """Iterate until nothing is left to gain or the time is over, at least once.
 

@@ -9,7 +9,7 @@ from simtune.check.soundness import look_through
 from simtune.check.warnings import warnings
 from simtune.config import CheckConfig
 from simtune.fit.sensitivity import analyze
-from simtune.progress import Say, silent
+from simtune.progress import ReportProgress, silent
 from simtune.real.choose import open_recordings
 from simtune.real.recorded import how_many
 from simtune.tasks import load_task
@@ -18,7 +18,7 @@ from simtune.tuning import needed_image_size
 _EPISODES = 5
 
 
-def check(config: CheckConfig, say: Say = silent) -> dict[str, Any]:
+def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     """What each parameter changes, how well it can be told, facts of the recordings; JSON.
 
     Raises InputError for what cannot be used.

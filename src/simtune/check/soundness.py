@@ -3,13 +3,13 @@
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.progress import Say
+from simtune.progress import ReportProgress
 from simtune.recordings import Dataset
 
 _MOST_NAMED = 5
 
 
-def look_through(dataset: Dataset, say: Say) -> list[np.ndarray]:
+def look_through(dataset: Dataset, say: ReportProgress) -> list[np.ndarray]:
     """Actions (T, A) of all episodes, each of whose frames was looked at and none kept.
 
     Raises InputError, after the last episode, where one is unsound; which others are is said too.

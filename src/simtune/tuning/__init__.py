@@ -1,19 +1,14 @@
 """How Ξ is moved towards the real world: the searches, by name."""
 
-import numpy as np
-
-from simtune.config import SearchName
-from simtune.errors import InputError
-from simtune.progress import Say
 from simtune.search_param_model.paper import PaperConfig
-from simtune.simulation import AnySimulator, Simulator
 from simtune.tuning.fixed import FixedRange
 from simtune.tuning.paper import PaperSearch
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.search import Search
+from simtune.tuning.search import Search, SearchContext, SearchName
 
-_IMAGE_SIZES = {"posterior": 64, "paper": 100, "regression": 100}  # pixels a side
+SearchSettings = PosteriorSearchConfig | PaperConfig
+_IMAGE_SIZES: dict[SearchName, int] = {"posterior": 64, "paper": 100, "regression": 100}
 
 
 def needed_image_size(search: SearchName) -> int:
@@ -22,32 +17,24 @@ def needed_image_size(search: SearchName) -> int:
 
 
 def make_search(
-    search: SearchName,
-    simulator: AnySimulator,
-    camera: str,
-    start: np.ndarray,
-    seed: int,
-    say: Say,
-    looks_alike: bool,
-    config: PosteriorSearchConfig | PaperConfig | None = None,
-    device: str = "cpu",
+    search: SearchName, context: SearchContext, settings: SearchSettings | None = None
 ) -> Search:
-    """A search that begins at the (N,) parameters `start`, and says what it does.
+    """A search that begins at `context.start`; `settings` are of its own kind.
 
-    `looks_alike`: the real world is drawn as `simulator` draws, and moves as promptly. `config` is
-    the search's own kind; `device` is that of the paper's networks. Raises InputError for an
-    environment that is searched by windows, whose frames are drawn anew on resumption.
+    Raises InputError for an environment that is searched by windows, whose frames are drawn anew
+    on resumption, and where nothing moves that a hidden parameter could show in.
     """
     if search == "posterior":
-        assert not isinstance(config, PaperConfig)
-        return PosteriorSearch(
-            simulator, camera, start, config, seed=seed, say=say, looks_alike=looks_alike
-        )
-    assert not isinstance(config, PosteriorSearchConfig)
-    if not isinstance(simulator, Simulator):
-        raise InputError(f"--search {search} needs a MuJoCo model; --search posterior does not")
-    settings = {"seed": seed, "say": say, "device": device}
-    return PaperSearch(simulator, start, config, method=search, **settings)
+        assert not isinstance(settings, PaperConfig)
+        return PosteriorSearch(context, settings)
+    assert not isinstance(settings, PosteriorSearchConfig)
+    return PaperSearch(context, settings, method=search)
 
 
-__all__ = ["FixedRange", "make_search", "needed_image_size"]
+__all__ = [
+    "FixedRange",
+    "SearchContext",
+    "SearchSettings",
+    "make_search",
+    "needed_image_size",
+]

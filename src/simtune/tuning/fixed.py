@@ -4,9 +4,10 @@ from typing import Any
 
 import torch
 
+from simtune.budget import Budget
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Estimate, Event, unsure
+from simtune.tuning.search import Round, unsure
 
 
 class FixedRange:
@@ -20,10 +21,8 @@ class FixedRange:
     def check(self, real: list[Trajectory]) -> None:
         """Anything will do."""
 
-    def iterate(
-        self, real: list[Trajectory], deadline_s: float
-    ) -> tuple[Estimate, list[Event], dict[str, float]]:
-        return unsure(self.distribution, "not identifiable"), [], {}
+    def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
+        return Round(unsure(self.distribution, "not identifiable"), [], {})
 
     def tensors(self) -> dict[str, torch.Tensor]:
         return {}

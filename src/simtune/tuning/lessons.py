@@ -15,12 +15,13 @@ from simtune.progress import Progress
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.simulated import SimulatedWorlds, simulate
-from simtune.simulation import AnySimulator, Simulator
+from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.search import SearchContext
 from simtune.vision.detector import Detections
 from simtune.vision.image_noise import ImageNoise
-from simtune.vision.keypoints import PILOT_STEPS, Keypoints, find_keypoints
+from simtune.vision.keypoints import Keypoints
 
 _FEWEST_WORLDS = 64  # to learn anything from
 
@@ -30,21 +31,17 @@ class Lessons:
 
     def __init__(
         self,
-        simulator: AnySimulator,
-        camera: str,
-        first: Distribution,
+        context: SearchContext,
         config: PosteriorSearchConfig,
-        seed: int,
         now: Callable[[str, float], None],
-        looks_alike: bool,
     ):
         """`now(doing, share)` is told what is done, and how much of the iteration is over."""
-        self.simulator, self._config, self._now = simulator, config, now
-        self.image_noise = None if looks_alike else ImageNoise()
+        self.simulator, self._config, self._now = context.simulator, config, now
+        simulator, seed = context.simulator, context.seed
+        self.image_noise = None if context.looks_alike else ImageNoise()
         self.rng = np.random.default_rng(seed)
-        began_s = time.monotonic()
         self._seed = seed
-        self.keypoints = find_keypoints(simulator, camera, first, seed)
+        self.keypoints = context.keypoints
         hidden = [p.name for p in simulator.space if not p.is_visible]
         if hidden and not len(self.keypoints):
             raise InputError(
@@ -52,7 +49,7 @@ class Lessons:
                 "have them start elsewhere, act, or leave the parameter out"
             )
         # Of a simulated step, and of a picture
-        self._step_s = max(1e-9, (time.monotonic() - began_s) / PILOT_STEPS)
+        self._step_s = 1e-4
         self._frame_s = 0.0
         self.model = PosteriorSearchParamModel(
             len(self.keypoints),

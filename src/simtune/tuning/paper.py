@@ -1,11 +1,11 @@
 """The paper's search: small steps of ξ_mean to where the SPM points (Algorithm 1, Sec. IV-B)."""
 
-import time
 from typing import Any
 
 import numpy as np
 import torch
 
+from simtune.budget import Budget
 from simtune.errors import InputError
 from simtune.networks import (
     load_optimizer_tensors,
@@ -15,14 +15,13 @@ from simtune.networks import (
     under,
 )
 from simtune.parameters import ParameterSpace
-from simtune.progress import Say, silent
 from simtune.randomization import Distribution
 from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Estimate, Event, unsure
+from simtune.tuning.search import Event, Round, SearchContext, unsure
 
 
 def shift_mean(
@@ -64,17 +63,16 @@ class PaperSearch:
 
     def __init__(
         self,
-        simulator: Simulator,
-        mean: np.ndarray,  # (N,) ξ_mean at the start
+        context: SearchContext,
         config: PaperConfig | None = None,
         *,
-        seed: int,
         method: Method = "paper",
-        say: Say = silent,
-        device: str = "cpu",
     ):
         self.config = config = config or PaperConfig()
         self.method: Method = method
+        simulator = context.simulator
+        if not isinstance(simulator, Simulator):
+            raise InputError(f"--search {method} needs a MuJoCo model; --search posterior does not")
         self.space = space = simulator.space
         if negative := [p.name for p in space if p.low < 0]:
             raise InputError(
@@ -82,14 +80,14 @@ class PaperSearch:
                 "low below 0 cannot have; use search='posterior'"
             )
         self.num_moves = 0
-        self._simulator, self._say = simulator, say
-        self._rng = np.random.default_rng(seed)
-        self._center(np.array(mean, float))
+        self._simulator = simulator
+        self._rng = np.random.default_rng(context.seed)
+        self.distribution = self._around(context.start)
         scale = simulator.action_scale
-        self._store = EpisodeStore(space, filmed_capacity=config.buffer_episodes, device=device)
+        self._store = EpisodeStore(space, filmed_capacity=config.buffer_episodes, device=context.device)
         self._buffer = SpmBuffer(self._store, scale)
         with seeded(int(self._rng.integers(2**62))):
-            self.model = PaperSearchParamModel(config, space, scale, method).to(device)
+            self.model = PaperSearchParamModel(config, space, scale, method).to(context.device)
         self._optimizer = torch.optim.Adam(
             self.model.parameters(), config.learning_rate, (config.beta1, 0.999)
         )
@@ -98,26 +96,24 @@ class PaperSearch:
     def finished(self) -> bool:
         return self.num_moves >= self.config.max_moves
 
-    def iterate(
-        self, real: list[Trajectory], deadline_s: float
-    ) -> tuple[Estimate, list[Event], dict[str, float]]:
-        """See `Search`. The first iterations only pretrain, and leave Ξ where it is."""
+    def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
+        """See `Search`. The first rounds only pretrain, and leave Ξ where it is."""
         self.check(real)
-        self._say(f"move {self.num_moves} of {self.config.max_moves}", 0.0)
+        budget.report(f"move {self.num_moves} of {self.config.max_moves}")
         config, store = self.config, self._store
         while store.num_added * config.episode_steps < config.collect_steps:
             self._collect(real)  # a world that diverges yields nothing, so count what came
-            if time.monotonic() > deadline_s:
+            if budget.is_over:
                 break
         self._collect(real)
-        loss = self._train(config.episodes_per_iteration * config.updates_per_episode, deadline_s)
+        loss = self._train(config.episodes_per_iteration * config.updates_per_episode, budget)
         pretraining = config.collect_steps + config.pretrain_steps
         may_move = store.num_added * config.episode_steps > pretraining
         events, scalars = self._move(real, may_move)
-        return unsure(self.distribution, "weak"), events, {"spm_loss": loss, **scalars}
+        return Round(unsure(self.distribution, "weak"), events, {"spm_loss": loss, **scalars})
 
     def _collect(self, real: list[Trajectory]) -> None:
-        """Episodes of one iteration into D_sp, each in a world of its own drawn from Ξ."""
+        """Episodes of one round into D_sp, each in a world of its own drawn from Ξ."""
         num, steps = self.config.episodes_per_iteration, self.config.episode_steps
         chosen = self._rng.integers(len(real), size=num)
         actions = np.stack([real[i].actions[np.arange(steps) % len(real[i])] for i in chosen])
@@ -128,7 +124,7 @@ class PaperSearch:
         scale, frames = self._simulator.action_scale, self._simulator.film(rollouts)
         self._store.add(Episodes.unrewarded(rollouts, scale, frames))
 
-    def _train(self, num_updates: int, deadline_s: float) -> float:
+    def _train(self, num_updates: int, budget: Budget) -> float:
         """Updates of q_φ, at least one; returns their mean loss."""
         config, losses = self.config, []
         with seeded(int(self._rng.integers(2**62))):  # dropout, so that resuming repeats it
@@ -147,7 +143,7 @@ class PaperSearch:
                 loss.backward()
                 self._optimizer.step()
                 losses.append(loss.detach())
-                if time.monotonic() > deadline_s:
+                if budget.is_over:
                     break
         return float(torch.stack(losses).mean())
 
@@ -163,12 +159,12 @@ class PaperSearch:
         events = []
         if may_move:
             self.num_moves += 1
-            self._center(moved)
+            self.distribution = self._around(moved)
             events = _arrivals(mean, self.distribution)
         return events, {f"{key}/{n}": v for n, v in self.space.to_dict(said).items()}
 
-    def _center(self, mean: np.ndarray) -> None:
-        self.distribution = Distribution.proportional(self.space, mean, self.config.range_spm)
+    def _around(self, mean: np.ndarray) -> Distribution:
+        return Distribution.proportional(self.space, mean, self.config.range_spm)
 
     def check(self, real: list[Trajectory]) -> None:
         size = self._simulator.image_size
@@ -200,13 +196,13 @@ class PaperSearch:
         load_weights(self.model, under("model.", tensors), "model")
         load_optimizer_tensors(self._optimizer, under("optimizer.", tensors))
         self._store.load(under("store.", tensors), state["store"], self._simulator.render)
-        self._center(np.array(state["mean"]))
+        self.distribution = self._around(np.array(state["mean"]))
         self.num_moves = state["num_moves"]
         self._rng.bit_generator.state = state["rng"]
 
 
 def _arrivals(before: np.ndarray, now: Distribution) -> list[Event]:
-    """An event for each parameter whose mean has come to a bound; it moves at every iteration."""
+    """An event for each parameter whose mean has come to a bound; it moves in every round."""
     events = []
     lowest, highest = _lowest(now.space), now.space.high
     for i, parameter in enumerate(now.space):

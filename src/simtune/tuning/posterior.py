@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from simtune.budget import Budget
 from simtune.errors import InputError
 from simtune.fit import (
     Bootstrap,
@@ -22,16 +23,15 @@ from simtune.fit import (
     run_bootstrap,
 )
 from simtune.networks import load_weights, under
-from simtune.progress import Say, silent
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
-from simtune.simulation import AnySimulator, Simulator
+from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.lessons import Lessons
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import candidate_grid, guess, move, read_curves, with_fit
-from simtune.tuning.search import Estimate, Event
+from simtune.tuning.search import Estimate, Round, SearchContext
 
 
 class PosteriorSearch:
@@ -39,23 +39,17 @@ class PosteriorSearch:
 
     def __init__(
         self,
-        simulator: AnySimulator,
-        camera: str,
-        start: np.ndarray,
+        context: SearchContext,
         config: PosteriorSearchConfig | None = None,
-        *,
-        seed: int,
-        say: Say = silent,
-        looks_alike: bool = True,
     ):
-        """`looks_alike`: the real world is drawn as the simulator draws, and moves as promptly."""
         self.config = config = config or PosteriorSearchConfig()
-        self.simulator, self._say = simulator, say
-        self.first = Distribution.first(simulator.space, start)
+        self.simulator = simulator = context.simulator
+        self._budget = Budget()
+        self.first = Distribution.first(simulator.space, context.start)
         self.distribution = self.first
         self.searched = self.first  # by the last iteration: what its curves are in terms of
         self.iteration = 0
-        self._lessons = Lessons(simulator, camera, self.first, config, seed, self._now, looks_alike)
+        self._lessons = Lessons(context, config, self._now)
         self._has_iterated = False
         self._replay: ReplayFit | None = None
         self._replicas: Bootstrap | None = None
@@ -77,10 +71,9 @@ class PosteriorSearch:
                 + (f"got one of {steps}" if real else "got none")
             )
 
-    def iterate(
-        self, real: list[Trajectory], deadline_s: float
-    ) -> tuple[Estimate, list[Event], dict[str, float]]:
+    def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
         """Simulate in Ξ with the real actions, learn to see and judge, look, fit, move Ξ."""
+        self._budget, deadline_s = budget, time.monotonic() + budget.seconds_left
         end_s = self._end_of_iteration(deadline_s)
         seconds = max(1.0, end_s - time.monotonic())
         self.searched = self.distribution
@@ -91,7 +84,7 @@ class PosteriorSearch:
         )
         self.iteration += 1
         self._has_iterated = True
-        return estimate, events, losses
+        return Round(estimate, events, losses)
 
     def look(self, trajectories: list[Trajectory]) -> tuple[Estimate, np.ndarray]:
         """What the last iteration would have made of other trajectories; and (N, C) curves.
@@ -107,7 +100,7 @@ class PosteriorSearch:
         """Say what is done, and how much of the present iteration is over."""
         count = self.config.iterations
         done = (min(self.iteration, count - 1) + share) / count
-        self._say(f"{min(self.iteration + 1, count)}/{count} {doing}", done)
+        self._budget.report(f"{min(self.iteration + 1, count)}/{count} {doing}", done)
 
     def _end_of_iteration(self, deadline_s: float) -> float:
         shares = self.config.time_shares[self.iteration :] or (1.0,)

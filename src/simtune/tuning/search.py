@@ -1,14 +1,18 @@
 """What a search is asked for: where the parameters are, how sure that is, where to look next."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import torch
 
+from simtune.budget import Budget
 from simtune.randomization import Distribution
+from simtune.simulation import AnySimulator, Points
 from simtune.trajectory import Trajectory
+from simtune.vision.keypoints import Keypoints
 
+SearchName = Literal["posterior", "paper", "regression"]
 Verdict = Literal["identified", "weak", "not identifiable"]
 
 
@@ -48,6 +52,27 @@ class Event:
     reason: str
 
 
+class Round(NamedTuple):
+    """What a round of a search gives."""
+
+    estimate: Estimate
+    events: list[Event]
+    metrics: dict[str, float]  # to be logged; the same keys in every round
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchContext:
+    """What a search is made of, whichever it is."""
+
+    simulator: AnySimulator
+    camera: str  # the model's, which films
+    keypoints: Keypoints | Points  # chosen once a run, so that all mean the same by keypoint k
+    start: np.ndarray  # (N,) parameters where the search begins
+    looks_alike: bool  # the real world is drawn as `simulator` draws, and moves as promptly
+    seed: int
+    device: str = "cpu"  # of the paper's networks
+
+
 class Search(Protocol):
     """Moves Ξ towards the real system, from frames and actions alone."""
 
@@ -62,13 +87,10 @@ class Search(Protocol):
         """Raises InputError for trajectories that cannot be looked at, e.g. too short ones."""
         ...
 
-    def iterate(
-        self, real: list[Trajectory], deadline_s: float
-    ) -> tuple[Estimate, list[Event], dict[str, float]]:
-        """Collect in Ξ, train, look at the real trajectories, move Ξ: once.
+    def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
+        """Simulate in Ξ, train, ask the real trajectories, move Ξ: once.
 
-        `deadline_s` is a moment of time.monotonic() not to overrun by much. The third value is
-        to be logged; its keys are the same at every iteration.
+        `budget` is that of all rounds that are still to come, not to be overrun by much.
         """
         ...
 

@@ -1,0 +1,53 @@
+"""How long work may take, and whom it tells how far it is: handed down, part by part."""
+
+import math
+import time
+
+from simtune.progress import ReportProgress, silent
+
+
+class Budget:
+    """A deadline, and a stretch of the progress bar.
+
+    A command makes one; each piece of work gets a `part`, so that it knows of nothing but its
+    own share. Without a limit, which is how trainings run, a budget only reports: nothing that
+    is limited by time could be repeated bit for bit.
+    """
+
+    def __init__(
+        self,
+        seconds: float = math.inf,
+        report: ReportProgress = silent,
+        *,
+        span: tuple[float, float] = (0.0, 1.0),
+        prefix: str = "",
+    ):
+        """`seconds` from now on; `span`: the shares of the bar at which the work starts and ends."""
+        self.seconds = max(seconds, 1e-3)
+        self._start, self._report, self._span, self._prefix = time.monotonic(), report, span, prefix
+
+    @property
+    def spent(self) -> float:
+        """Share of the time that is over; more than 1 where it was overrun."""
+        return (time.monotonic() - self._start) / self.seconds
+
+    @property
+    def seconds_left(self) -> float:
+        return max(0.0, self._start + self.seconds - time.monotonic())
+
+    @property
+    def is_over(self) -> bool:
+        return self.seconds_left == 0
+
+    def report(self, doing: str, done: float = 0.0) -> None:
+        """Say what is happening, and how much of this budget's work is done, 0 to 1."""
+        low, high = self._span
+        self._report(self._prefix + doing, low + (high - low) * min(1.0, done))
+
+    def part(
+        self, seconds: float, span: tuple[float, float] = (0.0, 1.0), prefix: str = ""
+    ) -> "Budget":
+        """`seconds` of it from now on, and a stretch of its stretch of the bar."""
+        low, high = self._span
+        stretch = (low + (high - low) * span[0], low + (high - low) * span[1])
+        return Budget(seconds, self._report, span=stretch, prefix=self._prefix + prefix)

@@ -1,0 +1,76 @@
+"""One training loop for the search's networks: until its updates, or its time, are over."""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import nn
+
+from simtune.budget import Budget
+
+_WARM_UP = 50  # updates
+_REPORT_EVERY = 20  # updates
+_AVERAGED = 50  # the last losses, of which the mean is logged
+
+
+class TrainingClock:
+    """How far a training is, by updates or by time, whichever is further.
+
+    Time does not count before `least_updates`: a network that has learned next to nothing would
+    be sure of nonsense.
+    """
+
+    def __init__(
+        self,
+        num_updates: int,
+        budget: Budget | None = None,
+        doing: str = "training",
+        least_updates: int = 1,
+    ):
+        self._num_updates, self._budget, self._doing = num_updates, budget or Budget(), doing
+        self._least_updates = min(least_updates, num_updates)
+        self.updates = 0
+
+    def step(self) -> None:
+        """Count an update."""
+        self.updates += 1
+        if self.updates % _REPORT_EVERY == 0:
+            self._budget.report(self._doing, self.fraction)
+
+    @property
+    def fraction(self) -> float:
+        """Share of the training that is over; 1 or more at its end."""
+        in_time = min(self._budget.spent, self.updates / self._least_updates)
+        return max(self.updates / self._num_updates, in_time)
+
+    def learning_rate(self, peak: float) -> float:
+        """A short warm-up, then a straight line to zero."""
+        return peak * min(1.0, (self.updates + 1) / _WARM_UP) * max(0.01, 1 - self.fraction)
+
+
+def train_network(
+    network: nn.Module,
+    draw_loss: Callable[[], torch.Tensor],
+    clock: TrainingClock,
+    learning_rate: float,
+    *,
+    weight_decay: float = 1e-2,
+    largest_gradient: float | None = None,
+) -> float:
+    """Update `network` by AdamW on losses of freshly drawn batches; the last ones' mean.
+
+    `largest_gradient`: the norm to which gradients are clipped.
+    """
+    optimizer = torch.optim.AdamW(network.parameters(), learning_rate, weight_decay=weight_decay)
+    losses = []
+    while clock.fraction < 1:
+        optimizer.param_groups[0]["lr"] = clock.learning_rate(learning_rate)
+        loss = draw_loss()
+        optimizer.zero_grad()
+        loss.backward()
+        if largest_gradient is not None:
+            nn.utils.clip_grad_norm_(network.parameters(), largest_gradient)
+        optimizer.step()
+        losses.append(loss.item())
+        clock.step()
+    return float(np.mean(losses[-_AVERAGED:]))
