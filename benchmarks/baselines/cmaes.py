@@ -30,7 +30,7 @@ def find(problem: Problem) -> Found:
         share = (phase + 1) / _PHASES
         phase_steps = share * problem.budget_steps
         phase_end_s = began_s + share * (problem.deadline_s - began_s)
-        starts = [find_start(simulator, t, first.from_local(best), rng) for t in problem.real]
+        starts = [find_start(simulator, t, first.from_range_unit(best), rng) for t in problem.real]
         distances = _Distances(problem, np.array(starts), rng)
         options = {"bounds": [0, 1], "seed": problem.seed + 1, "verbose": -9}
         strategy = cma.CMAEvolutionStrategy(best, _SPREAD * 0.5**phase, options)
@@ -41,7 +41,7 @@ def find(problem: Problem) -> Found:
             if late or strategy.stop():
                 break
         best = np.clip(strategy.result.xfavorite, 0, 1)
-    return Found(first.space.to_dict(first.from_local(best)))
+    return Found(first.space.to_dict(first.from_range_unit(best)))
 
 
 class _Distances:
@@ -58,7 +58,7 @@ class _Distances:
         """(n,) of (n, N) candidates in coordinates of the range; worlds that diverge are worst."""
         num, episodes = len(candidates), len(self._starts)
         of_world = np.arange(num * episodes)[:, None]
-        parameters = self._problem.first.from_local(candidates)
+        parameters = self._problem.first.from_range_unit(candidates)
         rollouts = self._problem.simulator.roll_out(
             np.repeat(parameters, episodes, axis=0),
             np.tile(self._actions, (num, 1, 1)),

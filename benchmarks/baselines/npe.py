@@ -49,7 +49,7 @@ def find(problem: Problem) -> Found:
     rng = np.random.default_rng(problem.seed)
     simulated = _simulate_all(problem, rng)
     real = _look(problem, rng)
-    coordinates = torch.tensor(problem.first.to_local(simulated.parameters), dtype=torch.float32)
+    coordinates = torch.tensor(problem.first.to_range_unit(simulated.parameters), dtype=torch.float32)
     num_taught = round(len(coordinates) * (1 - _HELD_OUT))
     with seeded(problem.seed):
         embedding = _Embedding(simulated, problem.simulator.action_scale)
@@ -60,7 +60,7 @@ def find(problem: Problem) -> Found:
         seen, looked_at = _embed(embedding, simulated, others), _embed(embedding, real)
         samples = _sample_posterior(coordinates[num_taught:], seen, looked_at)
     space = problem.first.space
-    low, mean, high = problem.first.from_local(np.quantile(samples, [0.05, 0.5, 0.95], axis=0))
+    low, mean, high = problem.first.from_range_unit(np.quantile(samples, [0.05, 0.5, 0.95], axis=0))
     return Found(space.to_dict(mean), space.to_dict(low), space.to_dict(high))
 
 

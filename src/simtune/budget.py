@@ -22,7 +22,7 @@ class Budget:
         span: tuple[float, float] = (0.0, 1.0),
         prefix: str = "",
     ):
-        """`seconds` from now on; `span`: the shares of the bar at which the work starts and ends."""
+        """`seconds` from now on; `span`: shares of the bar at which the work starts and ends."""
         self.seconds = max(seconds, 1e-3)
         self._start, self._report, self._span, self._prefix = time.monotonic(), report, span, prefix
 

@@ -7,7 +7,9 @@ from collections.abc import Callable
 
 from tqdm import tqdm
 
-ReportProgress = Callable[[str, float], None]  # what is happening, and the share of the whole that is done
+ReportProgress = Callable[
+    [str, float], None
+]  # what is happening, and the share of the whole that is done
 
 _LINE_EVERY_S = 15.0
 

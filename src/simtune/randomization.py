@@ -40,9 +40,9 @@ class Distribution:
     def sample(self, num: int, rng: np.random.Generator) -> np.ndarray:
         """(num, N) parameters."""
         uniform = rng.uniform(size=(num, len(self.space)))
-        return self.from_local(uniform)
+        return self.from_range_unit(uniform)
 
-    def to_local(self, parameters: np.ndarray) -> np.ndarray:
+    def to_range_unit(self, parameters: np.ndarray) -> np.ndarray:
         """(..., N) parameters to coordinates that are 0 at `low` and 1 at `high`."""
         low, high, values = (
             self._spread(self.low),
@@ -51,10 +51,10 @@ class Distribution:
         )
         return (values - low) / (high - low)
 
-    def from_local(self, local: np.ndarray) -> np.ndarray:
-        """The inverse of `to_local`, within the bounds also for coordinates outside [0, 1]."""
+    def from_range_unit(self, range_unit: np.ndarray) -> np.ndarray:
+        """The inverse of `to_range_unit`, within the bounds also for coordinates outside [0, 1]."""
         low, high = self._spread(self.low), self._spread(self.high)
-        spread = low + local * (high - low)
+        spread = low + range_unit * (high - low)
         return self.space.from_unit(spread) if self.on_own_scale else spread
 
     def _spread(self, parameters: np.ndarray) -> np.ndarray:

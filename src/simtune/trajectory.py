@@ -1,6 +1,7 @@
 """A trajectory: the frames of an episode and the actions between them."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +25,8 @@ class Trajectory:
     frames: np.ndarray  # (T + 1, H, W, 3) uint8
     actions: np.ndarray  # (T, A) float32, in the units of the action space
     step_s: float
+    # {sensor: (T + 1, D)} what was measured beside each frame
+    readings: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         frames, actions = self.frames, self.actions
@@ -36,6 +39,11 @@ class Trajectory:
                 f"{len(frames)} frames need actions of shape ({len(frames) - 1}, A), "
                 f"got {actions.shape}"
             )
+        for name, values in self.readings.items():
+            if values.ndim != 2 or len(values) != len(frames):
+                raise ValueError(
+                    f"{len(frames)} frames go with as many readings of {name}, got {values.shape}"
+                )
 
     def __len__(self) -> int:
         """Number of steps T."""
@@ -43,4 +51,6 @@ class Trajectory:
 
     def first(self, steps: int) -> "Trajectory":
         """Only its first so many steps, or all where there are fewer."""
-        return replace(self, frames=self.frames[: steps + 1], actions=self.actions[:steps])
+        readings = {name: values[: steps + 1] for name, values in self.readings.items()}
+        frames, actions = self.frames[: steps + 1], self.actions[:steps]
+        return replace(self, frames=frames, actions=actions, readings=readings)

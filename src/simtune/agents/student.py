@@ -91,7 +91,7 @@ class Student(nn.Module):
         with predicting(self):
             for part in frames.split(_CHUNK):
                 heatmaps, _, positions = self.detector(to_input(part))
-                places, probability = self.detector.places(heatmaps)
+                places, probability = self.detector.candidates(heatmaps)
                 centred = places / self._image_size * 2 - 1
                 found = (centred.flatten(1), probability.flatten(1), positions)
                 parts.append(torch.cat(found, 1))

@@ -9,6 +9,7 @@ from simtune.check.soundness import look_through
 from simtune.check.warnings import warnings
 from simtune.config import CheckConfig
 from simtune.fit.sensitivity import analyze
+from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import open_recordings
 from simtune.real.recorded import how_many
@@ -45,7 +46,7 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
         act = simulator.explore(num, task.episode_steps, rng)
         actions = simulator.play(worlds, act, task.episode_steps, rng).actions
         facts["actions"] = "scripted" if task.script else "random"
-    looks_alike = config.real is None
-    information = analyze(simulator, task.camera, actions, config.seed, looks_alike)
+    observation = ObservationModel.of_reality() if config.real else ObservationModel.of_simulator()
+    information = analyze(simulator, task.camera, actions, config.seed, observation)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return facts | conclude(space, information)

@@ -1,25 +1,34 @@
-"""Physics and pictures fitted to what the detector saw: from the SPM's estimate to the last per cent."""
+"""Physics and pictures fitted to what was observed: from a rough estimate to the last per cent."""
 
-from simtune.fit.bootstrap import Bootstrap, run_bootstrap
+from simtune.fit.bootstrap import FEW_EPISODES, Bootstrap, run_bootstrap
+from simtune.fit.estimator import StateEstimator
+from simtune.fit.observed import Observed
 from simtune.fit.particles import ParticleConfig
+from simtune.fit.physics import Physics
 from simtune.fit.replay_fit import ReplayFit, num_fitted
-from simtune.fit.result import FitResult
+from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.shooting import ShootingConfig, Stage
-from simtune.fit.sizing import fit_to_budget
-from simtune.fit.uncertainty import correlations, doubts, in_range, inflate, ranks
+from simtune.fit.sizing import FitConfig, fit_to_budget
+from simtune.fit.uncertainty import correlations, in_range, inflate, model_checks, ranks
 
 __all__ = [
+    "FEW_EPISODES",
     "Bootstrap",
+    "FitConfig",
     "FitResult",
+    "Observed",
     "ParticleConfig",
+    "Physics",
+    "PointEstimate",
     "ReplayFit",
     "ShootingConfig",
     "Stage",
+    "StateEstimator",
     "correlations",
-    "doubts",
     "fit_to_budget",
     "in_range",
     "inflate",
+    "model_checks",
     "num_fitted",
     "ranks",
     "run_bootstrap",

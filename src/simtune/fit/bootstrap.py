@@ -1,71 +1,124 @@
-"""Replicas: how far a fit can be trusted is measured, not assumed.
+"""Parametric bootstrap: how far a fit can be trusted is measured, not assumed.
 
-Simulated worlds near the estimate are filmed and fitted in just the same way as the real one. They
-say how large errors are in terms of what a fit thinks of itself, and how well videos fit that the
-simulator did make.
+Simulated worlds near the estimate are filmed and fitted just as the real one (Efron 1979). Such
+refits say how large errors are in terms of what a fit thinks of itself, and how well videos fit
+that the simulator did make.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtrit
 
+from simtune.fit.observed import Observed
 from simtune.fit.replay_fit import ReplayFit
-from simtune.fit.result import FitResult, Misfit
-from simtune.simulation import Simulator
-from simtune.trajectory import delayed
-from simtune.vision.image_noise import ImageNoise
+from simtune.fit.result import FitResult, Misfit, PointEstimate
 
-_UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no replicas
-_POOLED_COUNT = 3.0  # all of a kind count like so many replicas of each parameter
+_UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no refits
+_POOLED_COUNT = 3.0  # all parameters of a kind count like three refits of each
 _USUAL = 0.85  # share of errors that are taken to be no accident
-# A fit may be too careful, but few replicas may all be lucky: worlds drawn at random show that what
+# A fit may be too careful, but few refits may all be lucky: worlds drawn at random show that what
 # moves must not be believed to be better known than it says (docs/results.md).
 _LEAST_INFLATION = {"moving": 1.0, "appearance": 0.7}
-_SMALLEST_SPREAD = 0.01  # of replicas around the estimate, in unit coordinates
-_FEW_EPISODES = 3  # are enough to compare errors with what a fit thinks of itself
-# A replica that fits so many times worse went astray where the real world's fit did not.
+_SMALLEST_STD = 0.01  # of known worlds around the estimate, in unit coordinates
+FEW_EPISODES = 3  # are enough to compare errors with what a fit thinks of itself
+# A refit that is worse by this factor went astray where the real world's fit did not.
 _ASTRAY = 1.5
-_MARGIN = 0.002  # truths keep so far from the bounds
+_MARGIN = 0.002  # truths keep this far from the bounds
+
+# (N,) parameters and the actions' latency, steps, to what would be observed of that world; None
+# where its physics diverges
+Synthesize = Callable[[np.ndarray, int], Observed | None]
 
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """What fits of known worlds showed."""
+    """What K refits of known worlds showed."""
 
     errors: np.ndarray  # (K, N) in terms of each fit's own standard deviations
     is_moving: np.ndarray  # (N,) bool: the others are appearance, which is easier to find
     misfits: list[Misfit] = field(default_factory=list)  # also of fits whose errors say nothing
 
     def inflation(self) -> np.ndarray:
-        """(N,) by how much standard deviations have to be multiplied."""
+        """(N,) factors by which standard deviations have to be multiplied."""
         return _inflation(self.errors, self.is_moving)
 
     def ranks(self) -> np.ndarray:
-        """(K, N) probability, by each replica's fit, of being below its truth: uniform if right.
+        """(K, N) probability, by each refit, of being below its truth: uniform if intervals hold.
 
-        Each is judged by an inflation that the others alone say.
+        These are the ranks of simulation-based calibration (Talts et al. 2018, arXiv:1804.06788).
+        Each is judged by an inflation that the others alone say; K of 2 to 8 shows gross errors
+        only.
         """
         others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
         factors = np.array([_inflation(o, self.is_moving) for o in others])
         return ndtr(-self.errors / factors.reshape(self.errors.shape))
 
-    def ratio(self, misfit: Misfit, name: str) -> float:
-        """A misfit over the largest of the replicas'; one that cannot be told (NaN) is infinite.
+    def motion_ratios(self, misfit: Misfit) -> list[float]:
+        """Of each sensor, a misfit over the largest of the refits'; see `_ratio`."""
+        known = zip(*(m.motion for m in self.misfits), strict=True)
+        ratios = [_ratio(v, its) for v, its in zip(misfit.motion, known, strict=False)]
+        return ratios or [0.0] * len(misfit.motion)
 
-        Unless that of every replica is likewise, or there are none: then nothing can be compared.
-        """
-        known = [value for m in self.misfits if not np.isnan(value := getattr(m, name))]
-        if not known:
-            return 0.0
-        value = getattr(misfit, name)
-        return float("inf") if np.isnan(value) else value / max(*known, 1e-9)
+    def picture_ratio(self, misfit: Misfit) -> float:
+        return _ratio(misfit.picture, [m.picture for m in self.misfits])
+
+
+def run_bootstrap(
+    replay_fit: ReplayFit,
+    synthesize: Synthesize,
+    fit: FitResult,
+    start: PointEstimate,
+    num: int,
+    rng: np.random.Generator,
+    extend_horizon: bool = True,
+) -> Bootstrap:
+    """Fit `num` worlds near `fit` as the real one was fitted.
+
+    `start` is where the real one's fit began; `extend_horizon`: see `ReplayFit.fit`.
+    """
+    space = replay_fit.space
+    unit, smallest = space.to_unit(fit.parameters), np.maximum(start.std, _SMALLEST_STD)
+    # Not farther away than was known before: what the fit leaves open may fill the whole space.
+    std = np.clip(2 * fit.std, _SMALLEST_STD, smallest)
+    # As far as the real one's fit had to go: what begins near the truth ends there easily.
+    away = np.maximum(start.std, np.abs(unit - space.to_unit(start.parameters)))
+    errors, misfits, astray = [], [], []
+    for _ in range(num):
+        truth = np.clip(unit + std * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
+        observed = synthesize(space.from_unit(truth), fit.latency_steps)
+        if observed is None:
+            continue
+        begin = space.from_unit(truth + away * rng.normal(size=len(unit)))
+        refit = replay_fit.fit(
+            observed, PointEstimate(begin, start.std), fit.latency_steps, extend_horizon
+        )
+        misfits.append(refit.misfit)
+        errors.append((space.to_unit(refit.parameters) - truth) / refit.claimed_std)
+        # Either may be NaN.
+        pairs = zip(refit.misfit.motion, fit.misfit.motion, strict=True)
+        astray.append(any(its > _ASTRAY * real for its, real in pairs))
+    # Where all of them went astray, the real one may well have: then they do count.
+    kept = ~np.array(astray, bool) | np.all(astray)
+    return Bootstrap(np.array(errors).reshape(-1, len(unit))[kept], fit.is_moving, misfits)
+
+
+def _ratio(value: float, known) -> float:
+    """A misfit over the largest of the known ones; one that cannot be told (NaN) is infinite.
+
+    Unless all known ones are likewise, or there are none: then nothing can be compared.
+    """
+    finite = [k for k in known if not np.isnan(k)]
+    if not finite:
+        return 0.0
+    return float("inf") if np.isnan(value) else value / max(*finite, 1e-9)
 
 
 def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
     """(N,) for (K, N) errors in terms of their standard deviations.
 
-    Few replicas say little of a single parameter: it leans on all of its kind. What they say is
+    Few refits say little of a single parameter: it leans on all of its kind. What they say is
     not sure itself, so 90 % intervals are as wide as Student's.
     """
     factors = np.full(len(is_moving), _UNKNOWN_INFLATION)
@@ -75,7 +128,7 @@ def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
         if not of_kind.any():
             continue
         its, least = np.abs(errors[:, of_kind]), _LEAST_INFLATION[kind]  # (K, G)
-        # A single replica that went astray is no reason to widen everything.
+        # A single refit that went astray is no reason to widen everything.
         usual = float(np.quantile(its, _USUAL)) / ndtri((1 + _USUAL) / 2)
         pooled = max(least, usual)
         square = np.square(np.minimum(its, 3 * pooled)).sum(0) + _POOLED_COUNT * pooled**2
@@ -83,51 +136,3 @@ def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
         unsure = stdtrit(count, 0.95) / ndtri(0.95)
         factors[of_kind] = unsure * np.sqrt(square / count).clip(least)
     return factors
-
-
-def run_bootstrap(
-    replay: ReplayFit,
-    simulator: Simulator,
-    fit: FitResult,
-    actions: np.ndarray,
-    num: int,
-    guess: np.ndarray,
-    guess_std: np.ndarray,
-    image_noise: ImageNoise | None,
-    rng: np.random.Generator,
-    grow: bool = True,
-) -> Bootstrap:
-    """Fit `num` worlds near `fit`, which play (E, T, A) actions, as the real one was fitted.
-
-    `guess`: (N,) what the real one's fit started from; `guess_std`: (N,) in unit coordinates.
-    `image_noise`: what a camera adds, where the real world does not look like the simulator. `grow`: see
-    `ReplayFit.fit`.
-    """
-    space, actions = simulator.space, actions[:_FEW_EPISODES]
-    unit = space.to_unit(fit.parameters)
-    # Not farther away than was known before: what the fit leaves open may fill the whole space.
-    spread = np.clip(2 * fit.std, _SMALLEST_SPREAD, np.maximum(guess_std, _SMALLEST_SPREAD))
-    # As far as the real one's fit had to go: what begins near the truth ends there easily.
-    away = np.maximum(guess_std, np.abs(unit - space.to_unit(guess)))
-    errors, misfits, astray = [], [], []
-    for _ in range(num):
-        truth = np.clip(unit + spread * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
-        worlds = np.repeat(space.from_unit(truth)[None], len(actions), 0)
-        rollouts = simulator.roll_out(worlds, delayed(actions, fit.lag), rng)
-        if len(rollouts) < len(actions):
-            continue  # its physics diverged
-        frames = simulator.film(rollouts)
-        if image_noise is not None:
-            one_world = frames.reshape(1, -1, *frames.shape[2:])  # one camera films all of it
-            image_noise.apply(one_world, rng)
-            frames = one_world.reshape(frames.shape)
-        begin = space.from_unit(truth + away * rng.normal(size=len(unit)))
-        found = replay.fit(list(frames), actions, begin, guess_std, fit.lag, grow)
-        misfits.append(found.misfit)
-        claimed = np.hypot(found.std, found.discrepancy(looks_alike=image_noise is None))
-        errors.append((space.to_unit(found.parameters) - truth) / claimed)
-        # Either may be NaN.
-        astray.append(found.misfit.motion_px > _ASTRAY * fit.misfit.motion_px)
-    # Where all of them went astray, the real one may well have: then they do count.
-    kept = ~np.array(astray, bool) | np.all(astray)
-    return Bootstrap(np.array(errors).reshape(-1, len(unit))[kept], fit.is_moving, misfits)

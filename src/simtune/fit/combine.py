@@ -1,9 +1,9 @@
 """Many small experiments to one estimate: a random-effects meta-analysis.
 
 Windows of a motion, or pictures, each tell something of the same parameters, and disagree by more
-than their own noise explains: the detector's errors go with each other, contacts are not smooth. So each
-counts by the variance of its own estimate plus the variance between them (DerSimonian and Laird,
-1986), which is also what keeps a single chaotic window from outweighing all others.
+than their own noise explains: a detector's errors go with each other, contacts are not smooth. So
+each counts by the variance of its own estimate plus the variance between them (DerSimonian and
+Laird 1986). This also keeps a single chaotic window from outweighing all others.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,9 @@ import numpy as np
 _STUDENT = 4.0  # degrees of freedom by which experiments that stand out count less
 _SMALLEST_VARIANCE, _LARGEST_VARIANCE = 4e-3**2, 0.08**2  # between experiments
 FIRST_VARIANCE = 0.02**2
+_VARIANCE_STEP, _FEWEST_INFORMATIVE = 1.5, 4  # by which it follows what they show
 _CHI2_MEDIAN = 0.6  # over its degrees of freedom, or near it, for a few of them
+_RIDGE = 1e-6  # of information: what nothing is known of can still be inverted
 # Of steps (Levenberg, 1944): each moves as if parameters were known within a tenth of their range.
 _DAMPING = 0.1**-2
 
@@ -48,10 +50,16 @@ def combine(
 ) -> Combined:
     """What W experiments say together of P parameters.
 
-    `information` (W, P, P) and `slope` (W, P) are the second and first derivatives of each one's
-    −log likelihood, `variance` that between them, `trust` (W,) how much to count each one.
-    That of the result is nearer to what they show. The covariance is the robust one: from how the
-    experiments scatter; what they claim to know counts where they are few.
+    `information` I (W, P, P) and `slope` g (W, P) are the second and first derivatives of each
+    one's −log likelihood, `variance` τ² is that between them, `trust` (W,) how much each counts.
+    Experiment w alone would estimate −I_w⁻¹ g_w, with variance I_w⁻¹ + τ². So, with weights c_w
+    that are Student's,
+
+        information = Σ_w c_w I_w (1 + τ² I_w)⁻¹      slope = Σ_w c_w (1 + τ² I_w)⁻ᵀ g_w
+
+    The covariance is the robust one, from how the experiments scatter (White 1980); what they
+    claim to know counts where they are few. The variance of the result is nearer to what they
+    show.
     """
     eye = np.eye(slope.shape[1])
     if not len(eye):
@@ -65,17 +73,18 @@ def combine(
     count = trust * (_STUDENT + 1) / (_STUDENT + surprise)  # (W,)
     weighted = np.einsum("w,wpq,wqr->wpr", count, information, shrink)
     slopes = count[:, None] * np.einsum("wqp,wq->wp", shrink, slope)
-    inverse = np.linalg.inv(weighted.sum(0) + 1e-6 * eye)
+    inverse = np.linalg.inv(weighted.sum(0) + _RIDGE * eye)
     deviations = slopes - weighted @ (inverse @ slopes.sum(0))
     freedom = max(0, len(slope) - len(eye))
     few = len(slope) / max(1, freedom)
-    covariance = few * inverse @ (deviations.T @ deviations) @ inverse + 1e-6 * inverse
+    covariance = few * inverse @ (deviations.T @ deviations) @ inverse + _RIDGE * inverse
     # One alone scatters by nothing; it is no surer than it claims.
-    claimed = np.linalg.inv(np.einsum("w,wpq->pq", count, information) + 1e-6 * eye)
+    claimed = np.linalg.inv(np.einsum("w,wpq->pq", count, information) + _RIDGE * eye)
     covariance += claimed / (1 + freedom)
-    told = np.trace(information, axis1=1, axis2=2) * variance > 1
-    if told.sum() >= 4:
-        variance *= 1.5 if np.median(surprise[told]) > _CHI2_MEDIAN else 1 / 1.5
+    informative = np.trace(information, axis1=1, axis2=2) * variance > 1
+    if informative.sum() >= _FEWEST_INFORMATIVE:
+        too_small = np.median(surprise[informative]) > _CHI2_MEDIAN
+        variance *= _VARIANCE_STEP if too_small else 1 / _VARIANCE_STEP
     variance = float(np.clip(variance, _SMALLEST_VARIANCE, _LARGEST_VARIANCE))
     return Combined(slopes.sum(0), weighted.sum(0), covariance, variance)
 

@@ -1,110 +1,106 @@
-"""A first guess at the states behind what the detector saw: a small network over time."""
+"""A first guess at the states behind what was observed: a small network over time."""
 
 import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional as F
 
-from simtune.fit.tracks import Tracks
+from simtune.fit.observed import Observed
 from simtune.networks import seeded
-from simtune.progress import Progress
 from simtune.simulation.states import StateSpace
+from simtune.training import TrainingClock, train_network
 
 _CHANNELS = 96
 _DILATIONS = (1, 2, 4)  # with kernels of 5: 14 frames to either side
 _CROP, _BATCH, _LEARNING_RATE = 48, 48, 3e-3
+_LINEAR_ERRORS = 0.2  # standard deviations from which errors count linearly (Huber 1964)
+_TRAINED_SHARE = 0.8  # of the episodes; the rest tells how far estimates are off
 
 
 class StateEstimator:
-    """From tracks to a state at every frame; exact only where keypoints fix the state."""
+    """From observations to a state at every frame; exact only where they fix the state."""
 
-    def __init__(
-        self,
+    def __init__(self, space: StateSpace, action_scale: np.ndarray, network: "_Network"):
+        self._space, self._action_scale = space, np.asarray(action_scale)
+        self._network = network
+        self.prior_std = np.ones(space.num_tangent)  # of its errors, robustly, one a tangent
+
+    @classmethod
+    def train(
+        cls,
+        observed: Observed,
+        states: np.ndarray,
         space: StateSpace,
-        num_keypoints: int,
         action_scale: np.ndarray,
-        scale_px: float,
         seed: int,
-    ):
-        self._space, self._scale_px = space, scale_px
-        self._action_scale = np.asarray(action_scale)
-        self._num_seen = 6 * num_keypoints + len(self._action_scale)
-        self._generator = torch.Generator().manual_seed(seed)
-        self._seed = seed
-        self.spread = np.ones(space.num_tangent)  # of its errors, robustly, one tangent each
+        clock: TrainingClock,
+    ) -> "StateEstimator":
+        """An estimator that was trained on (E, T + 1, nq + nv) true states behind `observed`.
 
-    def train(self, tracks: Tracks, states: np.ndarray, progress: Progress) -> float:
-        """Teach it (E, T + 1, nq + nv) true states behind `tracks`; the last updates' mean loss.
-
-        The last fifth of the episodes is kept to measure how far its estimates are off.
+        A part of the episodes is kept to measure how far its estimates are off.
         """
-        num_taught = max(1, len(states) * 4 // 5)
-        seen = self._input(tracks)
-        features = self._space.features(states)
-        flat = features[:num_taught].reshape(-1, features.shape[-1])
-        self._mean, self._std = flat.mean(0), flat.std(0) + 1e-6
-        goal = torch.tensor((features - self._mean) / self._std, dtype=torch.float32).transpose(
-            1, 2
-        )
-        with seeded(self._seed):
-            self._network = _Network(self._num_seen, features.shape[-1])
-        optimizer = torch.optim.AdamW(self._network.parameters(), _LEARNING_RATE)
-        crop = min(_CROP, seen.shape[-1])
-        losses = []
-        while progress.fraction() < 1:
-            optimizer.param_groups[0]["lr"] = progress.learning_rate(_LEARNING_RATE)
-            which = self._random(num_taught, _BATCH)[:, None, None]
-            start = self._random(seen.shape[-1] - crop + 1, _BATCH)[:, None, None]
-            at = start + torch.arange(crop)
-            given = seen[which, torch.arange(seen.shape[1])[:, None], at]
-            wanted = goal[which, torch.arange(goal.shape[1])[:, None], at]
-            loss = F.smooth_l1_loss(self._network(given), wanted, beta=0.2)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            losses.append(loss.item())
-            progress.step()
-        self._measure_spread(tracks.episodes(slice(num_taught, None)), states[num_taught:])
-        return float(np.mean(losses[-50:]))
+        generator = torch.Generator().manual_seed(seed)
+        num_trained = max(1, int(len(states) * _TRAINED_SHARE))
+        inputs = _inputs(observed, np.asarray(action_scale))
+        features = space.features(states)
+        flat = features[:num_trained].reshape(-1, features.shape[-1])
+        mean, std = flat.mean(0), flat.std(0) + 1e-6
+        goal = torch.tensor((features - mean) / std, dtype=torch.float32).transpose(1, 2)
+        with seeded(seed):
+            network = _Network(inputs.shape[1], mean, std)
+        crop = min(_CROP, inputs.shape[-1])
 
-    def __call__(self, tracks: Tracks) -> np.ndarray:
+        def draw_loss() -> torch.Tensor:
+            which = torch.randint(num_trained, (_BATCH,), generator=generator)[:, None, None]
+            last = inputs.shape[-1] - crop
+            start = torch.randint(last + 1, (_BATCH,), generator=generator)[:, None, None]
+            at = start + torch.arange(crop)
+            given = inputs[which, torch.arange(inputs.shape[1])[:, None], at]
+            wanted = goal[which, torch.arange(goal.shape[1])[:, None], at]
+            return F.smooth_l1_loss(network(given), wanted, beta=_LINEAR_ERRORS)
+
+        train_network(network, draw_loss, clock, _LEARNING_RATE)
+        estimator = cls(space, action_scale, network)
+        kept = slice(num_trained, None)
+        if num_trained < len(states):
+            errors = np.abs(space.difference(estimator(observed.episodes(kept)), states[kept]))
+            estimator.prior_std = 1.48 * np.median(errors, (0, 1)) + 1e-4
+        return estimator
+
+    def __call__(self, observed: Observed) -> np.ndarray:
         """(E, T + 1, nq + nv) states."""
         with torch.no_grad():
-            estimated = self._network(self._input(tracks)).transpose(1, 2).double().numpy()
-        return self._space.from_features(estimated * self._std + self._mean)
+            features = self._network.features(_inputs(observed, self._action_scale))
+        return self._space.from_features(features)
 
-    def _measure_spread(self, tracks: Tracks, states: np.ndarray) -> None:
-        if not len(states):
-            return
-        errors = np.abs(self._space.difference(self(tracks), states))
-        self.spread = 1.48 * np.median(errors, (0, 1)) + 1e-4
 
-    def _input(self, tracks: Tracks) -> torch.Tensor:
-        """(E, S, T + 1): places, how probable, and the action that follows each frame."""
-        last = np.zeros_like(tracks.actions[:, :1])
-        actions = np.concatenate([tracks.actions, last], 1) / self._action_scale
-        places = tracks.places / self._scale_px - 4
-        flat = [x.reshape(*actions.shape[:2], -1) for x in (places, tracks.probability, actions)]
-        seen = np.concatenate(flat, -1)
-        return torch.tensor(seen, dtype=torch.float32).transpose(1, 2)
-
-    def _random(self, high: int, num: int) -> torch.Tensor:
-        return torch.randint(high, (num,), generator=self._generator)
+def _inputs(observed: Observed, action_scale: np.ndarray) -> torch.Tensor:
+    """(E, F, T + 1): what was observed, and the action that follows each frame."""
+    last = np.zeros_like(observed.actions[:, :1])
+    actions = np.concatenate([observed.actions, last], 1) / action_scale
+    inputs = np.concatenate([observed.evidence.features, actions], -1)
+    return torch.tensor(inputs, dtype=torch.float32).transpose(1, 2)
 
 
 class _Network(nn.Module):
-    def __init__(self, num_in: int, num_out: int):
+    """(B, S, T) inputs to (B, F, T) features, with mean 0 and standard deviation 1."""
+
+    def __init__(self, num_in: int, mean: np.ndarray, std: np.ndarray):
         super().__init__()
         c = _CHANNELS
+        self._mean, self._std = mean, std  # (F,) of features as they are
         self.first = nn.Conv1d(num_in, c, 1)
         self.layers = nn.ModuleList(
             [nn.Conv1d(c, c, 5, padding=2 * d, dilation=d) for d in _DILATIONS]
         )
-        self.last = nn.Conv1d(c, num_out, 1)
+        self.last = nn.Conv1d(c, len(mean), 1)
 
-    def forward(self, seen: torch.Tensor) -> torch.Tensor:
-        """(B, S, T) to (B, F, T)."""
-        x = F.elu(self.first(seen))
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        x = F.elu(self.first(inputs))
         for layer in self.layers:
             x = x + F.elu(layer(x))
         return self.last(x)
+
+    def features(self, inputs: torch.Tensor) -> np.ndarray:
+        """(B, T, F) as they are."""
+        return self(inputs).transpose(1, 2).double().numpy() * self._std + self._mean

@@ -1,92 +1,128 @@
-"""Windows replayed near a guess: their residuals, and how those change with the guess.
+"""Windows replayed near a point: their normal equations, and the initial states out of them.
 
 Derivatives are finite differences, for which all changed worlds run at once.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from simtune.fit.physics import Physics
 from simtune.fit.windows import Windows
 
-_STATE_DELTA, _SMALLEST_DELTA = 0.01, 1e-5  # of a state's spread; at least
+_STATE_DELTA, _SMALLEST_DELTA = 0.01, 1e-5  # of a state's prior_std; at least
 _UNIT_DELTA = 1e-3
 
 
 @dataclass(frozen=True)
 class LinearizationPoint:
-    """At the states in which W windows begin, and at the parameters of all."""
+    """The states in which W windows begin and the parameters of all; and how steps go from here."""
 
     states: np.ndarray  # (W, nq + nv)
-    unit: np.ndarray  # (N,)
-    damping: np.ndarray  # (W,) of the states' steps
+    unit: np.ndarray  # (N,) parameters in unit coordinates
+    damping: np.ndarray  # (W,) of the states' steps (Levenberg and Marquardt)
     variance: float  # of the parameters between windows
     step_scale: float = 1.0  # share of a step in the parameters that is taken
+
+
+class NormalEquations(NamedTuple):
+    """Of W windows with 2 nv unknown initial states each and P shared parameters."""
+
+    hessian: np.ndarray  # (W, 2 nv, 2 nv) H, in the states
+    cross: np.ndarray  # (W, 2 nv, P) C, in states and parameters
+    gradient: np.ndarray  # (W, 2 nv) g, of the states
+    information: np.ndarray  # (W, P, P) B − Cᵀ H⁻¹ C, what is left to know the parameters by
+    parameter_gradient: np.ndarray  # (W, P) b − Cᵀ H⁻¹ g
 
 
 class WindowPlayer:
     """Plays windows in worlds of one simulator."""
 
-    def __init__(self, physics: Physics, spread: np.ndarray, fitted: np.ndarray):
-        """`spread`: (2 nv,) usual errors of states; `fitted`: (P,) indices of parameters."""
+    def __init__(self, physics: Physics, prior_std: np.ndarray, fitted: np.ndarray):
+        """`prior_std`: (2 nv,) of first guesses at states; `fitted`: (P,) parameters' indices."""
         self._physics, self._space = physics, physics.space
-        self._spread, self._fitted = spread, fitted
+        self._prior_std, self._fitted = prior_std, fitted
 
-    def play(self, windows: Windows, states: np.ndarray, units: np.ndarray):
-        """(G, W, nq + nv) initial states, (G, N) parameters to rows and keypoints of all steps."""
+    def play(
+        self, windows: Windows, states: np.ndarray, units: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """From (G, W, nq + nv) initial states with (G, N) parameters.
+
+        (G, W, K, S) full states and (G, W, K, D) predictions.
+        """
         groups, num_windows, size = states.shape
-        rows, seen = self._physics.play(
+        full_states, predicted = self._physics.play(
             states.reshape(-1, size),
             np.repeat(units, num_windows, 0),
             np.tile(windows.actions, (groups, 1, 1)),
-            np.tile(windows.actuator_state, (groups, 1)),
+            np.tile(windows.actuator_states, (groups, 1)),
         )
         shape = (groups, num_windows)
-        return rows.reshape(*shape, *rows.shape[1:]), seen.reshape(*shape, *seen.shape[1:])
+        return (
+            full_states.reshape(*shape, *full_states.shape[1:]),
+            predicted.reshape(*shape, *predicted.shape[1:]),
+        )
 
-    def linearise(self, windows: Windows, guess: LinearizationPoint, noise_px: np.ndarray):
-        """Residuals (W, K, 2, L, 2) and derivatives (W, 2 nv, M), (W, P, M) at a guess.
-
-        The derivatives are the same for both places of a keypoint: M = K · L · 2.
-        """
+    def differentiate(
+        self, windows: Windows, point: LinearizationPoint
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(W, K, D) predictions, and derivatives (W, 2 nv, K, D), (W, P, K, D), in their units."""
         num_states, num_fitted = self._space.num_tangent, len(self._fitted)
-        delta = np.maximum(_STATE_DELTA * self._spread, _SMALLEST_DELTA)
+        delta = np.maximum(_STATE_DELTA * self._prior_std, _SMALLEST_DELTA)
         tangents = np.zeros((1 + num_states + num_fitted, num_states))
         tangents[1 : 1 + num_states] = np.diag(delta)
-        states = self._space.move(guess.states, np.repeat(tangents[:, None], len(guess.states), 1))
-        units = np.repeat(guess.unit[None], len(tangents), 0)
+        spread = np.repeat(tangents[:, None], len(point.states), 1)
+        states = self._space.move(point.states, spread)
+        units = np.repeat(point.unit[None], len(tangents), 0)
         # Away from the bounds
-        step = np.where(guess.unit[self._fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
+        step = np.where(point.unit[self._fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
         units[1 + num_states + np.arange(num_fitted), self._fitted] += step
-        _, seen = self.play(windows, states, units)
-        change = (seen[1:] - seen[0]) / noise_px[:, None]
-        change = change.reshape(len(change), len(guess.states), -1).swapaxes(0, 1)
-        by_state = change[:, :num_states] / delta[:, None]
-        by_parameter = change[:, num_states:] / step[:, None]
-        return residuals(windows, seen[:1], noise_px)[0], by_state, by_parameter
+        _, predicted = self.play(windows, states, units)
+        change = (predicted[1:] - predicted[0]).swapaxes(0, 1)
+        by_state = change[:, :num_states] / delta[:, None, None]
+        by_parameter = change[:, num_states:] / step[:, None, None]
+        return predicted[0], by_state, by_parameter
 
+    def linearize(
+        self, windows: Windows, point: LinearizationPoint, pull: np.ndarray, blur: float
+    ) -> tuple[NormalEquations, np.ndarray]:
+        """Normal equations, and the windows' (W,) costs −log p(observed | states, parameters).
 
-def residuals(windows: Windows, seen: np.ndarray, noise_px: np.ndarray) -> np.ndarray:
-    """(G, W, K, 2, L, 2) of (G, W, K, L, 2) keypoints to each place, in units of the detector's noise."""
-    return (seen[:, :, :, None] - windows.places) / noise_px[:, None]
+        `pull`: (W, 2 nv) how far the states are from their first guesses, in terms of prior_std.
+        With residuals r, weights w and noise σ of the evidence, J = ∂r/∂(states), K = ∂r/∂(unit),
+        W = diag(w), S = diag(prior_std):
 
+            H = Jᵀ W J + S⁻²     C = Jᵀ W K     B = Kᵀ W K
+            g = Jᵀ W r + S⁻¹ pull               b = Kᵀ W r
 
-def eliminate(
-    by_state: np.ndarray, by_parameter: np.ndarray, weight: np.ndarray, spread: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The windows' unknown initial states out of the equations.
-
-    (W, 2 nv, 2 nv) curvature in the states, (W, 2 nv, P) in both, (W, 2 nv, P) how the best
-    states follow the parameters, (W, P, P) what is left to know the parameters by.
-    """
-    hessian = np.einsum("wsm,wm,wtm->wst", by_state, weight, by_state, optimize=True)
-    hessian += np.diag(spread**-2)
-    cross = np.einsum("wsm,wm,wpm->wsp", by_state, weight, by_parameter, optimize=True)
-    # Undamped: a window whose states cannot move would seem to know the parameters well.
-    to_parameters = np.linalg.solve(hessian + 1e-6 * diagonal(hessian), cross)
-    information = np.einsum("wpm,wm,wqm->wpq", by_parameter, weight, by_parameter)
-    return hessian, cross, to_parameters, information - cross.swapaxes(1, 2) @ to_parameters
+        and the states are eliminated by the Schur complement of H.
+        """
+        predicted, by_state, by_parameter = self.differentiate(windows, point)
+        residual, weight = windows.evidence.linearize(predicted, blur)
+        scale, num = blur * windows.evidence.scale, len(residual)
+        r, w = residual.reshape(num, -1), weight.reshape(num, -1)  # (W, M = K · D)
+        num_residuals = r.shape[1]
+        jacobian = (by_state / scale).reshape(*by_state.shape[:2], num_residuals)  # (W, 2 nv, M)
+        sensitivity = (by_parameter / scale).reshape(
+            *by_parameter.shape[:2], num_residuals
+        )  # (W, P, M)
+        hessian = np.einsum("wsm,wm,wtm->wst", jacobian, w, jacobian, optimize=True)
+        hessian += np.diag(self._prior_std**-2)
+        cross = np.einsum("wsm,wm,wpm->wsp", jacobian, w, sensitivity, optimize=True)
+        information = np.einsum("wpm,wm,wqm->wpq", sensitivity, w, sensitivity)
+        gradient = np.einsum("wsm,wm,wm->ws", jacobian, w, r) + pull / self._prior_std
+        parameter_gradient = np.einsum("wpm,wm,wm->wp", sensitivity, w, r)
+        # Undamped: a window whose states cannot move would seem to know the parameters well.
+        follow = np.linalg.solve(hessian + 1e-6 * diagonal(hessian), cross)  # H⁻¹ C
+        equations = NormalEquations(
+            hessian,
+            cross,
+            gradient,
+            information - cross.swapaxes(1, 2) @ follow,
+            parameter_gradient - np.einsum("wsp,ws->wp", follow, gradient),
+        )
+        return equations, -windows.evidence.log_likelihood(predicted, blur)
 
 
 def diagonal(matrices: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Many simulated motions at once follow what the detector saw; the likely ones go on.
+"""Many simulated motions at once follow what was observed; the likely ones go on.
 
 A particle filter (Gordon, Salmond and Smith 1993) of states and parameters together. What single
 pictures leave open, a left leg that may be the right one, the motion decides after a while: until
@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
-from simtune.fit.tracks import Tracks
-from simtune.fit.windows import log_likelihood
 
 _TEMPER = 0.3  # the detector's errors in neighbouring frames and keypoints go together
 _FRESH = 0.2  # share that begins anew from the first guess, should all others have gone astray
@@ -45,27 +44,22 @@ class _History:
 
 
 class Particles:
-    """Follows tracks in worlds of one simulator."""
+    """Follows episodes in worlds of one simulator."""
 
     def __init__(
-        self,
-        physics: Physics,
-        noise_px: np.ndarray,
-        spread: np.ndarray,
-        fitted: np.ndarray,
-        config: ParticleConfig,
+        self, physics: Physics, prior_std: np.ndarray, fitted: np.ndarray, config: ParticleConfig
     ):
         """See `Shooting`."""
         self._physics, self._space, self._config = physics, physics.space, config
-        self._noise_px, self._spread, self._fitted = noise_px, spread, fitted
+        self._prior_std, self._fitted = prior_std, fitted
 
     def follow(
-        self, tracks: Tracks, states: np.ndarray, unit: np.ndarray, unit_std: np.ndarray
+        self, observed: Observed, states: np.ndarray, unit: np.ndarray, unit_std: np.ndarray
     ) -> Followed:
         """From guesses at the (E, T + 1, nq + nv) states and the (N,) parameters, and their std."""
         rng, config, history = np.random.default_rng(0), self._config, _History()
-        num_episodes, num_steps, _ = tracks.actions.shape
-        actuator_state = self._physics.after(tracks.actions, states, unit)
+        num_episodes, num_steps, _ = observed.actions.shape
+        actuator_states = self._physics.replay_actuators(observed.actions, states, unit)
         shape = (num_episodes, config.num)
         now = self._fresh(states[:, 0], config.num, rng)  # (E, K, nq + nv)
         drawn = rng.normal(size=(*shape, len(self._fitted)))
@@ -74,9 +68,10 @@ class Particles:
         parent = np.tile(np.arange(config.num), (num_episodes, 1))
         for start in range(0, num_steps, config.steps):
             end, new = min(start + config.steps, num_steps), int(start > 0)
-            actions = tracks.actions[:, start:end]
-            played, seen = self._play(now, unit, units, actions, actuator_state[:, start])
-            weight = weight + self._likely(seen[:, :, new:], tracks, slice(start + new, end + 1))
+            actions = observed.actions[:, start:end]
+            played, predicted = self._play(now, unit, units, actions, actuator_states[:, start])
+            evidence = observed.evidence.at(np.s_[:, None, start + new : end + 1])
+            weight = weight + _TEMPER * evidence.log_likelihood(predicted[:, :, new:])
             share = np.exp(weight - weight.max(1, keepdims=True))
             share /= share.sum(1, keepdims=True)
             history.states.append(played[:, :, new:])
@@ -93,7 +88,7 @@ class Particles:
         """(E, num, nq + nv) around first guesses (E, nq + nv)."""
         around = np.repeat(states[:, None], num, 1)
         errors = rng.normal(size=(*around.shape[:2], self._space.num_tangent))
-        return self._space.move(around, errors * self._spread)
+        return self._space.move(around, errors * self._prior_std)
 
     def _play(
         self,
@@ -101,27 +96,21 @@ class Particles:
         unit: np.ndarray,
         units: np.ndarray,
         actions: np.ndarray,
-        actuator_state: np.ndarray,
+        actuator_states: np.ndarray,
     ):
-        """States (E, K, steps + 1, nq + nv) and keypoints of what happens next."""
+        """States (E, K, steps + 1, nq + nv) and predictions of what happens next."""
         num_episodes, num, size = states.shape
         worlds = np.repeat(unit[None], num_episodes * num, 0)
         worlds[:, self._fitted] = units.reshape(len(worlds), -1)
-        rows, seen = self._physics.play(
+        full_states, predicted = self._physics.play(
             states.reshape(-1, size),
             worlds,
             np.repeat(actions, num, 0),
-            np.repeat(actuator_state, num, 0),
+            np.repeat(actuator_states, num, 0),
         )
         shape = (num_episodes, num, actions.shape[1] + 1)
-        played = np.nan_to_num(self._physics.states(rows)).reshape(*shape, size)
-        return played, seen.reshape(*shape, -1, 2)
-
-    def _likely(self, seen: np.ndarray, tracks: Tracks, frames: slice) -> np.ndarray:
-        """(E, K) tempered log likelihoods of (E, K, frames, L, 2) keypoints."""
-        apart = seen[:, :, :, None] - tracks.places[:, None, frames]
-        probability = tracks.probability[:, None, frames]
-        return _TEMPER * log_likelihood(apart / self._noise_px[:, None], probability)
+        played = np.nan_to_num(self._physics.states(full_states)).reshape(*shape, size)
+        return played, predicted.reshape(*shape, -1)
 
     def _choose(self, states, units, weight, share, guesses, rng: np.random.Generator):
         """Where few are left that count: the likely ones again, a little different."""
@@ -133,7 +122,7 @@ class Particles:
             at = (rng.uniform() + np.arange(num)) / num
             chosen = np.searchsorted(np.cumsum(share[episode]), at).clip(0, num - 1)
             rng.shuffle(chosen)  # any of them may have to make room
-            errors = rng.normal(size=(num, self._space.num_tangent)) * self._spread
+            errors = rng.normal(size=(num, self._space.num_tangent)) * self._prior_std
             states[episode] = self._space.move(states[episode, chosen], _STATE_JITTER * errors)
             states[episode, :num_fresh] = self._fresh(guesses[episode][None], num_fresh, rng)[0]
             drawn = rng.normal(size=units[episode].shape)

@@ -35,7 +35,7 @@ class PictureFit:
 def fit_pictures(
     simulator: Simulator,
     frames: np.ndarray,
-    rows: np.ndarray,
+    full_states: np.ndarray,
     parameters: np.ndarray,
     fitted: np.ndarray,
     iterations: int = 8,
@@ -48,7 +48,7 @@ def fit_pictures(
     unit, variance = space.to_unit(parameters), FIRST_VARIANCE
     covariance = np.zeros((len(fitted),) * 2)
     real = frames.astype(np.float32).reshape(len(frames), -1) / 255
-    drawn, slopes = _draw(simulator, rows, unit, fitted)
+    drawn, slopes = _draw(simulator, full_states, unit, fitted)
     for iteration in range(iterations):
         residual = drawn - real
         noise = _noise(residual, slopes, max(_SMALLEST_NOISE, _FIRST_NOISE / 2**iteration))
@@ -56,12 +56,12 @@ def fit_pictures(
         information = np.einsum("vmp,mp,ump->mvu", slopes, weight, slopes, optimize=True)
         slope = np.einsum("vmp,mp,mp->mv", slopes, weight, residual, optimize=True)
         cost = np.minimum(np.square(residual / noise), 9).mean(1)
-        told = combine(
+        combined = combine(
             information.astype(float), slope.astype(float), variance, robust_weights(cost)
         )
-        covariance, variance = told.covariance, told.variance
-        unit[fitted] = np.clip(unit[fitted] + told.step(unit[fitted], _LARGEST_STEP), 0, 1)
-        drawn, slopes = _draw(simulator, rows, unit, fitted)
+        covariance, variance = combined.covariance, combined.variance
+        unit[fitted] = np.clip(unit[fitted] + combined.step(unit[fitted], _LARGEST_STEP), 0, 1)
+        drawn, slopes = _draw(simulator, full_states, unit, fitted)
     residual = drawn - real
     noise = _noise(residual, slopes, _SMALLEST_NOISE)
     rounding = _ROUNDING / np.maximum(np.abs(slopes).max((1, 2), initial=0), _SHOWN)
@@ -85,32 +85,34 @@ def _noise(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndar
 def align_to_images(
     simulator: Simulator,
     frames: np.ndarray,
-    rows: np.ndarray,
+    full_states: np.ndarray,
     parameters: np.ndarray,
     space: StateSpace,
     tangent: np.ndarray,
 ) -> np.ndarray:
-    """(M, S) rows, each moved along a (2 nv,) tangent to where it looks most like its frame."""
+    """(M, S) states, each moved along a (2 nv,) tangent to where it looks most like its frame."""
     size = space.nq + space.nv
-    candidates = np.repeat(rows[None], _PLACES, 0)
+    candidates = np.repeat(full_states[None], _PLACES, 0)
     shifts = np.linspace(-1, 1, _PLACES)[:, None, None] * tangent
-    states = np.broadcast_to(rows[:, 1 : 1 + size], (_PLACES, len(rows), size))
-    candidates[..., 1 : 1 + size] = space.move(states, shifts + np.zeros((_PLACES, len(rows), 1)))
-    worlds = np.repeat(parameters[None], _PLACES * len(rows), 0)
-    drawn = simulator.render(candidates.reshape(-1, rows.shape[-1]), worlds)
-    drawn = drawn.reshape(_PLACES, len(rows), -1)
+    states = np.broadcast_to(full_states[:, 1 : 1 + size], (_PLACES, len(full_states), size))
+    candidates[..., 1 : 1 + size] = space.move(
+        states, shifts + np.zeros((_PLACES, len(full_states), 1))
+    )
+    worlds = np.repeat(parameters[None], _PLACES * len(full_states), 0)
+    drawn = simulator.render(candidates.reshape(-1, full_states.shape[-1]), worlds)
+    drawn = drawn.reshape(_PLACES, len(full_states), -1)
     real = frames.reshape(len(frames), -1).astype(np.float32)
     # What looks alike may be of another brightness so far: compare the patterns.
     alike = [[np.corrcoef(d, r)[0, 1] for d, r in zip(place, real, strict=True)] for place in drawn]
-    return candidates[np.argmax(alike, 0), np.arange(len(rows))]
+    return candidates[np.argmax(alike, 0), np.arange(len(full_states))]
 
 
-def _draw(simulator: Simulator, rows: np.ndarray, unit: np.ndarray, fitted: np.ndarray):
+def _draw(simulator: Simulator, full_states: np.ndarray, unit: np.ndarray, fitted: np.ndarray):
     """(M, pixels) as drawn now, and (V, M, pixels) by how much each parameter changes them."""
     units = np.repeat(unit[None], 1 + len(fitted), 0)
     change = np.where(unit[fitted] > 0.5, -_DELTA, _DELTA)
     units[1 + np.arange(len(fitted)), fitted] += change
-    parameters = np.repeat(simulator.space.from_unit(units), len(rows), 0)
-    drawn = simulator.render(np.tile(rows, (len(units), 1)), parameters)
-    drawn = drawn.reshape(len(units), len(rows), -1).astype(np.float32) / 255
+    parameters = np.repeat(simulator.space.from_unit(units), len(full_states), 0)
+    drawn = simulator.render(np.tile(full_states, (len(units), 1)), parameters)
+    drawn = drawn.reshape(len(units), len(full_states), -1).astype(np.float32) / 255
     return drawn[0], (drawn[1:] - drawn[0]) / change[:, None, None]

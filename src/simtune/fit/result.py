@@ -1,21 +1,23 @@
-"""What a fit finds, and how well it fits."""
+"""What a fit starts from, what it finds, and how well it fits."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-# Of physics and of appearance, in unit coordinates: 2 % of a value, and what a camera's brightness
-# and tint, shadows and highlights make of a colour. Assumed, as no simulator can tell them.
-_DISCREPANCY = (0.005, 0.035)
+
+class PointEstimate(NamedTuple):
+    """Parameters as far as they are known before a fit."""
+
+    parameters: np.ndarray  # (N,)
+    std: np.ndarray  # (N,) in unit coordinates
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """How badly videos fit a simulator; larger is worse."""
+    """How badly observations fit a simulator; larger is worse, NaN where it cannot be said."""
 
-    motion_px: (
-        float  # distance between where the detector is sure a keypoint is and where it should be
-    )
+    motion: tuple[float, ...]  # of each sensor: its typical distance from the simulation, in units
     picture: float  # noise of a pixel, of the full scale
 
 
@@ -25,20 +27,21 @@ class FitResult:
 
     parameters: np.ndarray
     std: np.ndarray  # (N,)
+    # (N,) standard deviations of what is wrong with all data alike, and no fit can see
+    discrepancy_std: np.ndarray
     correlation: np.ndarray  # (P, P) between the fitted parameters that are no mere appearance
     moving: np.ndarray  # (P,) which those are
     misfit: Misfit
-    start: np.ndarray  # (S,) the state in which the first episode began
-    lag: int  # steps by which the actions seem to come late
+    sensors: tuple[tuple[str, str], ...]  # names and units of the misfits in motion
+    start: np.ndarray  # (S,) the full state in which the first episode began
+    latency_steps: int  # by which the actions seem to take effect late
 
     @property
     def is_moving(self) -> np.ndarray:
         """(N,) bool."""
         return np.isin(np.arange(len(self.std)), self.moving)
 
-    def discrepancy(self, looks_alike: bool) -> np.ndarray:
-        """(N,) standard deviations of what is wrong with every picture alike, and no fit can see.
-
-        Only a real world that `looks_alike` to the simulator has nothing of it.
-        """
-        return np.where(self.is_moving, *_DISCREPANCY) * (not looks_alike)
+    @property
+    def claimed_std(self) -> np.ndarray:
+        """(N,) of the fit and of what it cannot see, together."""
+        return np.hypot(self.std, self.discrepancy_std)

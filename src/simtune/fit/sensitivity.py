@@ -7,19 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
-from simtune.fit.tracks import Tracks
+from simtune.observation import AllEvidence, ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.simulation import Rollouts, Simulator
 from simtune.vision.image_noise import ImageNoise
+from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints, find_keypoints
 
 WINDOW_STEPS = 12  # chaotic motion diverges anyway: no fit follows it for longer
 _FACTOR, _TENTH = 1.2, 0.1  # what a parameter is changed by: on a log scale, on a linear one
 _LEVELS = 2  # of 256: a pixel that changes by no more looks the same
-_STILL_PX = 0.01  # a keypoint that moves by less stays: the detector is off by fifty times as much
+_STILL_PX = 0.01  # a keypoint that moves by less stays: a detector is off by fifty times as much
 _DETECTOR_PX, _SURE = (
     0.5,
     0.98,
@@ -29,7 +31,7 @@ _NUM_PICTURES = 24
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Of N parameters: what each changes, and how well it could be told at best."""
+    """Of N parameters: what each changes, and how well it could be known at best."""
 
     parameters: np.ndarray  # (N,) where this holds
     changed: np.ndarray  # (N,) what each was changed to, one at a time
@@ -51,11 +53,14 @@ class Sensitivity:
 
 
 def analyze(
-    simulator: Simulator, camera: str, actions: np.ndarray, seed: int, looks_alike: bool = True
+    simulator: Simulator,
+    camera: str,
+    actions: np.ndarray,
+    seed: int,
+    observation: ObservationModel,
 ) -> Sensitivity:
     """At the nominal parameters, in episodes of (E, T, A) actions.
 
-    `looks_alike`: what films them shows colours as the simulator does, no real camera's.
     Raises RuntimeError if all of them diverge.
     """
     space, rng = simulator.space, np.random.default_rng((seed, 1))
@@ -68,25 +73,23 @@ def analyze(
         raise RuntimeError("every episode diverged; check the timestep and the actions")
     changed = one_by_one(space, nominal)
     levels, share = picture_changes(simulator, episodes, changed)
-    is_appearance = space.is_appearance
+    moves = ~space.is_appearance
     rms, largest = np.zeros((2, len(space)))
-    rms[~is_appearance], largest[~is_appearance] = motion_changes(
-        simulator, keypoints, episodes, changed[~is_appearance]
-    )
+    rms[moves], largest[moves] = motion_changes(simulator, keypoints, episodes, changed[moves])
     scale = _along_scale(space, space.high) - _along_scale(space, space.low)
     width = scale * (space.to_unit(first.high) - space.to_unit(first.low))
     prior = width / np.sqrt(12)  # standard deviation of a uniform distribution
     covariance = np.diag(prior**2)
     moving = np.flatnonzero(largest > _STILL_PX)
     if len(moving):
-        told = told_by_motion(simulator, keypoints, episodes, moving)
-        told *= np.outer(scale[moving], scale[moving])
-        known = np.linalg.inv(told) + np.diag(prior[moving] ** -2)
+        best = motion_covariance(simulator, keypoints, episodes, moving)
+        best *= np.outer(scale[moving], scale[moving])
+        known = np.linalg.inv(best) + np.diag(prior[moving] ** -2)
         covariance[np.ix_(moving, moving)] = np.linalg.inv(known)
     std = np.sqrt(np.diag(covariance))
     step = np.diag(_along_scale(space, changed) - _along_scale(space, nominal))
-    error = _camera_error(share * simulator.image_size**2, looks_alike)
-    seen = step * error / np.maximum(levels, 1e-9)
+    error = _colour_error(share * simulator.image_size**2, observation)
+    by_picture = step * error / np.maximum(levels, 1e-9)
     return Sensitivity(
         nominal,
         np.diag(changed),
@@ -95,7 +98,7 @@ def analyze(
         rms,
         largest,
         std,
-        (seen**-2 + prior**-2) ** -0.5,
+        (by_picture**-2 + prior**-2) ** -0.5,
         width,
         covariance / np.outer(std, std) - np.eye(len(space)),
     )
@@ -163,27 +166,24 @@ def windows(episodes: Rollouts) -> tuple[np.ndarray, np.ndarray]:
     return starts.reshape(shape[0], -1), actions.reshape(shape)
 
 
-def told_by_motion(
+def motion_covariance(
     simulator: Simulator, keypoints: Keypoints, episodes: Rollouts, fitted: np.ndarray
 ) -> np.ndarray:
     """(P, P) covariance in unit coordinates of the `fitted` parameters, at best."""
     assert episodes.recorded is not None, "asked for where they were played"
-    physics = Physics(simulator, keypoints, episodes.states[0, 0])
+    physics = Physics(simulator, keypoints.record, episodes.states[0, 0])
     states = physics.states(episodes.states)
     # A start is somewhere where these episodes go; Shooting believes a guess a third as much.
-    spread = physics.space.difference(states, states[:1, :1]).std((0, 1)) / 3
-    shooting = Shooting(
-        physics,
-        np.full(len(keypoints), _DETECTOR_PX),
-        np.maximum(spread, 1e-3),
-        fitted,
-        ShootingConfig(stages=(Stage(WINDOW_STEPS, 0),)),
-    )
-    places = episodes.recorded.reshape(*states.shape[:2], 1, -1, 2).repeat(2, 2)
-    probability = np.zeros(places.shape[:-1])
+    prior_std = physics.space.difference(states, states[:1, :1]).std((0, 1)) / 3
+    config = ShootingConfig(stages=(Stage(WINDOW_STEPS, 0),))
+    shooting = Shooting(physics, np.maximum(prior_std, 1e-3), fitted, config)
+    candidates = episodes.recorded.reshape(*states.shape[:2], 1, -1, 2).repeat(2, 2)
+    probability = np.zeros(candidates.shape[:-1])
     probability[:, :, 0] = _SURE
-    tracks = Tracks(places, probability, episodes.actions)
-    return shooting.told(tracks, states, episodes.parameters[0])
+    noise_px = np.full(len(keypoints), _DETECTOR_PX)
+    tracks = KeypointTracks(candidates, probability, noise_px, simulator.image_size)
+    observed = Observed(AllEvidence((tracks,)), episodes.actions)
+    return shooting.fisher_covariance(observed, states, episodes.parameters[0])
 
 
 def _along_scale(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
@@ -191,9 +191,9 @@ def _along_scale(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
     return np.where(space.is_log, np.log(np.where(space.is_log, parameters, 1.0)), parameters)
 
 
-def _camera_error(num_pixels: np.ndarray, looks_alike: bool) -> np.ndarray:
-    """(N,) levels by which the mean colour of so many pixels may be off; rounding makes it one."""
-    added = ImageNoise(offset=0, noise=0) if looks_alike else ImageNoise()
+def _colour_error(num_pixels: np.ndarray, observation: ObservationModel) -> np.ndarray:
+    """(N,) levels by which the mean colour of as many pixels may be off; rounding makes it one."""
+    added = observation.camera.image_noise or ImageNoise(offset=0, noise=0)
     noise = added.noise / np.sqrt(np.maximum(num_pixels, 1))
     return np.hypot(1, 255 * np.hypot(added.offset, noise))
 

@@ -1,9 +1,10 @@
-"""Multiple shooting: the physics is replayed in short windows and fitted to what the detector saw.
+"""Multiple shooting: the physics is replayed in short windows and fitted to what was observed.
 
-In each window the initial state is unknown as well, so that no error grows for long and no
-contact is followed for long. Gauss-Newton finds parameters and initial states together; finite
-differences are free, since all perturbed worlds run at once. Where short windows do not tell
-enough, they grow for as long as they are explained as well: a slow swing shows its period late.
+In each window the initial state is unknown as well (Bock and Plitt 1984), so that no error grows
+for long and no contact is followed for long. Gauss-Newton finds parameters and initial states
+together; finite differences are free, since all perturbed worlds run at once. Where short windows
+do not tell enough, the horizon is extended as long as the motion is explained as well: a slow
+swing shows its period late.
 """
 
 from dataclasses import dataclass, replace
@@ -12,21 +13,18 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE, combine, robust_weights
-from simtune.fit.linearization import (
-    LinearizationPoint,
-    WindowPlayer,
-    diagonal,
-    eliminate,
-    residuals,
-)
+from simtune.fit.linearization import LinearizationPoint, WindowPlayer, diagonal
+from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
-from simtune.fit.tracks import Tracks
 from simtune.fit.windows import Windows, cut
 
 _PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
 _STATES_ONLY = 3.0  # with more blur than this, parameters wait for the states
 _LARGEST_STEP = 0.12  # of the whole range (unit coordinates)
-_GROWN_BLUR = 3.0
+_LARGEST_STATE_STEP = 4.0  # prior standard deviations
+_FIRST_DAMPING, _DAMPING = 1e-2, (1e-6, 1e4)
+_FULL_STEPS = 3  # iterations of a stage; later ones take half of each step in the parameters
+_EXTENDED_BLUR = 3.0
 _ENOUGH = 0.01  # standard deviation of a parameter, in unit coordinates
 _AS_WELL = 1.0  # by so much −log likelihood may rise: distances half as large again, or so
 
@@ -34,7 +32,7 @@ _AS_WELL = 1.0  # by so much −log likelihood may rise: distances half as large
 class Stage(NamedTuple):
     window: int  # steps
     iterations: int
-    blur: float = 1.0  # a factor on the detector's noise
+    blur: float = 1.0  # a factor on the noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +45,7 @@ class ShootingConfig:
 
     @property
     def steps_per_window(self) -> int:
-        """How many steps a fit plays of each of these windows; what grows is rare."""
+        """Steps that a fit plays of each of these windows; longer ones are rare."""
         return sum(stage.window * stage.iterations for stage in self.stages)
 
 
@@ -57,37 +55,31 @@ class ShootingFit:
 
     unit: np.ndarray  # (P,)
     covariance: np.ndarray  # (P, P)
-    rows: np.ndarray  # (W, K, S) states of the windows' steps, as simulated
+    full_states: np.ndarray  # (W, K, S) of the windows' steps, as simulated
     episode: np.ndarray  # (W,)
     step: np.ndarray  # (W,) at which each window begins
     misfit: np.ndarray  # (W,) mean of −log likelihood of an observation
-    residual_px: float  # median distance of what the detector is sure of
+    distances: tuple[float, ...]  # each sensor's typical distance from what it is sure of
 
 
 class Shooting:
-    """Fits parameters `fitted` (indices) of worlds to tracks."""
+    """Fits parameters `fitted` (indices) of worlds to what was observed."""
 
     def __init__(
-        self,
-        physics: Physics,
-        noise_px: np.ndarray,
-        spread: np.ndarray,
-        fitted: np.ndarray,
-        config: ShootingConfig,
+        self, physics: Physics, prior_std: np.ndarray, fitted: np.ndarray, config: ShootingConfig
     ):
-        """`noise_px`: (L,) where the detector is sure; `spread`: (2 nv,) usual errors of first guesses."""
+        """`prior_std`: (2 nv,) usual errors of first guesses at states."""
         self._physics, self._space, self.config = physics, physics.space, config
-        self._noise_px = self._noise = np.asarray(noise_px)  # of the detector, and as it is blurred
-        self._spread, self.fitted = spread * _PRIOR, np.asarray(fitted)
-        self._player = WindowPlayer(physics, self._spread, self.fitted)
+        self._prior_std, self.fitted = prior_std * _PRIOR, np.asarray(fitted)
+        self._player = WindowPlayer(physics, self._prior_std, self.fitted)
 
-    def fit(self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
+    def fit(self, observed: Observed, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
         """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
         unit = self._physics.parameters.to_unit(parameters)
-        return self._fit(self._cut(tracks, states, unit), unit, self.config.stages)
+        return self._fit(self._cut(observed, states, unit), unit, self.config.stages)
 
-    def grow(
-        self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray, fit: ShootingFit
+    def extend_horizon(
+        self, observed: Observed, states: np.ndarray, parameters: np.ndarray, fit: ShootingFit
     ) -> ShootingFit:
         """`fit`, or one with the longest windows that are nearly as well explained.
 
@@ -97,118 +89,140 @@ class Shooting:
         best = found = fit
         limit = np.median(best.misfit) + _AS_WELL
         for window in config.longer:
-            told = np.diag(best.covariance).max(initial=0) < _ENOUGH**2
-            if told or window > tracks.actions.shape[1]:
+            is_known = np.diag(best.covariance).max(initial=0) < _ENOUGH**2
+            if is_known or window > observed.actions.shape[1]:
                 break
             unit[self.fitted] = found.unit
-            longer = self._cut(tracks, self._improved(states, found), unit, window)
-            # Blurred at first: what ends far away after so long is no outlier yet.
+            longer = self._cut(observed, self._improved(states, found), unit, window)
+            # Blurred at first: what ends far away after such a time is no outlier yet.
             count = config.longer_iterations
-            found = self._fit(
-                longer, unit, (Stage(window, count, _GROWN_BLUR), Stage(window, count))
-            )
+            stages = (Stage(window, count, _EXTENDED_BLUR), Stage(window, count))
+            found = self._fit(longer, unit, stages)
             if np.median(found.misfit) < limit:
                 best = found
         return best
 
-    def _fit(self, whole: Windows, unit: np.ndarray, stages: tuple[Stage, ...]) -> ShootingFit:
-        """From (N,) parameters in unit coordinates."""
-        windows = whole
-        guess = LinearizationPoint(
-            windows.states.copy(), unit, np.full(len(windows.states), 1e-2), FIRST_VARIANCE
-        )
-        covariance = np.zeros((len(self.fitted),) * 2)
-        for stage in stages:
-            windows = whole.first(stage.window)
-            self._noise = stage.blur * self._noise_px
-            guess = replace(guess, damping=np.full(len(guess.damping), 1e-2), step_scale=1.0)
-            for iteration in range(stage.iterations):
-                step_size = 0.0 if stage.blur > _STATES_ONLY else 1.0 if iteration < 3 else 0.5
-                guess, covariance = self._step(windows, guess, step_size)
-        rows, seen = self._player.play(windows, guess.states[None], guess.unit[None])
-        residual = residuals(windows, seen, self._noise)
-        nearest = windows.nearest(residual[0])  # (W, K, L, 2)
-        distance = np.linalg.norm(nearest, axis=-1) * self._noise
-        sure = windows.probability.sum(2) > 0.9
-        return ShootingFit(
-            guess.unit[self.fitted],
-            covariance,
-            rows[0],
-            windows.episode,
-            windows.step,
-            windows.cost(residual)[0] / distance[0].size,
-            float(np.median(distance[sure])) if sure.any() else float("nan"),
-        )
-
-    def told(self, tracks: Tracks, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """(P, P) covariance, in unit coordinates, that a fit to such tracks would have at best.
+    def fisher_covariance(
+        self, observed: Observed, states: np.ndarray, parameters: np.ndarray
+    ) -> np.ndarray:
+        """(P, P) covariance, in unit coordinates, that a fit to such data would have at best.
 
         By Fisher information where the (N,) parameters and the states, as in `fit`, are the true
         ones. The windows' initial states count as unknown, and FIRST_VARIANCE lies between windows.
         """
         unit = self._physics.parameters.to_unit(parameters)
-        windows = self._cut(tracks, states, unit)
-        guess = LinearizationPoint(
+        windows = self._cut(observed, states, unit)
+        point = LinearizationPoint(
             windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE
         )
-        residual, by_state, by_parameter = self._player.linearise(windows, guess, self._noise)
-        weight = windows.weight(residual)
-        information = eliminate(by_state, by_parameter, weight, self._spread)[-1]
+        pull = np.zeros((len(windows.states), len(self._prior_std)))
+        information = self._player.linearize(windows, point, pull, 1.0)[0].information
         eye = np.eye(len(self.fitted))
         # As `combine` weighs windows: none tells more than the variance between them allows.
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
         return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)
 
-    def _step(self, windows: Windows, guess: LinearizationPoint, step_size: float):
-        """One step of Gauss-Newton; the guess after it, and the parameters' covariance."""
-        residual, by_state, by_parameter = self._player.linearise(windows, guess, self._noise)
-        weight = windows.weight(residual)  # (W, M)
-        flat = windows.nearest(residual).reshape(len(weight), -1)
-        hessian, cross, to_parameters, information = eliminate(
-            by_state, by_parameter, weight, self._spread
+    def _fit(self, whole: Windows, unit: np.ndarray, stages: tuple[Stage, ...]) -> ShootingFit:
+        """From (N,) parameters in unit coordinates."""
+        windows, num = whole, len(whole.states)
+        damping = np.full(num, _FIRST_DAMPING)
+        point = LinearizationPoint(whole.states.copy(), unit, damping, FIRST_VARIANCE)
+        covariance = np.zeros((len(self.fitted),) * 2)
+        for stage in stages:
+            windows = whole.first(stage.window)
+            point = replace(point, damping=damping, step_scale=1.0)
+            for iteration in range(stage.iterations):
+                share = 1.0 if iteration < _FULL_STEPS else 0.5
+                share = 0.0 if stage.blur > _STATES_ONLY else share
+                point, covariance = self._step(windows, point, share, stage.blur)
+        full_states, predicted = self._player.play(windows, point.states[None], point.unit[None])
+        evidence, num_frames = windows.evidence, predicted.shape[2]
+        return ShootingFit(
+            point.unit[self.fitted],
+            covariance,
+            full_states[0],
+            windows.episode,
+            windows.step,
+            -evidence.log_likelihood(predicted[0]) / (num_frames * evidence.num_observations),
+            tuple(evidence.distances(predicted[0])),
         )
-        pull = self._space.difference(guess.states, windows.states) / self._spread
-        slope = np.einsum("wsm,wm,wm->ws", by_state, weight, flat) + pull / self._spread
-        of_parameters = np.einsum("wpm,wm,wm->wp", by_parameter, weight, flat)
-        of_parameters -= np.einsum("wsp,ws->wp", to_parameters, slope)
-        cost = windows.cost(residual[None])[0]
-        trust, anchored = robust_weights(cost), 0.5 * np.square(pull).sum(-1)
-        told = combine(information, of_parameters, guess.variance, trust / (1 + guess.damping))
-        change = told.step(guess.unit[self.fitted], _LARGEST_STEP)
-        unit = guess.unit.copy()
-        unit[self.fitted] = np.clip(unit[self.fitted] + step_size * guess.step_scale * change, 0, 1)
-        change = unit[self.fitted] - guess.unit[self.fitted]
-        damped = hessian + guess.damping[:, None, None] * diagonal(hessian)
-        tangent = -np.linalg.solve(damped, (slope + cross @ change)[..., None])[..., 0]
-        tangent = np.clip(tangent, -4 * self._spread, 4 * self._spread)
-        moved = self._space.move(guess.states, tangent)
-        _, seen = self._player.play(
-            windows, np.stack([moved, guess.states]), np.stack([unit, unit])
+
+    def _step(
+        self, windows: Windows, point: LinearizationPoint, share: float, blur: float
+    ) -> tuple[LinearizationPoint, np.ndarray]:
+        """One step of Gauss-Newton; the point after it, and the parameters' (P, P) covariance.
+
+        Over the W windows' initial states x_w and the parameters θ that all share, it minimises
+
+            Σ_w −log p(observed_w | x_w, θ) + ½ ‖S⁻¹ (x_w ⊖ x̄_w)‖²
+
+        with x̄_w the first guess and S = diag(prior_std). Near the point (`linearize`) that is
+
+            [H_w   C_w] [δx_w]     [g_w]
+            [C_wᵀ  B_w] [δθ  ] = − [b_w]
+
+        The states go first, by the Schur complement: each window then says what it knows of θ
+        alone, I_w = B_w − C_wᵀ H_w⁻¹ C_w, and `combine` takes its step δθ from all of them. Then
+        δx_w = −(H_w + λ_w diag H_w)⁻¹ (g_w + C_w δθ), with Levenberg-Marquardt damping λ_w.
+        A window whose cost rises keeps its states; if the weighted sum of all rises, nothing
+        moves, and the next step in θ is a quarter as long.
+        """
+        pull = self._pull(point.states, windows)  # (W, 2 nv)
+        equations, cost = self._player.linearize(windows, point, pull, blur)
+        trust = robust_weights(cost)  # (W,)
+        combined = combine(
+            equations.information,
+            equations.parameter_gradient,
+            point.variance,
+            trust / (1 + point.damping),
         )
-        pulled = self._space.difference(moved, windows.states) / self._spread
-        costs = windows.cost(residuals(windows, seen, self._noise))
-        costs += np.stack([0.5 * np.square(pulled).sum(-1), anchored])
-        if trust @ costs.min(0) > trust @ (cost + anchored):  # too far for a straight line
-            return replace(guess, step_scale=guess.step_scale / 4), told.covariance
+        step = combined.step(point.unit[self.fitted], _LARGEST_STEP)  # (P,)
+        unit = point.unit.copy()
+        unit[self.fitted] = np.clip(unit[self.fitted] + share * point.step_scale * step, 0, 1)
+        moved = self._move_states(point, equations, unit[self.fitted] - point.unit[self.fitted])
+        # Costs (2, W) with the parameters moved: with the states moved, too, and without
+        _, predicted = self._player.play(
+            windows, np.stack([moved, point.states]), np.stack([unit, unit])
+        )
+        pulls = np.stack([self._pull(moved, windows), pull])
+        costs = -windows.evidence.log_likelihood(predicted, blur)
+        costs += 0.5 * np.square(pulls).sum(-1)
+        before = cost + 0.5 * np.square(pull).sum(-1)
+        if trust @ costs.min(0) > trust @ before:  # too far for a straight line
+            return replace(point, step_scale=point.step_scale / 4), combined.covariance
         better = costs[0] < costs[1]
-        states = np.where(better[:, None], moved, guess.states)
-        damping = np.where(better, guess.damping / 4, guess.damping * 8).clip(1e-6, 1e4)
-        step_scale = min(1.0, 2 * guess.step_scale)
-        return LinearizationPoint(states, unit, damping, told.variance, step_scale), told.covariance
+        states = np.where(better[:, None], moved, point.states)
+        damping = np.where(better, point.damping / 4, point.damping * 8).clip(*_DAMPING)
+        step_scale = min(1.0, 2 * point.step_scale)
+        after = LinearizationPoint(states, unit, damping, combined.variance, step_scale)
+        return after, combined.covariance
+
+    def _move_states(self, point: LinearizationPoint, equations, change: np.ndarray) -> np.ndarray:
+        """(W, nq + nv) states after the best step when the parameters change by (P,)."""
+        hessian = equations.hessian
+        damped = hessian + point.damping[:, None, None] * diagonal(hessian)
+        gradient = equations.gradient + equations.cross @ change
+        tangent = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+        limit = _LARGEST_STATE_STEP * self._prior_std
+        return self._space.move(point.states, np.clip(tangent, -limit, limit))
+
+    def _pull(self, states: np.ndarray, windows: Windows) -> np.ndarray:
+        """(W, 2 nv) S⁻¹ (x ⊖ x̄)."""
+        return self._space.difference(states, windows.states) / self._prior_std
 
     def _cut(
-        self, tracks: Tracks, states: np.ndarray, unit: np.ndarray, steps: int | None = None
+        self, observed: Observed, states: np.ndarray, unit: np.ndarray, steps: int | None = None
     ) -> Windows:
-        """By default as long as the last stage's; however long, of as many steps in all."""
+        """By default as long as the last stage's; whatever the length, as many steps in all."""
         usual = self.config.stages[-1].window
         steps = steps or usual
-        actuator_state = self._physics.after(tracks.actions, states, unit)
+        actuator_states = self._physics.replay_actuators(observed.actions, states, unit)
         at_most = self.config.num_windows * usual
-        return cut(tracks, states, actuator_state, steps, max(1, at_most // steps))
+        return cut(observed, states, actuator_states, steps, max(1, at_most // steps))
 
     def _improved(self, states: np.ndarray, fit: ShootingFit) -> np.ndarray:
         """(E, T + 1, nq + nv) states, those of a fit's windows as it has them."""
         states = states.copy()
-        steps = fit.step[:, None] + np.arange(fit.rows.shape[1])
-        states[fit.episode[:, None], steps] = self._physics.states(fit.rows)
+        steps = fit.step[:, None] + np.arange(fit.full_states.shape[1])
+        states[fit.episode[:, None], steps] = self._physics.states(fit.full_states)
         return states

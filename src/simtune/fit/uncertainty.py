@@ -1,4 +1,4 @@
-"""What a fit and its replicas say: how sure it is, what hangs together, what to doubt."""
+"""How sure a fit is: intervals that its bootstrap widens, correlations, and model checks."""
 
 from dataclasses import replace
 
@@ -9,27 +9,26 @@ from simtune.fit.result import FitResult
 from simtune.randomization import Distribution
 
 _WORTH_TELLING = 0.6  # correlation
-# Times as far off as the worst replica's: with few of them, the worst one is not very bad yet.
+# Times as far off as the worst refit's: with few of them, the worst one is not very bad yet.
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
 
 
-def inflate(fit: FitResult, replicas: Bootstrap, looks_alike: bool) -> FitResult:
-    """A fit with the standard deviations that replicas show, larger still where it fits worse.
+def inflate(fit: FitResult, bootstrap: Bootstrap) -> FitResult:
+    """A fit with the standard deviations that refits show, larger still where it fits worse.
 
-    Unless the real world `looks_alike` to the simulator, allow for what no fit can see.
+    They allow for what no fit can see.
     """
-    worse_motion = max(1.0, replicas.ratio(fit.misfit, "motion_px"))
-    worse_picture = max(1.0, replicas.ratio(fit.misfit, "picture"))
-    factor = replicas.inflation()
+    worse_motion = max(1.0, *bootstrap.motion_ratios(fit.misfit))
+    worse_picture = max(1.0, bootstrap.picture_ratio(fit.misfit))
     std = fit.std * np.where(fit.is_moving, worse_motion, worse_picture)
-    return replace(fit, std=factor * np.hypot(std, fit.discrepancy(looks_alike)))
+    return replace(fit, std=bootstrap.inflation() * np.hypot(std, fit.discrepancy_std))
 
 
 def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) means and standard deviations in coordinates of the range, -1 to 1."""
+    """(N,) means and standard deviations in coordinates of the range, 0 to 1."""
     space = distribution.space
     width = space.to_unit(distribution.high) - space.to_unit(distribution.low)
-    return 2 * distribution.to_local(fit.parameters) - 1, 2 * fit.std / width
+    return distribution.to_range_unit(fit.parameters), fit.std / width
 
 
 def correlations(fit: FitResult, names: tuple[str, ...]) -> dict[str, float]:
@@ -42,33 +41,36 @@ def correlations(fit: FitResult, names: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
-def ranks(replicas: Bootstrap, names: tuple[str, ...]) -> dict[str, list[float]]:
-    """{name: ranks of the replicas' truths}."""
-    if not len(replicas.errors):
+def ranks(bootstrap: Bootstrap, names: tuple[str, ...]) -> dict[str, list[float]]:
+    """{name: ranks of the refits' truths}."""
+    if not len(bootstrap.errors):
         return {}
-    return dict(zip(names, replicas.ranks().T.round(4).tolist(), strict=True))
+    return dict(zip(names, bootstrap.ranks().T.round(4).tolist(), strict=True))
 
 
-def doubts(fit: FitResult, replicas: Bootstrap) -> list[str]:
-    """What to tell a user who would trust the estimates."""
-    given = []
-    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / max(1, len(replicas.misfits))
-    if (ratio := replicas.ratio(fit.misfit, "motion_px")) > limit:
+def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
+    """Warnings for a user who would trust the estimates."""
+    warnings = []
+    ratios = bootstrap.motion_ratios(fit.misfit)
+    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / max(1, len(bootstrap.misfits))
+    if (ratio := max(ratios)) > limit:
+        worst = ratios.index(ratio)
+        (name, unit), distance = fit.sensors[worst], fit.misfit.motion[worst]
         found = (
-            f"keypoints are {fit.misfit.motion_px:.2f} px off, {ratio:.1f} times as far as"
+            f"{name} are {distance:.2f} {unit} off, {ratio:.1f} times as far as"
             if np.isfinite(ratio)
             else "nothing that moves is found for sure, as it is"
         )
-        given.append(
+        warnings.append(
             "No setting of the parameters makes the simulator move as the videos do: where that "
             f"was tested {found} in worlds that the simulator can make. Something that "
             "is not tuned is wrong (a length, a mass, the camera, a delay): trust no number "
             "before it is found."
         )
-    if fit.lag:
-        steps = "1 step" if fit.lag == 1 else f"{fit.lag} steps"
-        given.append(
+    if fit.latency_steps:
+        steps = "1 step" if fit.latency_steps == 1 else f"{fit.latency_steps} steps"
+        warnings.append(
             f"The actions seem to take effect {steps} later than the recordings say; the "
             "estimates allow for it."
         )
-    return given
+    return warnings

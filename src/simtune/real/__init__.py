@@ -2,6 +2,7 @@
 
 from typing import Any, Protocol
 
+from simtune.observation import ObservationModel
 from simtune.simulation import PixelPolicy
 from simtune.trajectory import Trajectory
 
@@ -15,8 +16,8 @@ class RealWorld(Protocol):
         ...
 
     @property
-    def looks_like_simulator(self) -> bool:
-        """Whether its pictures are the simulator's own, pixel by pixel."""
+    def observation(self) -> ObservationModel:
+        """What is observed of it, and how that differs from what a simulator draws."""
         ...
 
     @property

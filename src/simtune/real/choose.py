@@ -100,8 +100,7 @@ def open_recordings(
 
 def simulator_for(real: RealWorld, task: AnyTask, image_size: int) -> AnySimulator:
     """Worlds of `task` to compare with a real one: actions last as long, pictures are alike."""
-    # A real camera averages over its pixels; the simulator's own does not.
-    supersampling = 1 if real.looks_like_simulator else 2
+    supersampling = real.observation.camera.supersampling
     return task.simulator(image_size=image_size, step_s=real.step_s, supersampling=supersampling)
 
 

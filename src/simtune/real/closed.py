@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from simtune.observation import ObservationModel
 from simtune.simulation import PixelPolicy
 from simtune.trajectory import Trajectory
 
@@ -9,7 +10,7 @@ from simtune.trajectory import Trajectory
 class ClosedReal:
     """How long its steps were, and that a camera filmed it; nothing can be asked of it."""
 
-    looks_like_simulator = False
+    observation = ObservationModel.of_reality()
 
     def __init__(self, step_s: float):
         self.step_s = step_s

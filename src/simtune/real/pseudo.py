@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from simtune.observation import ObservationModel
 from simtune.real.gap import RealityGap
 from simtune.simulation import AnySimulator, PixelPolicy, Projector, Simulator, on_pictures
 from simtune.trajectory import Trajectory
@@ -29,7 +30,8 @@ class PseudoReal:
     ):
         first_rng = np.random.default_rng(seed)
         delay_steps = gap.delay_steps if gap else 0
-        self.looks_like_simulator = gap is None
+        of = ObservationModel.of_reality if gap else ObservationModel.of_simulator
+        self.observation = of()
         self.step_s = step_s = simulator.step_s
 
         def film(num_episodes: int) -> list[Trajectory]:
@@ -84,7 +86,7 @@ class PseudoReal:
         self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
     ) -> list[Trajectory]:
         """See `RealWorld`; the same policy and seed give the same episodes. Without a gap only."""
-        if not self.looks_like_simulator:
+        if not self.observation.same_renderer:
             raise NotImplementedError("no policy can act through a reality gap")
         return self._run_policy(
             policy, num_stacked, num_episodes, np.random.default_rng((self._seed, 2, seed))

@@ -3,6 +3,7 @@
 from typing import Any
 
 from simtune.errors import InputError
+from simtune.observation import ObservationModel
 from simtune.recordings import Dataset
 from simtune.simulation import PixelPolicy
 from simtune.trajectory import Trajectory
@@ -13,7 +14,7 @@ _A_FEW = 10  # episodes taken where no number is asked for: more would mostly co
 class RecordedReal:
     """A dataset in the place of a robot. Episodes are read when first asked for, and kept."""
 
-    looks_like_simulator = False  # a camera filmed it, as far as anybody knows
+    observation = ObservationModel.of_reality()  # a camera filmed it, as far as anybody knows
 
     def __init__(self, dataset: Dataset):
         self._dataset = dataset

@@ -11,6 +11,7 @@ import numpy as np
 
 from simtune.config.robot import RobotConfig
 from simtune.errors import InputError
+from simtune.observation import ObservationModel
 from simtune.pictures import resize
 from simtune.real.archive import RecordingArchive, RecordingSession
 from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
@@ -36,7 +37,7 @@ class RobotReal:
     there, so that a run that goes on sees what it saw before. Without `move` nothing moves.
     """
 
-    looks_like_simulator = False
+    observation = ObservationModel.of_reality()
 
     def __init__(
         self,

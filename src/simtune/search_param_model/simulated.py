@@ -1,12 +1,12 @@
 """What the posterior SPM learns from: simulated worlds, of which only a part is drawn."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from simtune.observation import ObservationModel
 from simtune.simulation import AnySimulator, Points
 from simtune.trajectory import delayed
-from simtune.vision.image_noise import ImageNoise
 from simtune.vision.keypoints import Keypoints
 
 
@@ -19,12 +19,23 @@ class SimulatedWorlds:
     keypoints: np.ndarray  # (W, E, T + 1, L, 2) pixels, true
     frames: np.ndarray  # (W, F, H, H, 3) uint8: F successive frames of each world's...
     filmed_from: np.ndarray  # (W,) ...first episode, from this step on
-    states: np.ndarray  # (W, F, S) behind `frames`
+    states: np.ndarray  # (W, F, S) full ones behind `frames`
+    # {sensor: (W, F, D)} what was measured with `frames`
+    readings: dict[str, np.ndarray] = field(default_factory=dict)
 
     def filmed_keypoints(self) -> np.ndarray:
         """(W, F, L, 2) the true keypoints in `frames`."""
         at = self.filmed_from[:, None] + np.arange(self.frames.shape[1])
         return self.keypoints[np.arange(len(at))[:, None], 0, at]
+
+    def filmed_actions(self) -> np.ndarray:
+        """(W, F − 1, A) between `frames`."""
+        at = self.filmed_from[:, None] + np.arange(self.frames.shape[1] - 1)
+        return self.actions[np.arange(len(at))[:, None], 0, at]
+
+    def without_frames(self) -> "SimulatedWorlds":
+        """The same, but for what fills memory."""
+        return replace(self, frames=self.frames[:0].copy())
 
 
 def simulate(
@@ -34,24 +45,24 @@ def simulate(
     actions: np.ndarray,
     num_filmed: int,
     rng: np.random.Generator,
-    image_noise: ImageNoise | None = None,
+    observation: ObservationModel,
 ) -> SimulatedWorlds:
     """Play (W, E, T, A) actions in W worlds of (W, N) parameters, and film a stretch of each.
 
-    With `image_noise` the actions come a step late in half of the worlds, as a real robot's may,
-    unless a delay is among the parameters.
+    Where actions may be late they are, by a step, in half of the worlds, unless a delay is among
+    the parameters.
     Worlds of which an episode diverged are left out. Raises RuntimeError if hardly any is left.
     """
     num_episodes, steps = actions.shape[1:3]
     played = actions.astype(float)
-    if image_noise and not simulator.space.is_delay.any():
+    if observation.max_latency_steps and not simulator.space.is_delay.any():
         late = rng.random(len(actions)) < 0.5
         played[late] = delayed(played[late], 1)
     rollouts = simulator.roll_out(
         np.repeat(parameters, num_episodes, axis=0),
         played.reshape(len(played) * num_episodes, *actions.shape[2:]),  # there may be no actions
         rng,
-        keypoints.record,
+        observation.observe_beside(keypoints.record),
     )
     assert rollouts.recorded is not None, "asked for above"
     whole = whole_sets(rollouts.index, num_episodes)
@@ -65,15 +76,19 @@ def simulate(
         states.reshape(num_worlds * num_filmed, -1), np.repeat(kept, num_filmed, axis=0)
     )
     frames = frames.reshape(num_worlds, num_filmed, *frames.shape[1:])
-    if image_noise:
-        image_noise.apply(frames, rng)
+    if noise := observation.camera.image_noise:
+        noise.apply(frames, rng)
+    points, measured = np.split(rollouts.recorded[whole], [2 * len(keypoints)], axis=-1)
+    at = start[:, None] + np.arange(num_filmed)
+    with_frames = measured[np.arange(num_worlds)[:, None], 0, at]
     return SimulatedWorlds(
         kept,
         actions[rollouts.index[whole[:, 0]] // num_episodes],
-        rollouts.recorded[whole].reshape(num_worlds, num_episodes, steps + 1, -1, 2),
+        points.reshape(num_worlds, num_episodes, steps + 1, -1, 2),
         frames,
         start,
         states,
+        observation.readings(with_frames, rng),
     )
 
 

@@ -84,7 +84,9 @@ class PaperSearch:
         self._rng = np.random.default_rng(context.seed)
         self.distribution = self._around(context.start)
         scale = simulator.action_scale
-        self._store = EpisodeStore(space, filmed_capacity=config.buffer_episodes, device=context.device)
+        self._store = EpisodeStore(
+            space, filmed_capacity=config.buffer_episodes, device=context.device
+        )
         self._buffer = SpmBuffer(self._store, scale)
         with seeded(int(self._rng.integers(2**62))):
             self.model = PaperSearchParamModel(config, space, scale, method).to(context.device)

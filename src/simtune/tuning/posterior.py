@@ -1,8 +1,16 @@
-"""search="posterior": straight to the median, narrow the range, collect again."""
+"""search="posterior": straight to the median, narrow the range, simulate again.
 
-import math
+A round is sequential neural posterior estimation with a truncated prior, and then a fit:
+
+    simulate                    worlds drawn from Ξ replay the real actions; a part is filmed
+    train the detector          keypoints and visible parameters in single pictures
+    train the posterior network survival curves from whole episodes, spoilt as the detector errs
+    estimate                    detect in the real frames, once; read the curves
+    fit and judge               replay the motion, draw the pictures; a bootstrap widens intervals
+"""
+
 import time
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,57 +18,62 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.fit import (
-    Bootstrap,
-    FitResult,
-    ReplayFit,
-    correlations,
-    doubts,
-    in_range,
-    inflate,
-    num_fitted,
-    ranks,
-    run_bootstrap,
-)
+from simtune.fit import Bootstrap, num_fitted
 from simtune.networks import load_weights, under
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
-from simtune.simulation import Simulator
+from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory
-from simtune.tuning.lessons import Lessons
+from simtune.tuning.fit_stage import Detected, FitStage, HeldOut, can_fit, conclude
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.range_update import candidate_grid, guess, move, read_curves, with_fit
+from simtune.tuning.range_update import (
+    candidate_grid,
+    point_estimate,
+    read_curves,
+    update_range,
+)
 from simtune.tuning.search import Estimate, Round, SearchContext
+from simtune.tuning.world_sampler import WorldSampler
+
+_SECONDS_AT_LEAST = 1.0  # that a round is planned for, however late it is
+_FILMED_WITHOUT_FIT = 2  # frames: what those worlds look like is known from others
 
 
 class PosteriorSearch:
     """Search by the posterior SPM; a `tuning.search.Search`."""
 
-    def __init__(
-        self,
-        context: SearchContext,
-        config: PosteriorSearchConfig | None = None,
-    ):
+    def __init__(self, context: SearchContext, config: PosteriorSearchConfig | None = None):
+        """Raises InputError where nothing moves that a hidden parameter could show in."""
+        space = context.simulator.space
+        hidden = [p.name for p in space if not p.is_visible]
+        if hidden and not len(context.keypoints):
+            raise InputError(
+                f"{hidden[0]} shows in motion only, and nothing moves in the simulator's episodes: "
+                "have them start elsewhere, act, or leave the parameter out"
+            )
         self.config = config = config or PosteriorSearchConfig()
-        self.simulator = simulator = context.simulator
-        self._budget = Budget()
-        self.first = Distribution.first(simulator.space, context.start)
-        self.distribution = self.first
-        self.searched = self.first  # by the last iteration: what its curves are in terms of
-        self.iteration = 0
-        self._lessons = Lessons(context, config, self._now)
-        self._has_iterated = False
-        self._replay: ReplayFit | None = None
-        self._replicas: Bootstrap | None = None
-
-    @property
-    def model(self) -> PosteriorSearchParamModel:
-        return self._lessons.model
+        self.context, self._can_fit = context, can_fit(context)
+        self.first = self.distribution = Distribution.first(space, context.start)
+        self.searched = self.first  # in the last round: what its curves are in terms of
+        self.num_rounds = 0
+        self.model = PosteriorSearchParamModel(
+            len(context.keypoints),
+            context.simulator.action_scale,
+            space.is_visible,
+            context.simulator.image_size,
+            config.model,
+            context.seed,
+        )
+        self._worlds = WorldSampler(context, self.first)
+        # What a round learnt beside the networks' weights; no checkpoint has it.
+        self._fit_stage: FitStage | None = None
+        self._bootstrap: Bootstrap | None = None
 
     @property
     def finished(self) -> bool:
-        return self.iteration >= self.config.iterations
+        return self.num_rounds >= self.config.num_rounds
 
     def check(self, real: list[Trajectory]) -> None:
         """Raises InputError where there are no trajectories, or too short ones."""
@@ -72,109 +85,142 @@ class PosteriorSearch:
             )
 
     def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
-        """Simulate in Ξ with the real actions, learn to see and judge, look, fit, move Ξ."""
-        self._budget, deadline_s = budget, time.monotonic() + budget.seconds_left
-        end_s = self._end_of_iteration(deadline_s)
-        seconds = max(1.0, end_s - time.monotonic())
+        """Simulate, train the detector and the posterior network, estimate, fit and judge."""
+        budget, is_last = self._plan(budget)
         self.searched = self.distribution
-        self._replay, losses = self._lessons.teach(real, self.searched, self.iteration, seconds)
-        estimate, prob_higher = self._look(real, end_s, deadline_s)
-        self.distribution, events = move(
-            prob_higher, self.distribution, self.first, self.config.move
+        worlds = self._simulate(real, budget)
+        metrics = self._train_detector(worlds, budget)
+        held_out = self._hold_out(real, budget)
+        metrics |= self._train_posterior_net(real, worlds.without_frames(), held_out, budget)
+        self._fit_stage = self._prepare_fit(real, held_out, budget)
+        detected = self._detect(real)
+        prob_higher = self._estimate(detected)
+        estimate, curves = self._fit_and_judge(detected, prob_higher, is_last, budget)
+        self.distribution, events = update_range(
+            curves, self.distribution, self.first, self.config.range_update
         )
-        self.iteration += 1
-        self._has_iterated = True
-        return Round(estimate, events, losses)
+        self.num_rounds += 1
+        return Round(estimate, events, metrics)
 
-    def look(self, trajectories: list[Trajectory]) -> tuple[Estimate, np.ndarray]:
-        """What the last iteration would have made of other trajectories; and (N, C) curves.
+    def estimate(self, trajectories: list[Trajectory]) -> tuple[Estimate, np.ndarray]:
+        """What the last round would have made of other trajectories; and (N, C) curves.
 
         The curves are on `candidate_grid`, in coordinates of the range `searched`. Raises
-        RuntimeError for a search that was loaded and has not iterated since.
+        RuntimeError for a search that was loaded and has done no round since.
         """
-        if not self._has_iterated:
-            raise RuntimeError("what a fit learnt is in no checkpoint: iterate first")
-        return self._look(trajectories)
+        if self._fit_stage is None and self._can_fit:
+            raise RuntimeError("what a fit learnt is in no checkpoint: run a round first")
+        detected = self._detect(trajectories)
+        return self._fit_and_judge(detected, self._estimate(detected), self.finished)
 
-    def _now(self, doing: str, share: float) -> None:
-        """Say what is done, and how much of the present iteration is over."""
-        count = self.config.iterations
-        done = (min(self.iteration, count - 1) + share) / count
-        self._budget.report(f"{min(self.iteration + 1, count)}/{count} {doing}", done)
+    def _plan(self, budget: Budget) -> tuple[Budget, bool]:
+        """The part of the present round, and whether it is the last one."""
+        count = self.config.num_rounds
+        index = min(self.num_rounds, count - 1)
+        shares = self.config.time_shares[self.num_rounds :] or (1.0,)
+        seconds = budget.seconds_left * shares[0] / sum(shares)
+        part = budget.part(
+            max(_SECONDS_AT_LEAST, seconds),
+            (index / count, (index + 1) / count),
+            f"{index + 1}/{count} ",
+        )
+        return part, index == count - 1 or budget.is_over
 
-    def _end_of_iteration(self, deadline_s: float) -> float:
-        shares = self.config.time_shares[self.iteration :] or (1.0,)
-        now = time.monotonic()
-        return now + max(0.0, deadline_s - now) * shares[0] / sum(shares)
+    def _simulate(self, real: list[Trajectory], budget: Budget) -> SimulatedWorlds:
+        config = self.config
+        budget.report("simulating and filming")
+        episodes, seconds = self._episodes_per_world(real), budget.seconds * config.collect_share
+        return self._worlds.sample(
+            real, self.searched, config.num_worlds, episodes, config.filmed_steps, seconds
+        )
 
-    def _look(
-        self,
-        trajectories: list[Trajectory],
-        end_s: float | None = None,
-        deadline_s: float = math.inf,
-    ) -> tuple[Estimate, np.ndarray]:
-        """Judge and fit; with `end_s` replicas are made until then, to know what to think of it.
+    def _train_detector(self, worlds: SimulatedWorlds, budget: Budget) -> dict[str, float]:
+        config = self.config
+        updates = config.detector_updates[min(self.num_rounds, len(config.detector_updates) - 1)]
+        part = budget.part(budget.seconds * config.detector_share, (0.1, 0.6))
+        clock = TrainingClock(updates, part, "training the detector", config.least_updates)
+        return {"loss/detector": self.model.train_detector(worlds, self.searched, clock)}
 
-        They are in the last iteration, which is this one where the deadline has come.
-        """
-        began_s = time.monotonic()
-        if self._replay is None:
-            prob_higher = self._read_posterior_net(trajectories)
-            return self._read(prob_higher), prob_higher
-        prob_higher = self._read_posterior_net(trajectories[: num_fitted(len(trajectories))])
-        steps = min(len(t) for t in trajectories)
-        frames = [t.frames[: steps + 1] for t in trajectories]  # no copy: there may be many
-        actions = np.stack([t.actions[:steps] for t in trajectories]).astype(float)
-        start, std = guess(prob_higher, self.searched)
-        self._now("fitting", 0.8)
-        grow = self.iteration >= self.config.iterations - 1  # what is fitted once more can wait
-        found = self._replay.fit(frames, actions, start, std, self._lag, grow)
-        if end_s is not None:
-            left_s, fit_s = end_s - time.monotonic(), time.monotonic() - began_s
-            is_last = grow or time.monotonic() > deadline_s
-            num = int(np.clip(left_s / fit_s, *self.config.replicas)) if is_last else 0
-            self._now("fitting known worlds for comparison", 0.85)
-            simulator, noise, rng = self.simulator, self._lessons.image_noise, self._lessons.rng
-            assert isinstance(simulator, Simulator), "only those are fitted"
-            self._replicas = run_bootstrap(
-                self._replay, simulator, found, actions, num, start, std, noise, rng, grow
+    def _hold_out(self, real: list[Trajectory], budget: Budget) -> HeldOut:
+        """Other worlds, to measure the detector's errors in."""
+        config, seconds = self.config, budget.seconds * self.config.collect_share
+        worlds = self._worlds.sample(
+            real, self.searched, config.held_out_worlds, 1, config.held_out_steps, seconds
+        )
+        return HeldOut(worlds, self.model.detect(worlds.frames))
+
+    def _train_posterior_net(
+        self, real: list[Trajectory], worlds: SimulatedWorlds, held_out: HeldOut, budget: Budget
+    ) -> dict[str, float]:
+        """Where it has the last word, as no fit follows, it learns from more worlds, for longer."""
+        config, errors = self.config, self.model.detector_errors(*held_out, self.searched)
+        scale = 1 if self._can_fit else config.no_fit_scale
+        if scale > 1:
+            num, episodes = config.num_worlds * scale, self._episodes_per_world(real)
+            seconds = budget.seconds * config.collect_share
+            worlds = self._worlds.sample(
+                real, self.searched, num, episodes, _FILMED_WITHOUT_FIT, seconds
             )
-        assert self._replicas is not None, "an iteration comes first"
-        return self._conclude(prob_higher, found, self._replicas)
+        part = budget.part(budget.seconds * config.posterior_share * scale, (0.6, 0.7))
+        updates, least = config.posterior_updates * scale, config.least_updates
+        clock = TrainingClock(updates, part, "training the posterior network", least)
+        loss = self.model.train_posterior_net(worlds, self.searched, errors, clock)
+        size_px = np.abs(errors.keypoints)
+        error_px = float(np.median(size_px)) if size_px.size else 0.0
+        return {"loss/posterior_net": loss, "detector/error_px": error_px}
 
-    @property
-    def _lag(self) -> int | None:
-        """Known to be 0, or (None) to be found."""
-        is_tuned = self.simulator.space.is_delay.any()
-        return None if self._lessons.image_noise and not is_tuned else 0
+    def _prepare_fit(
+        self, real: list[Trajectory], held_out: HeldOut, budget: Budget
+    ) -> FitStage | None:
+        if not self._can_fit:
+            return None
+        num_steps = min(len(t) for t in real) * len(real)
+        return FitStage.prepare(self.context, self.model, held_out, self.config, num_steps, budget)
 
-    def _read_posterior_net(self, trajectories: list[Trajectory]) -> np.ndarray:
-        """(N, C) the posterior network's survival curves on the grid."""
-        curves = self.model.curves(trajectories, self.searched)
+    def _detect(self, trajectories: Sequence[Trajectory]) -> Detected:
+        return Detected(trajectories, [self.model.detect(t.frames) for t in trajectories])
+
+    def _estimate(self, detected: Detected) -> np.ndarray:
+        """(N, C) survival curves of the posterior network on the grid."""
+        # As a fit does, it leaves an episode to test on.
+        num = num_fitted(len(detected.trajectories)) if self._can_fit else None
+        trajectories, detections = detected.trajectories[:num], detected.detections[:num]
+        steps = min(len(t) for t in trajectories)
+        actions = np.stack([t.actions[:steps] for t in trajectories])
+        curves = self.model.curves(detections, actions, self.searched)
         grid = torch.tensor(candidate_grid(), dtype=torch.float32)
         return curves.prob_higher(grid.expand(1, len(self.first.mean), -1))[0].numpy()
 
-    def _read(self, prob_higher: np.ndarray) -> Estimate:
-        return read_curves(prob_higher, self.searched, self.first, self.config.move)
-
-    def _conclude(
-        self, prob_higher: np.ndarray, found: FitResult, replicas: Bootstrap
+    def _fit_and_judge(
+        self,
+        detected: Detected,
+        prob_higher: np.ndarray,
+        is_last: bool,
+        budget: Budget | None = None,
     ) -> tuple[Estimate, np.ndarray]:
-        """The estimate and its (N, C) curves: those of the fit, with the posterior network's for tails."""
-        names = self.simulator.space.names
-        mean, std = in_range(
-            inflate(found, replicas, self._lessons.image_noise is None), self.searched
-        )
-        prob_higher = with_fit(prob_higher, mean, std, self.config.move)
-        estimate = replace(
-            self._read(prob_higher),
-            correlations=correlations(found, names),
-            ranks=ranks(replicas, names),
-            warnings=doubts(found, replicas),
-            start=found.start.tolist(),
-            lag=found.lag,
-        )
-        return estimate, prob_higher
+        """Fit, and conclude; with a budget, known worlds are fitted for comparison until then.
+
+        They are in the last round only, and what is fitted once more can wait for longer windows.
+        """
+        config, stage, began_s = self.config, self._fit_stage, time.monotonic()
+        if stage is None:
+            estimate = read_curves(prob_higher, self.searched, self.first, config.range_update)
+            return estimate, prob_higher
+        (budget or Budget()).report("fitting", 0.8)
+        observed = stage.observed(*detected)
+        start = point_estimate(prob_higher, self.searched)
+        fit = stage.fit(observed, start, is_last)
+        if budget:
+            possible = budget.seconds_left / (time.monotonic() - began_s)
+            num = int(np.clip(possible, *config.num_refits)) if is_last else 0
+            budget.report("fitting known worlds for comparison", 0.85)
+            self._bootstrap = stage.bootstrap(observed, fit, start, num, self._worlds.rng, is_last)
+        assert self._bootstrap is not None, "made in a round"
+        ranges = (self.searched, self.first)
+        return conclude(prob_higher, fit, self._bootstrap, *ranges, config.range_update)
+
+    def _episodes_per_world(self, real: list[Trajectory]) -> int:
+        return min(self.config.episodes_per_world, len(real))
 
     def tensors(self) -> dict[str, torch.Tensor]:
         parts = {"detector": self.model.detector, "posterior_net": self.model.posterior_net}
@@ -183,26 +229,14 @@ class PosteriorSearch:
 
     def state(self) -> dict[str, Any]:
         ranges = {k: getattr(self.distribution, k).tolist() for k in ("mean", "low", "high")}
-        return {
-            "iteration": self.iteration,
-            "distribution": ranges,
-            "keypoints": self._lessons.keypoints.state(),
-            "rng": self._lessons.rng.bit_generator.state,
-        }
+        rng = self._worlds.rng.bit_generator.state
+        return {"num_rounds": self.num_rounds, "distribution": ranges, "rng": rng}
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        # What the networks were taught on, should another machine choose others.
-        keypoints = self._lessons.keypoints.with_state(state["keypoints"])
-        if len(keypoints) != len(self._lessons.keypoints):
-            raise RuntimeError("the run was made with other keypoints; start another one")
-        self._lessons.keypoints = keypoints
-        for part, module in (
-            ("detector", self.model.detector),
-            ("posterior_net", self.model.posterior_net),
-        ):
-            load_weights(module, under(f"{part}.", tensors), part)
+        load_weights(self.model.detector, under("detector.", tensors), "detector")
+        load_weights(self.model.posterior_net, under("posterior_net.", tensors), "posterior_net")
         self.model.generator.set_state(tensors["generator"])
-        self.iteration = state["iteration"]
+        self.num_rounds = state["num_rounds"]
         ranges = {k: np.array(v) for k, v in state["distribution"].items()}
         self.distribution = self.distribution.with_interval(**ranges)
-        self._lessons.rng.bit_generator.state = state["rng"]
+        self._worlds.rng.bit_generator.state = state["rng"]

@@ -1,23 +1,29 @@
-"""How Ξ moves, given survival curves: pure functions."""
+"""How Ξ moves, given survival curves: pure functions.
+
+Curves are read on a grid in coordinates of the range: 0 at its low end, 1 at its high end.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
 
+from simtune.fit import PointEstimate
 from simtune.randomization import Distribution
 from simtune.tuning.search import Estimate, Event, Verdict
 
 _BEYOND = 0.05  # probability that the truth is outside of the grid
-_TOLD = 1.13  # 90 % within so much, of the range's 2
-_GRID = np.linspace(-1.5, 1.5, 1201)  # coordinates of the range: -1 its low end, 1 its high end
+_INFORMATIVE = 0.565  # of the range, within which the central 90 % of a curve that says something
+_GRID = np.linspace(-0.25, 1.25, 1201)
+_EDGE = 0.01  # of the range, from its ends
+_SMALLEST_STD = 5e-5
 
 
 @dataclass(frozen=True, kw_only=True)
 class RangeUpdateConfig:
     edge_mass: float = 0.1  # a range is widened when the truth lies beyond its edge so probably
     margin: float = 1.6  # a narrowed range over the central 98 %, lest it cut the posterior off
-    barely_told: float = 0.85  # a range that would still be this wide, of the old, is not moved
+    barely_narrowed: float = 0.85  # a range that would still be this wide, of the old, is kept
     smallest_share: float = 0.06  # of the first range: no range gets narrower than this
     identified_share: float = 0.15  # 90 % interval within the first range: verdict "identified"
     weak_share: float = 0.6  # ... and up to here "weak"
@@ -29,21 +35,25 @@ def candidate_grid() -> np.ndarray:
     return _GRID
 
 
-def guess(prob_higher: np.ndarray, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) medians of curves, and (N,) standard deviations of them in unit coordinates."""
+def point_estimate(prob_higher: np.ndarray, distribution: Distribution) -> PointEstimate:
+    """The medians of (N, C) curves, and half of their central 68 %."""
     space = distribution.space
-    middle = distribution.from_local((quantile(prob_higher, 0.5) + 1) / 2)
+    middle = distribution.from_range_unit(quantile(prob_higher, 0.5))
     width = space.to_unit(distribution.high) - space.to_unit(distribution.low)
     spread = quantile(prob_higher, 0.84) - quantile(prob_higher, 0.16)
-    return space.clip(middle), spread / 4 * width
+    return PointEstimate(space.clip(middle), spread / 2 * width)
 
 
 def with_fit(
     prob_higher: np.ndarray, mean: np.ndarray, std: np.ndarray, config: RangeUpdateConfig
 ) -> np.ndarray:
-    """(N, C) curves of a posterior network mixed with the normal ones of a fit, (N,) in coordinates."""
-    fitted = ndtr((mean[:, None] - _GRID) / np.maximum(std[:, None], 1e-4))
-    return config.posterior_net_weight * prob_higher + (1 - config.posterior_net_weight) * fitted
+    """(N, C) curves of a posterior network mixed with the normal ones of a fit.
+
+    `mean`, `std`: (N,) of the fit in coordinates of the range.
+    """
+    fitted = ndtr((mean[:, None] - _GRID) / np.maximum(std[:, None], _SMALLEST_STD))
+    weight = config.posterior_net_weight
+    return weight * prob_higher + (1 - weight) * fitted
 
 
 def quantile(prob_higher: np.ndarray, share: float) -> np.ndarray:
@@ -77,14 +87,14 @@ def read_curves(
     space = distribution.space
 
     def parameters(coordinates: np.ndarray) -> np.ndarray:
-        return space.clip(distribution.from_local((coordinates + 1) / 2))
+        return space.clip(distribution.from_range_unit(coordinates))
 
     mean = parameters(quantile(prob_higher, 0.5))
     low, high = (parameters(end) for end in shortest_interval(prob_higher, 0.9))
     # What lies beyond the grid may lie anywhere up to the bound.
     low = np.where(prob_higher[:, 0] < 1 - _BEYOND, space.low, low)
     high = np.where(prob_higher[:, -1] > _BEYOND, space.high, high)
-    share = first.to_local(high) - first.to_local(low)
+    share = first.to_range_unit(high) - first.to_range_unit(low)
     candidates = np.stack([parameters(np.full(len(space), c)) for c in _GRID[::8]], axis=1)
     curves = {name: (candidates[i], prob_higher[i, ::8]) for i, name in enumerate(space.names)}
     return Estimate(mean, low, high, [_verdict(s, config) for s in share], curves)
@@ -96,7 +106,7 @@ def _verdict(share: float, config: RangeUpdateConfig) -> Verdict:
     return "weak" if share <= config.weak_share else "not identifiable"
 
 
-def move(
+def update_range(
     prob_higher: np.ndarray,
     distribution: Distribution,
     first: Distribution,
@@ -104,37 +114,38 @@ def move(
 ) -> tuple[Distribution, list[Event]]:
     """Straight to the median; narrower where the curve is sharp, wider where it hits an edge."""
     space = distribution.space
-    # In coordinates of the present range. The narrowest range allowed, likewise:
-    smallest = config.smallest_share / (
-        first.to_local(distribution.high) - first.to_local(distribution.low)
-    )
+    # Half of the narrowest range allowed, in coordinates of the present one
+    old_width = first.to_range_unit(distribution.high) - first.to_range_unit(distribution.low)
+    smallest = config.smallest_share / old_width / 2
     median = quantile(prob_higher, 0.5)
     q_low, q_high = quantile(prob_higher, 0.01), quantile(prob_higher, 0.99)
-    half = np.clip(config.margin * (q_high - q_low) / 2, smallest, 1.0)
+    half = np.clip(config.margin * (q_high - q_low) / 2, smallest, 0.5)
     middle = (q_low + q_high) / 2
-    low, high = np.maximum(middle - half, -1), np.minimum(middle + half, 1)
+    low, high = np.maximum(middle - half, 0), np.minimum(middle + half, 1)
     # Also at an edge, and where all of the posterior lies beyond it:
-    middle = np.clip((low + high) / 2, smallest - 1, 1 - smallest)
+    middle = np.clip((low + high) / 2, smallest, 1 - smallest)
     low, high = np.minimum(low, middle - smallest), np.maximum(high, middle + smallest)
-    beyond_low = quantile(prob_higher, config.edge_mass) < -0.98
-    beyond_high = quantile(prob_higher, 1 - config.edge_mass) > 0.98
+    beyond_low = quantile(prob_higher, config.edge_mass) < _EDGE
+    beyond_high = quantile(prob_higher, 1 - config.edge_mass) > 1 - _EDGE
     # A flat curve's quantiles are at the edges, but mean nothing. Of what a fit is mixed with
     # these know nothing.
-    told = quantile(prob_higher, 0.95) - quantile(prob_higher, 0.05) < _TOLD
-    untold = half > config.barely_told  # leave the range as it is
-    low, high = np.where(untold, -1, low), np.where(untold, 1, high)
-    low = np.where(beyond_low & told, median - 1.5, low)
-    high = np.where(beyond_high & told, median + 1.5, high)
-    local = [(x + 1) / 2 for x in (np.clip(median, low, high), low, high)]
-    mean, low_, high_ = (space.clip(distribution.from_local(x)) for x in local)
-    moved = distribution.with_interval(mean, low_, high_)
-    return moved, _events(distribution, moved)
+    central = quantile(prob_higher, 0.95) - quantile(prob_higher, 0.05)
+    is_informative = central < _INFORMATIVE
+    is_kept = 2 * half > config.barely_narrowed
+    low, high = np.where(is_kept, 0, low), np.where(is_kept, 1, high)
+    low = np.where(beyond_low & is_informative, median - 0.75, low)
+    high = np.where(beyond_high & is_informative, median + 0.75, high)
+    ends = (np.clip(median, low, high), low, high)
+    updated = distribution.with_interval(
+        *(space.clip(distribution.from_range_unit(end)) for end in ends)
+    )
+    return updated, _events(distribution, updated)
 
 
 def _events(before: Distribution, after: Distribution) -> list[Event]:
     """What happened to each range that changed by more than a twentieth of its width."""
     events = []
-    low, high = before.to_local(after.low), before.to_local(after.high)
+    low, high = before.to_range_unit(after.low), before.to_range_unit(after.high)
     for i, name in enumerate(before.space.names):
         now = (name, float(after.low[i]), float(after.high[i]))
         if low[i] < -0.01 or high[i] > 1.01:

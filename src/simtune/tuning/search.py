@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from simtune.budget import Budget
+from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, Points
 from simtune.trajectory import Trajectory
@@ -32,7 +33,7 @@ class Estimate:
     ranks: dict[str, list[float]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # what to doubt about all this
     start: list[float] | None = None  # (S,) the state in which the first trajectory began, if told
-    lag: int = 0  # steps by which the actions seem to come late
+    latency_steps: int = 0  # by which the actions seem to take effect late
 
 
 def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:
@@ -68,7 +69,7 @@ class SearchContext:
     camera: str  # the model's, which films
     keypoints: Keypoints | Points  # chosen once a run, so that all mean the same by keypoint k
     start: np.ndarray  # (N,) parameters where the search begins
-    looks_alike: bool  # the real world is drawn as `simulator` draws, and moves as promptly
+    observation: ObservationModel  # the real world's own
     seed: int
     device: str = "cpu"  # of the paper's networks
 

@@ -1,8 +1,8 @@
 """The keypoint detector: what a single picture tells, by a small convolutional encoder.
 
 It finds the keypoints and estimates the parameters that show in a picture (colours, light,
-camera). It is taught by the simulator's free state, on single frames: learning to see needs
-no sequences, and is most of the work of learning to judge from pixels.
+camera). It is trained by the simulator's free state, on single frames: learning to see needs
+no sequences, and is most of the work of estimating parameters from pixels.
 """
 
 from dataclasses import dataclass
@@ -93,7 +93,7 @@ class KeypointDetector(nn.Module):
         """(B, L, 2) mean position around each heatmap's peak: finer than a cell."""
         return heatmaps.masked_fill(~self._near_peak(heatmaps), -torch.inf).softmax(-1) @ self.grid
 
-    def places(self, heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def candidates(self, heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, 2, L, 2) the two most probable places of each keypoint, and (B, 2, L) how probable.
 
         Two, since what looks alike (left and right) gets mixed up: one of the two is right then.
@@ -156,18 +156,30 @@ def to_input(frames: np.ndarray | torch.Tensor) -> torch.Tensor:
 
 @torch.no_grad()
 def detect(detector: KeypointDetector, frames: np.ndarray, batch_size: int = 64) -> "Detections":
-    """What the detector makes of (n, H, W, 3) frames; larger batches are slower, and take much memory."""
+    """Keypoints and visible parameters in (n, H, W, 3) frames.
+
+    Larger batches are slower, and take much memory.
+    """
     parts = []
     for start in range(0, len(frames), batch_size):
         heatmaps, found, estimated = detector(to_input(frames[start : start + batch_size]))
-        parts.append((found, *detector.places(heatmaps), estimated))
+        parts.append((found, *detector.candidates(heatmaps), estimated))
     return Detections(*(torch.cat(part).numpy() for part in zip(*parts, strict=True)))
 
 
 class Detections(NamedTuple):
-    """What the detector makes of n pictures."""
+    """What was detected in n pictures."""
 
     keypoints: np.ndarray  # (n, L, 2) pixels
-    places: np.ndarray  # (n, 2, L, 2) pixels: the same, and the next best place of each
+    candidates: np.ndarray  # (n, 2, L, 2) pixels: the same, and the next best place of each
     probability: np.ndarray  # (n, 2, L) that the keypoint is at that place; the rest is elsewhere
     visible: np.ndarray  # (n, V) visible parameters, in coordinates of the whole space
+
+    def episodes(self, num: int) -> list["Detections"]:
+        """Those of `num` episodes of equal length, one after the other."""
+        parts = (np.split(values, num) for values in self)
+        return [Detections(*its) for its in zip(*parts, strict=True)]
+
+    def first(self, num: int) -> "Detections":
+        """Those of the first `num` pictures."""
+        return Detections(*(values[:num] for values in self))

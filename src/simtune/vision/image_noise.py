@@ -9,8 +9,8 @@ import numpy as np
 class ImageNoise:
     """What a real camera does to a picture and the simulator does not; other in each world.
 
-    Not tuned, only randomised: the detector learns to look past it, and its errors, which the posterior network is
-    taught with, grow by what it cannot look past.
+    It is randomised, not tuned: the detector learns to look past it. The detector's errors, with
+    which the posterior network is trained, grow by what it cannot look past.
     """
 
     gain: float = 0.06  # standard deviation of the logarithm of brightness

@@ -1,0 +1,102 @@
+"""What a sensor measured, as a fit asks it: residuals, weights, likelihoods."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+
+class Evidence(Protocol):
+    """What one sensor measured, against what a simulator predicts that it would.
+
+    Arrays of measurements have leading axes (..., K): episodes or windows, and K frames.
+    Predictions, (..., K, D), are what the sensor's `observe` says of simulated states; their
+    leading axes broadcast against the measurements'. `blur` multiplies the noise: far from a
+    solution, residuals are compared more coarsely.
+    """
+
+    name: str  # in messages, such as "keypoints"
+    unit: str  # of `typical_distance`
+
+    @property
+    def scale(self) -> np.ndarray:
+        """(D,) standard deviations of the noise: the unit of residuals."""
+        ...
+
+    @property
+    def num_observations(self) -> int:
+        """Independent observations in a frame, over which likelihoods are averaged."""
+        ...
+
+    @property
+    def features(self) -> np.ndarray:
+        """(..., K, F) what a network can guess states from, about 1 in size."""
+        ...
+
+    def at(self, index: Any) -> Self:
+        """The measurements at an index of the leading axes."""
+        ...
+
+    def log_likelihood(self, predicted: np.ndarray, blur: float = 1.0) -> np.ndarray:
+        """(...) of all K frames together, up to a constant."""
+        ...
+
+    def linearize(self, predicted: np.ndarray, blur: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """(..., K, D) residuals, predicted − measured in units of the noise, and their weights.
+
+        The weights make the likelihood normal just here (iteratively reweighted least squares).
+        """
+        ...
+
+    def typical_distance(self, predicted: np.ndarray) -> float:
+        """Median distance of a prediction from what was measured for sure, in `unit`; or NaN."""
+        ...
+
+
+@dataclass(frozen=True)
+class AllEvidence:
+    """The evidence of several sensors as one: predictions (..., K, D₁ + D₂ + …) side by side."""
+
+    parts: tuple[Evidence, ...]
+
+    name, unit = "all", ""
+
+    @property
+    def scale(self) -> np.ndarray:
+        return np.concatenate([part.scale for part in self.parts])
+
+    @property
+    def num_observations(self) -> int:
+        return sum(part.num_observations for part in self.parts)
+
+    @property
+    def features(self) -> np.ndarray:
+        return np.concatenate([part.features for part in self.parts], -1)
+
+    def at(self, index: Any) -> "AllEvidence":
+        return AllEvidence(tuple(part.at(index) for part in self.parts))
+
+    def log_likelihood(self, predicted: np.ndarray, blur: float = 1.0) -> np.ndarray:
+        pairs = zip(self.parts, self.split(predicted), strict=True)
+        return np.sum([part.log_likelihood(its, blur) for part, its in pairs], axis=0)
+
+    def linearize(self, predicted: np.ndarray, blur: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        pairs = zip(self.parts, self.split(predicted), strict=True)
+        residuals, weights = zip(*(part.linearize(its, blur) for part, its in pairs), strict=True)
+        return np.concatenate(residuals, -1), np.concatenate(weights, -1)
+
+    def typical_distance(self, predicted: np.ndarray) -> float:
+        """That of the only sensor; of several there is none in common: ask `distances`."""
+        distances = self.distances(predicted)
+        return distances[0] if len(distances) == 1 else float("nan")
+
+    def distances(self, predicted: np.ndarray) -> list[float]:
+        """Each sensor's typical distance."""
+        pairs = zip(self.parts, self.split(predicted), strict=True)
+        return [part.typical_distance(its) for part, its in pairs]
+
+    def split(self, predicted: np.ndarray) -> Sequence[np.ndarray]:
+        """Each sensor's columns of (..., D) predictions."""
+        ends = np.cumsum([len(part.scale) for part in self.parts])
+        return np.split(predicted, ends[:-1], axis=-1)

@@ -1,0 +1,144 @@
+"""`ObservationModel`: what is observed of a real world, and how that differs from a simulator's."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from simtune.observation.evidence import AllEvidence, Evidence
+from simtune.simulation import AnySimulator, Rollouts
+from simtune.trajectory import Trajectory
+from simtune.vision.image_noise import ImageNoise
+
+# Of motion and of appearance, in unit coordinates: 2 % of a value, and what a camera's brightness
+# and tint, shadows and highlights make of a colour. Assumed, as no simulator can tell them.
+_DISCREPANCY_STD = (0.005, 0.035)
+_MAX_LATENCY_STEPS = 2  # by which a robot's actions are taken to be late at most
+
+
+class Sensor(Protocol):
+    """What is measured of the real world beside its pictures, such as joint angles.
+
+    Trajectories have its readings, (T + 1, D), by its name.
+    """
+
+    name: str
+    size: int  # D, numbers in a reading
+
+    def observe(self, batch: Any) -> np.ndarray:
+        """(n, D) what it would measure of n simulated worlds' present state, without noise."""
+        ...
+
+    def measure(self, observed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """(..., D) readings of what was observed without noise, with the noise of the real one."""
+        ...
+
+    def evidence(self, readings: np.ndarray) -> Evidence:
+        """What (E, T + 1, D) readings say."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """What films, and whether its pictures are the simulator's own, pixel by pixel."""
+
+    same_renderer: bool
+
+    @property
+    def supersampling(self) -> int:
+        """k × k points of each pixel are averaged: a real camera does so, the simulator not."""
+        return 1 if self.same_renderer else 2
+
+    @property
+    def image_noise(self) -> ImageNoise | None:
+        """What the camera adds to pictures as they are drawn."""
+        return None if self.same_renderer else ImageNoise()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservationModel:
+    """What is observed: cameras, of which there is one today, and sensors beside them.
+
+    Each brings its own noise and likelihood: a camera's is that of the keypoints detected in its
+    pictures, a sensor says it itself. What goes wrong with all alike is said here.
+    """
+
+    cameras: tuple[Camera, ...]
+    sensors: tuple[Sensor, ...] = ()
+    max_latency_steps: int  # by which actions may take effect late, if no parameter says so
+
+    @classmethod
+    def of_simulator(cls, sensors: tuple[Sensor, ...] = ()) -> "ObservationModel":
+        """A real world that is simulated: its pictures are the simulator's, its actions prompt."""
+        return cls(cameras=(Camera(same_renderer=True),), sensors=sensors, max_latency_steps=0)
+
+    @classmethod
+    def of_reality(cls, sensors: tuple[Sensor, ...] = ()) -> "ObservationModel":
+        """A world that a real camera films, as far as anybody knows."""
+        cameras = (Camera(same_renderer=False),)
+        return cls(cameras=cameras, sensors=sensors, max_latency_steps=_MAX_LATENCY_STEPS)
+
+    @property
+    def camera(self) -> Camera:
+        """The only one."""
+        (camera,) = self.cameras
+        return camera
+
+    @property
+    def same_renderer(self) -> bool:
+        """Whether pictures are the simulator's own."""
+        return self.camera.same_renderer
+
+    def discrepancy_std(self, is_appearance: np.ndarray) -> np.ndarray:
+        """(N,) standard deviations, in unit coordinates, of what is wrong with all data alike.
+
+        No fit can see it, and a simulator's own data have none of it.
+        """
+        motion, appearance = _DISCREPANCY_STD
+        return np.where(is_appearance, appearance, motion) * (not self.same_renderer)
+
+    def observe_beside(self, *others: Callable[[Any], np.ndarray]) -> Callable[[Any], np.ndarray]:
+        """(n, D) what others, such as keypoints, and then all sensors would measure of n worlds."""
+        if len(others) == 1 and not self.sensors:
+            return others[0]
+        every = [*others, *(sensor.observe for sensor in self.sensors)]
+        return lambda batch: np.hstack([np.zeros((batch.nsim, 0)), *(see(batch) for see in every)])
+
+    def evidence(self, tracks: Evidence, readings: Mapping[str, np.ndarray]) -> AllEvidence:
+        """That of what was detected in the pictures, and of {sensor: (E, T + 1, D)} readings."""
+        others = (sensor.evidence(readings[sensor.name]) for sensor in self.sensors)
+        return AllEvidence((tracks, *others))
+
+    def readings(self, observed: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
+        """{sensor: (..., D)} readings of what all sensors would measure without noise."""
+        readings, start = {}, 0
+        for sensor in self.sensors:
+            end = start + sensor.size
+            readings[sensor.name] = sensor.measure(observed[..., start:end], rng)
+            start = end
+        return readings
+
+    def record(
+        self, simulator: AnySimulator, rollouts: Rollouts, rng: np.random.Generator
+    ) -> list[Trajectory]:
+        """What would be recorded of simulated episodes: one camera films all of them.
+
+        `rollouts` were played with `observe_beside()`, so that sensors have their readings.
+        """
+        frames = simulator.film(rollouts)
+        if noise := self.camera.image_noise:
+            one_camera = frames.reshape(1, -1, *frames.shape[2:])
+            noise.apply(one_camera, rng)
+            frames = one_camera.reshape(frames.shape)
+        assert rollouts.recorded is not None, "asked for"
+        readings = self.readings(rollouts.recorded, rng)
+        return [
+            Trajectory(
+                frames[i],
+                rollouts.actions[i].astype(np.float32),
+                simulator.step_s,
+                {name: values[i] for name, values in readings.items()},
+            )
+            for i in range(len(rollouts))
+        ]

@@ -1,0 +1,182 @@
+"""The last stage of a round: the simulator is fitted to what was observed, and judged by refits."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.budget import Budget
+from simtune.fit import (
+    FEW_EPISODES,
+    Bootstrap,
+    FitResult,
+    Observed,
+    Physics,
+    PointEstimate,
+    ReplayFit,
+    StateEstimator,
+    correlations,
+    fit_to_budget,
+    in_range,
+    inflate,
+    model_checks,
+    ranks,
+    run_bootstrap,
+)
+from simtune.randomization import Distribution
+from simtune.search_param_model.posterior import PosteriorSearchParamModel
+from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.simulation import Simulator
+from simtune.training import TrainingClock
+from simtune.trajectory import Trajectory, delayed
+from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.range_update import RangeUpdateConfig, read_curves, with_fit
+from simtune.tuning.search import Estimate, SearchContext
+from simtune.vision.detector import Detections
+from simtune.vision.keypoint_tracks import KeypointTracks
+from simtune.vision.keypoints import Keypoints
+
+
+class HeldOut(NamedTuple):
+    """Worlds that the detector was not trained on, and what it detects in them."""
+
+    worlds: SimulatedWorlds
+    detections: Detections
+
+
+class Detected(NamedTuple):
+    """Trajectories, and what is detected in the frames of each."""
+
+    trajectories: Sequence[Trajectory]
+    detections: Sequence[Detections]
+
+
+def can_fit(context: SearchContext) -> bool:
+    """Whether worlds begin anywhere, as environments need not, and something moves in them."""
+    is_model = isinstance(context.simulator, Simulator)
+    return is_model and isinstance(context.keypoints, Keypoints) and len(context.keypoints) > 0
+
+
+class FitStage:
+    """A fit that knows the detector's errors and can guess states; it fits any world alike."""
+
+    def __init__(
+        self,
+        context: SearchContext,
+        model: PosteriorSearchParamModel,
+        replay_fit: ReplayFit,
+        noise_px: np.ndarray,
+    ):
+        """`noise_px`: (L,) of the detector, where it is sure."""
+        assert isinstance(context.simulator, Simulator), "see can_fit"
+        self._context, self._model, self._simulator = context, model, context.simulator
+        self._replay_fit, self._noise_px = replay_fit, noise_px
+
+    @classmethod
+    def prepare(
+        cls,
+        context: SearchContext,
+        model: PosteriorSearchParamModel,
+        held_out: HeldOut,
+        config: PosteriorSearchConfig,
+        num_steps: int,
+        budget: Budget,
+    ) -> "FitStage":
+        """Measure the detector's noise in held-out worlds and learn to guess states there.
+
+        `num_steps`: of all real episodes together, which decides how large a fit can be.
+        """
+        worlds, simulator = held_out.worlds, context.simulator
+        assert isinstance(simulator, Simulator), "see can_fit"
+        episodes = held_out.detections.episodes(len(worlds.frames))
+        tracks = KeypointTracks.of_detections(episodes, simulator.image_size)
+        noise_px = tracks.measured_noise_px(worlds.filmed_keypoints())
+        evidence = context.observation.evidence(tracks.with_noise(noise_px), worlds.readings)
+        observed = Observed(evidence, worlds.filmed_actions().astype(float))
+        observe = context.observation.observe_beside(context.keypoints.record)
+        physics = Physics(simulator, observe, worlds.states[0, 0])
+        fit_s = budget.seconds * config.fit_share
+        size = fit_to_budget(config.fit, physics, simulator.space.nominal, num_steps, fit_s)
+        part = budget.part(budget.seconds * config.state_share, (0.7, 0.8))
+        clock = TrainingClock(
+            config.state_updates, part, "learning to guess states", config.least_updates
+        )
+        estimator = StateEstimator.train(
+            observed,
+            physics.states(worlds.states),
+            physics.space,
+            simulator.action_scale,
+            context.seed,
+            clock,
+        )
+        discrepancy = context.observation.discrepancy_std(simulator.space.is_appearance)
+        return cls(context, model, ReplayFit(physics, estimator, discrepancy, size), noise_px)
+
+    def observed(
+        self, trajectories: Sequence[Trajectory], detections: Sequence[Detections]
+    ) -> Observed:
+        """Episodes cut to equal length, with what was detected in their frames."""
+        steps = min(len(t) for t in trajectories)
+        cut = [found.first(steps + 1) for found in detections]
+        size = self._simulator.image_size
+        tracks = KeypointTracks.of_detections(cut, size, self._noise_px)
+        first = [t.first(steps) for t in trajectories]
+        names = first[0].readings
+        readings = {name: np.stack([t.readings[name] for t in first]) for name in names}
+        evidence = self._context.observation.evidence(tracks, readings)
+        actions = np.stack([t.actions for t in first]).astype(float)
+        return Observed(evidence, actions, [t.frames for t in first])  # views: there may be many
+
+    def fit(self, observed: Observed, start: PointEstimate, extend_horizon: bool) -> FitResult:
+        """See `ReplayFit.fit`; a latency is looked for where there may be one."""
+        may_be_late = self._context.observation.max_latency_steps > 0
+        latency = None if may_be_late and not self._replay_fit.space.is_delay.any() else 0
+        return self._replay_fit.fit(observed, start, latency, extend_horizon)
+
+    def bootstrap(
+        self,
+        observed: Observed,
+        fit: FitResult,
+        start: PointEstimate,
+        num: int,
+        rng: np.random.Generator,
+        extend_horizon: bool,
+    ) -> Bootstrap:
+        """Film and fit `num` known worlds near `fit`, which play the same actions."""
+        actions, observation = observed.actions[:FEW_EPISODES], self._context.observation
+
+        def synthesize(parameters: np.ndarray, latency_steps: int) -> Observed | None:
+            worlds = np.repeat(parameters[None], len(actions), 0)
+            played, see = delayed(actions, latency_steps), observation.observe_beside()
+            rollouts = self._simulator.roll_out(worlds, played, rng, see)
+            if len(rollouts) < len(actions):
+                return None
+            recorded = observation.record(self._simulator, rollouts, rng)
+            detections = [self._model.detect(trajectory.frames) for trajectory in recorded]
+            return replace(self.observed(recorded, detections), actions=actions)
+
+        return run_bootstrap(self._replay_fit, synthesize, fit, start, num, rng, extend_horizon)
+
+
+def conclude(
+    prob_higher: np.ndarray,
+    fit: FitResult,
+    bootstrap: Bootstrap,
+    searched: Distribution,
+    first: Distribution,
+    config: RangeUpdateConfig,
+) -> tuple[Estimate, np.ndarray]:
+    """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
+    names = searched.space.names
+    mean, std = in_range(inflate(fit, bootstrap), searched)
+    curves = with_fit(prob_higher, mean, std, config)
+    estimate = replace(
+        read_curves(curves, searched, first, config),
+        correlations=correlations(fit, names),
+        ranks=ranks(bootstrap, names),
+        warnings=model_checks(fit, bootstrap),
+        start=fit.start.tolist(),
+        latency_steps=fit.latency_steps,
+    )
+    return estimate, curves
