@@ -10,7 +10,7 @@ import pytest
 from mujoco.batch import Batch
 
 from simtune.check import check
-from simtune.check.warnings import warnings
+from simtune.check.recording_warnings import warnings
 from simtune.config import CheckConfig, RealConfig
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, Parameter, ParameterSpace
