@@ -156,6 +156,13 @@ class TestSpace:
         with pytest.raises(InputError, match=message):
             full_space().from_dict({"gear": value})
 
+    def test_the_declaration_stays_as_earlier_versions_hashed_it(self):
+        space = ParameterSpace([dynamics("mass", "body_mass", ("a", "b"))])
+        assert space.declaration == (
+            "[Parameter(name='mass', field='body_mass', objects=('a', 'b'), component=None, "
+            "nominal=1.0, low=0.1, high=10.0, scale='log', unit='×', is_total=False)]"
+        )
+
     def test_declared_twice(self):
         with pytest.raises(InputError, match="parameter 'a' is declared twice"):
             ParameterSpace([dynamics("a", "body_mass", ("b",)), dynamics("a", "x", ("b",))])

@@ -69,10 +69,10 @@ def camera_pose(
     within_m: float = 0.1,
     within_rad: float = 0.1,
 ) -> list[Parameter]:
-    """NAME_x, NAME_y, NAME_z, where the camera is, and NAME_pitch, NAME_yaw, NAME_roll, its turn.
+    """NAME_x, NAME_y, NAME_z, where the camera is, and NAME_pitch, NAME_yaw, NAME_roll, its rotation.
 
     `position_m` is the nominal cam_pos, from which at most `within_m` is searched along each axis;
-    turns of at most `within_rad` either way are about the camera's own x (pitch, up), y (yaw, to
+    rotations of at most `within_rad` either way are about the camera's own x (pitch, up), y (yaw, to
     the left) and z (roll).
     """
     places = [
@@ -89,9 +89,9 @@ def camera_pose(
         )
         for index, axis in enumerate("xyz")
     ]
-    turns = [
+    rotations = [
         Parameter(
-            name=f"{name}_{turn}",
+            name=f"{name}_{rotation}",
             field="cam_quat",
             objects=(camera,),
             component=index,
@@ -101,9 +101,9 @@ def camera_pose(
             scale="linear",
             unit="rad",
         )
-        for index, turn in enumerate(("pitch", "yaw", "roll"))
+        for index, rotation in enumerate(("pitch", "yaw", "roll"))
     ]
-    return [*places, *turns]
+    return [*places, *rotations]
 
 
 def field_of_view(

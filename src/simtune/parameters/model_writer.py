@@ -8,8 +8,8 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from simtune.errors import UnknownName
+from simtune.parameters.field_index import field_index, refuse_forgotten_delays, refuse_overlaps
 from simtune.parameters.parameter import Parameter
-from simtune.parameters.places import place_of, refuse_forgotten_delays, refuse_overlaps
 from simtune.parameters.space import ParameterSpace
 
 # Objects of exactly this rgba are drawn in their material's colour instead of their own.
@@ -27,7 +27,7 @@ class ModelWriter:
 
     Every write starts from the nominal values, so writing twice equals writing once. Mass
     carries the inertia along, a servo's gain the bias that holds against it (what is a parameter
-    itself is taken from there), and derived constants follow (mj_setConst). Turns about several
+    itself is taken from there), and derived constants follow (mj_setConst). Rotations about several
     axes of one object are made in the order x, y, z, each about the axis as the one before left it.
     Raises UnknownName for a field or an object that the model lacks, and InputError for a
     component that the field lacks, a number that two parameters would write, or a delay that is
@@ -37,7 +37,7 @@ class ModelWriter:
     def __init__(self, space: ParameterSpace, model: mujoco.MjModel):
         self.space = space
         self._nominal = {f: np.array(_read(model, f)) for f in _fields_to_write(space)}
-        self._places = [place_of(model, parameter, self._nominal) for parameter in space]
+        self._places = [field_index(model, parameter, self._nominal) for parameter in space]
         refuse_overlaps(space, self._places, self._nominal)
         refuse_forgotten_delays(model, space, self._places)
         self._order = sorted(range(len(space)), key=lambda i: _rank(space.parameters[i]))
@@ -102,20 +102,20 @@ def _rank(parameter: Parameter) -> tuple[bool, int]:
     """What to sort parameters by before writing them.
 
     Masses and gains come first, so that an inertia or a bias that is a parameter itself is written
-    over theirs; turns about x come before those about y and z.
+    over theirs; rotations about x come before those about y and z.
     """
     return parameter.field not in _CARRIED, parameter.component or 0
 
 
 def _write_one(fields, parameter: Parameter, place: tuple, nominal, values: np.ndarray) -> None:
     """Put one parameter's values (n,) into the arrays (n, ...) of its field."""
-    if parameter.is_turn:
+    if parameter.is_rotation:
         rows, axis = place
-        fields[parameter.field][:, rows] = _turned(fields[parameter.field][:, rows], axis, values)
+        fields[parameter.field][:, rows] = _rotated(fields[parameter.field][:, rows], axis, values)
         return
     before = nominal[parameter.field][place]  # (objects, ...)
     shaped = values.reshape(-1, *[1] * before.ndim)
-    if parameter.is_total:
+    if parameter.is_sum:
         shaped = shaped / parameter.nominal
     after = (
         before * shaped
@@ -140,8 +140,8 @@ def _carry(fields, parameter: Parameter, rows: np.ndarray, nominal, ratio: np.nd
             fields["actuator_biasprm"][:, rows[i], column] = bias[i, column] * ratio[:, i]
 
 
-def _turned(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:
-    """(n, objects, 4) orientations w, x, y, z after turns of (n,) rad about the objects' axis."""
+def _rotated(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:
+    """(n, objects, 4) orientations w, x, y, z after rotations of (n,) rad about the objects' axis."""
     cos, sin = np.cos(angles / 2)[:, None, None], np.sin(angles / 2)[:, None, None]
     w, rest = quats[..., :1], quats[..., 1:]
     unit = np.eye(3)[axis]

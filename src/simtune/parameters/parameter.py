@@ -58,10 +58,10 @@ class Parameter:
     """One tunable number of an MjModel.
 
     On one object the value is the field's own, in `unit`; on several objects it is a factor
-    on their nominal values (unit "×", nominal 1), or, with `is_total`, what they add up to, each
+    on their nominal values (unit "×", nominal 1), or, with `is_sum`, what they add up to, each
     keeping its share. Colours and delays are absolute either way.
     On a field of orientations ("cam_quat") the value is the angle, rad, by which the objects are
-    turned from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
+    rotated from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Parameter:
     high: float
     scale: str = "log"  # "log" or "linear": how values are spread between low and high
     unit: str
-    is_total: bool = False  # of several objects: a rope's length, for one, is its pieces'
+    is_sum: bool = False  # of several objects: a rope's length, for one, is its pieces'
 
     def __post_init__(self) -> None:
         if self.scale not in ("log", "linear"):
@@ -88,7 +88,7 @@ class Parameter:
             )
         if self.scale == "log" and self.low <= 0:
             raise InputError(f"{self.name}: a log scale needs low > 0, got {self.low}")
-        if self.is_turn and self.component not in (0, 1, 2):
+        if self.is_rotation and self.component not in (0, 1, 2):
             raise InputError(
                 f"{self.name}: {self.field} needs a component, the axis to turn about: "
                 f"0, 1 or 2, got {self.component}"
@@ -115,7 +115,7 @@ class Parameter:
         return self.field == "actuator_delay"
 
     @property
-    def is_turn(self) -> bool:
+    def is_rotation(self) -> bool:
         """Whether the value is an angle about an axis instead of a number of the field."""
         return self.field.endswith("_quat")
 
@@ -132,5 +132,5 @@ class Parameter:
     @property
     def is_factor(self) -> bool:
         """Whether the value multiplies the objects' nominal values instead of replacing them."""
-        is_absolute = self.is_colour or self.is_delay or self.is_turn
+        is_absolute = self.is_colour or self.is_delay or self.is_rotation
         return len(self.objects) > 1 and not is_absolute

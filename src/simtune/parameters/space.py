@@ -34,6 +34,11 @@ class ParameterSpace:
         self.is_appearance = np.array([p.is_appearance for p in self.parameters], bool)
         self.is_delay = np.array([p.is_delay for p in self.parameters], bool)
 
+    @property
+    def declaration(self) -> str:
+        """All that is declared, as text. Runs keep a hash of it: it stays as it is."""
+        return repr(list(self.parameters)).replace("is_sum=", "is_total=")  # as first runs had it
+
     def __len__(self) -> int:
         return len(self.parameters)
 

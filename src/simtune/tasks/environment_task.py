@@ -30,7 +30,7 @@ class EnvironmentTask:
     @property
     def content_hash(self) -> str:
         """By which a change of it is noticed."""
-        return content_hash(self.declared, repr(list(self.parameters)))
+        return content_hash(self.declared, self.parameters.declaration)
 
     @cached_property
     def _env(self) -> Any:

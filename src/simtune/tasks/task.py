@@ -61,7 +61,7 @@ class Task:
         model = self.load_model()
         compiled = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, compiled)
-        return content_hash(compiled.tobytes(), self.declared, repr(list(self.parameters)))
+        return content_hash(compiled.tobytes(), self.declared, self.parameters.declaration)
 
     @property
     def policy_hash(self) -> str | None:

@@ -9,8 +9,8 @@ from mujoco.batch import MODEL_FIELDS
 
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import Parameter, rows_of
+from simtune.parameters.field_index import field_index
 from simtune.parameters.model_writer import start_from_material
-from simtune.parameters.places import place_of
 
 _SHAPED_BY_ASSETS = (mujoco.mjtGeom.mjGEOM_MESH.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 # Kinds of parameters in MuJoCo's words: field, component (None: the whole row, or to be said).
@@ -60,7 +60,7 @@ def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
     Raises UnknownName for an object, InputError for what cannot be written.
     """
     field, values = parameter.field, _values(model, parameter.field)
-    place = place_of(model, parameter, {field: values})
+    place = field_index(model, parameter, {field: values})
     if parameter.is_colour:
         values = values.copy()
         start_from_material(values, np.unique(place[0]), model, field)
@@ -88,7 +88,7 @@ def check_component(model: mujoco.MjModel, parameter: Parameter) -> None:
     field, component = parameter.field, parameter.component
     values = _values(model, field)
     width = values.shape[-1] if values.ndim == 1 + (not field.startswith("opt.")) else 0
-    if component is not None and not parameter.is_turn and component >= width:
+    if component is not None and not parameter.is_rotation and component >= width:
         has = f"components 0 to {width - 1}" if width else "no components"
         raise InputError(f"{field} has {has}, got component = {component}")
 
@@ -114,7 +114,7 @@ def _values(model: mujoco.MjModel, field: str) -> np.ndarray:
 def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
     """The one number that a parameter has in a model: nominal. Raises InputError for several."""
     values = own_values(model, parameter)
-    if parameter.is_turn:
+    if parameter.is_rotation:
         return 0.0
     if parameter.is_factor:
         if not values.any():
@@ -139,7 +139,7 @@ def usual_range(
         return 0.0, 1.0, "linear"
     if parameter.is_delay:
         return 0.0, None, "linear"
-    if parameter.is_turn:
+    if parameter.is_rotation:
         return nominal - _TURN_RAD, nominal + _TURN_RAD, "linear"
     if parameter.field == "cam_pos":
         return nominal - _CAMERA_M, nominal + _CAMERA_M, "linear"
@@ -154,7 +154,7 @@ def usual_unit(model: mujoco.MjModel, parameter: Parameter) -> str:
     field = parameter.field
     if parameter.is_factor:
         return "×"
-    if parameter.is_turn:
+    if parameter.is_rotation:
         return "rad"
     if field in _JOINT_UNITS:
         kind = model.joint(parameter.objects[0]).type[0]

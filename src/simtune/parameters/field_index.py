@@ -23,7 +23,9 @@ _OBJECT_TYPES = {
 }
 
 
-def place_of(model: mujoco.MjModel, parameter: Parameter, nominal: dict[str, np.ndarray]) -> tuple:
+def field_index(
+    model: mujoco.MjModel, parameter: Parameter, nominal: dict[str, np.ndarray]
+) -> tuple:
     """Where in its field a parameter is: (rows,), (rows, component), or without rows.
 
     Raises UnknownName for an object that the model lacks, InputError for a component.
