@@ -211,16 +211,6 @@ class TestWriting:
             assert_equal_models(batch.get_model(sim), alone)
         assert_equal_models(model, make_model())  # the model that was read is left alone
 
-    def test_fields(self):
-        model, space = make_model(), full_space()
-        writer, values = ModelWriter(space, model), some_values(space, 3)
-        fields = writer.fields(values)
-        alone = make_model()
-        writer.write(alone, values[1])
-        np.testing.assert_array_equal(fields["geom_rgba"][1], alone.geom_rgba)
-        np.testing.assert_array_equal(fields["light_diffuse"][1], alone.light_diffuse)
-        assert fields["opt.timestep"].shape == (3,)
-
     def test_mass_carries_inertia_and_constants(self):
         nominal = make_model()
         body = nominal.body("free").id

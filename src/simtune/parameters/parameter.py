@@ -5,52 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.errors import InputError
+from simtune.parameters.fields import Field, field_of
 
-# Fields that hold colours: always absolute values in [0, 1], also on several objects.
-COLOUR_FIELDS = frozenset(
-    {
-        "geom_rgba",
-        "mat_rgba",
-        "site_rgba",
-        "tendon_rgba",
-        "light_diffuse",
-        "light_ambient",
-        "light_specular",
-    }
-)
-
-# First words of the fields that show in a single picture; the others show in motion only.
-_VISIBLE = (
-    "mat_",
-    "site_rgba",
-    "site_size",
-    "tendon_rgba",
-    "light_",
-    "cam_",
-    "geom_rgba",
-    "geom_size",
-    "environment.picture",
-)
-
-
-_LONGEST_DELAY_S = 10.0  # what is longer was meant in another unit
-# Quantities that physics knows no negative ones of
-_NEVER_NEGATIVE = (
-    "body_mass",
-    "body_inertia",
-    "geom_size",
-    "geom_friction",
-    "dof_damping",
-    "dof_armature",
-    "dof_frictionloss",
-    "jnt_stiffness",
-    "tendon_damping",
-    "tendon_stiffness",
-    "tendon_frictionloss",
-    "tendon_armature",
-    "cam_fovy",
-    "actuator_delay",
-)
+_LONGEST_DELAY_S = 10.0  # a longer one was meant in another unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +50,7 @@ class Parameter:
                 f"{self.name}: {self.field} needs a component, the axis to turn about: "
                 f"0, 1 or 2, got {self.component}"
             )
-        if self.is_never_negative and self.low < 0:
+        if self.field_info.is_never_negative and self.low < 0:
             raise InputError(
                 f"{self.name}: {self.field} cannot be negative, got low = {self.low:g}"
             )
@@ -103,31 +60,32 @@ class Parameter:
             )
 
     @property
-    def is_never_negative(self) -> bool:
-        return self.field in _NEVER_NEGATIVE
+    def field_info(self) -> Field:
+        """What is known of the field."""
+        return field_of(self.field)
 
     @property
     def is_colour(self) -> bool:
-        return self.field in COLOUR_FIELDS
+        return self.field_info.is_colour
 
     @property
     def is_delay(self) -> bool:
-        return self.field == "actuator_delay"
+        return self.field_info.is_delay
 
     @property
     def is_rotation(self) -> bool:
         """Whether the value is an angle about an axis instead of a number of the field."""
-        return self.field.endswith("_quat")
+        return self.field_info.is_rotation
 
     @property
     def is_visible(self) -> bool:
         """Whether a single picture can tell the value, without any motion."""
-        return self.field.startswith(_VISIBLE)
+        return self.field_info.shows != "motion"
 
     @property
     def is_appearance(self) -> bool:
         """Whether the value shows in a picture's pixels, but moves nothing in it."""
-        return self.is_colour or self.field.startswith(("mat_", "light_"))
+        return self.field_info.shows == "appearance"
 
     @property
     def is_factor(self) -> bool:
