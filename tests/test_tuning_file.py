@@ -163,6 +163,14 @@ def test_all_kinds_and_keys_are_documented():
         assert f"`{word}`" in text or f"[[{word}]]" in text or f"`[{word}]`" in text, word
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_documented_with_its_field(kind):
+    text = (ROOT / "docs" / "tuning-file.md").read_text(encoding="utf-8")
+    (row,) = re.findall(rf"^\|[^|]*`{kind}`[^|]*\|.*", text.partition("| kind | what |")[2], re.M)
+    field = KINDS[kind][0].name
+    assert f"`{field}`" in row or (field == kind and "as named" in row)
+
+
 def test_the_example_scene_moves_and_is_lit():
     task = load_task(str(EXAMPLE))
     assert (task.name, task.camera, task.step_s) == ("cart_pendulum", "front", 0.05)

@@ -52,10 +52,10 @@ def rows_of(model: mujoco.MjModel, field: str, name: str) -> np.ndarray:
     """
     prefix = field_of(field).prefix
     owner = OBJECT_TYPES[prefix]
-    index = mujoco.mj_name2id(model, owner.mujocos, name)
+    index = mujoco.mj_name2id(model, owner.mjt, name)
     if index < 0:
         count = getattr(model, owner.count)
-        names = (mujoco.mj_id2name(model, owner.mujocos, i) for i in range(count))
+        names = (mujoco.mj_id2name(model, owner.mjt, i) for i in range(count))
         known = [n for n in names if n]  # those without a name cannot be asked for
         raise UnknownName(owner.name, name, "the model", known)
     return np.flatnonzero(model.dof_jntid == index) if prefix == "dof" else np.array([index])

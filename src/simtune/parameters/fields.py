@@ -22,14 +22,14 @@ _FACTOR = 10.0  # how far to search a positive number to either side, on a log s
 class ObjectType:
     """The objects that own a field, by the first word of its name."""
 
-    mujocos: mujoco.mjtObj
+    mjt: mujoco.mjtObj
     count: str  # where MjModel has their number
     shows: Shows = "motion"  # in which their fields do, unless a field's entry says otherwise
 
     @property
     def name(self) -> str:
         """As MJCF and MjSpec call them."""
-        return self.mujocos.name.removeprefix("mjOBJ_").lower()
+        return self.mjt.name.removeprefix("mjOBJ_").lower()
 
 
 OBJECT_TYPES = {
@@ -70,9 +70,9 @@ class Field:
     least: float = -inf  # ... but not beyond
     most: float = inf
     shows_in: Shows | None = None  # None: as other fields of its objects do
-    is_colour: bool = False  # absolute on several objects, too
-    is_delay: bool = False
-    is_never_negative: bool = False  # physics knows no such quantity
+    is_colour: bool = False  # absolute, also on several objects
+    is_delay: bool = False  # the same
+    is_never_negative: bool = False  # a negative one makes no sense in physics
     carries: str = ""  # the field that is written along with this one
     material_ids: str = ""  # the field with the materials that paint what is MuJoCo's default grey
     is_drawn_per_world: bool = False  # the ray caster reads it; others act through the poses
@@ -122,7 +122,7 @@ class Field:
         return low if isfinite(low) else None, high if isfinite(high) else None, "linear"
 
     def object_problem(self, model: mujoco.MjModel, rows: np.ndarray, name: str) -> str:
-        """Why the object `name` cannot have another value, in spite of having the field; or ""."""
+        """Why this object's value must stay as it is, although it has the field; "" if not."""
         if self.name == "geom_size" and model.geom_type[rows].item() in _SHAPED_BY_ASSETS:
             return f"{name} has the size of its mesh or height field: scale that"
         if self.name == "cam_fovy" and model.cam_sensorsize[rows].any():

@@ -99,7 +99,8 @@ def _rank(parameter: Parameter) -> tuple[bool, int]:
 
 def _write_one(fields, parameter: Parameter, index: tuple, nominal, values: np.ndarray) -> None:
     """Put one parameter's values (n,) into the arrays (n, ...) of its field."""
-    if parameter.is_rotation:
+    info = parameter.field_info
+    if info.is_rotation:
         rows, axis = index
         fields[parameter.field][:, rows] = _rotated(fields[parameter.field][:, rows], axis, values)
         return
@@ -113,7 +114,7 @@ def _write_one(fields, parameter: Parameter, index: tuple, nominal, values: np.n
         else np.broadcast_to(shaped, (len(values), *before.shape))
     )
     fields[parameter.field][(slice(None), *index)] = after
-    if parameter.field_info.carries:
+    if info.carries:
         _carry(fields, parameter, index[0], nominal, after / np.where(before > 0, before, 1))
 
 

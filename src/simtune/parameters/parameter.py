@@ -1,6 +1,7 @@
 """A parameter: one number of the simulator, by field and object name."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class Parameter:
                 f"{self.name}: a delay is at most {_LONGEST_DELAY_S:g} s, got high = {self.high:g}"
             )
 
-    @property
+    @cached_property
     def field_info(self) -> Field:
         """What is known of the field."""
         return field_of(self.field)
@@ -87,7 +88,7 @@ class Parameter:
         """Whether the value shows in a picture's pixels, but moves nothing in it."""
         return self.field_info.shows == "appearance"
 
-    @property
+    @cached_property
     def is_factor(self) -> bool:
         """Whether the value multiplies the objects' nominal values instead of replacing them."""
         is_absolute = self.is_colour or self.is_delay or self.is_rotation
