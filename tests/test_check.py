@@ -12,7 +12,7 @@ import pytest
 
 from simtune import cli
 from simtune.check.conclusions import conclude
-from simtune.check.warnings import warnings
+from simtune.check.recording_warnings import warnings
 from simtune.fit.sensitivity import (
     WINDOW_STEPS,
     analyze,

@@ -16,8 +16,10 @@ from simtune.parameters import (
     colour,
     delay,
     dynamics,
+    field_of,
     field_of_view,
 )
+from simtune.parameters.fields import FIELDS, KINDS, OBJECT_TYPES
 
 XML = """
 <mujoco>
@@ -178,6 +180,72 @@ class TestParameter:
             Parameter(name="p", field="body_mass", objects=("b",), **fields)
 
 
+class TestFields:
+    @pytest.mark.parametrize("name", [n for n in FIELDS if not n.startswith("environment.")])
+    def test_the_table_is_of_real_numbers_in_mjmodel(self, name):
+        field, model = FIELDS[name], make_model()
+        assert name in MODEL_FIELDS
+        assert np.issubdtype(field.read(model).dtype, np.floating)
+        assert field.is_option or field.object_type
+        for other in filter(None, (field.carries, field.material_ids)):
+            assert len(field_of(other).read(model)) == len(field.read(model))
+
+    @pytest.mark.parametrize("prefix", OBJECT_TYPES)
+    def test_object_types_are_counted_and_called_as_in_mujoco(self, prefix):
+        owner, model = OBJECT_TYPES[prefix], make_model()
+        ids = range(getattr(model, owner.count))
+        assert mujoco.mj_id2name(model, owner.mjt, len(ids)) is None
+        assert callable(getattr(mujoco.MjSpec(), owner.name))
+
+    @pytest.mark.parametrize(
+        ("name", "nominal", "expected"),
+        [
+            ("body_mass", 2.0, (0.2, 20.0, "log")),
+            ("body_mass", 0.0, (None, None, "linear")),
+            ("opt.gravity", -9.81, (None, None, "linear")),
+            ("geom_rgba", 0.5, (0.0, 1.0, "linear")),
+            ("actuator_delay", 0.0, (0.0, None, "linear")),
+            ("site_pos", 1.0, (None, None, "linear")),
+            ("cam_pos", 1.0, (0.9, 1.1, "linear")),
+            ("body_quat", 0.0, (-0.1, 0.1, "linear")),
+            ("cam_fovy", 5.0, (1.0, 15.0, "linear")),
+            ("cam_fovy", 165.0, (155.0, 170.0, "linear")),
+        ],
+    )
+    def test_usual_ranges(self, name, nominal, expected):
+        assert field_of(name).usual_range(nominal) == expected
+
+    @pytest.mark.parametrize(
+        ("name", "shows"),
+        [
+            ("geom_rgba", "appearance"),
+            ("light_diffuse", "appearance"),
+            ("light_pos", "appearance"),
+            ("mat_emission", "appearance"),
+            ("cam_quat", "picture"),
+            ("geom_size", "picture"),
+            ("environment.picture", "picture"),
+            ("environment.motion", "motion"),
+            ("geom_friction", "motion"),
+            ("opt.wind", "motion"),
+        ],
+    )
+    def test_where_a_value_shows(self, name, shows):
+        parameter = own("p", name, ("a",), component=0)
+        assert field_of(name).shows == shows
+        assert parameter.is_visible == (shows != "motion")
+        assert parameter.is_appearance == (shows == "appearance")
+
+    def test_a_field_without_an_entry_is_known_by_its_name(self):
+        assert (field_of("site_pos").unit, field_of("site_quat").unit) == ("m", "rad")
+        assert field_of("body_quat").is_rotation
+        assert field_of("eq_data").object_type is OBJECT_TYPES["eq"]
+        assert (field_of("opt.wind").object_type, field_of("flex_rgba").object_type) == (None, None)
+
+    def test_each_kind_is_of_one_field(self):
+        assert len(KINDS) == len({field.name for field, _ in KINDS.values()})
+
+
 class TestWriting:
     def test_always_from_nominal(self):
         model, space = make_model(), full_space()
@@ -203,16 +271,6 @@ class TestWriting:
             writer.write(alone, values[sim])
             assert_equal_models(batch.get_model(sim), alone)
         assert_equal_models(model, make_model())  # the model that was read is left alone
-
-    def test_fields(self):
-        model, space = make_model(), full_space()
-        writer, values = ModelWriter(space, model), some_values(space, 3)
-        fields = writer.fields(values)
-        alone = make_model()
-        writer.write(alone, values[1])
-        np.testing.assert_array_equal(fields["geom_rgba"][1], alone.geom_rgba)
-        np.testing.assert_array_equal(fields["light_diffuse"][1], alone.light_diffuse)
-        assert fields["opt.timestep"].shape == (3,)
 
     def test_mass_carries_inertia_and_constants(self):
         nominal = make_model()

@@ -2,11 +2,13 @@
 
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+import simtune.simulation
 from simtune.parameters import ModelWriter, ParameterSpace, delay
 from simtune.simulation import Simulator, Worlds, random_actions, remember_controls
 from simtune.tasks import load_task
@@ -268,3 +270,9 @@ def test_only_delayed_actuators_remember(walker):
     hip = model.actuator("left_hip").id
     assert model.actuator_history[hip, 0] == 20
     assert model.actuator_history[:, 0].sum() == 20
+
+
+def test_nothing_here_knows_what_commands_are_asked():
+    folder = Path(simtune.simulation.__file__).parent
+    for file in folder.glob("*.py"):
+        assert "simtune.config" not in file.read_text(encoding="utf-8"), file.name

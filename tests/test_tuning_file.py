@@ -10,10 +10,11 @@ import pytest
 from mujoco.batch import Batch
 
 from simtune.check import check
-from simtune.check.warnings import warnings
+from simtune.check.recording_warnings import warnings
 from simtune.config import CheckConfig, RealConfig
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, Parameter, ParameterSpace
+from simtune.parameters.fields import KINDS
 from simtune.real.choose import choose_real
 from simtune.recordings import write_dataset
 from simtune.simulation import DirectActions, MocapActions, ScaledActions, random_actions
@@ -158,8 +159,16 @@ def test_every_example_in_the_documentation_loads(load, folder, block, tmp_path)
 
 def test_all_kinds_and_keys_are_documented():
     text = (ROOT / "docs" / "tuning-file.md").read_text(encoding="utf-8")
-    for word in (*reading._ALL_KINDS, *reading._NUMBERS, *loading._KEYS, *policies._KEYS):
+    for word in (*KINDS, *reading._NUMBERS, *loading._KEYS, *policies._KEYS):
         assert f"`{word}`" in text or f"[[{word}]]" in text or f"`[{word}]`" in text, word
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_documented_with_its_field(kind):
+    text = (ROOT / "docs" / "tuning-file.md").read_text(encoding="utf-8")
+    (row,) = re.findall(rf"^\|[^|]*`{kind}`[^|]*\|.*", text.partition("| kind | what |")[2], re.M)
+    field = KINDS[kind][0].name
+    assert f"`{field}`" in row or (field == kind and "as named" in row)
 
 
 def test_the_example_scene_moves_and_is_lit():

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from simtune.agents import Agent, Seen, make_agent
-from simtune.check.warnings import warnings_of
+from simtune.check.recording_warnings import warnings_of
 from simtune.config import TrainConfig
 from simtune.errors import InputError
 from simtune.networks import under

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from simtune import outcome
-from simtune.check.warnings import warnings_of
+from simtune.check.recording_warnings import warnings_of
 from simtune.comparison import write_comparison
 from simtune.config import TuneConfig
 from simtune.progress import ReportProgress, silent

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from simtune.check.conclusions import conclude
+from simtune.check.recording_warnings import warnings
 from simtune.check.soundness import look_through
-from simtune.check.warnings import warnings
 from simtune.config import CheckConfig
 from simtune.fit.sensitivity import analyze
 from simtune.observation import ObservationModel

@@ -2,7 +2,7 @@
 
 from simtune.config.export import ExportConfig
 from simtune.config.real import ROBOTS, RealConfig
-from simtune.config.record import RecordConfig, RendererName
+from simtune.config.record import RecordConfig
 from simtune.config.recordings import RecordingsConfig
 from simtune.config.train import UNTUNED, EvaluateConfig, Method, TrainConfig
 from simtune.config.tune import CheckConfig, SearchName, TuneConfig
@@ -17,7 +17,6 @@ __all__ = [
     "RealConfig",
     "RecordConfig",
     "RecordingsConfig",
-    "RendererName",
     "SearchName",
     "TrainConfig",
     "TuneConfig",

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
 from simtune.config.checks import at_least, check_seed
 from simtune.errors import InputError
+from simtune.names import RendererName
 
-RendererName = Literal["raycaster", "opengl"]
 _LARGEST_PX = 1024  # an episode is kept whole until it is written
 
 

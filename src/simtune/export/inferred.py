@@ -1,4 +1,4 @@
-"""What a compiler infers from shapes, written down, lest it be inferred anew from tuned ones."""
+"""What a compiler infers from shapes, written down: tuned shapes must not change it."""
 
 import mujoco
 

@@ -11,15 +11,12 @@ import numpy as np
 
 from simtune.errors import InputError, one_line
 from simtune.export.inferred import write_down_inferred
-from simtune.parameters import ModelWriter, rows_of
+from simtune.parameters import ModelWriter, field_of, rows_of
 from simtune.run import write_atomically
 from simtune.simulation import count_substeps
 from simtune.tasks import Task
 
 _ASSETS = "assets"
-# What `MjSpec.copy_back` of MuJoCo 3.17 leaves out, as measured field by field.
-_NOT_COPIED = ("actuator_delay", "site_size", "mat_metallic", "mat_roughness")
-_NOT_COPIED += ("light_range", "light_bulbradius")
 _INFERRED = ("body_mass", "body_inertia", "body_ipos", "tendon_lengthspring")
 
 
@@ -81,23 +78,25 @@ def _mujocos_errors() -> Iterator[None]:
 
 def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:
     """(kind of element, name, attribute, value) of what `copy_back` leaves out of a spec."""
-    for field in sorted(set(_NOT_COPIED) & writer.written.keys()):
-        kind, _, attribute = field.partition("_")
-        for name in writer.written[field]:
-            (value,) = getattr(model, field)[rows_of(model, field, name)].tolist()
-            if field == "actuator_delay":  # worth nothing without a memory of controls
+    for field, objects in sorted(writer.written.items()):
+        info = field_of(field)
+        if not (info.is_not_copied and info.object_type):
+            continue
+        kind, attribute = info.object_type.name, field.removeprefix(f"{info.prefix}_")
+        for name in objects:
+            (value,) = info.read(model)[rows_of(model, field, name)].tolist()
+            if info.is_delay:  # worth nothing without a memory of controls
                 num_samples, interp = model.actuator_history[model.actuator(name).id].tolist()
                 yield kind, name, "nsample", num_samples
                 yield kind, name, "interp", interp
-            yield {"mat": "material"}.get(kind, kind), name, attribute, value
+            yield kind, name, attribute, value
 
 
 def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, writer: ModelWriter) -> None:
     """MJCF need not have a word for every field of a model."""
     for field in sorted({*writer.written, *_INFERRED}):
-        before, after = (m.opt if field.startswith("opt.") else m for m in (model, reloaded))
-        name = field.removeprefix("opt.")
-        if not np.allclose(getattr(before, name), getattr(after, name), rtol=1e-4, atol=1e-6):
+        before, after = map(field_of(field).read, (model, reloaded))
+        if not np.allclose(before, after, rtol=1e-4, atol=1e-6):
             raise RuntimeError(f"MuJoCo writes no {field} into MJCF, so it cannot be exported")
 
 

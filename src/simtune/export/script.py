@@ -5,11 +5,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from simtune.export.inferred import write_down_inferred
 from simtune.export.mjcf import not_copied
-from simtune.parameters import ModelWriter, rows_of
+from simtune.parameters import ModelWriter, field_of, rows_of
 
 _SCRIPT = '''"""Write what simtune found into a MuJoCo model.
 
@@ -75,9 +74,9 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
 def _found(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:
     """Whole rows, since a field's numbers may be several parameters, or carried along."""
     for field, objects in writer.written.items():
-        kind, _, rest = field.replace(".", "_", 1).partition("_")
-        if kind == "opt":
-            yield rest, kind, "", np.asarray(getattr(model.opt, rest)).tolist()
+        info = field_of(field)
+        if info.is_option:
+            yield info.attribute, info.prefix, "", info.read(model).tolist()
         for name in objects:
-            values = getattr(model, field)[rows_of(model, field, name)].tolist()
-            yield field, kind, name, values if kind == "dof" else values[0]
+            values = info.read(model)[rows_of(model, field, name)].tolist()
+            yield field, info.prefix, name, values if info.prefix == "dof" else values[0]

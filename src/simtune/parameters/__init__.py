@@ -1,9 +1,10 @@
 """What is tuned: parameters by name, their space, and how they are written into models."""
 
 from simtune.parameters.declare import camera_pose, colour, delay, dynamics, field_of_view
+from simtune.parameters.field_index import rows_of
+from simtune.parameters.fields import field_of
 from simtune.parameters.model_writer import ModelWriter
 from simtune.parameters.parameter import Parameter
-from simtune.parameters.places import rows_of
 from simtune.parameters.space import ParameterSpace
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "colour",
     "delay",
     "dynamics",
+    "field_of",
     "field_of_view",
     "rows_of",
 ]

@@ -1,22 +1,22 @@
 """Parameters that are often declared, in one line each."""
 
+from simtune.parameters.fields import field_of
 from simtune.parameters.parameter import Parameter
 
+_WITHIN_M, _WITHIN_RAD, _WITHIN_DEG = (
+    field_of(name).within for name in ("cam_pos", "cam_quat", "cam_fovy")
+)
 
-def colour(name: str, objects: tuple[str, ...], rgb: tuple[float, float, float]) -> list[Parameter]:
-    """The three parameters NAME_r, NAME_g, NAME_b of the geoms' colour."""
+
+def colour(
+    name: str,
+    objects: tuple[str, ...],
+    rgb: tuple[float, float, float],
+    field: str = "geom_rgba",
+) -> list[Parameter]:
+    """The three parameters NAME_r, NAME_g, NAME_b of the colour of geoms, or of another field."""
     return [
-        Parameter(
-            name=f"{name}_{channel}",
-            field="geom_rgba",
-            objects=objects,
-            component=index,
-            nominal=rgb[index],
-            low=0.0,
-            high=1.0,
-            scale="linear",
-            unit="1",
-        )
+        _linear(f"{name}_{channel}", field, objects, rgb[index], (0.0, 1.0), index)
         for index, channel in enumerate("rgb")
     ]
 
@@ -47,18 +47,9 @@ def dynamics(
 def delay(name: str, actuators: tuple[str, ...], high_s: float) -> Parameter:
     """Seconds, 0 to `high_s`, by which the actuators follow their controls late; nominally 0.
 
-    More than 0 is at least one physics step: whatever is shorter acts as one.
+    More than 0 is at least one physics step: a shorter delay acts as one.
     """
-    return Parameter(
-        name=name,
-        field="actuator_delay",
-        objects=actuators,
-        nominal=0.0,
-        low=0.0,
-        high=high_s,
-        scale="linear",
-        unit="s",
-    )
+    return _linear(name, "actuator_delay", actuators, 0.0, (0.0, high_s))
 
 
 def camera_pose(
@@ -66,57 +57,56 @@ def camera_pose(
     camera: str,
     position_m: tuple[float, float, float],
     *,
-    within_m: float = 0.1,
-    within_rad: float = 0.1,
+    within_m: float = _WITHIN_M,
+    within_rad: float = _WITHIN_RAD,
 ) -> list[Parameter]:
-    """NAME_x, NAME_y, NAME_z, where the camera is, and NAME_pitch, NAME_yaw, NAME_roll, its turn.
+    """NAME_x, NAME_y, NAME_z, the camera's position, and NAME_pitch, NAME_yaw, NAME_roll.
 
-    `position_m` is the nominal cam_pos, from which at most `within_m` is searched along each axis;
-    turns of at most `within_rad` either way are about the camera's own x (pitch, up), y (yaw, to
-    the left) and z (roll).
+    `position_m` is the nominal cam_pos, from which at most `within_m` is searched along each axis.
+    The rotations, of at most `within_rad` either way, are about the camera's own x (pitch, up),
+    y (yaw, to the left) and z (roll).
     """
-    places = [
-        Parameter(
-            name=f"{name}_{axis}",
-            field="cam_pos",
-            objects=(camera,),
-            component=index,
-            nominal=position_m[index],
-            low=position_m[index] - within_m,
-            high=position_m[index] + within_m,
-            scale="linear",
-            unit="m",
-        )
+    positions = [
+        _around(f"{name}_{axis}", "cam_pos", camera, position_m[index], within_m, index)
         for index, axis in enumerate("xyz")
     ]
-    turns = [
-        Parameter(
-            name=f"{name}_{turn}",
-            field="cam_quat",
-            objects=(camera,),
-            component=index,
-            nominal=0.0,
-            low=-within_rad,
-            high=within_rad,
-            scale="linear",
-            unit="rad",
-        )
-        for index, turn in enumerate(("pitch", "yaw", "roll"))
+    rotations = [
+        _around(f"{name}_{rotation}", "cam_quat", camera, 0.0, within_rad, index)
+        for index, rotation in enumerate(("pitch", "yaw", "roll"))
     ]
-    return [*places, *turns]
+    return [*positions, *rotations]
 
 
 def field_of_view(
-    name: str, camera: str, nominal_deg: float, *, within_deg: float = 10.0
+    name: str, camera: str, nominal_deg: float, *, within_deg: float = _WITHIN_DEG
 ) -> Parameter:
     """The camera's vertical field of view, degrees."""
+    return _around(name, "cam_fovy", camera, nominal_deg, within_deg)
+
+
+def _around(name, field, camera, nominal, within, component=None) -> Parameter:
+    bounds = (nominal - within, nominal + within)
+    return _linear(name, field, (camera,), nominal, bounds, component)
+
+
+def _linear(
+    name: str,
+    field: str,
+    objects: tuple[str, ...],
+    nominal: float,
+    bounds: tuple[float, float],
+    component: int | None = None,
+) -> Parameter:
+    """On a linear scale, in the field's unit."""
+    low, high = bounds
     return Parameter(
         name=name,
-        field="cam_fovy",
-        objects=(camera,),
-        nominal=nominal_deg,
-        low=nominal_deg - within_deg,
-        high=nominal_deg + within_deg,
+        field=field,
+        objects=objects,
+        component=component,
+        nominal=nominal,
+        low=low,
+        high=high,
         scale="linear",
-        unit="°",
+        unit=field_of(field).unit,
     )

@@ -1,25 +1,19 @@
 """Write parameters into MuJoCo models, always from the nominal model."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import mujoco
 import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from simtune.errors import UnknownName
+from simtune.parameters.field_index import field_index, refuse_forgotten_delays, refuse_overlaps
+from simtune.parameters.fields import field_of
 from simtune.parameters.parameter import Parameter
-from simtune.parameters.places import place_of, refuse_forgotten_delays, refuse_overlaps
 from simtune.parameters.space import ParameterSpace
 
 # Objects of exactly this rgba are drawn in their material's colour instead of their own.
 _DEFAULT_GREY = np.array([0.5, 0.5, 0.5, 1], np.float32)
-_CARRIED = {"body_mass": "body_inertia", "actuator_gainprm": "actuator_biasprm"}
-_MATERIAL_OF = {
-    "geom_rgba": "geom_matid",
-    "site_rgba": "site_matid",
-    "tendon_rgba": "tendon_matid",
-}
 
 
 class ModelWriter:
@@ -27,7 +21,7 @@ class ModelWriter:
 
     Every write starts from the nominal values, so writing twice equals writing once. Mass
     carries the inertia along, a servo's gain the bias that holds against it (what is a parameter
-    itself is taken from there), and derived constants follow (mj_setConst). Turns about several
+    itself is taken from there), and derived constants follow (mj_setConst). Rotations about several
     axes of one object are made in the order x, y, z, each about the axis as the one before left it.
     Raises UnknownName for a field or an object that the model lacks, and InputError for a
     component that the field lacks, a number that two parameters would write, or a delay that is
@@ -36,19 +30,19 @@ class ModelWriter:
 
     def __init__(self, space: ParameterSpace, model: mujoco.MjModel):
         self.space = space
-        self._nominal = {f: np.array(_read(model, f)) for f in _fields_to_write(space)}
-        self._places = [place_of(model, parameter, self._nominal) for parameter in space]
-        refuse_overlaps(space, self._places, self._nominal)
-        refuse_forgotten_delays(model, space, self._places)
+        self._nominal = {f: _nominal(model, f) for f in self.written}
+        self._indices = [field_index(model, parameter, self._nominal) for parameter in space]
+        refuse_overlaps(space, self._indices, self._nominal)
+        refuse_forgotten_delays(model, space, self._indices)
         self._order = sorted(range(len(space)), key=lambda i: _rank(space.parameters[i]))
         self._painted: dict[str, np.ndarray] = {}  # {rgba field: rows that parameters write}
-        for field in _MATERIAL_OF.keys() & self._nominal.keys():
-            places = zip(space, self._places, strict=True)
-            rows = np.unique(np.concatenate([at[0] for p, at in places if p.field == field]))
+        for field in (f for f in self._nominal if field_of(f).material_ids):
+            indices = zip(space, self._indices, strict=True)
+            rows = np.unique(np.concatenate([at[0] for p, at in indices if p.field == field]))
             self._painted[field] = rows
             start_from_material(self._nominal[field], rows, model, field)
         self._set_const = any(
-            f.startswith("opt.") or f in mujoco.MjModel._setconst_inputs for f in self._nominal
+            field_of(f).is_option or f in mujoco.MjModel._setconst_inputs for f in self._nominal
         )
 
     @property
@@ -56,7 +50,7 @@ class ModelWriter:
         """Names of the objects that each field is written for, what is carried along included."""
         written: dict[str, dict[str, None]] = {}
         for p in self.space:
-            for field in filter(None, (p.field, _CARRIED.get(p.field))):
+            for field in filter(None, (p.field, p.field_info.carries)):
                 written.setdefault(field, {}).update(dict.fromkeys(p.objects))
         return {field: list(names) for field, names in written.items()}
 
@@ -66,7 +60,7 @@ class ModelWriter:
         if parameters.shape != (len(self.space),):
             raise ValueError(f"parameters must be ({len(self.space)},), got {parameters.shape}")
         for field, values in self._values(parameters[None]):
-            _write(model, field, values[0])
+            field_of(field).write(model, values[0])
         if self._set_const:
             mujoco.mj_setConst(model, mujoco.MjData(model))
 
@@ -81,16 +75,12 @@ class ModelWriter:
         if self._set_const:
             batch.set_const()
 
-    def fields(self, parameters: np.ndarray) -> dict[str, np.ndarray]:
-        """The written fields, {field: (n, ...)}, for (n, N): what a renderer needs of them."""
-        return dict(self._values(np.asarray(parameters)))
-
     def _values(self, parameters: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
         n = len(parameters)
         fields = {f: np.repeat(v[None], n, axis=0) for f, v in self._nominal.items()}
         for i in self._order:
             parameter = self.space.parameters[i]
-            _write_one(fields, parameter, self._places[i], self._nominal, parameters[:, i])
+            _write_one(fields, parameter, self._indices[i], self._nominal, parameters[:, i])
         for field, rows in self._painted.items():
             grey = (fields[field][:, rows] == _DEFAULT_GREY).all(-1)  # (n, rows)
             nudged = np.nextafter(_DEFAULT_GREY[0], np.float32(1))
@@ -102,34 +92,35 @@ def _rank(parameter: Parameter) -> tuple[bool, int]:
     """What to sort parameters by before writing them.
 
     Masses and gains come first, so that an inertia or a bias that is a parameter itself is written
-    over theirs; turns about x come before those about y and z.
+    over theirs; rotations about x come before those about y and z.
     """
-    return parameter.field not in _CARRIED, parameter.component or 0
+    return not parameter.field_info.carries, parameter.component or 0
 
 
-def _write_one(fields, parameter: Parameter, place: tuple, nominal, values: np.ndarray) -> None:
+def _write_one(fields, parameter: Parameter, index: tuple, nominal, values: np.ndarray) -> None:
     """Put one parameter's values (n,) into the arrays (n, ...) of its field."""
-    if parameter.is_turn:
-        rows, axis = place
-        fields[parameter.field][:, rows] = _turned(fields[parameter.field][:, rows], axis, values)
+    info = parameter.field_info
+    if info.is_rotation:
+        rows, axis = index
+        fields[parameter.field][:, rows] = _rotated(fields[parameter.field][:, rows], axis, values)
         return
-    before = nominal[parameter.field][place]  # (objects, ...)
+    before = nominal[parameter.field][index]  # (objects, ...)
     shaped = values.reshape(-1, *[1] * before.ndim)
-    if parameter.is_total:
+    if parameter.is_sum:
         shaped = shaped / parameter.nominal
     after = (
         before * shaped
         if parameter.is_factor
         else np.broadcast_to(shaped, (len(values), *before.shape))
     )
-    fields[parameter.field][(slice(None), *place)] = after
-    if parameter.field in _CARRIED:
-        _carry(fields, parameter, place[0], nominal, after / np.where(before > 0, before, 1))
+    fields[parameter.field][(slice(None), *index)] = after
+    if info.carries:
+        _carry(fields, parameter, index[0], nominal, after / np.where(before > 0, before, 1))
 
 
 def _carry(fields, parameter: Parameter, rows: np.ndarray, nominal, ratio: np.ndarray) -> None:
     """Write what goes along with a mass, or a gain, that is `ratio` (n, objects) times nominal."""
-    if parameter.field == "body_mass":
+    if parameter.field_info.carries == "body_inertia":
         inertia = nominal["body_inertia"][rows]  # (objects, 3)
         fields["body_inertia"][:, rows] = inertia * ratio[..., None]
     elif parameter.component == 0:
@@ -140,8 +131,8 @@ def _carry(fields, parameter: Parameter, rows: np.ndarray, nominal, ratio: np.nd
             fields["actuator_biasprm"][:, rows[i], column] = bias[i, column] * ratio[:, i]
 
 
-def _turned(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:
-    """(n, objects, 4) orientations w, x, y, z after turns of (n,) rad about the objects' axis."""
+def _rotated(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:
+    """(n, objects, 4) orientations w, x, y, z, rotated by (n,) rad about the objects' own axis."""
     cos, sin = np.cos(angles / 2)[:, None, None], np.sin(angles / 2)[:, None, None]
     w, rest = quats[..., :1], quats[..., 1:]
     unit = np.eye(3)[axis]
@@ -150,33 +141,20 @@ def _turned(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:
     return np.concatenate([real, imaginary], axis=-1)
 
 
-def _fields_to_write(space: ParameterSpace) -> list[str]:
-    fields = dict.fromkeys(parameter.field for parameter in space)
-    fields |= {_CARRIED[field]: None for field in fields if field in _CARRIED}
-    return list(fields)
-
-
-def _read(model: mujoco.MjModel, field: str) -> Any:
-    """An MjModel field, or an option: an array or, as opt.timestep is, a number."""
+def _nominal(model: mujoco.MjModel, field: str) -> np.ndarray:
+    """A copy of an MjModel field or an option. Raises UnknownName."""
     if field not in MODEL_FIELDS:
         raise UnknownName("field", field, "MjModel", sorted(MODEL_FIELDS))
-    return getattr(model.opt, field[4:]) if field.startswith("opt.") else getattr(model, field)
-
-
-def _write(model: mujoco.MjModel, field: str, value: np.ndarray) -> None:
-    if value.ndim == 0:  # a number is no view into the model: it has to be set
-        setattr(model.opt, field.removeprefix("opt."), value.item())
-    else:
-        _read(model, field)[...] = value
+    return np.array(field_of(field).read(model))
 
 
 def start_from_material(
     rgba: np.ndarray, rows: np.ndarray, model: mujoco.MjModel, field: str
 ) -> None:
     """Give `rows` of an rgba field the colour they are drawn in, which may be a material's."""
-    if field not in _MATERIAL_OF:
+    if not (material_ids := field_of(field).material_ids):
         return
     for row in rows:
-        material = getattr(model, _MATERIAL_OF[field])[row]
+        material = getattr(model, material_ids)[row]
         if material >= 0 and (rgba[row] == _DEFAULT_GREY).all():
             rgba[row] = model.mat_rgba[material]

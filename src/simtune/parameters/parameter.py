@@ -1,56 +1,14 @@
 """A parameter: one number of the simulator, by field and object name."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from simtune.errors import InputError
+from simtune.parameters.fields import Field, field_of
 
-# Fields that hold colours: always absolute values in [0, 1], also on several objects.
-COLOUR_FIELDS = frozenset(
-    {
-        "geom_rgba",
-        "mat_rgba",
-        "site_rgba",
-        "tendon_rgba",
-        "light_diffuse",
-        "light_ambient",
-        "light_specular",
-    }
-)
-
-# First words of the fields that show in a single picture; the others show in motion only.
-_VISIBLE = (
-    "mat_",
-    "site_rgba",
-    "site_size",
-    "tendon_rgba",
-    "light_",
-    "cam_",
-    "geom_rgba",
-    "geom_size",
-    "environment.picture",
-)
-
-
-_LONGEST_DELAY_S = 10.0  # what is longer was meant in another unit
-# Quantities that physics knows no negative ones of
-_NEVER_NEGATIVE = (
-    "body_mass",
-    "body_inertia",
-    "geom_size",
-    "geom_friction",
-    "dof_damping",
-    "dof_armature",
-    "dof_frictionloss",
-    "jnt_stiffness",
-    "tendon_damping",
-    "tendon_stiffness",
-    "tendon_frictionloss",
-    "tendon_armature",
-    "cam_fovy",
-    "actuator_delay",
-)
+_LONGEST_DELAY_S = 10.0  # a longer one was meant in another unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,10 +16,10 @@ class Parameter:
     """One tunable number of an MjModel.
 
     On one object the value is the field's own, in `unit`; on several objects it is a factor
-    on their nominal values (unit "×", nominal 1), or, with `is_total`, what they add up to, each
+    on their nominal values (unit "×", nominal 1), or, with `is_sum`, what they add up to, each
     keeping its share. Colours and delays are absolute either way.
     On a field of orientations ("cam_quat") the value is the angle, rad, by which the objects are
-    turned from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
+    rotated from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
     """
 
     name: str
@@ -73,7 +31,7 @@ class Parameter:
     high: float
     scale: str = "log"  # "log" or "linear": how values are spread between low and high
     unit: str
-    is_total: bool = False  # of several objects: a rope's length, for one, is its pieces'
+    is_sum: bool = False  # of several objects: a rope's length, for one, is its pieces'
 
     def __post_init__(self) -> None:
         if self.scale not in ("log", "linear"):
@@ -88,12 +46,12 @@ class Parameter:
             )
         if self.scale == "log" and self.low <= 0:
             raise InputError(f"{self.name}: a log scale needs low > 0, got {self.low}")
-        if self.is_turn and self.component not in (0, 1, 2):
+        if self.is_rotation and self.component not in (0, 1, 2):
             raise InputError(
                 f"{self.name}: {self.field} needs a component, the axis to turn about: "
                 f"0, 1 or 2, got {self.component}"
             )
-        if self.is_never_negative and self.low < 0:
+        if self.field_info.is_never_negative and self.low < 0:
             raise InputError(
                 f"{self.name}: {self.field} cannot be negative, got low = {self.low:g}"
             )
@@ -102,35 +60,36 @@ class Parameter:
                 f"{self.name}: a delay is at most {_LONGEST_DELAY_S:g} s, got high = {self.high:g}"
             )
 
-    @property
-    def is_never_negative(self) -> bool:
-        return self.field in _NEVER_NEGATIVE
+    @cached_property
+    def field_info(self) -> Field:
+        """What is known of the field."""
+        return field_of(self.field)
 
     @property
     def is_colour(self) -> bool:
-        return self.field in COLOUR_FIELDS
+        return self.field_info.is_colour
 
     @property
     def is_delay(self) -> bool:
-        return self.field == "actuator_delay"
+        return self.field_info.is_delay
 
     @property
-    def is_turn(self) -> bool:
+    def is_rotation(self) -> bool:
         """Whether the value is an angle about an axis instead of a number of the field."""
-        return self.field.endswith("_quat")
+        return self.field_info.is_rotation
 
     @property
     def is_visible(self) -> bool:
         """Whether a single picture can tell the value, without any motion."""
-        return self.field.startswith(_VISIBLE)
+        return self.field_info.shows != "motion"
 
     @property
     def is_appearance(self) -> bool:
         """Whether the value shows in a picture's pixels, but moves nothing in it."""
-        return self.is_colour or self.field.startswith(("mat_", "light_"))
+        return self.field_info.shows == "appearance"
 
-    @property
+    @cached_property
     def is_factor(self) -> bool:
         """Whether the value multiplies the objects' nominal values instead of replacing them."""
-        is_absolute = self.is_colour or self.is_delay or self.is_turn
+        is_absolute = self.is_colour or self.is_delay or self.is_rotation
         return len(self.objects) > 1 and not is_absolute

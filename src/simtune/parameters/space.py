@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from simtune.errors import InputError, UnknownName
-from simtune.numbers import is_number
 from simtune.parameters.parameter import Parameter
+from simtune.validate import is_number
 
 
 class ParameterSpace:

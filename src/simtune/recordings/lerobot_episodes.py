@@ -9,10 +9,10 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from simtune.errors import InputError
-from simtune.numbers import is_number
 from simtune.recordings.lerobot_format import DATA_PATH, INFO_PATH, VIDEO_PATH
 from simtune.recordings.lerobot_table import read_table
 from simtune.recordings.source import MOST_ROWS
+from simtune.validate import is_number
 
 # No other fields, widths or attributes: a template comes from whoever made the dataset.
 _TEMPLATE = re.compile(r"([^{}]|\{video_key\}|\{(chunk|file)_index(:0?\d?d)?\})+")

@@ -7,8 +7,8 @@ from typing import Any
 
 from simtune.config import UNTUNED
 from simtune.errors import InputError
-from simtune.numbers import is_number
 from simtune.run import read_json, read_jsonl
+from simtune.validate import is_number
 
 VIDEOS = ("real", "before", "after", "overlay")
 POLICY_VIDEO = "policy"  # the same policy as is scored

@@ -2,11 +2,11 @@
 
 import base64
 
-from simtune.numbers import is_number
 from simtune.report.axis import Axis, value_axis
 from simtune.report.data import POLICY_VIDEO, RunData
 from simtune.report.svg import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, frame, horizontal, line, svg
 from simtune.report.words import count, number
+from simtune.validate import is_number
 
 _DRAWN = {"filmed": "estimate", "unfilmed": "start"}  # kinds of line
 

@@ -3,7 +3,6 @@
 import base64
 from typing import Any
 
-from simtune.numbers import is_number
 from simtune.report.data import VIDEOS, RunData
 from simtune.report.plots import estimate_plot, survival_plot
 from simtune.report.tables import chip
@@ -18,6 +17,7 @@ from simtune.report.words import (
     text,
     unit,
 )
+from simtune.validate import is_number
 
 _CAPTIONS = {
     "real": ("Real world", "the video that was given"),

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from simtune.numbers import is_number
 from simtune.report.data import RunData
 from simtune.report.words import MISSING, interval, number, percent, text, unit
+from simtune.validate import is_number
 
 _VERDICTS = ("identified", "weak", "not identifiable")
 

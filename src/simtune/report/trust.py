@@ -3,10 +3,10 @@
 from math import log
 from typing import Any
 
-from simtune.numbers import is_number
 from simtune.report.data import RunData
 from simtune.report.rank_plots import rank_dots, rank_histogram
 from simtune.report.words import text
+from simtune.validate import is_number
 
 _WITHIN = (0.05, 0.95)  # ranks of truths that a central 90 % interval holds
 

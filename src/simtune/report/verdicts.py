@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from simtune.numbers import is_number
 from simtune.report.words import number
+from simtune.validate import is_number
 
 _MEANS = {
     "identified": "take the estimate",

@@ -3,7 +3,7 @@
 from html import escape
 from typing import Any
 
-from simtune.numbers import is_number
+from simtune.validate import is_number
 
 MISSING = "–"
 

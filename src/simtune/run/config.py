@@ -2,7 +2,7 @@
 
 import importlib.metadata
 import platform
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,8 @@ import simtune
 from simtune.errors import InputError
 from simtune.run.files import read_json
 
+# What may change between a run and its resumption: where it lies and how long it goes on.
+_MAY_DIFFER = ("out", "budget_minutes", "device", "move")
 FILMED = "filmed"  # the folder of what a robot did; it cannot be filmed again
 
 
@@ -38,16 +40,14 @@ def _is_leftover(path: Path) -> bool:
     return is_temporary or path.name == FILMED
 
 
-def check_same(
-    path: Path, stored: dict[str, Any], config: dict[str, Any], may_differ: Collection[str]
-) -> None:
+def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> None:
     """Raise InputError, naming the keys, where two configurations differ in what matters."""
     before, now = _flat(stored), _flat(config)  # what an earlier version did not ask is None
     differing = [
         key
         for key in sorted({*before, *now}, key=lambda key: (key.count("."), key))  # causes first
         if before.get(key) != now.get(key)
-        and not any(key == free or key.startswith(f"{free}.") for free in may_differ)
+        and not any(key == free or key.startswith(f"{free}.") for free in _MAY_DIFFER)
     ]
     if differing:
         words = [f"{k} {_show(before, k)}, now {_show(now, k)}" for k in differing[:3]]

@@ -13,7 +13,7 @@ import fcntl
 import logging
 import os
 import weakref
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -34,9 +34,6 @@ from simtune.run.files import (
     write_json,
 )
 from simtune.trajectory import Trajectory
-
-# What may change between a run and its resumption: where it lies and how long it goes on.
-MAY_DIFFER = ("out", "budget_minutes", "device", "move")
 
 _LOGS = ("metrics.jsonl", "events.jsonl")
 _NUM_LINES = "log_lines"  # of each, in a checkpoint's state
@@ -61,16 +58,11 @@ class RunFolder:
             keep_lines(path / name, count)
 
     @classmethod
-    def create(
-        cls,
-        path: Path | str,
-        config: Mapping[str, Any],
-        may_differ: Collection[str] = MAY_DIFFER,
-    ) -> "RunFolder":
+    def create(cls, path: Path | str, config: Mapping[str, Any]) -> "RunFolder":
         """Start a run at `path`, or go on with the run of the same `config` that lies there.
 
         A run that goes on loses the log lines past its last checkpoint: they come again.
-        Keys of `may_differ` (dotted where nested) may have changed in between.
+        Where it lies and how long it goes on may have changed in between.
         Raises InputError for a path that cannot be written, that holds something else, or
         that holds a run with another configuration or one that is still going.
         """
@@ -79,7 +71,7 @@ class RunFolder:
         try:
             stored = stored_config(path)
             if stored is not None:
-                check_same(path, stored["config"], asked, may_differ)
+                check_same(path, stored["config"], asked)
             path.mkdir(parents=True, exist_ok=True)
             run = cls(path, resumed=stored is not None)
             run._write_config(asked, stored)

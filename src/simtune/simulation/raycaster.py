@@ -13,7 +13,7 @@ import numpy as np
 import warp
 from mujoco.batch import Batch
 
-from simtune.parameters import ModelWriter, ParameterSpace
+from simtune.parameters import ModelWriter, ParameterSpace, field_of
 from simtune.simulation.primitives import Primitives
 from simtune.simulation.sky import smooth_sky
 from simtune.simulation.worlds import no_printed_warnings
@@ -21,11 +21,6 @@ from simtune.simulation.worlds import no_printed_warnings
 _CHUNK = 64  # pictures a launch: small enough to stay in the cache, large enough to amortise it
 _SKY_SAMPLES = 4  # a pixel and axis: the suite's stars are smaller than pixels and would sparkle
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
-# Model fields that the ray caster reads for each world; other parameters act through the poses.
-_DRAWN_FIELDS = {"geom_rgba", "geom_size", "mat_rgba", "mat_emission", "mat_specular"}
-_DRAWN_FIELDS |= {"mat_shininess", "mat_texrepeat", "light_diffuse", "light_ambient"}
-_DRAWN_FIELDS |= {"light_specular", "light_cutoff", "light_exponent"}
-_DRAWN_FIELDS |= {"light_attenuation", "cam_fovy"}
 _COMPILING = Lock()  # Warp builds modules one at a time
 _NOTHING = 0  # packed pixel where the ray hits nothing; drawn ones are opaque, so never 0
 
@@ -91,7 +86,7 @@ class _Context:
         self._worlds = Batch(model, _CHUNK, nthread=1)
         self._writer = ModelWriter(space, model)
         fields = {p.field for p in space}
-        self._drawn = sorted(fields & _DRAWN_FIELDS)
+        self._drawn = sorted(f for f in fields if field_of(f).is_drawn_per_world)
         self._written: np.ndarray | None = None
         self._sky = sky  # (H, W) uint32 or None
         self._has_flexes = model.nflex > 0
@@ -197,7 +192,7 @@ def _assign(target, values: np.ndarray) -> None:
 def _can_turn(model: mujoco.MjModel, space: ParameterSpace, camera: int) -> bool:
     """Whether the camera may look another way, by the state or by a parameter."""
     fields = {p.field for p in space} - {"cam_pos"}  # what merely moves sees the same sky
-    if any(field.startswith("cam_") or field == "body_quat" for field in fields):
+    if any(field_of(f).prefix == "cam" or f == "body_quat" for f in fields):
         return True
     mode = mujoco.mjtCamLight(model.cam_mode[camera])
     if mode != mujoco.mjtCamLight.mjCAMLIGHT_FIXED:

@@ -5,8 +5,8 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from simtune.config import RendererName
 from simtune.errors import InputError
+from simtune.names import RendererName
 from simtune.parameters import ParameterSpace
 from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
 

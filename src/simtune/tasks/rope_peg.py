@@ -60,7 +60,7 @@ def _rope_length() -> Parameter:
         low=0.04,
         high=0.24,  # much longer ones could not be lifted over the box
         unit="m",
-        is_total=True,
+        is_sum=True,
     )
 
 

@@ -6,21 +6,18 @@ from dataclasses import replace
 import mujoco
 
 from simtune.parameters import ModelWriter, Parameter, ParameterSpace, camera_pose, colour
+from simtune.parameters.fields import KINDS
 from simtune.simulation import remember_controls
 from simtune.tasks.tuning_file.field_defaults import (
-    KINDS,
     check_component,
     check_field,
     check_objects,
     own_nominal,
     own_values,
-    usual_range,
     usual_unit,
 )
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
-_COLOURS = {"colour": "geom_rgba", "material_colour": "mat_rgba"}
-_ALL_KINDS = (*_COLOURS, "camera_pose", *KINDS)
 _NUMBERS = ("nominal", "low", "high", "scale", "unit")
 
 
@@ -60,18 +57,17 @@ def _read(entry: TomlTable, model: mujoco.MjModel, camera: str) -> list[Paramete
         return [_number(entry, model, field, entry.names("objects", ()), component)]
     if "kind" not in entry:
         raise entry.error(f"{name} has neither kind nor field: expected one of them")
-    kind = entry.choice("kind", _ALL_KINDS)
-    if kind in _COLOURS:
-        return _colour(entry, model, _COLOURS[kind])
-    if kind == "camera_pose":
+    field, kind = KINDS[entry.choice("kind", KINDS)]
+    if kind.makes == "rgb":
+        return _colour(entry, model, field.name)
+    if kind.makes == "pose":
         return _camera_pose(entry, model, camera)
-    field, component = KINDS[kind]
-    if kind == "size":
-        component = entry.whole("component", None, least=0)
-    entry.allow("name", "kind", "objects", *["component"] * (kind == "size"), *_NUMBERS)
-    films = (camera,) if kind == "field_of_view" else None
+    asks = kind.asks_component
+    component = entry.whole("component", None, least=0) if asks else kind.component
+    entry.allow("name", "kind", "objects", *["component"] * asks, *_NUMBERS)
+    films = (camera,) if field.prefix == "cam" else None
     objects = entry.names("objects", films) if films else entry.names("objects")
-    return [_number(entry, model, field, objects, component)]
+    return [_number(entry, model, field.name, objects, component)]
 
 
 def _number(
@@ -86,9 +82,9 @@ def _number(
     nominal = entry.number("nominal", None)
     if nominal is None:
         nominal = own_nominal(model, some)
-    if nominal < 0 and some.is_never_negative:
+    if nominal < 0 and some.field_info.is_never_negative:
         raise entry.error(f"{some.name}: {field} cannot be negative, got {nominal:g}", "nominal")
-    low, high, scale = usual_range(some, nominal)
+    low, high, scale = some.field_info.usual_range(nominal)
     low, high = entry.number("low", low), entry.number("high", high)
     if low is None or high is None:
         known = " and ".join(k for k, v in (("low", low), ("high", high)) if v is None)
@@ -140,8 +136,7 @@ def _colour(entry: TomlTable, model: mujoco.MjModel, field: str) -> list[Paramet
     channels = [_some_parameter(entry, model, field, objects, i) for i in range(3)]
     given = entry.numbers("nominal", 3, None)
     red, green, blue = given or (own_nominal(model, channel) for channel in channels)
-    declared = colour(entry.text("name"), objects, (red, green, blue))
-    return [replace(parameter, field=field) for parameter in declared]
+    return colour(entry.text("name"), objects, (red, green, blue), field=field)
 
 
 def _camera_pose(entry: TomlTable, model: mujoco.MjModel, camera: str) -> list[Parameter]:
@@ -151,9 +146,7 @@ def _camera_pose(entry: TomlTable, model: mujoco.MjModel, camera: str) -> list[P
     if len(cameras) > 1:
         raise entry.error("a camera_pose is of one camera", "objects")
     position = own_values(model, _some_parameter(entry, model, "cam_pos", cameras))[0]
-    within_m = entry.number("within_m", 0.1, above=0)
-    within_rad = entry.number("within_rad", 0.1, above=0)
     x, y, z = map(float, position)
-    return camera_pose(
-        entry.text("name"), cameras[0], (x, y, z), within_m=within_m, within_rad=within_rad
-    )
+    keys = [key for key in ("within_m", "within_rad") if key in entry]
+    within = {key: entry.number(key, above=0) for key in keys}
+    return camera_pose(entry.text("name"), cameras[0], (x, y, z), **within)

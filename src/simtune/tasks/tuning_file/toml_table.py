@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError, UnknownName
-from simtune.numbers import is_number
 from simtune.tasks.tuning_file.toml_lines import KeyPath, key_lines, line_of
+from simtune.validate import is_number
 
 _REQUIRED: Any = object()
 

@@ -1,0 +1,5 @@
+"""Names that users choose by: commands ask for them, and the layers below look them up."""
+
+from typing import Literal
+
+RendererName = Literal["raycaster", "opengl"]

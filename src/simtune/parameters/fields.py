@@ -1,0 +1,206 @@
+"""What is known of MjModel's fields: one table, which everything else asks.
+
+A new kind of parameter is an entry of `_TABLE`, a test, and a line of docs/tuning-file.md. A field
+without an entry can be tuned as well: its name says what its objects are, and whether it is a
+position or an orientation.
+"""
+
+from dataclasses import KW_ONLY, dataclass
+from functools import cache
+from math import inf, isfinite
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+
+# What tells a value: pixels, while nothing moves by it; any single picture; or motion alone.
+Shows = Literal["appearance", "picture", "motion"]
+_FACTOR = 10.0  # how far to search a positive number to either side, on a log scale
+
+
+@dataclass(frozen=True)
+class ObjectType:
+    """The objects that own a field, by the first word of its name."""
+
+    mjt: mujoco.mjtObj
+    count: str  # where MjModel has their number
+    shows: Shows = "motion"  # in which their fields do, unless a field's entry says otherwise
+
+    @property
+    def name(self) -> str:
+        """As MJCF and MjSpec call them."""
+        return self.mjt.name.removeprefix("mjOBJ_").lower()
+
+
+OBJECT_TYPES = {
+    "body": ObjectType(mujoco.mjtObj.mjOBJ_BODY, "nbody"),
+    "geom": ObjectType(mujoco.mjtObj.mjOBJ_GEOM, "ngeom"),
+    "jnt": ObjectType(mujoco.mjtObj.mjOBJ_JOINT, "njnt"),
+    "dof": ObjectType(mujoco.mjtObj.mjOBJ_JOINT, "njnt"),
+    "site": ObjectType(mujoco.mjtObj.mjOBJ_SITE, "nsite"),
+    "cam": ObjectType(mujoco.mjtObj.mjOBJ_CAMERA, "ncam", "picture"),
+    "light": ObjectType(mujoco.mjtObj.mjOBJ_LIGHT, "nlight", "appearance"),
+    "mat": ObjectType(mujoco.mjtObj.mjOBJ_MATERIAL, "nmat", "appearance"),
+    "actuator": ObjectType(mujoco.mjtObj.mjOBJ_ACTUATOR, "nu"),
+    "tendon": ObjectType(mujoco.mjtObj.mjOBJ_TENDON, "ntendon"),
+    "eq": ObjectType(mujoco.mjtObj.mjOBJ_EQUALITY, "neq"),
+}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What `kind = NAME` declares in a tuning file."""
+
+    name: str
+    component: int | None = None  # None: the whole row
+    asks_component: bool = False  # the file may say another one
+    makes: Literal["number", "rgb", "pose"] = "number"
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of MjModel, an option ("opt.gravity"), or a number of a gymnasium environment."""
+
+    name: str
+    unit: str = "1"
+    unit_of_slides: str = ""  # where it is another one on slide joints
+    _: KW_ONLY
+    kind: Kind | None = None
+    within: float = inf  # how far to search from nominal, to either side
+    least: float = -inf  # ... but not beyond
+    most: float = inf
+    shows_in: Shows | None = None  # None: as other fields of its objects do
+    is_colour: bool = False  # absolute, also on several objects
+    is_delay: bool = False  # the same
+    is_never_negative: bool = False  # a negative one makes no sense in physics
+    carries: str = ""  # the field that is written along with this one
+    material_ids: str = ""  # the field with the materials that paint what is MuJoCo's default grey
+    is_drawn_per_world: bool = False  # the ray caster reads it; others act through the poses
+    is_not_copied: bool = False  # MuJoCo 3.17's `MjSpec.copy_back` leaves it out, as measured
+    not_tunable: str = ""  # why not from a tuning file
+
+    @property
+    def object_type(self) -> ObjectType | None:
+        """None if no named object owns it."""
+        return OBJECT_TYPES.get(self.prefix)
+
+    @property
+    def prefix(self) -> str:
+        """The first word: "geom", "dof", ..., or "opt"."""
+        return self.name.replace(".", "_", 1).partition("_")[0]
+
+    @property
+    def attribute(self) -> str:
+        """The name within its owner: MjModel, or its options."""
+        return self.name.removeprefix("opt.")
+
+    @property
+    def is_option(self) -> bool:
+        return self.name.startswith("opt.")
+
+    @property
+    def is_rotation(self) -> bool:
+        """Whether parameters are angles about an axis instead of numbers of the field."""
+        return self.name.endswith("_quat")
+
+    @property
+    def has_alpha(self) -> bool:
+        """Whether each row is r, g, b, alpha."""
+        return self.name.endswith("_rgba")
+
+    @property
+    def shows(self) -> Shows:
+        return self.shows_in or (self.object_type.shows if self.object_type else "motion")
+
+    def usual_range(
+        self, nominal: float
+    ) -> tuple[float | None, float | None, Literal["log", "linear"]]:
+        """Low and high, None where there is nothing usual, and the scale."""
+        low, high = max(self.least, nominal - self.within), min(self.most, nominal + self.within)
+        if not (isfinite(low) or isfinite(high) or self.name.endswith("_pos")) and nominal > 0:
+            return nominal / _FACTOR, nominal * _FACTOR, "log"
+        return low if isfinite(low) else None, high if isfinite(high) else None, "linear"
+
+    def object_problem(self, model: mujoco.MjModel, rows: np.ndarray, name: str) -> str:
+        """Why this object's value must stay as it is, although it has the field; "" if not."""
+        if self.name == "geom_size" and model.geom_type[rows].item() in _SHAPED_BY_ASSETS:
+            return f"{name} has the size of its mesh or height field: scale that"
+        if self.name == "cam_fovy" and model.cam_sensorsize[rows].any():
+            return f"camera {name} has a sensorsize, which its field of view follows: give it fovy"
+        return ""
+
+    def read(self, model: mujoco.MjModel) -> np.ndarray:
+        """The field of a model: a view or, of a number such as opt.timestep, a copy."""
+        return np.asarray(getattr(model.opt if self.is_option else model, self.attribute))
+
+    def write(self, model: mujoco.MjModel, value: np.ndarray) -> None:
+        if value.ndim == 0:
+            setattr(model.opt, self.attribute, value.item())
+        else:
+            self.read(model)[...] = value
+
+
+@cache
+def field_of(name: str) -> Field:
+    """What is known of a field, whether or not there is one of that name."""
+    if name in FIELDS:
+        return FIELDS[name]
+    if name.endswith("_quat"):
+        return Field(name, "rad", within=0.1)
+    return Field(name, "m" if name.endswith("_pos") else "1")
+
+
+def _colour(name: str, **known: Any) -> Field:
+    return Field(name, is_colour=True, least=0.0, most=1.0, shows_in="appearance", **known)
+
+
+_SHAPED_BY_ASSETS = (mujoco.mjtGeom.mjGEOM_MESH.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
+_TIMESTEP = (
+    "opt.timestep says how finely physics is computed, and a recording knows its own time: "
+    "it cannot be tuned"
+)
+# fmt: off
+_TABLE = (  # kinds in the order in which messages name them
+    _colour("geom_rgba", kind=Kind("colour", makes="rgb"), material_ids="geom_matid",
+            is_drawn_per_world=True),
+    _colour("mat_rgba", kind=Kind("material_colour", makes="rgb"), is_drawn_per_world=True),
+    _colour("site_rgba", material_ids="site_matid"),
+    _colour("tendon_rgba", material_ids="tendon_matid"),
+    Field("cam_pos", "m", kind=Kind("camera_pose", makes="pose"), within=0.1),
+    Field("body_mass", "kg", kind=Kind("mass"), carries="body_inertia", is_never_negative=True),
+    Field("body_inertia", is_never_negative=True),
+    Field("geom_friction", kind=Kind("friction", 0), is_never_negative=True),
+    Field("geom_size", "m", kind=Kind("size", asks_component=True), shows_in="picture",
+          is_never_negative=True, is_drawn_per_world=True),
+    Field("site_size", shows_in="picture", is_not_copied=True),
+    Field("dof_damping", "N·m·s/rad", "N·s/m", kind=Kind("damping"), is_never_negative=True),
+    Field("dof_armature", "kg·m²", "kg", kind=Kind("armature"), is_never_negative=True),
+    Field("dof_frictionloss", "N·m", "N", kind=Kind("friction_loss"), is_never_negative=True),
+    Field("jnt_stiffness", "N·m/rad", "N/m", kind=Kind("stiffness"), is_never_negative=True),
+    Field("tendon_range", "m", kind=Kind("tendon_length", 1)),
+    Field("tendon_damping", "N·s/m", kind=Kind("tendon_damping"), is_never_negative=True),
+    Field("tendon_stiffness", "N/m", kind=Kind("tendon_stiffness"), is_never_negative=True),
+    Field("tendon_frictionloss", is_never_negative=True),
+    Field("tendon_armature", is_never_negative=True),
+    Field("actuator_gainprm", kind=Kind("gain", 0), carries="actuator_biasprm"),
+    Field("actuator_gear", kind=Kind("gear", 0)),
+    Field("actuator_delay", "s", kind=Kind("delay"), least=0.0, is_delay=True,
+          is_never_negative=True, is_not_copied=True),
+    _colour("light_diffuse", kind=Kind("light"), is_drawn_per_world=True),
+    _colour("light_ambient", is_drawn_per_world=True),
+    _colour("light_specular", is_drawn_per_world=True),
+    *(Field(f"light_{name}", is_drawn_per_world=True)
+      for name in ("attenuation", "cutoff", "exponent")),
+    *(Field(f"light_{name}", is_not_copied=True) for name in ("bulbradius", "range")),
+    *(Field(f"mat_{name}", is_drawn_per_world=True)
+      for name in ("emission", "shininess", "specular", "texrepeat")),
+    *(Field(f"mat_{name}", is_not_copied=True) for name in ("metallic", "roughness")),
+    Field("cam_fovy", "°", kind=Kind("field_of_view"), within=10.0, least=1.0, most=170.0,
+          is_never_negative=True, is_drawn_per_world=True),
+    Field("opt.gravity", "m/s²"),
+    Field("opt.timestep", "s", not_tunable=_TIMESTEP),
+    Field("environment.picture", shows_in="picture"),
+)
+# fmt: on
+FIELDS = {field.name: field for field in _TABLE}
+KINDS = {field.kind.name: (field, field.kind) for field in _TABLE if field.kind}
