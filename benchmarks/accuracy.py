@@ -29,7 +29,7 @@ import tyro
 from baselines.one_run import Method, OneRun
 from baselines.picture import draw
 from baselines.scores import read_results, score_all, table
-from common import machine
+from common import machine, record_figures
 
 from simtune.tasks import TASKS
 
@@ -47,6 +47,7 @@ def main(
     gap: bool = False,
     far: bool = False,
     picture: Path | None = None,
+    record: Path | None = None,
     quick: bool = False,
 ) -> None:
     """Measure it.
@@ -62,6 +63,7 @@ def main(
         gap: Through a reality gap (simtune tune --real-gap); results go to OUT/gap.
         far: Starts at ×4/×¼; results go to OUT/far.
         picture: Write the picture there, too.
+        record: Write the figures into this file of docs/results, too.
         quick: One run that is given no time to learn, within a minute.
     """
     if unknown := [t for t in tasks if t not in TASKS]:
@@ -90,7 +92,7 @@ def main(
             for method in methods
         ]
         failed = run_all(runs, jobs)
-        summarize(out, variant, failed, picture)
+        summarize(out, variant, failed, picture, record)
     if failed:
         sys.exit(1)
 
@@ -138,7 +140,9 @@ def run_one(run: OneRun, core: int | None) -> bool:
     return process.returncode == 0
 
 
-def summarize(out: Path, variant: str, failed: list[str], picture: Path | None) -> None:
+def summarize(
+    out: Path, variant: str, failed: list[str], picture: Path | None, record: Path | None
+) -> None:
     """Print and write what all finished runs say together."""
     results = read_results(out)
     scores = score_all(results)
@@ -150,6 +154,12 @@ def summarize(out: Path, variant: str, failed: list[str], picture: Path | None) 
         title = f"Errors from a start at {start}{through}: a dot a world, bars at medians"
         for path in filter(None, (out / "accuracy.png", picture)):
             draw(results, path, title)
+    rows = [
+        {"task": task, "method": method, **scored}
+        for task, methods in scores.items()
+        for method, scored in methods.items()
+    ]
+    record_figures(record, ("task", "method"), rows)
     print(json.dumps({"variant": variant, "scores": scores, "failed": failed, **machine()}))
 
 

@@ -8,12 +8,13 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import torch
 import tyro
 from baselines.eager_curl_sac import EagerCurlSac
-from common import machine
+from common import machine, record_figures
 
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.parameters import Parameter, ParameterSpace
@@ -54,12 +55,15 @@ def updates_per_s(update: Callable[[int], object], num_updates: int, device: tor
     return num_updates / (time.perf_counter() - start)
 
 
-def main(device: str = "cpu", rounds: int = 7, quick: bool = False) -> None:
+def main(
+    device: str = "cpu", rounds: int = 7, record: Path | None = None, quick: bool = False
+) -> None:
     """Measure it.
 
     Args:
         device: Where to compute.
         rounds: Turns of each.
+        record: Write the figures into this file of docs/results, too.
         quick: Fewer rounds: within a minute.
     """
     config, place = CurlSacConfig(random_steps=0), torch.device(device)
@@ -96,6 +100,14 @@ def main(device: str = "cpu", rounds: int = 7, quick: bool = False) -> None:
         "ratio_to_eager": round(float(np.median(ratios)), 2),
         **hardware,
     }
+    row = {
+        "what": f"agent on {device}, threads: {torch.get_num_threads()}",
+        "unit": "updates/s",
+        "ours": result["updates_per_s"],
+        "other": result["eager_updates_per_s"],
+        "ratio": result["ratio_to_eager"],
+    }
+    record_figures(record, ("what",), [row])
     print(json.dumps(result))
 
 

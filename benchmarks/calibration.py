@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 from baselines.one_run import true_parameters
-from common import QUICK, machine
+from common import QUICK, machine, record_figures
 
 from simtune.real.truth import Truth
 from simtune.tasks import TASKS, Task, load_task
@@ -42,6 +42,7 @@ def main(
     real_episodes: int = 5,
     at_most_minutes: float = 60.0,
     out: Path = Path("runs/calibration"),
+    record: Path | None = None,
     quick: bool = False,
 ) -> None:
     """Measure it.
@@ -54,6 +55,7 @@ def main(
         real_episodes: Of each world, 200 steps each.
         at_most_minutes: For each search's worlds.
         out: Folder for the ranks, a JSON lines file for each task and range.
+        record: Write the figures into this file of docs/results, too.
         quick: A world of each range, no time to learn, nothing kept.
     """
     config, found = PosteriorSearchConfig(fit_share=0.05), {}
@@ -73,6 +75,11 @@ def main(
             for path in sorted(out.glob(f"{name}-*.jsonl")):
                 found[path.stem] = summary(path)
                 print(f"{path.stem}: {found[path.stem]}", file=sys.stderr)
+    rows = []
+    for name, figures in found.items():
+        task, _, label = name.rpartition("-")
+        rows.append({"task": task, "range": label, **figures})
+    record_figures(record, ("task", "range"), rows)
     print(json.dumps({"benchmark": "calibration", "quick": quick, **machine(), "ranges": found}))
 
 
@@ -135,11 +142,13 @@ def summary(path: Path) -> dict[str, object]:
     ranks = np.array([list(row.values()) for row in rows])
     inside = (ranks > _INSIDE[0]) & (ranks < _INSIDE[1])
     each = dict(zip(rows[0], inside.mean(0).round(3).tolist(), strict=True))
+    lowest = min(each, key=each.__getitem__)
     histogram = np.histogram(ranks, 10, (0, 1))[0].tolist()
     return {
         "worlds": len(rows),
         "coverage": round(float(inside.mean()), 3),
         "coverage_of_each": each,
+        "lowest": {lowest: each[lowest]},
         "histogram": histogram,
     }
 

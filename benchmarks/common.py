@@ -3,8 +3,16 @@
 import json
 import os
 import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from datetime import date
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
+
+import torch
 
 from simtune.fit import ParticleConfig, ShootingConfig, Stage
 from simtune.tuning.posterior_config import PosteriorSearchConfig
@@ -22,6 +30,8 @@ QUICK = PosteriorSearchConfig(
     shooting=ShootingConfig(stages=(Stage(4, 1, 2.0), Stage(8, 1)), longer=(), num_windows=6),
 )
 
+_ROOT = Path(__file__).parents[1]
+_CODE = ("src", "benchmarks", "pyproject.toml", "constraints.txt")
 _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "warp-lang", "torch")
 
 
@@ -31,6 +41,66 @@ def machine(*more_packages: str) -> dict[str, Any]:
         "hardware": {"cpu": _cpu_model(), "cores": os.cpu_count()},
         "versions": {name: version(name) for name in (*_PACKAGES, *more_packages)},
     }
+
+
+def record_figures(path: Path | None, key: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
+    """Put figures into a claim's file in docs/results; nothing without a path.
+
+    Each row gets the command, commit, date and hardware. It replaces the row with the same `key`
+    fields but keeps what a benchmark does not measure, such as a goal. A new file has a plain
+    column for each field; its title and text are then written by hand.
+    """
+    if path is None:
+        return
+    if path.exists():
+        claim = json.loads(path.read_text(encoding="utf-8"))
+    else:
+        columns = [{"title": name, "text": f"{{{name}}}"} for name in rows[0]] if rows else []
+        claim = {"title": path.stem, "claim": "", "note": "", "key": list(key)}
+        claim |= {"columns": columns, "rows": []}
+    key, origin = claim["key"], _origin()
+    by_key = {tuple(row[name] for name in key): row for row in claim["rows"]}
+    for row in rows:
+        same = tuple(row[name] for name in key)
+        by_key[same] = by_key.get(same, {}) | row | origin
+    claim["rows"] = list(by_key.values())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(claim, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _origin() -> dict[str, str | None]:
+    script = Path(sys.argv[0]).resolve()
+    name = script.relative_to(_ROOT) if script.is_relative_to(_ROOT) else script.name
+    return {
+        "command": shlex.join(["python", str(name), *sys.argv[1:]]),
+        "commit": _commit(),
+        "date": date.today().isoformat(),
+        "hardware": _hardware(),
+    }
+
+
+def _commit() -> str | None:
+    """Dirty only by code: figures that other benchmarks have just written do not count."""
+    commit = _git("rev-parse", "--short", "HEAD")
+    return commit and commit + ("-dirty" if _git("status", "--porcelain", *_CODE) else "")
+
+
+def _git(*arguments: str) -> str | None:
+    """What git says; None where there is no git or no repository."""
+    try:
+        command = ["git", "-C", str(_ROOT), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def _hardware() -> str:
+    cores = os.cpu_count()
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else cores
+    parts = [_cpu_model(), f"{usable} of {cores} cores"]
+    if torch.cuda.is_available():
+        parts.append(torch.cuda.get_device_name())
+    return ", ".join(parts)
 
 
 def _cpu_model() -> str:

@@ -31,7 +31,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import tyro
-from common import QUICK, machine
+from common import QUICK, machine, record_figures
 
 from simtune.parameters import Parameter, ParameterSpace, dynamics
 from simtune.real.truth import Truth
@@ -112,6 +112,7 @@ def main(
     real_episodes: int = 5,
     seed: int = 0,
     out: Path = Path("runs/honesty"),
+    record: Path | None = None,
     quick: bool = False,
 ) -> None:
     """Run them all.
@@ -122,6 +123,7 @@ def main(
         real_episodes: Of 200 steps each, with random actions.
         seed: Of everything; it also chooses which parameters start too high.
         out: Folder for what each case found.
+        record: Write the figures into this file of docs/results, too.
         quick: One world, no time to learn, nothing kept.
     """
     config, found = PosteriorSearchConfig(), {}
@@ -137,6 +139,7 @@ def main(
                 worlds = case(load_task(name))
                 write_json(path, tuned(*worlds, config, minutes, real_episodes, seed))
             found[case.__name__] = read_json(path)
+    record_figures(record, ("case",), [row(name, case) for name, case in found.items()])
     print(json.dumps({"benchmark": "honesty", "quick": quick, **machine(), "cases": found}))
 
 
@@ -182,6 +185,21 @@ def tuned(
             for name, error, verdict, share in told
         },
         "seconds": round(time.monotonic() - began_s, 1),
+    }
+
+
+def row(name: str, found: dict[str, Any]) -> dict[str, Any]:
+    """A case as docs/results shows it."""
+    parameters = found["parameters"].items()
+    verdicts = [f"{parameter} {figures['verdict']}" for parameter, figures in parameters]
+    correlated = [f"{pair}: {c['correlation']}" for pair, c in found["correlations"].items()]
+    said = [", ".join(found["warnings"]) or "no warning", ", ".join(verdicts), *correlated]
+    errors = {parameter: figures["percent_error"] for parameter, figures in parameters}
+    return {
+        "case": name,
+        "said": "; ".join(said),
+        "percent_error": errors,
+        "wall_s": found["seconds"],
     }
 
 

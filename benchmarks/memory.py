@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 import tyro
-from common import machine
+from common import machine, record_figures
 
 # simtune is imported in the measured process only: what this one holds would count there too.
 
@@ -36,7 +36,7 @@ def tune(
 
     peaks: list[float] = []
 
-    def make_search(_, simulator, camera, start, seed, say):
+    def make_search(_, simulator, camera, start, seed, say, *_more):
         if search == "posterior":
             config = PosteriorSearchConfig(
                 num_worlds=worlds,
@@ -77,6 +77,7 @@ def main(
     moves: int = 5,
     worlds: int = 256,
     real_episodes: int = 10,
+    record: Path | None = None,
     quick: bool = False,
 ) -> None:
     """Measure it.
@@ -87,6 +88,7 @@ def main(
         moves: Iterations to compare, after those that first take what later ones use again.
         worlds: Simulated in an iteration of the posterior's search.
         real_episodes: Episodes of the real world.
+        record: Write the figures into this file of docs/results, too.
         quick: Fewer moves and worlds: within a minute.
     """
     if moves < 2:
@@ -109,6 +111,9 @@ def main(
         "peaks_mb": [round(p) for p in peaks],  # after each iteration
         **machine(),
     }
+    row = {"what": f"simtune tune {task}, {search}"}
+    row |= {name: result[name] for name in ("peak_mb", "peaks_mb")}
+    record_figures(record, ("what",), [row])
     print(json.dumps(result))
 
 

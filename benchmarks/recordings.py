@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import machine
+from common import machine, record_figures
 
 from simtune.parameters import ParameterSpace
 from simtune.real.truth import Truth
@@ -67,6 +67,21 @@ def score(result: dict[str, Any], truth: dict[str, Any], space: ParameterSpace) 
     }
 
 
+def row(task: str, scored: dict[str, Any]) -> dict[str, Any]:
+    """A task as docs/results shows it."""
+    parameters = scored["parameters"]
+    dynamics = [p.name for p in load_task(task).parameters if not p.is_colour]
+    held = sum(p["covered"] for p in parameters.values())
+    return {
+        "task": task,
+        "percent_error": scored["percent_error"],
+        "coverage": scored["coverage"],
+        "intervals_that_hold": f"{held} of {len(parameters)}",
+        "dynamics_percent_error": {name: parameters[name]["percent_error"] for name in dynamics},
+        "verdicts": {name: parameters[name]["verdict"] for name in dynamics},
+    }
+
+
 def print_table(scores: dict[str, dict[str, Any]]) -> None:
     print("| task | parameter | estimate | 90 % interval | holds the truth | error | verdict |")
     print("|---|---|---|---|---|---|---|")
@@ -94,6 +109,7 @@ def main(
     budget_minutes: float = 8.0,
     real_episodes: int = 10,
     seed: int = 0,
+    record: Path | None = None,
     quick: bool = False,
 ) -> None:
     """Measure it.
@@ -105,6 +121,7 @@ def main(
         budget_minutes: For each run.
         real_episodes: Recorded episodes to take.
         seed: Of all random numbers.
+        record: Write the figures into this file of docs/results, too.
         quick: One run that is given no time to learn, within a minute; none without recordings.
     """
     found = tasks_in(recordings)
@@ -120,9 +137,10 @@ def main(
     if quick:
         tasks, budget_minutes, real_episodes = tasks[:1], 0.1, 1
         with tempfile.TemporaryDirectory() as folder:
-            failed = run_all(recordings, tasks, Path(folder), budget_minutes, real_episodes, seed)
+            out = Path(folder)
+            failed = run_all(recordings, tasks, out, budget_minutes, real_episodes, seed, record)
     else:
-        failed = run_all(recordings, tasks, out, budget_minutes, real_episodes, seed)
+        failed = run_all(recordings, tasks, out, budget_minutes, real_episodes, seed, record)
     if failed:
         sys.exit(1)
 
@@ -134,6 +152,7 @@ def run_all(
     budget_minutes: float,
     real_episodes: int,
     seed: int,
+    record: Path | None,
 ) -> list[str]:
     """Tune and score each; print it all; the tasks whose runs failed."""
     scores, failed = {}, []
@@ -151,6 +170,7 @@ def run_all(
         truth = json.loads((recording / "truth.json").read_text())
         scores[task] = score(result, truth, load_task(task).parameters)
     print_table(scores)
+    record_figures(record, ("task",), [row(task, scored) for task, scored in scores.items()])
     summary = {
         key: round(float(np.mean([s[key] for s in scores.values()])), 3) if scores else None
         for key in ("percent_error", "coverage")

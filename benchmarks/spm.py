@@ -11,12 +11,13 @@ import json
 import sys
 import time
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 import tyro
-from common import machine
+from common import machine, record_figures
 
 from simtune.config import RealConfig
 from simtune.progress import Say
@@ -126,6 +127,7 @@ def main(
     minutes: tuple[float, float] = (10, 20),
     real_episodes: int = 10,
     seed: int = 0,
+    record: Path | None = None,
     quick: bool = False,
 ) -> None:
     """Measure it.
@@ -135,6 +137,7 @@ def main(
         minutes: At most so long for the posterior's search, and for the paper's.
         real_episodes: Episodes of the real world that both look at.
         seed: Of all random numbers; it also chooses which parameters start too high.
+        record: Write the figures into this file of docs/results, too.
         quick: A small part of both searches, within a minute; nothing is reached in it.
     """
     if task not in TASKS:
@@ -171,6 +174,10 @@ def main(
         "configs": {name: asdict(config) for name, config in configs.items()},
         **about,
     }
+    seconds = result["seconds_to_10_percent"]
+    row = {"what": f"search, {task}", "unit": "s", "ours": seconds["posterior"]}
+    row |= {"other": seconds["paper"], "ratio": result["ratio"]}
+    record_figures(record, ("what",), [row])
     print(json.dumps(result))
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from common import machine
+from common import machine, record_figures
 
 from simtune.recordings import write_dataset
 from simtune.trajectory import Trajectory
@@ -67,6 +67,7 @@ def main(
     episode_steps: int = 199,
     real_episodes: int = 10,
     tune_minutes: float = 0.0,
+    record: Path | None = None,
     quick: bool = False,
 ) -> None:
     """Measure it.
@@ -78,6 +79,7 @@ def main(
         episode_steps: Actions in an episode; it has a frame more.
         real_episodes: That `tune` takes, beside all.
         tune_minutes: For a whole run with all episodes; 0: none.
+        record: Write the figures into this file of docs/results, too.
         quick: 2,000 frames: within a minute.
     """
     if quick:
@@ -108,6 +110,15 @@ def main(
         "limit_mb": _LIMIT_MB,
         **machine(),
     }
+    pictures = f"of {width} × {height}"
+    measured = {
+        f"simtune check, {result['frames']:,} frames {pictures}": check,
+        f"tune reads {min(real_episodes, num_episodes)} episodes {pictures}": some,
+        f"tune reads {num_episodes} episodes {pictures}": whole,
+        f"tune to {num_episodes} episodes {pictures}": tuned,
+    }
+    rows = [{"what": what, **figures} for what, figures in measured.items() if figures]
+    record_figures(record, ("what",), rows)
     print(json.dumps(result))
 
 

@@ -1,0 +1,96 @@
+"""docs/results.md is what docs/make_results.py makes of docs/results/*.json.
+
+`python docs/make_results.py` makes the page anew.
+"""
+
+import json
+import re
+import runpy
+import sys
+from pathlib import Path
+from string import Formatter
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+CLAIMS = sorted((ROOT / "docs" / "results").glob("*.json"))
+MADE = runpy.run_path(str(ROOT / "docs" / "make_results.py"))
+
+
+@pytest.fixture
+def common(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import common
+
+    return common
+
+
+def read(path: Path) -> dict:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def test_the_page_is_made_of_the_claims():
+    assert (ROOT / "docs" / "results.md").read_text(encoding="utf-8") == MADE["page"]()
+
+
+@pytest.mark.parametrize("path", CLAIMS, ids=lambda path: path.stem)
+def test_every_row_says_where_it_is_from(path):
+    claim = read(path)
+    assert {"title", "claim", "note", "key", "columns", "rows"} <= set(claim)
+    for row in claim["rows"]:
+        assert {"command", "commit", "date", "hardware", *claim["key"]} <= set(row)
+        assert row["command"] is None or row["command"].strip()
+        assert row["hardware"] is None or row["hardware"].strip()
+        assert row["commit"] is None or re.match(r"[0-9a-f]{7}", row["commit"])
+        assert row["date"] is None or re.fullmatch(r"\d{4}-\d\d-\d\d", row["date"])
+
+
+@pytest.mark.parametrize("path", CLAIMS, ids=lambda path: path.stem)
+def test_rows_differ_in_their_key_and_columns_show_their_fields(path):
+    claim = read(path)
+    keys = [tuple(row[name] for name in claim["key"]) for row in claim["rows"]]
+    assert len(set(keys)) == len(keys)
+    fields = {name for row in claim["rows"] for name in row}
+    for column in claim["columns"]:
+        shown = {name for _, name, _, _ in Formatter().parse(column["text"]) if name}
+        assert shown | set(column.get("where", {})) <= fields
+
+
+def test_a_cell_shows_numbers_names_and_what_is_missing():
+    fill, cell = MADE["fill"], MADE["cell"]
+    assert fill("{error:.1f} %", {"error": 0.25}) == "0.2 %"
+    assert fill("{held:.0%}", {"held": 0.9}) == "90 %"
+    assert fill("{error:.1f} %", {"error": {"mass": 1.0, "gain": 2.0}}) == "mass 1.0 %, gain 2.0 %"
+    assert fill("{held:.0%}", {"held": "9 of 10"}) == "9 of 10"
+    assert fill("{low} to {high}", {"low": 1, "high": None}) == "–"
+    rows = [{"method": "a", "x": 1}, {"method": "b", "x": 2}, {"method": "a", "x": 3}]
+    assert cell({"text": "{x}", "where": {"method": "a"}}, rows) == "1; 3"
+
+
+def test_a_benchmark_replaces_its_row_and_keeps_the_others(common, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", [str(ROOT / "benchmarks" / "memory.py"), "--task", "walker"])
+    path = tmp_path / "claim.json"
+    common.record_figures(
+        path, ("task",), [{"task": "walker", "mb": 2}, {"task": "finger", "mb": 3}]
+    )
+    first = read(path)
+    first["rows"][0]["goal"] = "4"
+    path.write_text(json.dumps(first | {"title": "Memory"}), encoding="utf-8")
+    common.record_figures(
+        path, ("task",), [{"task": "walker", "mb": 1}, {"task": "cheetah", "mb": 5}]
+    )
+    claim = read(path)
+    assert claim["title"] == "Memory"
+    assert [(row["task"], row["mb"]) for row in claim["rows"]] == [
+        ("walker", 1),
+        ("finger", 3),
+        ("cheetah", 5),
+    ]
+    assert claim["rows"][0]["goal"] == "4"
+    assert claim["rows"][0]["command"] == "python benchmarks/memory.py --task walker"
+    assert re.search(r"\d of \d+ cores", claim["rows"][0]["hardware"])
+    assert "| walker | 1 |" in MADE["table"](claim)
+
+
+def test_nothing_is_recorded_unless_asked_for(common):
+    common.record_figures(None, ("task",), [{"task": "walker"}])
