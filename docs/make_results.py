@@ -38,9 +38,9 @@ MISSING = "–"
 _MOST_COMMANDS = 2  # of a claim on the page; its file has all
 _HEAD = """\
 Made from [docs/results](results) by `python docs/make_results.py`; edit the files there. Each of
-their rows has its command, commit, date and hardware; the page shows them once a table. All figures
-so far are from virtual machines with an Intel Xeon (2.5 GHz, AVX-512, 24 GB, no GPU) whose speed
-varies: compare times only within one run. Earlier measurements are in git's history."""
+their rows has its command, commit, date and hardware; the page shows them once a table. The Intel
+Xeons are virtual machines (AVX-512, 24 GB, no GPU) whose speed varies: compare times only within
+one run. Earlier measurements are in git's history."""
 
 Claim = Mapping[str, Any]
 Row = Mapping[str, Any]
