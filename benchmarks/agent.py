@@ -34,7 +34,7 @@ def a_replay(config: CurlSacConfig, device: torch.device) -> Replay:
     replay.add(
         Episodes(
             parameters=np.ones((n, 1)),
-            rows=np.zeros((n, steps + 1, 1)),
+            full_states=np.zeros((n, steps + 1, 1)),
             states=np.zeros((n, steps + 1, 1), np.float32),
             actions=rng.uniform(-1, 1, (n, steps, _NUM_ACTIONS)).astype(np.float32),
             rewards=rng.uniform(0, 1, (n, steps)).astype(np.float32),

@@ -11,9 +11,11 @@ from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, ParameterSpace, dynamics
 from simtune.simulation import (
     DirectActions,
+    Drawing,
     JointActions,
     MocapActions,
     ScaledActions,
+    Scene,
     Simulator,
     random_actions,
 )
@@ -77,15 +79,15 @@ def simulator_of(
     model = mujoco.MjModel.from_xml_string(xml)
     geom_body = model.body(model.nbody - 1).name
     mass = dynamics("mass", "body_mass", (geom_body,), nominal=1.0, unit="kg")
-    return Simulator(
-        model,
-        ParameterSpace([mass]),
+    scene = Scene(
+        model=model,
+        space=ParameterSpace([mass]),
         camera="front",
         initialize=initialize or (lambda batch, rng: None),
         step_s=step_s,
-        image_size=16,
         map_actions=map_actions,
     )
+    return Simulator(scene, Drawing(image_size=16))
 
 
 def plain_loop(simulator: Simulator, mass: float, start, move, num_steps: int) -> np.ndarray:
@@ -251,7 +253,7 @@ class TestMocap:
         actions = np.array([[[1.0, 0, 0], [0, 0, 0]], [[0.5, -1, 0.25], [-0.5, 0, 1]]])
         places = simulator.roll_out(
             np.full((2, 1), 0.01), actions, np.random.default_rng(0), held.place
-        ).recorded
+        ).observed
         np.testing.assert_allclose(np.diff(places, axis=1), 0.02 * actions, atol=5e-4)
 
     @pytest.mark.parametrize("weld", WELDS)

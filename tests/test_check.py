@@ -115,7 +115,7 @@ class Scene:
         self.keypoints = candidate_keypoints(self.simulator.model, task.camera, SIZE)
         nominal = np.tile(task.parameters.nominal, (NUM_EPISODES, 1))
         self.episodes: Rollouts = self.simulator.roll_out(
-            nominal, self.actions, rng, self.keypoints.record
+            nominal, self.actions, rng, self.keypoints.observe
         )
 
     def conclude(self) -> dict:
@@ -241,7 +241,7 @@ def test_picture_is_that_of_a_plain_loop(swinging):
 def test_what_motion_tells_is_fishers_information(sliding):
     """x(t) = x0 + v0 t + s(t) / mass: all derivatives are known."""
     told = told_by_motion(sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0]))
-    assert 0 < sliding.episodes.recorded.min() < sliding.episodes.recorded.max() < SIZE - 1
+    assert 0 < sliding.episodes.observed.min() < sliding.episodes.observed.max() < SIZE - 1
     times_s = np.arange(WINDOW_STEPS + 1) * sliding.simulator.step_s
     px_per_m = FOCAL_PX / DEPTH_M / 0.5  # in units of the detector's noise
     sure = 0.98 * 0.99

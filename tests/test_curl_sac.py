@@ -61,20 +61,22 @@ def test_a_crop_has_to_fit_into_the_picture():
         CurlSacConfig(image_size=64)
 
 
-def test_goals_by_hand(agent, monkeypatch):
+def test_target_q_by_hand(agent, monkeypatch):
     """γ = .99, α = .1; the second step ended the task, the third was cut off by time."""
     log_prob = torch.tensor([-2.0, 0.5, 3.0])
-    monkeypatch.setattr(agent, "_draw", lambda convolved: (torch.zeros(3, 2), log_prob))
+    monkeypatch.setattr(agent, "_draw", lambda maps: (torch.zeros(3, 2), log_prob))
     values = torch.tensor([[3.0, 5.0, -1.0], [4.0, 1.0, -2.0]])
     monkeypatch.setattr(agent.target.q, "forward", lambda features, actions: values)
-    goals = agent.goals(torch.tensor([1.0, 2.0, 0.5]), torch.tensor([1.0, 0.0, 1.0]), as_frames(3))
+    target_q = agent.target_q(
+        torch.tensor([1.0, 2.0, 0.5]), torch.tensor([1.0, 0.0, 1.0]), as_frames(3)
+    )
     wanted = [1 + 0.99 * (3 + 0.2), 2, 0.5 + 0.99 * (-2 - 0.3)]
-    np.testing.assert_allclose(goals.detach(), wanted, rtol=1e-6)
+    np.testing.assert_allclose(target_q.detach(), wanted, rtol=1e-6)
 
 
 def test_the_critics_loss_is_the_sum_of_both_mean_squares(agent, monkeypatch):
-    goals, values = torch.tensor([1.0, 2.0]), torch.tensor([[1.0, 4.0], [0.0, 0.0]])
-    monkeypatch.setattr(agent, "goals", lambda *_: goals)
+    target_q, values = torch.tensor([1.0, 2.0]), torch.tensor([[1.0, 4.0], [0.0, 0.0]])
+    monkeypatch.setattr(agent, "target_q", lambda *_: target_q)
     first = agent.critic.q.forward
     monkeypatch.setattr(agent.critic.q, "forward", lambda *a: values + 0 * first(*a))
     losses = agent.learn(pixel_batch(SMALL.image_size, 2))

@@ -1,4 +1,4 @@
-"""DrQ-v2: its goals and noise by hand, and what its actor may not move."""
+"""DrQ-v2: its target values and noise by hand, and what its actor may not move."""
 
 import numpy as np
 import pytest
@@ -30,22 +30,22 @@ def test_the_papers_sizes():
     assert of_actor == [(50, 32 * 35 * 35), (1024, 50), (1024, 1024), (6, 1024)]
 
 
-def test_goals_by_hand(agent, monkeypatch):
+def test_target_q_by_hand(agent, monkeypatch):
     values = torch.tensor([[3.0, 5.0, -1.0], [4.0, 1.0, -2.0]])
-    monkeypatch.setattr(agent.target, "forward", lambda convolved, actions: values)
-    goals = agent.goals(
+    monkeypatch.setattr(agent.target, "forward", lambda obs, actions: values)
+    target_q = agent.target_q(
         torch.tensor([1.0, 2.0, 0.5]),
         torch.tensor([1.0, 0.0, 1.0]),  # the second step ended the task
         torch.rand(3, agent.encoder.num_outputs),
     )
-    np.testing.assert_allclose(goals.detach(), [1 + 0.99 * 3, 2, 0.5 - 0.99 * 2], rtol=1e-6)
+    np.testing.assert_allclose(target_q.detach(), [1 + 0.99 * 3, 2, 0.5 - 0.99 * 2], rtol=1e-6)
 
 
-def test_goals_are_of_the_actors_actions_with_clipped_noise(agent, monkeypatch):
+def test_target_q_is_of_the_actors_actions_with_clipped_noise(agent, monkeypatch):
     seen = []
     monkeypatch.setattr(agent.target, "forward", lambda _, a: seen.append(a) or a.T)
     monkeypatch.setattr(agent.actor, "forward", lambda _: torch.full((500, 2), 0.5))
-    agent.goals(torch.zeros(500), torch.ones(500), torch.empty(500, 0))
+    agent.target_q(torch.zeros(500), torch.ones(500), torch.empty(500, 0))
     off = seen[0] - 0.5
     assert float(off.abs().max()) == pytest.approx(0.3, abs=1e-6)
     assert ((off.abs() - 0.3).abs() < 1e-6).float().mean() > 0.5  # noise of 1 is mostly clipped

@@ -120,8 +120,8 @@ def test_of_a_picture_that_is_no_square_the_middle_is_looked_at(ball, axis):
     seen = []
     for simulator in (plain, boxed):
         rng, points = np.random.default_rng(3), simulator.points()
-        rollouts = simulator.roll_out(parameters, actions, rng, points.record)
-        seen.append((simulator.film(rollouts), rollouts.recorded))
+        rollouts = simulator.roll_out(parameters, actions, rng, points.observe)
+        seen.append((simulator.film(rollouts), rollouts.observed))
     np.testing.assert_array_equal(seen[0][0], seen[1][0])
     np.testing.assert_allclose(seen[0][1], seen[1][1], atol=1e-4)
 
@@ -131,14 +131,14 @@ def test_points_are_where_the_ball_is_in_the_picture():
     parameters, actions, rng = some_worlds(4, 10)
     points = simulator.points()
     assert len(points) == 1
-    rollouts = simulator.roll_out(parameters, actions, rng, points.record)
+    rollouts = simulator.roll_out(parameters, actions, rng, points.observe)
     frames = simulator.film(rollouts).astype(float)
     walls = np.median(frames, axis=(0, 1))
     weight = np.abs(frames - walls).sum(-1) * (np.abs(frames - walls).sum(-1) > 60)
     rows, columns = np.mgrid[:SIZE, :SIZE]
     total = weight.sum((2, 3))
     seen = np.stack([(weight * columns).sum((2, 3)), (weight * rows).sum((2, 3))], -1)
-    far = np.abs(seen / total[..., None] - rollouts.recorded)
+    far = np.abs(seen / total[..., None] - rollouts.observed)
     assert np.median(far) < 0.3
     again = points.with_state(json.loads(json.dumps(points.state())))
     np.testing.assert_array_equal(again.chosen, points.chosen)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from simtune.fit.tracks import Tracks
 
 from simtune.fit import sizing
 from simtune.fit.bootstrap import Bootstrap, run_bootstrap
@@ -14,7 +15,6 @@ from simtune.fit.physics import Physics
 from simtune.fit.pictures import fit_pictures
 from simtune.fit.result import FitResult, Misfit
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
-from simtune.fit.tracks import Tracks
 from simtune.fit.uncertainty import correlations, doubts, inflate
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
@@ -55,13 +55,13 @@ def played(simulator):
     )
     truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
     actions = random_actions(3, 96, simulator.model, rng)
-    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.record)
+    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.observe)
     return keypoints, truth, rollouts
 
 
 def tracks_of(rollouts, noise_px: float, mixed_up: float, rng) -> Tracks:
     """What the detector would see that is sometimes sure of another keypoint's place."""
-    true = rollouts.recorded.reshape(*rollouts.recorded.shape[:2], -1, 2)
+    true = rollouts.observed.reshape(*rollouts.observed.shape[:2], -1, 2)
     seen = true + noise_px * rng.normal(size=true.shape)
     other = np.roll(seen, 1, axis=2)
     swapped = rng.random(seen.shape[:-1]) < mixed_up

@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 from servo import cartpole_with_servo
+from simtune.fit.tracks import Tracks
 
 from simtune.fit.particles import ParticleConfig, Particles
 from simtune.fit.physics import Physics
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
-from simtune.fit.tracks import Tracks
 from simtune.parameters import ParameterSpace, delay
 from simtune.randomization import Distribution
 from simtune.simulation import JointActions, random_actions
@@ -62,14 +62,14 @@ def played(task: Task, truth: np.ndarray):
     first = Distribution.first(task.parameters, task.parameters.nominal)
     keypoints = find_keypoints(simulator, task.camera, first, 0)
     actions = random_actions(3, STEPS, simulator.action_mapping, rng)
-    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.record)
+    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.observe)
     physics = Physics(simulator, keypoints, rollouts.states[0, 0])
     return physics, keypoints, rollouts
 
 
 def seen(rollouts) -> Tracks:
     """Keypoints as a nearly perfect the detector sees them."""
-    places = rollouts.recorded.reshape(3, STEPS + 1, 1, -1, 2).repeat(2, 2)
+    places = rollouts.observed.reshape(3, STEPS + 1, 1, -1, 2).repeat(2, 2)
     probability = np.zeros(places.shape[:-1])
     probability[:, :, 0] = 0.98
     return Tracks(places, probability, rollouts.actions.astype(float))

@@ -73,7 +73,7 @@ def test_projection_is_that_of_a_plain_loop(name):
     task = load_task(name)
     worlds, parameters = start_worlds(name, 3)
     keypoints = candidate_keypoints(worlds.batch.model, task.camera, SIZE)
-    pixels = keypoints.record(worlds.batch)
+    pixels = keypoints.observe(worlds.batch)
     assert pixels.shape == (3, 2 * len(keypoints))
     assert pixels.dtype == np.float32
     model = task.load_model()
@@ -109,7 +109,7 @@ def test_keypoints_are_where_the_picture_shows_them():
     axis = np.arange(SIZE)
     centroid = np.stack([weight.sum(1) @ axis, weight.sum(2) @ axis], -1)
     assert (np.ptp(centroid, axis=0) > 5).all()  # the balls are in different places
-    np.testing.assert_allclose(keypoints.record(batch), centroid, atol=0.4)
+    np.testing.assert_allclose(keypoints.observe(batch), centroid, atol=0.4)
 
 
 def test_keypoints_follow_a_camera_of_another_pose_and_field_of_view():
@@ -140,7 +140,7 @@ def test_keypoints_follow_a_camera_of_another_pose_and_field_of_view():
     centroid = np.stack([weight.sum(1) @ axis, weight.sum(2) @ axis], -1)
     assert (np.ptp(centroid, axis=0) > 15).all()
     keypoints = candidate_keypoints(model, "oblique", SIZE)
-    np.testing.assert_allclose(keypoints.record(worlds.batch), centroid, atol=0.4)
+    np.testing.assert_allclose(keypoints.observe(worlds.batch), centroid, atol=0.4)
 
 
 def test_what_is_out_of_the_picture_is_put_just_beyond_its_edge():
@@ -196,11 +196,11 @@ def test_at_most_so_many_keypoints_and_none_for_less_than_the_tolerance():
 def test_chosen_keypoints_of_a_task_fix_all_others():
     worlds, _ = start_worlds("walker", 256)
     keypoints = candidate_keypoints(worlds.batch.model, "side", SIZE)
-    seen = keypoints.record(worlds.batch).reshape(256, -1, 2)
+    seen = keypoints.observe(worlds.batch).reshape(256, -1, 2)
     chosen = choose_keypoints(seen)
     assert 3 <= len(chosen) < len(keypoints)
     few = keypoints.select(chosen)
-    np.testing.assert_array_equal(few.record(worlds.batch).reshape(256, -1, 2), seen[:, chosen])
+    np.testing.assert_array_equal(few.observe(worlds.batch).reshape(256, -1, 2), seen[:, chosen])
     centred = seen - seen.mean(0)
     basis, others = centred[:, chosen].reshape(256, -1), centred.reshape(256, -1)
     rest = others - basis @ np.linalg.lstsq(basis, others, rcond=None)[0]
@@ -223,4 +223,4 @@ def test_the_same_keypoints_come_back_from_json(name):
     for field in ("geom_xmat", "geom_xpos", "cam_xmat", "cam_xpos"):
         batch.bind(field)
     batch.forward()
-    assert again.record(batch).shape == (2, 2 * len(keypoints))
+    assert again.observe(batch).shape == (2, 2 * len(keypoints))

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simtune.fit.tracks import Tracks
 
 from simtune.fit.physics import Physics
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit
-from simtune.fit.tracks import Tracks
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
@@ -38,9 +38,9 @@ def swings(
     truth[0] *= 1.3
     keypoints = find_keypoints(simulator, task.camera, Distribution.first(space, truth), 0)
     rollouts = simulator.roll_out(
-        np.repeat(truth[None], 4, 0), np.zeros((4, STEPS, 0)), rng, keypoints.record
+        np.repeat(truth[None], 4, 0), np.zeros((4, STEPS, 0)), rng, keypoints.observe
     )
-    true = rollouts.recorded.reshape(4, STEPS + 1, 1, -1, 2)
+    true = rollouts.observed.reshape(4, STEPS + 1, 1, -1, 2)
     places = np.repeat(true + noise_px * rng.normal(size=true.shape), 2, 2)
     probability = np.zeros(places.shape[:-1])
     probability[:, :, 0] = 0.98

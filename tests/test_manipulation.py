@@ -64,9 +64,9 @@ def follow(name: str, parameters: np.ndarray, site: str, num_steps: int = STEPS,
         act,
         num_steps,
         np.random.default_rng(0),
-        watch=lambda batch: place_of(batch, site).copy(),
+        observe=lambda batch: place_of(batch, site).copy(),
     )
-    return played.watched, played
+    return played.observed, played
 
 
 def still(t: int, states: np.ndarray) -> np.ndarray:
@@ -171,9 +171,9 @@ class TestBoth:
             simulator.follow_script(len(parameters)),
             STEPS,
             np.random.default_rng(0),
-            watch=lambda batch: np.stack([task.success(batch), task.reward(batch)], 1),
+            observe=lambda batch: np.stack([task.success(batch), task.reward(batch)], 1),
         )
-        success, reward = played.watched[..., 0], played.watched[..., 1]
+        success, reward = played.observed[..., 0], played.observed[..., 1]
         assert not success[:, 0].any()
         assert success[0, -1]
         assert success[:, -1].mean() > 0.85
@@ -197,9 +197,9 @@ class TestBoth:
             simulator.explore(4, 30, np.random.default_rng(1)),
             30,
             np.random.default_rng(0),
-            watch=lambda batch: task_of(name).success(batch)[:, None],
+            observe=lambda batch: task_of(name).success(batch)[:, None],
         )
-        assert played.watched.any(1).all()  # random actions hardly ever get there
+        assert played.observed.any(1).all()  # random actions hardly ever get there
         assert np.abs(played.actions).max() <= 1
         spread = played.actions.std(0)[1:]  # over worlds that are alike
         assert 0.1 < spread.mean() < 0.6
@@ -226,9 +226,9 @@ class TestBoth:
             simulator.follow_script(1),
             STEPS,
             np.random.default_rng(0),
-            watch=keypoints.record,
+            observe=keypoints.observe,
         )
-        pixels = played.watched.reshape(STEPS + 1, -1, 2)
+        pixels = played.observed.reshape(STEPS + 1, -1, 2)
         inside = ((pixels > 0) & (pixels < simulator.image_size - 1)).all(-1)  # (T + 1, L)
         thing = [model.body(model.geom_bodyid[g]).name in ("peg", "lid") for g in keypoints.geoms]
         assert inside[:, thing].all()

@@ -50,6 +50,8 @@ SPACE = ParameterSpace([a_parameter("left", 0.0, 1.0), a_parameter("right", 0.05
 class FakeSimulator:
     """Worlds whose picture shows one parameter in its left half and one in its right."""
 
+    can_start_anywhere = True
+
     def __init__(self):
         self.space = SPACE
         self.image_size = SIZE
@@ -61,7 +63,9 @@ class FakeSimulator:
     def roll_out(self, parameters, actions, rng) -> Rollouts:
         n, num_steps, _ = actions.shape
         self.num_steps += n * num_steps
-        return Rollouts(parameters, rng.normal(size=(n, num_steps + 1, 1)), actions)
+        states, lengths = rng.normal(size=(n, num_steps + 1, 1)), np.full(n, num_steps)
+        observed = np.empty((n, num_steps + 1, 0))
+        return Rollouts(parameters, states, actions, lengths, observed, np.arange(n))
 
     def render(self, states, parameters) -> np.ndarray:
         left, right = SPACE.to_unit(parameters).T

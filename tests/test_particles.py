@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from simtune.fit.tracks import Tracks
 
 from simtune.fit.particles import ParticleConfig, Particles
 from simtune.fit.physics import Physics
-from simtune.fit.tracks import Tracks
 from simtune.fit.windows import log_likelihood
 from simtune.randomization import Distribution
 from simtune.simulation import StateSpace, random_actions
@@ -28,8 +28,8 @@ def scene():
     )
     truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
     actions = random_actions(2, 150, simulator.model, rng)
-    rollouts = simulator.roll_out(np.repeat(truth[None], 2, 0), actions, rng, keypoints.record)
-    true = rollouts.recorded.reshape(2, 151, -1, 2)
+    rollouts = simulator.roll_out(np.repeat(truth[None], 2, 0), actions, rng, keypoints.observe)
+    true = rollouts.observed.reshape(2, 151, -1, 2)
     seen = true + NOISE_PX * rng.normal(size=true.shape)
     lost = rng.random(seen.shape[:-1]) < 1 / 5
     seen[lost] = rng.uniform(0, 48, (lost.sum(), 2))

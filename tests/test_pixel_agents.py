@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from simtune.agents.agent import Seen
+from simtune.agents.agent import Observation
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.parameters import Parameter, ParameterSpace
@@ -56,7 +56,7 @@ def a_replay(n: int = 512, device: str = "cpu") -> Replay:
     replay.add(
         Episodes(
             parameters=np.ones((n, 1)),
-            rows=np.zeros((n, 2, 3)),
+            full_states=np.zeros((n, 2, 3)),
             states=np.zeros((n, 2, 2), np.float32),
             actions=actions,
             rewards=-np.square(actions[..., 0] - goals).astype(np.float32),
@@ -119,7 +119,8 @@ def test_nothing_but_pixels_goes_in(make):
     frames, _ = brightness(3, seed=0)
     states = (np.zeros((3, 2)), np.full((3, 2), 1e6))
     explored = [
-        agent.explore(Seen(state, frames)) for agent, state in zip(agents, states, strict=True)
+        agent.explore(Observation(state, frames))
+        for agent, state in zip(agents, states, strict=True)
     ]
     np.testing.assert_array_equal(*explored)
 
@@ -136,7 +137,7 @@ def test_all_else_of_a_step_counts(make, name):
 def test_resume_is_bit_for_bit(make, tmp_path):
     replay, (frames, _) = a_replay(), brightness(3, seed=0)
     whole = make(seed=4)
-    whole.explore(Seen(np.zeros((3, 0)), frames))
+    whole.explore(Observation(np.zeros((3, 0)), frames))
     whole.update(replay, 5)
     state = whole.state()
     path = checkpoint.save(tmp_path / "checkpoints", whole.tensors(), state)
@@ -148,7 +149,7 @@ def test_resume_is_bit_for_bit(make, tmp_path):
     assert resumed.update(replay, 5) == pytest.approx(losses, rel=0, abs=0, nan_ok=True)
     assert_same(everything(resumed), everything(whole))
     assert resumed.state() == whole.state()
-    seen = Seen(np.zeros((3, 0)), frames)
+    seen = Observation(np.zeros((3, 0)), frames)
     np.testing.assert_array_equal(resumed.explore(seen), whole.explore(seen))
 
 
@@ -181,7 +182,7 @@ def test_torchs_own_random_numbers_are_left_alone(make):
     before = torch.get_rng_state()
     agent = make()
     agent.update(a_replay(64), 2)
-    agent.explore(Seen(np.zeros((3, 0)), brightness(3, seed=0)[0]))
+    agent.explore(Observation(np.zeros((3, 0)), brightness(3, seed=0)[0]))
     assert torch.equal(torch.get_rng_state(), before)
 
 
@@ -200,7 +201,7 @@ def test_it_acts_in_bounds_and_draws_on_request(make):
 
 def test_random_steps_come_first_and_teach_nothing(make):
     agent, replay, (frames, _) = make(random_steps=100), a_replay(64), brightness(40, seed=0)
-    seen = Seen(np.zeros((40, 0)), frames)
+    seen = Observation(np.zeros((40, 0)), frames)
     before = everything(agent)
     random = np.concatenate([agent.explore(seen) for _ in range(3)])  # 0, 40 and 80 before them
     assert np.abs(random.mean()) < 0.2

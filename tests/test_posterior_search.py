@@ -172,9 +172,7 @@ def test_filmed_frames_show_the_steps_they_are_said_to(simulator, real, tiny, mo
 
 def without(rollouts: Rollouts, dropped: list[int]) -> Rollouts:
     kept = np.setdiff1d(np.arange(len(rollouts)), dropped)
-    recorded = None if rollouts.recorded is None else rollouts.recorded[kept]
-    parts = (rollouts.parameters[kept], rollouts.states[kept], rollouts.actions[kept], recorded)
-    return Rollouts(*parts, kept)
+    return Rollouts(*(array[kept] for array in vars(rollouts).values()))
 
 
 def test_worlds_of_which_an_episode_diverged_are_left_out(simulator, real, tiny, monkeypatch):
@@ -197,7 +195,7 @@ def test_worlds_of_which_an_episode_diverged_are_left_out(simulator, real, tiny,
     for i, world in enumerate(left):
         np.testing.assert_array_equal(worlds.actions[i], whole.actions[2 * world : 2 * world + 2])
         keypoints = worlds.keypoints[i].reshape(2, STEPS + 1, -1)
-        np.testing.assert_array_equal(keypoints, whole.recorded[2 * world : 2 * world + 2])
+        np.testing.assert_array_equal(keypoints, whole.observed[2 * world : 2 * world + 2])
 
 
 def test_when_all_worlds_diverge_the_search_says_so(simulator, real, tiny, monkeypatch):

@@ -24,9 +24,9 @@ SPACE = ParameterSpace(
 )
 
 
-def draw(rows: np.ndarray, parameters: np.ndarray, size: int = SIZE) -> np.ndarray:
+def draw(states: np.ndarray, parameters: np.ndarray, size: int = SIZE) -> np.ndarray:
     """Pictures that tell states and worlds apart; the simulator's `render`."""
-    noise = np.sin(1000 * rows[:, 0] + parameters[:, 0])[:, None] + np.arange(size * size * 3)
+    noise = np.sin(1000 * states[:, 0] + parameters[:, 0])[:, None] + np.arange(size * size * 3)
     return (noise * 1e4 % 256).astype(np.uint8).reshape(-1, size, size, 3)
 
 
@@ -37,7 +37,7 @@ def some(
     filmed: bool = True,
     steps: int = STEPS,
     size: int = SIZE,
-    rows: int = 5,
+    full_states: int = 5,
     states: int = 4,
     actions: int = 2,
 ) -> Episodes:
@@ -46,7 +46,7 @@ def some(
     n = len(lengths)
     parameters = SPACE.from_unit(rng.uniform(size=(n, 2)))
     arrays = {
-        "rows": rng.normal(size=(n, steps + 1, rows)),
+        "full_states": rng.normal(size=(n, steps + 1, full_states)),
         "states": rng.normal(size=(n, steps + 1, states)).astype(np.float32),
         "actions": rng.uniform(-1, 1, (n, steps, actions)).astype(np.float32),
         "rewards": rng.uniform(size=(n, steps)).astype(np.float32),
@@ -54,7 +54,7 @@ def some(
     frames = None
     if filmed:
         of_each = np.repeat(parameters, steps + 1, axis=0)
-        frames = draw(arrays["rows"].reshape(-1, rows), of_each, size)
+        frames = draw(arrays["full_states"].reshape(-1, full_states), of_each, size)
         frames = frames.reshape(n, steps + 1, size, size, 3)
     for i, length in enumerate(lengths):
         for array in arrays.values():
@@ -226,10 +226,10 @@ def test_goes_on_from_a_checkpoint_bit_for_bit(tmp_path):
 
     asked = []
 
-    def film(rows: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        assert np.isfinite(rows).all()
-        asked.append(len(rows))
-        return draw(rows, parameters)
+    def film(states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        assert np.isfinite(states).all()
+        asked.append(len(states))
+        return draw(states, parameters)
 
     straight = start()
     for seed in range(3):
@@ -286,7 +286,7 @@ class BytesOfStacks:
 
 @pytest.mark.parametrize("size", [64, 84, 100])
 def test_memory_is_a_sixth_for_an_agent_and_a_twelfth_for_both(size):
-    like_walker = {"steps": 200, "size": size, "states": 24, "actions": 6, "rows": 91}
+    like_walker = {"steps": 200, "size": size, "states": 24, "actions": 6, "full_states": 91}
     replay = Replay(SPACE, filmed_capacity=2)
     replay.add(some([200, 200], **like_walker))
     buffer = SpmBuffer(replay, np.ones(6))
@@ -296,7 +296,7 @@ def test_memory_is_a_sixth_for_an_agent_and_a_twelfth_for_both(size):
     assert pictures == pytest.approx(6 * 200 / 201)
     everything = bytes_of(of_agent) / bytes_of(replay)
     shared = (bytes_of(of_agent) + bytes_of(of_spm)) / (bytes_of(replay) + bytes_of(buffer))
-    assert everything > 5.5  # the rows are what is added
+    assert everything > 5.5  # the full states are what is added
     assert shared > 11
 
 
@@ -353,7 +353,9 @@ def test_crops_are_random_but_the_same_within_a_window():
 def test_rollouts_become_episodes_without_rewards():
     rng = np.random.default_rng(0)
     actions = rng.uniform(-4, 4, (2, STEPS, 2))
-    rollouts = Rollouts(rng.uniform(size=(2, 2)), rng.normal(size=(2, STEPS + 1, 5)), actions)
+    states = rng.normal(size=(2, STEPS + 1, 5))
+    of_all = (np.full(2, STEPS), np.empty((2, STEPS + 1, 0)), np.arange(2))
+    rollouts = Rollouts(rng.uniform(size=(2, 2)), states, actions, *of_all)
     frames = np.zeros((2, STEPS + 1, SIZE, SIZE, 3), np.uint8)
     episodes = Episodes.unrewarded(rollouts, np.array([4.0, 1.0]), frames)
     np.testing.assert_array_equal(episodes.actions * [4.0, 1.0], actions)

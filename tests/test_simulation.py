@@ -10,7 +10,7 @@ import pytest
 
 import simtune.simulation
 from simtune.parameters import ModelWriter, ParameterSpace, delay
-from simtune.simulation import Simulator, Worlds, random_actions, remember_controls
+from simtune.simulation import Worlds, random_actions, remember_controls
 from simtune.tasks import load_task
 from simtune.tasks.task import Task
 
@@ -124,14 +124,7 @@ def test_diverged_episodes_are_left_out_of_rollouts(cartpole):
         cartpole.initialize(batch, rng)
         batch.qvel[2] = np.nan
 
-    simulator = Simulator(
-        cartpole.load_model(),
-        cartpole.parameters,
-        camera=cartpole.camera,
-        initialize=initialize,
-        step_s=cartpole.step_s,
-        image_size=16,
-    )
+    simulator = replace(cartpole, initialize=initialize).simulator(image_size=16)
     rng = np.random.default_rng(0)
     parameters = some_parameters(cartpole, 4)
     actions = random_actions(4, 5, simulator.model, rng)

@@ -381,10 +381,12 @@ def test_a_policy_acts_as_long_as_the_search_simulates_at_any_rate(name, hz):
     played = environment.play(lambda seen: next(acts), worlds, rng, film=False)
     actions = scale_actions(simulator.action_mapping, drawn.swapaxes(0, 1).astype(np.float32))
     straight = simulator.roll_out(
-        worlds, actions, np.random.default_rng(0), starts=played.rows[:, 0]
+        worlds, actions, np.random.default_rng(0), starts=played.full_states[:, 0]
     )
-    np.testing.assert_allclose(played.rows[:, -1], straight.states[:, -1], atol=1e-5)
-    assert played.rows[0, -1, 0] == pytest.approx(20 / hz, rel=0.05)  # a row begins with time
+    np.testing.assert_allclose(played.full_states[:, -1], straight.states[:, -1], atol=1e-5)
+    assert played.full_states[0, -1, 0] == pytest.approx(
+        20 / hz, rel=0.05
+    )  # a full state begins with time
 
 
 def test_a_world_that_is_dead_earns_nothing_and_no_policy_may_lose_its_mind():

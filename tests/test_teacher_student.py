@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from simtune.agents.agent import Seen
+from simtune.agents.agent import AgentSpec, Observation
 from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
@@ -28,6 +28,20 @@ SMALL = TeacherStudentConfig(
     random_steps=24,
     detector_updates_per_step=0.1,
     teacher_updates_per_step=0.2,
+)
+SPEC = AgentSpec(
+    image_size=SIZE,
+    num_stacked=3,
+    num_keypoints=2,
+    num_states=3,
+    num_positions=2,
+    num_actions=1,
+    privileged=np.arange(len(SPACE)) < 2,
+    total_steps=10 * WORLDS * STEPS,
+    first_tried=10 * WORLDS * STEPS,
+    round_steps=WORLDS * STEPS,
+    seed=1,
+    device="cpu",
 )
 
 
@@ -55,7 +69,7 @@ def make_teacher(**changes) -> Teacher:
 def test_targets_by_hand():
     teacher = make_teacher(discount=0.9, noise_clip=0.3)
     batch = transitions(2, discounts=torch.tensor([1.0, 0.0]))
-    found = teacher.target(batch, batch.next_states, 0.5, torch.Generator().manual_seed(7))
+    found = teacher.target_q(batch, batch.next_states, 0.5, torch.Generator().manual_seed(7))
     noise = 0.5 * torch.randn(2, 2, generator=torch.Generator().manual_seed(7))
     assert (noise.abs() > 0.3).any()
     actions = (teacher.actor(batch.next_states).tanh() + noise.clamp(-0.3, 0.3)).clamp(-1, 1)
@@ -83,7 +97,7 @@ def test_its_losses_move_each_what_is_its_own():
         for part in other.actor.parameters():
             part.mul_(0.9)
     for one in (teacher, other):
-        one.targets.weights[-1].data.zero_()  # goals are rewards, whoever acts
+        one.targets.weights[-1].data.zero_()  # so that target_q are the rewards, whoever acts
         one.update(batch, 0.1, torch.Generator().manual_seed(0))
     for mine, its in zip(teacher.critics.parameters(), other.critics.parameters(), strict=True):
         torch.testing.assert_close(mine, its)
@@ -131,7 +145,7 @@ def test_its_actions_know_no_parameters():
 
 def small_student() -> Student:
     with seeded(0):
-        return Student(2, 1, SIZE, 3, 1, SMALL.student)
+        return Student(replace(SPEC, num_positions=1), SMALL.student)
 
 
 def dots(num: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
@@ -165,9 +179,9 @@ def test_what_is_remembered_is_what_would_be_seen():
     film = dots(40)[0].reshape(4, 10, SIZE, SIZE, 3)
     for t in range(8):
         stack = film[:, t : t + 3]
-        actuator_state = student.act(stack)
+        acted = student.act(stack)
         student_anew = small_student()
-        torch.testing.assert_close(actuator_state, student_anew.act(stack), rtol=1e-5, atol=1e-6)
+        torch.testing.assert_close(acted, student_anew.act(stack), rtol=1e-5, atol=1e-6)
     other = film[:, [0, 5, 9]]  # not the next picture: all are looked at
     torch.testing.assert_close(student.act(other), small_student().act(other))
 
@@ -175,21 +189,8 @@ def test_what_is_remembered_is_what_would_be_seen():
 # --- both together ------------------------------------------------------------------------
 
 
-def make_agent(first_tried: int = 10 * WORLDS * STEPS, **changes) -> TeacherStudent:
-    return TeacherStudent(
-        image_size=SIZE,
-        num_stacked=3,
-        num_keypoints=2,
-        num_states=3,
-        num_positions=2,
-        num_actions=1,
-        knows=np.arange(len(SPACE)) < 2,
-        total_steps=10 * WORLDS * STEPS,
-        first_tried=first_tried,
-        round_steps=WORLDS * STEPS,
-        config=replace(SMALL, **changes),
-        seed=1,
-    )
+def make_agent(first_tried: int = SPEC.first_tried, **changes) -> TeacherStudent:
+    return TeacherStudent(replace(SPEC, first_tried=first_tried), replace(SMALL, **changes))
 
 
 def make_replay() -> Replay:
@@ -203,7 +204,7 @@ def episodes(seed: int, filmed: bool) -> Episodes:
     pictures = frames.numpy().reshape(WORLDS, STEPS + 1, SIZE, SIZE, 3)
     return Episodes(
         parameters=np.tile(SPACE.nominal, (WORLDS, 1)),
-        rows=np.zeros((WORLDS, STEPS + 1, 2)),
+        full_states=np.zeros((WORLDS, STEPS + 1, 2)),
         states=rng.normal(size=(WORLDS, STEPS + 1, 3)).astype(np.float32),
         actions=rng.uniform(-1, 1, (*shape, 1)).astype(np.float32),
         rewards=rng.uniform(size=shape).astype(np.float32),
@@ -217,7 +218,7 @@ def episodes(seed: int, filmed: bool) -> Episodes:
 def go_on(agent: TeacherStudent, replay: Replay, rounds: range) -> list[dict[str, float]]:
     losses = []
     for seed in rounds:
-        replay.add(episodes(seed, agent.looks))
+        replay.add(episodes(seed, agent.wants_frames))
         losses.append(agent.update(replay, WORLDS * STEPS))
     return losses
 
@@ -226,7 +227,7 @@ def test_the_teacher_is_first_and_then_they_take_turns():
     agent, replay = make_agent(teacher_share=0.4, filmed_share=0.5), make_replay()
     looks = []
     for seed in range(10):
-        looks.append(agent.looks)
+        looks.append(agent.wants_frames)
         go_on(agent, replay, range(seed, seed + 1))
     assert looks == [False] * 5 + [True, False, True, False, True]
 
@@ -236,16 +237,16 @@ def test_its_student_has_begun_whenever_it_is_tried_out(rounds):
     first_tried = round(rounds * WORLDS * STEPS)
     agent, replay = make_agent(first_tried), make_replay()
     while agent.num_steps < first_tried:
-        assert not agent.is_ready or rounds > 5  # late, since its teacher is to know something
+        assert not agent.can_act or rounds > 5  # late, since its teacher is to know something
         go_on(agent, replay, range(1))
-    assert agent.is_ready
+    assert agent.can_act
 
 
 def test_the_teacher_acts_until_the_student_can():
     agent, replay = make_agent(random_steps=0, noise=0.0), make_replay()
     go_on(agent, replay, range(10))
     filmed = episodes(0, True)
-    seen = Seen(filmed.states[:, 0], filmed.frames[:, :3])
+    seen = Observation(filmed.states[:, 0], filmed.frames[:, :3])
     best, own = agent.teacher.act(torch.from_numpy(seen.state)).numpy(), agent.act(seen.frames)
     assert (np.abs(best - own) > 1e-4).all()
     for filmed_rounds, expected in ((0, best), (1, own)):  # a tenth of ten rounds
@@ -267,20 +268,20 @@ def test_what_acts_sees_pixels_alone():
     agent, replay = make_agent(), make_replay()
     go_on(agent, replay, range(6))
     frames = episodes(9, True).frames[:, :3]
-    actuator_state = agent.act(frames)
+    acted = agent.act(frames)
     for part in (agent.teacher.actor, agent.teacher.critics):
         for weights in part.parameters():
-            weights.data.fill_(torch.nan)  # whoever knows the state is struck dumb
-    np.testing.assert_array_equal(agent.act(frames), actuator_state)
-    assert np.ptp(agent.act(episodes(10, True).frames[:, :3]) - actuator_state) > 0
+            weights.data.fill_(torch.nan)  # nothing that needs the state can answer
+    np.testing.assert_array_equal(agent.act(frames), acted)
+    assert np.ptp(agent.act(episodes(10, True).frames[:, :3]) - acted) > 0
 
 
 def test_in_simulation_it_may_explore_by_the_state():
     agent = make_agent(random_steps=0)
     states = np.random.default_rng(0).normal(size=(WORLDS, 3)).astype(np.float32)
-    actuator_state = agent.explore(Seen(states, None))
-    assert actuator_state.shape == (WORLDS, 1)
-    assert (np.abs(actuator_state) <= 1).all()
+    acted = agent.explore(Observation(states, None))
+    assert acted.shape == (WORLDS, 1)
+    assert (np.abs(acted) <= 1).all()
 
 
 def test_a_checkpoint_of_other_networks_is_said_to_be_one():

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import torch
 
-from simtune.agents import Agent, Seen, make_agent
+from simtune.agents import Agent, AgentSpec, Observation, make_agent
 from simtune.agents.curl_sac import CurlSacConfig
 from simtune.agents.drqv2 import DrqV2Config
 from simtune.algorithm import Training, train
@@ -56,8 +56,8 @@ class Players:
 
     def __init__(self):
         self.calls: list[str] = []
-        self.looks = True
-        self.is_ready = False
+        self.wants_frames = True
+        self.can_act = False
         self.device, self.step_s = torch.device("cpu"), TASK.step_s
         self.simulator = SimpleNamespace(num_steps=0, num_diverged=0)
         self.distribution = Distribution.proportional(SPACE, SPACE.nominal, 0.5)
@@ -87,7 +87,7 @@ class Players:
 
     def update(self, replay, num_steps):
         self.calls.append(f"learn from {num_steps}")
-        self.is_ready = True
+        self.can_act = True
         return {}
 
     def explore(self, seen):
@@ -352,7 +352,7 @@ def test_a_former_training_has_steps_and_pictures_as_it_had(tmp_path, quick_tune
 def test_what_came_too_early_is_told(tmp_path, quick_tune):
     parts = make_parts(asked(tmp_path, method="dr"), lambda *_: None)
     assert parts.doubts([], 0) == ["the policy had not begun to learn: give more --policy-steps"]
-    ready = dataclasses.replace(parts, agent=SimpleNamespace(is_ready=True))
+    ready = dataclasses.replace(parts, agent=SimpleNamespace(can_act=True))
     assert ready.doubts([], 0) == []
     assert "when the real world was to see it" in ready.doubts([], 1)[0]
     of_recordings = RecordedReal.__new__(RecordedReal)  # where nobody can be tried out
@@ -484,7 +484,7 @@ def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_t
     stored = read_json(out / "config.json")
     stored["config"] |= {"real": "xarm", "robot": "gone.toml", "truth": None}
     (out / "config.json").write_text(json.dumps(stored))
-    assert trained_parts(out).agent.is_ready
+    assert trained_parts(out).agent.can_act
     # Earlier versions did not store how long a step was.
     checkpoint_load = checkpoint.load
     monkeypatch.setattr(checkpoint, "load", lambda path: without_step(checkpoint_load(path)))
@@ -524,29 +524,29 @@ def test_agents_plug_in_by_name(name):
     """Each acts on pictures of the size that it was made for, and can be stored and loaded."""
 
     def make(seed: int, total_steps: int = 100_000) -> Agent:
-        return make_agent(
-            name,
+        spec = AgentSpec(
             image_size=64,
             num_stacked=3,
             num_keypoints=2,
             num_states=5,
             num_positions=3,
             num_actions=2,
-            knows=np.array([True, False]),
+            privileged=np.array([True, False]),
             total_steps=total_steps,
             first_tried=50_000,
             round_steps=3_200,
             seed=seed,
             device="cpu",
         )
+        return make_agent(name, spec)
 
     agent, other = make(0), make(1, total_steps=1)
-    assert not agent.is_ready
+    assert not agent.can_act
     frames = np.random.default_rng(0).integers(0, 256, (4, 3, 64, 64, 3), dtype=np.uint8)
-    explored = agent.explore(Seen(np.zeros((4, 5), np.float32), frames))
-    actuator_state = agent.act(frames)
-    for actions in (explored, actuator_state, agent.act(frames, sample=True)):
+    explored = agent.explore(Observation(np.zeros((4, 5), np.float32), frames))
+    acted = agent.act(frames)
+    for actions in (explored, acted, agent.act(frames, sample=True)):
         assert actions.shape == (4, 2)
         assert (np.abs(actions) <= 1).all()
     other.load({k: v.clone() for k, v in agent.tensors().items()}, agent.state())
-    np.testing.assert_array_equal(other.act(frames), actuator_state)
+    np.testing.assert_array_equal(other.act(frames), acted)

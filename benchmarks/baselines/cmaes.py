@@ -57,19 +57,15 @@ class _Distances:
     def __call__(self, candidates: np.ndarray) -> np.ndarray:
         """(n,) of (n, N) candidates in coordinates of the range; worlds that diverge are worst."""
         num, episodes = len(candidates), len(self._starts)
-        of_world = np.arange(num * episodes)[:, None]
         parameters = self._problem.first.from_range_unit(candidates)
         rollouts = self._problem.simulator.roll_out(
             np.repeat(parameters, episodes, axis=0),
             np.tile(self._actions, (num, 1, 1)),
             self._rng,
-            record=lambda _: of_world.astype(float),
             starts=np.tile(self._starts, (num, 1)),
         )
-        assert rollouts.recorded is not None, "asked for above"
-        alive = rollouts.recorded[:, 0, 0].astype(int)
         distances = np.full(num * episodes, 255.0**2)
-        distances[alive] = self._compare(rollouts, alive % episodes)
+        distances[rollouts.index] = self._compare(rollouts, rollouts.index % episodes)
         return distances.reshape(num, episodes).mean(1)
 
     def _compare(self, rollouts: Rollouts, episode: np.ndarray) -> np.ndarray:

@@ -49,7 +49,9 @@ def find(problem: Problem) -> Found:
     rng = np.random.default_rng(problem.seed)
     simulated = _simulate_all(problem, rng)
     real = _look(problem, rng)
-    coordinates = torch.tensor(problem.first.to_range_unit(simulated.parameters), dtype=torch.float32)
+    coordinates = torch.tensor(
+        problem.first.to_range_unit(simulated.parameters), dtype=torch.float32
+    )
     num_taught = round(len(coordinates) * (1 - _HELD_OUT))
     with seeded(problem.seed):
         embedding = _Embedding(simulated, problem.simulator.action_scale)

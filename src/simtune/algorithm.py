@@ -89,7 +89,7 @@ class Training:
     def _look_at_real(self, num_episodes: int) -> None:
         real, agent, cycle = self.parts.real, self.parts.agent, self.num_looks
         seen: list[Trajectory] = []
-        if num_episodes and agent.is_ready:
+        if num_episodes and agent.can_act:
             stacked = self.parts.schedule.num_stacked
             seen = real.run_policy(
                 lambda f: agent.act(f, sample=True), stacked, num_episodes, cycle
@@ -120,7 +120,7 @@ class Training:
         parts = self.parts
         self._say("training the policy", self.num_steps / parts.schedule.total_steps)
         worlds = self.distribution_policy.sample(parts.schedule.num_worlds, self.rng)
-        film = parts.agent.looks
+        film = parts.agent.wants_frames
         episodes = parts.environment.play(parts.agent.explore, worlds, self.rng, film)
         parts.replay.add(episodes)
         num_steps = worlds.shape[0] * parts.task.episode_steps

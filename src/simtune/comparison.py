@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from simtune.recordings import write_video
-from simtune.simulation import AnySimulator, Simulator
+from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.search import Estimate
 
@@ -65,12 +65,16 @@ def find_start(
     """(S,) the state from which the simulator's first pictures are nearest to the real ones."""
     first = trajectory.first(_COMPARED_STEPS)
     states, distance = _compare(simulator, first, parameters, rng, None)
-    spread = _spread(simulator, states)
+    space, std = simulator.state_space, states.std(0)
     if near is not None:
         its_state, its_distance = _compare(simulator, first, parameters, rng, np.array([near]))
         states, distance = np.append(states, its_state, 0), np.append(distance, its_distance)
-    # An environment begins where its seeds say, and nowhere near them.
-    for round_ in range(1, _ROUNDS if isinstance(simulator, Simulator) else 1):
+    if space is None:  # worlds cannot start near other states
+        return states[np.argmin(distance)]
+    # What the task's own starts do not vary stays as it is.
+    moving = space.positions_and_velocities(std)
+    spread = space.with_positions_and_velocities(np.zeros_like(std), moving)
+    for round_ in range(1, _ROUNDS):
         nearest = np.argsort(distance)[:_ELITE]
         states, distance = states[nearest], distance[nearest]
         starts = states[rng.integers(len(nearest), size=_NUM_STARTS)]
@@ -94,14 +98,6 @@ def _compare(
     rollouts = simulator.roll_out(worlds, actions, rng, starts=starts, keep_diverged=True)
     difference = simulator.film(rollouts).astype(np.float32) - real.frames
     return rollouts.states[:, 0], np.square(difference).mean((1, 2, 3, 4))
-
-
-def _spread(simulator: AnySimulator, states: np.ndarray) -> np.ndarray:
-    """(S,) of (n, S) starts; what the task's own starts do not vary stays as it is."""
-    spread = states.std(0)
-    if isinstance(simulator, Simulator):
-        spread[1 + simulator.model.nq + simulator.model.nv :] = 0  # a row is time, qpos, qvel, ...
-    return spread
 
 
 def _film(

@@ -62,7 +62,7 @@ def trained_parts(run_folder: Path, say: ReportProgress = silent) -> Parts:
     parts = make_parts(TrainConfig(**asked), say, former)
     _check_unchanged(parts, stored, run_folder)
     parts.load_agent(tensors, state)
-    if not parts.agent.is_ready:
+    if not parts.agent.can_act:
         raise InputError(
             f"{run_folder} has no policy yet, which begins to learn late in a training: go on with "
             "it, or give more --policy-steps"

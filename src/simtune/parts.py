@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from simtune.agents import Agent, Seen, make_agent
+from simtune.agents import Agent, AgentSpec, Observation, make_agent
 from simtune.check.recording_warnings import warnings_of
 from simtune.config import TrainConfig
 from simtune.errors import InputError
@@ -24,7 +24,6 @@ from simtune.real.truth import Truth
 from simtune.replay import Replay
 from simtune.rollout import Environment
 from simtune.schedule import Schedule
-from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import FixedRange, make_search
@@ -60,9 +59,9 @@ class Parts:
         rng = np.random.default_rng((seed, 3))  # episodes that nothing was learnt from
         worlds = np.tile(world, (num_episodes, 1))
 
-        def act(seen: Seen) -> np.ndarray:
-            assert seen.frames is not None
-            return self.agent.act(seen.frames)
+        def act(observation: Observation) -> np.ndarray:
+            assert observation.frames is not None
+            return self.agent.act(observation.frames)
 
         played = self.environment.play(act, worlds, rng)
         assert played.frames is not None
@@ -73,7 +72,7 @@ class Parts:
     def doubts(self, films: Sequence[Trajectory], num_untried: int) -> list[str]:
         """What may be wrong with what was learnt, after so many looks without a policy to try."""
         found = warnings_of(self.task, self.real.facts, films, self.search_name)
-        if not self.agent.is_ready:
+        if not self.agent.can_act:
             found.append("the policy had not begun to learn: give more --policy-steps")
         elif num_untried and not isinstance(self.real, RecordedReal):
             found.append(
@@ -130,7 +129,6 @@ def make_parts(config: TrainConfig, say: ReportProgress, former: ClosedReal | No
         else choose_real(config, task, image_size, real_episodes=num_read, out=config.out)
     )
     simulator = simulator_for(real, task, image_size)
-    assert isinstance(simulator, Simulator), "load_task gives models' only"
     first = Distribution.first(task.parameters, task.parameters.nominal)
     keypoints = find_keypoints(simulator, task.camera, first, seed=0)
     environment = Environment(task, simulator, schedule.num_stacked, keypoints)
@@ -172,21 +170,21 @@ def _agent(
     num_keypoints: int,
     device: str,
 ) -> Agent:
-    return make_agent(
-        choose_agent(config),
+    spec = AgentSpec(
         image_size=schedule.image_size,
         num_stacked=schedule.num_stacked,
         num_keypoints=num_keypoints,
         num_states=environment.num_states,
         num_positions=environment.num_positions,
         num_actions=environment.simulator.num_actions,
-        knows=~environment.task.parameters.is_appearance,
+        privileged=~environment.task.parameters.is_appearance,
         total_steps=schedule.total_steps,
         first_tried=schedule.first_tried,
         round_steps=schedule.num_worlds * environment.task.episode_steps,
         seed=config.seed,
         device=device,
     )
+    return make_agent(choose_agent(config), spec)
 
 
 def _replay(schedule: Schedule, task: Task, device: str) -> Replay:

@@ -15,7 +15,7 @@ from simtune.recordings import write_dataset
 from simtune.simulation import (
     OPENGL_DM_CONTROL,
     Act,
-    Projector,
+    FrameStacker,
     Simulator,
     on_pictures,
     random_actions,
@@ -69,13 +69,13 @@ def _film(
         say("filming", done / config.episodes)
         for _ in range(_ATTEMPTS):
             act = actor.begin(world)
-            played = simulator.play(world, act, task.episode_steps, actor.rng)
-            if played.lengths[0] == task.episode_steps:
+            rollouts = simulator.play(world, act, task.episode_steps, actor.rng)
+            if rollouts.lengths[0] == task.episode_steps:
                 break
         else:
             raise RuntimeError(f"the physics diverged {_ATTEMPTS} times; see the parameters")
-        frames = simulator.render(played.states[0], np.repeat(world, task.episode_steps + 1, 0))
-        yield Trajectory(frames, played.actions[0].astype(np.float32), simulator.step_s)
+        frames = simulator.film(rollouts)[0]
+        yield Trajectory(frames, rollouts.actions[0].astype(np.float32), simulator.step_s)
 
 
 def _trained(policy: str, task: Task) -> Parts | None:
@@ -116,5 +116,5 @@ class _Actor:
             actions = random_actions(1, self._steps, mapping, self.rng)
             return lambda t, _: actions[:, t]
         agent, stacked = self._parts.agent, self._parts.schedule.num_stacked
-        eye = Projector(self._parts.environment.simulator, world, self._steps, stacked)
-        return on_pictures(self._simulator, eye, agent.act)
+        stacker = FrameStacker(self._parts.environment.simulator, world, self._steps, stacked)
+        return on_pictures(self._simulator, stacker, agent.act)

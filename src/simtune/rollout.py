@@ -5,20 +5,20 @@ from collections.abc import Callable
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.agents.agent import Seen
+from simtune.agents.agent import Observation
 from simtune.replay import Episodes
-from simtune.simulation import Projector, Simulator, StateSpace, scale_actions
+from simtune.simulation import FrameStacker, Rollouts, Simulator, scale_actions
 from simtune.tasks import Task
 from simtune.vision.keypoints import Keypoints
 
-Policy = Callable[[Seen], np.ndarray]  # (n, A) actions in [−1, 1]
+Policy = Callable[[Observation], np.ndarray]  # (n, A) actions in [−1, 1]
 
 
 class Environment:
     """A task's worlds: parameters and a policy in, whole episodes out.
 
-    Nothing ends an episode but its time, so that values may be bootstrapped at its end, and a
-    world whose physics diverges: that one ends as a failure, one step earlier.
+    Only two things end an episode: its time, so that values may be bootstrapped at its end, and
+    physics that diverges: such a world ends as a failure, one step earlier.
     """
 
     def __init__(
@@ -28,31 +28,29 @@ class Environment:
         num_stacked: int,
         keypoints: Keypoints | None = None,
     ):
-        """`keypoints`: what is noted down of filmed episodes, besides."""
+        """`keypoints`: whose pixels filmed episodes hold besides. Raises ValueError: no reward."""
         if task.reward is None:
             raise ValueError(f"{task.name} has no reward, so no policy can be trained in it")
         self.task, self.simulator, self._reward = task, simulator, task.reward
         self.num_stacked, self.keypoints = num_stacked, keypoints
-        self._space = StateSpace(simulator.model)
-        joint = simulator.model.joint
+        self._space, joint = simulator.state_space, simulator.model.joint
         self._free = [joint(name).qposadr[0] for name in task.free_joints]
         self._turning = [joint(name).qposadr[0] for name in task.symmetric_hinges]
         self._turns = list(task.symmetric_hinges.values())
 
     @property
     def num_states(self) -> int:
-        """Numbers that `observe` gives."""
-        return self.observe(np.zeros((1, 1 + self._space.nq + self._space.nv))).shape[1]
+        """D, the length of what `observe` returns."""
+        return len(self._space.features(np.zeros(self._space.nq + self._space.nv)))
 
     @property
     def num_positions(self) -> int:
-        """The first so many of them; velocities follow."""
+        """How many of them, the first ones, are positions; velocities follow."""
         return self.num_states - self._space.nv
 
-    def observe(self, states: np.ndarray) -> np.ndarray:
-        """(..., S) rows to (..., D): positions and velocities, without what makes no difference."""
-        # A row begins with time.
-        known = states[..., 1 : 1 + self._space.nq + self._space.nv].copy()
+    def observe(self, full_states: np.ndarray) -> np.ndarray:
+        """(..., S) to (..., D): positions and velocities, without what makes no difference."""
+        known = self._space.positions_and_velocities(full_states).copy()
         known[..., self._free] = 0
         known[..., self._turning] *= self._turns
         return self._space.features(known).astype(np.float32)
@@ -69,49 +67,66 @@ class Environment:
         Raises RuntimeError where the policy's actions are not finite, or rewards of live worlds.
         """
         simulator, num_steps = self.simulator, self.task.episode_steps
-        projector = Projector(simulator, parameters, num_steps, self.num_stacked) if film else None
+        stacker = None
+        if film:
+            stacker = FrameStacker(simulator, parameters, num_steps, self.num_stacked)
+        keypoints = self.keypoints if film else None
         actions = np.empty((len(parameters), num_steps, simulator.num_actions), np.float32)
 
-        def act(t: int, states: np.ndarray) -> np.ndarray:
-            frames = projector.show(t, states) if projector else None
-            # A world that died may hold what is no number; the others go on.
-            actions[:, t] = policy(Seen(np.nan_to_num(self.observe(states)), frames))
+        def act(t: int, full_states: np.ndarray) -> np.ndarray:
+            frames = stacker.draw(t, full_states) if stacker else None
+            # A world that diverged may hold NaN; the others go on.
+            states = np.nan_to_num(self.observe(full_states))
+            actions[:, t] = policy(Observation(states, frames))
             if not np.isfinite(actions[:, t]).all():
                 raise RuntimeError("the policy's actions are no numbers: its training diverged")
             return scale_actions(simulator.action_mapping, actions[:, t])
 
-        repeat, n = self.task.action_repeat, len(parameters)
-        noted, goals = self.keypoints if film else None, self.task.goals
-
-        def watch(batch: Batch) -> np.ndarray:
-            told = np.stack([self._reward(batch), *(goal(batch) for goal in goals.values())], 1)
-            return np.hstack([told, noted.record(batch)]) if noted else told
-
-        played = simulator.play(
-            parameters, act, num_steps, rng, watch=watch, watches_per_step=repeat
+        rollouts = simulator.play(
+            parameters,
+            act,
+            num_steps,
+            rng,
+            observe=lambda batch: self._observe_batch(batch, keypoints),
+            observations_per_step=self.task.action_repeat,
         )
-        if projector:
-            projector.show(num_steps, played.states[:, -1])
-        watched = played.watched
-        assert watched is not None, "asked for above"
-        rewards = watched[:, 1:, 0].reshape(n, num_steps, repeat).sum(2)
-        rewards[np.arange(num_steps) >= played.lengths[:, None]] = 0  # a dead world earns nothing
+        if stacker:
+            stacker.draw(num_steps, rollouts.states[:, -1])
+        frames = stacker.frames if stacker else None
+        return self._episodes(rollouts, actions, frames, keypoints)
+
+    def _observe_batch(self, batch: Batch, keypoints: Keypoints | None) -> np.ndarray:
+        """(n, 1 + G + 2 L): the reward, which goals are reached, where keypoints are."""
+        goals = [goal(batch) for goal in self.task.goals.values()]
+        rated = np.stack([self._reward(batch), *goals], 1)
+        return np.hstack([rated, keypoints.observe(batch)]) if keypoints else rated
+
+    def _episodes(
+        self,
+        rollouts: Rollouts,
+        actions: np.ndarray,
+        frames: np.ndarray | None,
+        keypoints: Keypoints | None,
+    ) -> Episodes:
+        """Of n worlds, of which `_observe_batch` was kept; (n, T, A) actions in [−1, 1]."""
+        n, num_steps, _ = actions.shape
+        repeat, num_goals = self.task.action_repeat, len(self.task.goals)
+        rewards = rollouts.observed[:, 1:, 0].reshape(n, num_steps, repeat).sum(2)
+        is_over = np.arange(num_steps) >= rollouts.lengths[:, None]
+        rewards[is_over] = 0  # a diverged world earns nothing
         if not np.isfinite(rewards).all():
             raise RuntimeError(f"the reward of {self.task.name} is no finite number everywhere")
-        reached = watched[:, -1, 1 : 1 + len(goals)] > 0
-        keypoints = None
-        if noted:
-            seen = watched[:, ::repeat, 1 + len(goals) :]
-            keypoints = seen.reshape(n, num_steps + 1, -1, 2).astype(np.float32)
+        is_whole = rollouts.lengths == num_steps
+        seen = rollouts.observed[:, ::repeat, 1 + num_goals :].astype(np.float32)
         return Episodes(
-            parameters=parameters,
-            rows=played.states,
-            states=self.observe(played.states),
+            parameters=rollouts.parameters,
+            full_states=rollouts.states,
+            states=self.observe(rollouts.states),
             actions=actions,
             rewards=rewards.astype(np.float32),
-            lengths=played.lengths,
-            terminated=played.lengths < num_steps,
-            frames=projector.frames if projector else None,
-            keypoints=keypoints,
-            reached=reached & (played.lengths == num_steps)[:, None],
+            lengths=rollouts.lengths,
+            terminated=~is_whole,
+            frames=frames,
+            keypoints=seen.reshape(n, num_steps + 1, -1, 2) if keypoints else None,
+            reached=(rollouts.observed[:, -1, 1 : 1 + num_goals] > 0) & is_whole[:, None],
         )

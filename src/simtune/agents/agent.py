@@ -9,12 +9,30 @@ import torch
 from simtune.replay import Replay
 
 
-@dataclass(frozen=True)
-class Seen:
-    """What there is to see of n simulated worlds at a moment."""
+@dataclass(frozen=True, kw_only=True)
+class AgentSpec:
+    """What an agent is made for."""
 
-    state: np.ndarray  # (n, D) of `Task.observe`; a real world has none
-    frames: np.ndarray | None  # (n, K, H, W, 3) uint8, the newest last; None where nobody looks
+    image_size: int  # pixels a side of the square pictures that it acts on
+    num_stacked: int  # of them, the latest ones
+    num_keypoints: int
+    num_states: int
+    num_positions: int  # the first of the states; velocities follow
+    num_actions: int
+    privileged: np.ndarray  # (N,) bool: parameters that may be used where the state may be, too
+    total_steps: int  # of the whole training, for what changes in its course
+    first_tried: int  # steps after which it is first tried out in the real world
+    round_steps: int  # between two updates
+    seed: int
+    device: torch.device | str
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What can be observed of n simulated worlds at a moment."""
+
+    state: np.ndarray  # (n, D) of `rollout.Environment.observe`; a real world has none
+    frames: np.ndarray | None  # (n, K, H, W, 3) uint8, the newest last; None where not drawn
 
 
 class Agent(Protocol):
@@ -23,27 +41,27 @@ class Agent(Protocol):
     device: torch.device  # of its networks, and of the replay that it learns from
 
     @property
-    def looks(self) -> bool:
-        """Whether it wants frames of the next simulated episodes; drawing them is what costs."""
+    def wants_frames(self) -> bool:
+        """Whether the next simulated episodes are to be filmed; drawing frames is what costs."""
         ...
 
     @property
-    def is_ready(self) -> bool:
-        """Whether it has learnt anything of acting on frames yet, to be tried out in reality."""
+    def can_act(self) -> bool:
+        """Whether it has begun to learn to act on frames, and can be tried out in reality."""
         ...
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """(n, K, H, W, 3) uint8 frames to (n, A) actions: the best, or drawn from the policy."""
         ...
 
-    def explore(self, seen: Seen) -> np.ndarray:
+    def explore(self, observation: Observation) -> np.ndarray:
         """(n, A) actions in simulated worlds, to learn from."""
         ...
 
     def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
         """Learn for `num_steps` newly collected steps; losses to be logged, always the same keys.
 
-        How many updates that is, the agent knows.
+        The agent itself decides how many updates that is.
         """
         ...
 
@@ -56,5 +74,8 @@ class Agent(Protocol):
         ...
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        """Go on from a checkpoint as if there had been no break."""
+        """Go on from a checkpoint as if there had been no break.
+
+        Raises InputError for one of other networks.
+        """
         ...

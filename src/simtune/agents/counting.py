@@ -30,8 +30,10 @@ class Counter:
         return max(self.num_collected - self.random_steps, 0) // self.update_every
 
     def state(self) -> dict[str, Any]:
+        """The counts; JSON."""
         return {name: value for name, value in asdict(self).items() if name.startswith("num_")}
 
     def load(self, state: dict[str, Any]) -> None:
+        """The inverse of `state`."""
         for name in self.state():
             setattr(self, name, state[name])

@@ -22,6 +22,8 @@ class GraphedStep:
     def __init__(self, step: Step, generator: torch.Generator):
         self._step, self._generator = step, generator
         self._graph: torch.cuda.CUDAGraph | None = None
+        self._inputs: list[torch.Tensor] = []
+        self._output = torch.empty(0)
         self._calls = 0
 
     def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:

@@ -12,6 +12,7 @@ and CURL's query, the second CURL's key, the third what the critics' target is m
 
 import copy
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -31,7 +32,7 @@ from simtune.agents.pixel_networks import (
     initialize,
     move_towards,
 )
-from simtune.agents.saving import Parts
+from simtune.agents.saving import Stateful
 from simtune.agents.squashed import sample_squashed
 from simtune.networks import PixelEncoder, autocast, seeded
 from simtune.replay import Transitions
@@ -41,7 +42,7 @@ from simtune.replay import Transitions
 class CurlSacConfig:
     """RAD's settings (Laskin et al. 2020, appendix E), but for the paper's own batch size."""
 
-    # what it sees
+    # observations
     image_size: int = 100  # pixels, drawn
     crop_size: int = 84  # pixels, cut out of them
     num_stacked: int = 3
@@ -68,7 +69,7 @@ class CurlSacConfig:
 
 
 class Critic(nn.Module):
-    """The encoder, and two Q functions of what it says."""
+    """The encoder, and two Q functions of its features."""
 
     def __init__(self, num_actions: int, config: CurlSacConfig):
         super().__init__()
@@ -88,6 +89,8 @@ class Temperature(nn.Module):
 
 
 class CurlSac(PixelAgent):
+    """Soft actor-critic on pixels, with a contrastive loss on its encoder."""
+
     losses = ("critic_loss", "contrast_loss", "q", "actor_loss", "entropy", "temperature")
 
     def __init__(
@@ -98,22 +101,12 @@ class CurlSac(PixelAgent):
         seed: int,
         device: torch.device | str = "cpu",
     ):
-        self.config = config or CurlSacConfig()
-        super().__init__(num_actions, self.config, seed, device)
-        self._make_networks(seed)
-        self._make_optimizers()
-        self._make_steps()
-
-    def _make_networks(self, seed: int) -> None:
-        config = self.config
+        self.config = config = config or CurlSacConfig()
+        super().__init__(num_actions, config, seed, device)
         with seeded(seed):
-            self.critic = Critic(self.num_actions, config)
-            self.actor = GaussianActor(
-                self.critic.encoder.convolutions.num_outputs,
-                self.num_actions,
-                config.hidden_size,
-                config.log_std,
-            )
+            self.critic = Critic(num_actions, config)
+            num_maps = self.critic.encoder.convolutions.num_outputs
+            self.actor = GaussianActor(num_maps, num_actions, config.hidden_size, config.log_std)
             self.contrast = Contrast()
             for module in (self.critic, self.actor):
                 initialize(module)
@@ -121,9 +114,6 @@ class CurlSac(PixelAgent):
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         for module in (self.critic, self.actor, self.contrast, self.temperature, self.target):
             module.to(self.device)
-
-    def _make_optimizers(self) -> None:
-        config = self.config
         adam = partial(torch.optim.Adam, fused=True, capturable=self.device.type == "cuda")
         networks = partial(adam, lr=config.learning_rate, betas=(config.beta1, 0.999))
         self._critic_optimizer = networks([*self.critic.parameters(), *self.contrast.parameters()])
@@ -133,22 +123,25 @@ class CurlSac(PixelAgent):
             lr=config.temperature_learning_rate,
             betas=(config.temperature_beta1, 0.999),
         )
+        self._steps = self._make_steps()
 
-    def _make_steps(self) -> None:
+    def _make_steps(self) -> Sequence[Callable[..., torch.Tensor]]:
         """The update without and with what is done every other time; graphs of both on CUDA."""
-        self._steps = [partial(self._learn, slow=slow) for slow in (False, True)]
+        steps = [partial(self._learn, slow=slow) for slow in (False, True)]
         if self.device.type == "cuda":
-            self._steps = [GraphedStep(step, self._generator) for step in self._steps]
+            return [GraphedStep(step, self._generator) for step in steps]
+        return steps
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """(n, K, H, W, 3) uint8 to (n, A) actions: the mean's, or drawn."""
         with torch.inference_mode(), autocast(self.device):
             seen = centre_crop(torch.as_tensor(frames).to(self.device), self.config.crop_size)
-            convolved = self.target.encoder.convolutions(seen)
-            actions = self._draw(convolved)[0] if sample else self.actor(convolved)[0].tanh()
+            maps = self.target.encoder.convolutions(seen)
+            actions = self._draw(maps)[0] if sample else self.actor(maps)[0].tanh()
             return actions.cpu().numpy()
 
     def learn(self, batch: Transitions) -> torch.Tensor:
+        """One update; (6,) its `losses`, of which only every `slow_every`-th has the actor's."""
         slow = self._counter.num_updates % self.config.slow_every == 0
         self._counter.num_updates += 1
         assert batch.frames is not None
@@ -167,41 +160,41 @@ class CurlSac(PixelAgent):
         next_frames: torch.Tensor,
         slow: bool,
     ) -> torch.Tensor:
-        query, key, following = map(self._crop, (frames, frames, next_frames))
+        query, key, next_obs = map(self._crop, (frames, frames, next_frames))
         with autocast(self.device):
             with torch.no_grad():
-                convolved = self.target.encoder.convolutions(key)
-                keys = self.target.encoder.head(convolved).float()
-                goals = self.goals(rewards, discounts, following)
+                maps = self.target.encoder.convolutions(key)
+                keys = self.target.encoder.head(maps).float()
+                target_q = self.target_q(rewards, discounts, next_obs)
             features = self.critic.encoder(query)
             values = self.critic.q(features, actions)  # (2, B)
-        critic_loss = (values - goals).square().mean(1).sum()
+        critic_loss = (values - target_q).square().mean(1).sum()
         contrast_loss = self.contrast.loss(features, keys)  # its logits are too large for bf16
         descend(critic_loss + contrast_loss, self._critic_optimizer)
 
-        told = [critic_loss, contrast_loss, values.mean()]
+        losses = [critic_loss, contrast_loss, values.mean()]
         if slow:
-            told += self._learn_policy(convolved, features.detach())
+            losses += self._learn_policy(maps, features.detach())
             move_towards(self.target.encoder, self.critic.encoder, self.config.encoder_rate)
             move_towards(self.target.q, self.critic.q, self.config.critic_rate)
         else:
-            told += [torch.full_like(critic_loss, math.nan)] * 3
-        return torch.stack(told).detach()
+            losses += [torch.full_like(critic_loss, math.nan)] * 3
+        return torch.stack(losses).detach()
 
-    def goals(
-        self, rewards: torch.Tensor, discounts: torch.Tensor, following: torch.Tensor
+    def target_q(
+        self, rewards: torch.Tensor, discounts: torch.Tensor, next_obs: torch.Tensor
     ) -> torch.Tensor:
-        """(B,) r + γ·d·(min Q'(o', a') − α·log π(a'|o')), a' drawn from the policy."""
-        convolved = self.target.encoder.convolutions(following)
-        actions, log_prob = self._draw(convolved)
-        values = self.target.q(self.target.encoder.head(convolved), actions).amin(0)
+        """(B,) r + γ·d·(min Q'(o', a') − α·log π(a'|o')), a' drawn from the policy; cropped o'."""
+        maps = self.target.encoder.convolutions(next_obs)
+        actions, log_prob = self._draw(maps)
+        values = self.target.q(self.target.encoder.head(maps), actions).amin(0)
         soft = values - self.temperature() * log_prob
         return rewards + self.config.discount * discounts * soft
 
-    def _learn_policy(self, convolved: torch.Tensor, features: torch.Tensor) -> list[torch.Tensor]:
-        """The actor by (B, F) that it sees and (B, 50) that the critics know; the temperature."""
+    def _learn_policy(self, maps: torch.Tensor, features: torch.Tensor) -> list[torch.Tensor]:
+        """The actor by (B, F) feature maps and the critics' (B, 50) features; the temperature."""
         with autocast(self.device):
-            actions, log_prob = self._draw(convolved)
+            actions, log_prob = self._draw(maps)
             values = self.critic.q(features, actions).amin(0)
         actor_loss = (self.temperature().detach() * log_prob - values).mean()
         descend(actor_loss, self._actor_optimizer)
@@ -210,9 +203,9 @@ class CurlSac(PixelAgent):
         descend(temperature * (entropy + self.num_actions), self._temperature_optimizer)
         return [actor_loss, entropy, temperature]
 
-    def _draw(self, convolved: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(B, F) to actions (B, A) of the policy and their log-probabilities (B,)."""
-        mean, log_std = self.actor(convolved)
+    def _draw(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, F) feature maps to actions (B, A) of the policy and their log-probabilities (B,)."""
+        mean, log_std = self.actor(maps)
         return sample_squashed(mean, log_std, self._generator)
 
     def _crop(self, frames: torch.Tensor) -> torch.Tensor:
@@ -220,9 +213,9 @@ class CurlSac(PixelAgent):
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         super().load(tensors, state)
-        self._make_steps()  # graphs hold on to the moments that were
+        self._steps = self._make_steps()  # graphs hold on to the moments that were
 
-    def _parts(self) -> Parts:
+    def _stateful(self) -> Stateful:
         return {
             "critic": self.critic,
             "target": self.target,

@@ -1,12 +1,13 @@
 """DrQ-v2 (Yarats et al. 2021, arXiv:2107.09645): DDPG on pixels, with random shifts.
 
 Its noise is scheduled, so there is no temperature; what augments the frames is all that keeps the
-encoder general. Two things differ from theirs: goals look one step ahead, not three, since a
+encoder general. Two things differ from theirs: targets look one step ahead, not three, since a
 replay hands out single steps; pixels count from 0 to 1, not from −½ to ½.
 """
 
 import copy
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from simtune.agents.augment import random_shift
 from simtune.agents.noise import disturbed, falling
 from simtune.agents.pixel_agent import PixelAgent
 from simtune.agents.pixel_networks import TwinQ, descend, initialize, move_towards
-from simtune.agents.saving import Parts
+from simtune.agents.saving import Stateful
 from simtune.networks import PixelConvolutions, autocast, feature_head, mlp, seeded
 from simtune.replay import Transitions
 
@@ -25,7 +26,7 @@ from simtune.replay import Transitions
 class DrqV2Config:
     """Their table of settings, for tasks of medium difficulty."""
 
-    # what it sees
+    # observations
     image_size: int = 84  # pixels
     num_stacked: int = 3
     pad: int = 4  # pixels that a shift may move
@@ -45,16 +46,16 @@ class DrqV2Config:
 
 
 class Critic(nn.Module):
-    """Two Q functions of what was convolved, and the head that they share."""
+    """Two Q functions of what was obs, and the head that they share."""
 
     def __init__(self, num_inputs: int, num_actions: int, hidden_size: int):
         super().__init__()
         self.head = nn.Sequential(*feature_head(num_inputs), nn.Tanh())
         self.q = TwinQ(50, num_actions, hidden_size)
 
-    def forward(self, convolved: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+    def forward(self, obs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """(B, F) and (B, A) to (2, B)."""
-        return self.q(self.head(convolved), actions)
+        return self.q(self.head(obs), actions)
 
 
 class Actor(nn.Sequential):
@@ -66,6 +67,8 @@ class Actor(nn.Sequential):
 
 
 class DrqV2(PixelAgent):
+    """DDPG on pixels, with randomly shifted frames and noise that falls by a schedule."""
+
     losses = ("critic_loss", "q", "actor_loss", "noise")
 
     def __init__(
@@ -76,27 +79,21 @@ class DrqV2(PixelAgent):
         seed: int,
         device: torch.device | str = "cpu",
     ):
-        self.config = config or DrqV2Config()
-        super().__init__(num_actions, self.config, seed, device)
-        self._make_networks(seed)
-
-    def _make_networks(self, seed: int) -> None:
-        config = self.config
+        self.config = config = config or DrqV2Config()
+        super().__init__(num_actions, config, seed, device)
         with seeded(seed):
             self.encoder = PixelConvolutions(3 * config.num_stacked, config.image_size)
-            sizes = (self.encoder.num_outputs, self.num_actions, config.hidden_size)
+            sizes = (self.encoder.num_outputs, num_actions, config.hidden_size)
             self.critic, self.actor = Critic(*sizes), Actor(*sizes)
             for module in (self.encoder, self.critic, self.actor):
                 initialize(module)
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         for module in (self.encoder, self.critic, self.actor, self.target):
             module.to(self.device)
+        adam = partial(torch.optim.Adam, lr=config.learning_rate, fused=True)
         # The encoder learns from the critics alone.
-        of_critic = [*self.encoder.parameters(), *self.critic.parameters()]
-        self._critic_optimizer = torch.optim.Adam(of_critic, config.learning_rate, fused=True)
-        self._actor_optimizer = torch.optim.Adam(
-            self.actor.parameters(), config.learning_rate, fused=True
-        )
+        self._critic_optimizer = adam([*self.encoder.parameters(), *self.critic.parameters()])
+        self._actor_optimizer = adam(self.actor.parameters())
 
     @property
     def noise(self) -> float:
@@ -112,21 +109,22 @@ class DrqV2(PixelAgent):
             return actions.cpu().numpy()
 
     def learn(self, batch: Transitions) -> torch.Tensor:
+        """One update; (4,) its `losses`."""
         assert batch.frames is not None
         assert batch.next_frames is not None
         with autocast(self.device), torch.no_grad():
-            following = self.encoder(self._shift(batch.next_frames))
-            goals = self.goals(batch.rewards, batch.discounts, following)
+            next_obs = self.encoder(self._shift(batch.next_frames))
+            target_q = self.target_q(batch.rewards, batch.discounts, next_obs)
         with autocast(self.device):  # anew: weights that were cast above would get no gradient
-            convolved = self.encoder(self._shift(batch.frames))
-            values = self.critic(convolved, batch.actions)  # (2, B)
-        critic_loss = (values - goals).square().mean(1).sum()
+            obs = self.encoder(self._shift(batch.frames))
+            values = self.critic(obs, batch.actions)  # (2, B)
+        critic_loss = (values - target_q).square().mean(1).sum()
         descend(critic_loss, self._critic_optimizer)
 
-        convolved = convolved.detach()
+        obs = obs.detach()
         with autocast(self.device):
-            actions = self._act_nearby(convolved)
-            actor_loss = -self.critic(convolved, actions).amin(0).mean()
+            actions = self._act_nearby(obs)
+            actor_loss = -self.critic(obs, actions).amin(0).mean()
         descend(actor_loss, self._actor_optimizer)
 
         move_towards(self.target, self.critic, self.config.critic_rate)
@@ -134,23 +132,23 @@ class DrqV2(PixelAgent):
         noise = torch.full_like(critic_loss, self.noise)
         return torch.stack([critic_loss, values.mean(), actor_loss, noise]).detach()
 
-    def goals(
-        self, rewards: torch.Tensor, discounts: torch.Tensor, following: torch.Tensor
+    def target_q(
+        self, rewards: torch.Tensor, discounts: torch.Tensor, next_obs: torch.Tensor
     ) -> torch.Tensor:
-        """(B,) r + γ·d·min Q'(o', a'), a' the actor's with clipped noise; (B, F) convolved o'."""
-        actions = self._act_nearby(following)
-        values = self.target(following, actions).amin(0)
+        """(B,) r + γ·d·min Q'(o', a'), a' the actor's with clipped noise; (B, F) encoded o'."""
+        actions = self._act_nearby(next_obs)
+        values = self.target(next_obs, actions).amin(0)
         return rewards + self.config.discount * discounts * values
 
-    def _act_nearby(self, convolved: torch.Tensor) -> torch.Tensor:
+    def _act_nearby(self, obs: torch.Tensor) -> torch.Tensor:
         """The actor's actions with clipped noise."""
-        actions = self.actor(convolved).float()
+        actions = self.actor(obs).float()
         return disturbed(actions, self.noise, self._generator, self.config.noise_clip)
 
     def _shift(self, frames: torch.Tensor) -> torch.Tensor:
         return random_shift(frames, self.config.pad, self._generator)
 
-    def _parts(self) -> Parts:
+    def _stateful(self) -> Stateful:
         return {
             "encoder": self.encoder,
             "critic": self.critic,

@@ -24,6 +24,6 @@ def uniform_actions(num: int, num_actions: int, generator: torch.Generator) -> t
 
 
 def falling(noise: tuple[float, float], done: float) -> float:
-    """The standard deviation when so much, in [0, 1], is done of the way from first to last."""
+    """The standard deviation when `done`, in [0, 1], of the way from first to last is over."""
     first, last = noise
     return first + min(done, 1.0) * (last - first)

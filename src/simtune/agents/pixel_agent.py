@@ -1,4 +1,4 @@
-"""What agents have in common that learn from pixels alone: when they learn, and what is kept."""
+"""What agents that learn from pixels alone have in common: when they learn, what is saved."""
 
 import math
 from abc import ABC, abstractmethod
@@ -7,15 +7,15 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 import torch
 
-from simtune.agents.agent import Seen
+from simtune.agents.agent import Observation
 from simtune.agents.counting import Counter
 from simtune.agents.noise import uniform_actions
-from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
+from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
 from simtune.replay import Replay, Transitions
 
 
 class Learning(Protocol):
-    """Of an agent's settings, those that say when it learns, and from how much at once."""
+    """Those of an agent's settings that say when it learns, and from how much at once."""
 
     @property
     def batch_size(self) -> int: ...
@@ -26,10 +26,10 @@ class Learning(Protocol):
 
 
 class PixelAgent(ABC):
-    """An `Agent` that sees nothing but frames. A replay has to lie on its device."""
+    """An `Agent` that gets nothing but frames. A replay has to lie on its device."""
 
-    looks = True
-    losses: ClassVar[tuple[str, ...]]  # what `learn` tells, by name
+    wants_frames = True
+    losses: ClassVar[tuple[str, ...]]  # names of what `learn` returns
 
     def __init__(self, num_actions: int, learning: Learning, seed: int, device: torch.device | str):
         self.num_actions, self._batch_size = num_actions, learning.batch_size
@@ -40,7 +40,7 @@ class PixelAgent(ABC):
         )
 
     @property
-    def is_ready(self) -> bool:
+    def can_act(self) -> bool:
         return self._counter.num_collected > self._counter.random_steps
 
     @abstractmethod
@@ -52,32 +52,33 @@ class PixelAgent(ABC):
         """One update; its `losses`, NaN where it had none."""
 
     @abstractmethod
-    def _parts(self) -> Parts:
-        """Whatever a checkpoint has to hold, by name."""
+    def _stateful(self) -> Stateful:
+        """All that a checkpoint has to hold."""
 
-    def explore(self, seen: Seen) -> np.ndarray:
+    def explore(self, observation: Observation) -> np.ndarray:
         """As `act` samples, after the first `random_steps` of all worlds together."""
-        assert seen.frames is not None
-        if not self._counter.explore(len(seen.frames)):
-            return self.act(seen.frames, sample=True)
-        return uniform_actions(len(seen.frames), self.num_actions, self._generator).cpu().numpy()
+        frames = observation.frames
+        assert frames is not None
+        if not self._counter.explore(len(frames)):
+            return self.act(frames, sample=True)
+        return uniform_actions(len(frames), self.num_actions, self._generator).cpu().numpy()
 
     def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
         """All updates that are due for the steps; means of the losses, NaN without any."""
-        told = torch.full((1, len(self.losses)), math.nan)
+        losses = torch.full((1, len(self.losses)), math.nan)
         if due := self._counter.collect(num_steps):
-            told = torch.stack([self.learn(self._sample(replay)) for _ in range(due)])
-        return dict(zip(self.losses, told.nanmean(0).tolist(), strict=True))
+            losses = torch.stack([self.learn(self._sample(replay)) for _ in range(due)])
+        return dict(zip(self.losses, losses.nanmean(0).tolist(), strict=True))
 
     def _sample(self, replay: Replay) -> Transitions:
         return replay.sample(self._batch_size, self._generator, with_frames=True)
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        return gather_tensors(self._parts(), self._generator)
+        return gather_tensors(self._stateful(), self._generator)
 
     def state(self) -> dict[str, Any]:
         return self._counter.state()
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        scatter_tensors(self._parts(), self._generator, tensors)
+        scatter_tensors(self._stateful(), self._generator, tensors)
         self._counter.load(state)

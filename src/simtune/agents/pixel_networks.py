@@ -11,7 +11,7 @@ from simtune.networks import feature_head, mlp
 
 
 class GaussianActor(nn.Module):
-    """What was convolved to the mean and log_std of the actions before their tanh."""
+    """Flattened feature maps to the mean and log_std of the actions before their tanh."""
 
     def __init__(
         self, num_inputs: int, num_actions: int, hidden_size: int, log_std: tuple[float, float]
@@ -21,9 +21,9 @@ class GaussianActor(nn.Module):
         self.head = feature_head(num_inputs)
         self.layers = mlp((50, hidden_size, hidden_size, 2 * num_actions), nn.ReLU)
 
-    def forward(self, convolved: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def forward(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, F) to (B, A) each, float32."""
-        mean, spread = finely(self.layers, self.head(convolved)).chunk(2, -1)
+        mean, spread = finely(self.layers, self.head(maps)).chunk(2, -1)
         return mean, bounded_log_std(spread, self.log_std)
 
 

@@ -7,24 +7,24 @@ from torch import nn
 
 from simtune.networks import load_optimizer_tensors, load_weights, optimizer_tensors, under
 
-Parts = Mapping[str, nn.Module | torch.optim.Optimizer]
+Stateful = Mapping[str, nn.Module | torch.optim.Optimizer]  # by the names in a checkpoint
 
 
-def gather_tensors(parts: Parts, generator: torch.Generator) -> dict[str, torch.Tensor]:
-    """{"actor.head.0.weight": ...}; they share memory with the parts."""
+def gather_tensors(stateful: Stateful, generator: torch.Generator) -> dict[str, torch.Tensor]:
+    """{"actor.head.0.weight": ...}; they share memory with `stateful`."""
     tensors = {"generator": generator.get_state()}
-    for name, part in parts.items():
+    for name, part in stateful.items():
         own = part.state_dict() if isinstance(part, nn.Module) else optimizer_tensors(part)
         tensors |= {f"{name}.{key}": value for key, value in own.items()}
     return tensors
 
 
 def scatter_tensors(
-    parts: Parts, generator: torch.Generator, tensors: Mapping[str, torch.Tensor]
+    stateful: Stateful, generator: torch.Generator, tensors: Mapping[str, torch.Tensor]
 ) -> None:
-    """The inverse: copy them into the parts, on whatever device those are.
+    """The inverse: copy them into `stateful`, on whatever device that is.
 
-    Random numbers go on as they would have on the kind of device that they were saved on only.
+    On another kind of device than they were saved on, random numbers start anew from a seed.
     Raises InputError for tensors of other networks, which another version has.
     """
     saved = tensors["generator"].cpu()
@@ -32,7 +32,7 @@ def scatter_tensors(
         generator.set_state(saved)
     else:  # a CPU's state is not a GPU's
         generator.manual_seed(int(saved[:8].view(torch.int64).abs().item()))
-    for name, part in parts.items():
+    for name, part in stateful.items():
         own = under(f"{name}.", tensors)
         if isinstance(part, nn.Module):
             load_weights(part, own, name)

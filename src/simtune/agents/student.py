@@ -1,10 +1,10 @@
-"""A student that acts on pixels: it sees where things are, and imitates a teacher.
+"""A student that acts on pixels: it detects where things are, and imitates a teacher.
 
 Learning to act from pixels end to end is slow because seeing has to be learnt from what an action
 was worth. In simulation it is known where things are in a picture, so the student is taught that
-first, as the SPM's detector is (`search_param_model/detector.py`): some hundred updates. To act on what
-it saw lately is then little to learn. Besides keypoints it learns to tell the state's positions:
-to a camera that goes with a cheetah, only the ground shows how high the cheetah is.
+first, as the SPM's detector is (`vision/detector.py`): some hundred updates. To act on what it
+detected lately is then little to learn. Besides keypoints it learns to estimate the state's
+positions: to a camera that goes with a cheetah, only the ground shows how high the cheetah is.
 """
 
 from dataclasses import dataclass, field
@@ -14,12 +14,13 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from simtune.agents.agent import AgentSpec
 from simtune.networks import mlp, predicting
 from simtune.vision.detector import DetectorConfig, KeypointDetector, to_input
 
 _PLACES = 2  # for each keypoint: what looks alike, left and right, gets mixed up
 _POSITIONS_WIDTH = 4.0  # of the range that errors count relative to, in standard deviations
-_CHUNK = 256  # pictures looked at at once
+_CHUNK = 256  # pictures that the detector takes at once
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,32 +35,25 @@ class StudentConfig:
 
 
 class Memory(NamedTuple):
-    """Pictures that were looked at last, and what was seen in them."""
+    """The pictures of the last call, and what was detected in them."""
 
     frames: torch.Tensor  # (n, K, H, W, 3)
-    seen: torch.Tensor  # (n, K, F)
+    detected: torch.Tensor  # (n, K, F)
 
 
 class Student(nn.Module):
     """(n, K, H, W, 3) uint8 frames to (n, A) actions in [−1, 1]."""
 
-    def __init__(
-        self,
-        num_keypoints: int,
-        num_positions: int,
-        image_size: int,
-        num_stacked: int,
-        num_actions: int,
-        config: StudentConfig,
-    ):
+    def __init__(self, spec: AgentSpec, config: StudentConfig):
         super().__init__()
-        self.config = config
-        self.detector = KeypointDetector(num_keypoints, num_positions, image_size, config.detector)
-        self._image_size = image_size
+        self.config, self._image_size = config, spec.image_size
+        self.detector = KeypointDetector(
+            spec.num_keypoints, spec.num_positions, spec.image_size, config.detector
+        )
         # Of each place x, y and how probable it is
-        self.num_features = num_keypoints * _PLACES * 3 + num_positions
+        self.num_features = spec.num_keypoints * _PLACES * 3 + spec.num_positions
         hidden = config.hidden_size
-        sizes = (num_stacked * self.num_features, hidden, hidden, num_actions)
+        sizes = (spec.num_stacked * self.num_features, hidden, hidden, spec.num_actions)
         self.head = mlp(sizes, nn.ReLU)
         self.detector_optimizer = torch.optim.AdamW(
             self.detector.parameters(), config.detector.learning_rate, fused=True
@@ -70,22 +64,23 @@ class Student(nn.Module):
         self.num_updates = 0  # of the detector
         self._memory: Memory | None = None
 
-    def forward(self, seen: torch.Tensor) -> torch.Tensor:
-        """(B, K, F) what was seen lately to (B, A) actions."""
-        return self.head(seen.flatten(1)).tanh()
+    def forward(self, detected: torch.Tensor) -> torch.Tensor:
+        """(B, K, F) what was detected lately to (B, A) actions."""
+        return self.head(detected.flatten(1)).tanh()
 
     def act(self, frames: torch.Tensor) -> torch.Tensor:
-        """Pixels to actions. A picture that it has just seen is not looked at again."""
+        """Pixels to actions. Where a stack continues the last one, only its newest frame is new."""
         memory = self._memory
         if memory and torch.equal(memory.frames[:, 1:], frames[:, :-1]):
-            seen = torch.cat([memory.seen[:, 1:], self.look(frames[:, -1])[:, None]], 1)
+            newest = self.detect(frames[:, -1])[:, None]
+            detected = torch.cat([memory.detected[:, 1:], newest], 1)
         else:
-            seen = self.look(frames.flatten(0, 1)).unflatten(0, frames.shape[:2])
-        self._memory = Memory(frames.clone(), seen)
+            detected = self.detect(frames.flatten(0, 1)).unflatten(0, frames.shape[:2])
+        self._memory = Memory(frames.clone(), detected)
         with predicting(self):
-            return self(seen)
+            return self(detected)
 
-    def look(self, frames: torch.Tensor) -> torch.Tensor:
+    def detect(self, frames: torch.Tensor) -> torch.Tensor:
         """(n, H, W, 3) uint8 to (n, F): two places for each keypoint, and positions."""
         parts = []
         with predicting(self):
@@ -116,14 +111,14 @@ class Student(nn.Module):
         loss = self.detector.loss(pictures + 2 * config.noise * noise, keypoints, positions, width)
         self._step(self.detector_optimizer, loss, config.learning_rate, progress)
         self.num_updates += 1
-        self._memory = None  # it sees otherwise now
+        self._memory = None  # it would detect something else now
         return loss.detach()
 
     def learn_to_act(
-        self, seen: torch.Tensor, actions: torch.Tensor, progress: float
+        self, detected: torch.Tensor, actions: torch.Tensor, progress: float
     ) -> torch.Tensor:
-        """One step towards a teacher's (B, A) actions after (B, K, F) what was seen; the loss."""
-        loss = functional.mse_loss(self(seen), actions)
+        """One step towards a teacher's (B, A) actions after (B, K, F) was detected; the loss."""
+        loss = functional.mse_loss(self(detected), actions)
         self._step(self.head_optimizer, loss, self.config.learning_rate, progress)
         return loss.detach()
 

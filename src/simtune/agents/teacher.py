@@ -24,6 +24,8 @@ from simtune.replay import Transitions
 
 @dataclass(frozen=True, kw_only=True)
 class TeacherConfig:
+    """TD3's and DrQ-v2's settings, unless said otherwise."""
+
     hidden_size: int = 256  # TD3's code
     batch_size: int = 128  # half of theirs, for nearly the same progress an update
     learning_rate: float = 1e-3  # with normalised critics this is faster than 3e-4
@@ -39,8 +41,8 @@ class TeacherConfig:
 class Teacher(nn.Module):
     """Acts on (B, D) states. The critics also see the (B, N) parameters of the world.
 
-    The actor does not, so that its policy is one that somebody without them can follow. By how
-    much noise it explores, as a standard deviation, is told it each time.
+    The actor does not, so that a student without them can follow its policy. `noise` is the
+    standard deviation by which it explores.
     """
 
     mean: torch.Tensor
@@ -66,6 +68,7 @@ class Teacher(nn.Module):
         self.std.copy_(states.std(0) + 1e-3)
 
     def normalized(self, states: torch.Tensor) -> torch.Tensor:
+        """(..., D) states as the networks take them."""
         return ((states - self.mean) / self.std).clamp(-10, 10)
 
     def act(self, states: torch.Tensor) -> torch.Tensor:
@@ -79,9 +82,9 @@ class Teacher(nn.Module):
         """One step for critics and actor, together; their losses."""
         states, next_states = self.normalized(batch.states), self.normalized(batch.next_states)
         known = batch.parameters
-        target = self.target(batch, next_states, noise, generator)
+        target_q = self.target_q(batch, next_states, noise, generator)
         values = self.critics(torch.cat([states, known, batch.actions], 1))  # (2, B)
-        critic_loss = (values - target).square().mean(1).sum()
+        critic_loss = (values - target_q).square().mean(1).sum()
 
         before = self.actor(states)
         actions = disturbed(before.tanh(), noise, generator, self.config.noise_clip)
@@ -96,7 +99,7 @@ class Teacher(nn.Module):
         return {"critic": critic_loss.detach(), "actor": actor_loss.detach()}
 
     @torch.no_grad()
-    def target(
+    def target_q(
         self,
         batch: Transitions,
         next_states: torch.Tensor,

@@ -1,7 +1,7 @@
 """The `fast` preset: learn from the state, then teach a student on pixels (DAgger).
 
-Ross, Gordon and Bagnell 2011 (arXiv:1011.0686): the student acts, the teacher says what it would
-have done in the states that the student got into. Only the student meets the real world.
+Ross, Gordon and Bagnell 2011 (arXiv:1011.0686): the student acts, and learns what the teacher
+would have done in the states that the student got into. Only the student meets the real world.
 """
 
 from dataclasses import dataclass, field, replace
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from simtune.agents.agent import Seen
+from simtune.agents.agent import AgentSpec, Observation
 from simtune.agents.noise import disturbed, falling, uniform_actions
-from simtune.agents.saving import Parts, gather_tensors, scatter_tensors
+from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
 from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
 from simtune.networks import seeded
@@ -23,13 +23,13 @@ from simtune.replay import Replay, Transitions
 class TeacherStudentConfig:
     teacher: TeacherConfig = field(default_factory=TeacherConfig)
     student: StudentConfig = field(default_factory=StudentConfig)
-    teacher_share: float = 0.8  # of the steps before anybody sees the student, until it begins
+    teacher_share: float = 0.8  # of the steps before the student is tried out, until it begins
     noise_share: float = 0.4  # of all steps, in which the teacher's noise falls
     filmed_share: float = 0.7  # of the steps after that
     random_steps: int = 3_000  # at the start
     teacher_updates_per_step: float = 0.5
     detector_updates_per_step: float = 0.03
-    first_detector_factor: float = 3.0  # so many times more of them at first: it is blind
+    first_detector_factor: float = 3.0  # more of them at first, when it cannot see yet
     head_updates_per_step: float = 0.25
     remembered_episodes: int = 96  # filmed ones that the student learns to act in
     trusting_share: float = 0.1  # of all steps in which teacher and student take turns
@@ -37,47 +37,34 @@ class TeacherStudentConfig:
 
 
 class TeacherStudent:
-    """An `Agent`."""
+    """An `Agent` that learns by turns: its teacher from states, its student from filmed episodes.
 
-    def __init__(
-        self,
-        *,
-        image_size: int,
-        num_stacked: int,
-        num_keypoints: int,
-        num_states: int,
-        num_positions: int,  # the first of them, without velocities
-        num_actions: int,
-        knows: np.ndarray,  # (N,) bool: parameters that the teacher's critics are told
-        total_steps: int,  # of the whole training: what shares are of
-        first_tried: int,  # after so many steps it is tried out in reality
-        round_steps: int,  # between two updates
-        config: TeacherStudentConfig | None = None,
-        seed: int = 0,
-        device: torch.device | str = "cpu",
-    ):
+    The teacher's critics also get the `privileged` parameters.
+    """
+
+    def __init__(self, spec: AgentSpec, config: TeacherStudentConfig | None = None):
         self.config = config = config or TeacherStudentConfig()
-        self.device = torch.device(device)
-        self._knows = torch.as_tensor(np.flatnonzero(knows), device=device)
-        self._total_steps, self._num_actions = total_steps, num_actions
-        # The student, after so many steps: a round of them, at least, before it is tried out
-        latest = (-(-first_tried // round_steps) - 1) * round_steps - 1
-        self._begins = max(1.0, min(config.teacher_share * first_tried, latest))
-        self._num_positions = num_positions
-        with seeded(seed):
-            sizes = (num_states, num_actions, len(self._knows))
-            self.teacher = Teacher(*sizes, config.teacher).to(device)
-            sizes = (num_keypoints, num_positions, image_size, num_stacked, num_actions)
-            self.student = Student(*sizes, config.student).to(device)
-        self._generator = torch.Generator(self.device).manual_seed(seed)
+        self.device = torch.device(spec.device)
+        self._privileged = torch.as_tensor(np.flatnonzero(spec.privileged), device=self.device)
+        self._total_steps, self._num_actions = spec.total_steps, spec.num_actions
+        self._num_positions = spec.num_positions
+        # The student begins after these steps: at least a round of them before it is tried out
+        latest = (-(-spec.first_tried // spec.round_steps) - 1) * spec.round_steps - 1
+        self._begins = max(1.0, min(config.teacher_share * spec.first_tried, latest))
+        with seeded(spec.seed):
+            self.teacher = Teacher(
+                spec.num_states, spec.num_actions, len(self._privileged), config.teacher
+            ).to(self.device)
+            self.student = Student(spec, config.student).to(self.device)
+        self._generator = torch.Generator(self.device).manual_seed(spec.seed)
         self.num_steps = self._num_filmed = 0
 
     @property
-    def is_ready(self) -> bool:
+    def can_act(self) -> bool:
         return self.student.num_updates > 0
 
     @property
-    def looks(self) -> bool:
+    def wants_frames(self) -> bool:
         return self._num_filmed < self.config.filmed_share * (self.num_steps - self._begins)
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
@@ -87,31 +74,36 @@ class TeacherStudent:
             actions = self._disturbed(actions, self.config.noise)
         return actions.cpu().numpy()
 
-    def explore(self, seen: Seen) -> np.ndarray:
-        """The teacher alone, while nobody films; then the student, more and more."""
-        states = torch.from_numpy(seen.state).to(self.device)
+    def explore(self, observation: Observation) -> np.ndarray:
+        """The teacher alone where nothing is filmed; else the student, more and more."""
+        states = torch.from_numpy(observation.state).to(self.device)
         if self.num_steps < self.config.random_steps:
             actions = uniform_actions(len(states), self._num_actions, self._generator)
-        elif seen.frames is None:
+        elif observation.frames is None:
             actions = self._disturbed(self.teacher.act(states), self._teacher_noise)
         else:
             trusting_steps = self.config.trusting_share * self._total_steps
             acts_itself = self._uniform(len(states), 1) * trusting_steps < self._num_filmed
-            own = self.student.act(torch.from_numpy(seen.frames).to(self.device))
+            frames = torch.from_numpy(observation.frames).to(self.device)
+            own = self.student.act(frames)
             best = torch.where(acts_itself, own, self.teacher.act(states))
             actions = self._disturbed(best, self.config.noise)
         return actions.cpu().numpy()
 
     def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
-        """Teach the teacher after episodes that nobody filmed, the student after those others."""
-        filmed = self.looks
+        """Train the teacher after episodes that were not filmed, the student after filmed ones."""
+        filmed = self.wants_frames
         self.num_steps += num_steps
         self._num_filmed += num_steps if filmed else 0
         none = dict.fromkeys(("critic", "actor", "detector", "imitation"), torch.tensor(torch.nan))
-        losses = self._study(replay, num_steps) if filmed else self._teach(replay, num_steps)
+        losses = (
+            self._train_student(replay, num_steps)
+            if filmed
+            else self._train_teacher(replay, num_steps)
+        )
         return {f"loss/{name}": float(loss) for name, loss in (none | losses).items()}
 
-    def _teach(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
+    def _train_teacher(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
         self.teacher.normalize_by(self._sample(replay, 4096).states)
         losses = {}
         for _ in range(round(num_steps * self.config.teacher_updates_per_step)):
@@ -119,8 +111,8 @@ class TeacherStudent:
             losses = self.teacher.update(batch, self._teacher_noise, self._generator)
         return losses
 
-    def _study(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
-        """See better, look at the latest episodes again, do there as the teacher would."""
+    def _train_student(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
+        """Train its detector, apply that to the latest episodes, imitate the teacher in them."""
         config, student, losses = self.config, self.student, {}
         progress = (self.num_steps - self._begins) / (self._total_steps - self._begins)
         num_updates = num_steps * config.detector_updates_per_step
@@ -136,19 +128,19 @@ class TeacherStudent:
 
         slots = replay.latest_filmed(config.remembered_episodes)
         lengths = replay.lengths[slots].to(self.device)
-        seen = torch.stack([student.look(replay.frames[slot]) for slot in slots])
-        taught = self.teacher.act(replay.states[slots])
+        seen = torch.stack([student.detect(replay.frames[slot]) for slot in slots])
+        best = self.teacher.act(replay.states[slots])
         for _ in range(round(num_steps * config.head_updates_per_step)):
             shape = (config.student.batch_size,)
             e = torch.randint(len(slots), shape, generator=self._generator, device=self.device)
             t = (self._uniform(*shape) * lengths[e]).long()
             stacks = seen[e[:, None], (t[:, None] + replay.stack_offsets).clamp(min=0)]
-            losses["imitation"] = student.learn_to_act(stacks, taught[e, t], progress)
+            losses["imitation"] = student.learn_to_act(stacks, best[e, t], progress)
         return losses
 
     def _sample(self, replay: Replay, batch_size: int) -> Transitions:
         batch = replay.sample(batch_size, self._generator, with_frames=False)
-        return replace(batch, parameters=batch.parameters[:, self._knows])
+        return replace(batch, parameters=batch.parameters[:, self._privileged])
 
     def _uniform(self, *shape: int) -> torch.Tensor:
         return torch.rand(shape, generator=self._generator, device=self.device)
@@ -162,7 +154,7 @@ class TeacherStudent:
         return falling(self.config.teacher.noise, self.num_steps / falls_over)
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        return gather_tensors(self._parts(), self._generator)
+        return gather_tensors(self._stateful(), self._generator)
 
     def state(self) -> dict[str, Any]:
         return {
@@ -172,11 +164,11 @@ class TeacherStudent:
         }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        scatter_tensors(self._parts(), self._generator, tensors)
+        scatter_tensors(self._stateful(), self._generator, tensors)
         self.num_steps, self._num_filmed = state["num_steps"], state["num_filmed"]
         self.student.num_updates = state["num_student_updates"]
 
-    def _parts(self) -> Parts:
+    def _stateful(self) -> Stateful:
         return {
             "teacher": self.teacher,
             "student": self.student,

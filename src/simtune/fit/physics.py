@@ -42,21 +42,16 @@ class Physics:
         (n, T, A) actions. `actuator_states`: (n, S) of `replay_actuators`, where actions came
         before. A world that diverges stays where it does.
         """
-        if actuator_states is None:
-            starts = np.repeat(self._full_state[None], len(states), 0)
-        else:
-            starts = actuator_states.copy()
-        starts[:, 1 : 1 + states.shape[1]] = states
+        starts = self._full_state if actuator_states is None else actuator_states
         played = self.simulator.roll_out(
             self.parameters.from_unit(units),
             actions,
             self._rng,
             self._observe,
-            starts,
+            self.space.with_positions_and_velocities(starts, states),
             keep_diverged=True,
         )
-        assert played.recorded is not None, "asked for above"
-        return played.states, np.nan_to_num(played.recorded, nan=_NOTHING_LIKE_IT)
+        return played.states, np.nan_to_num(played.observed, nan=_NOTHING_LIKE_IT)
 
     def replay_actuators(
         self, actions: np.ndarray, states: np.ndarray, unit: np.ndarray
@@ -77,8 +72,8 @@ class Physics:
             return simulator.roll_out(worlds, actions, self._rng, keep_diverged=True).states
         full_states = [np.repeat(self._full_state[None], num_episodes, 0)]
         for t in range(num_steps):
-            now = full_states[t]
-            now[:, 1 : 1 + states.shape[-1]] = states[:, t]
+            now = self.space.with_positions_and_velocities(full_states[t], states[:, t])
+            full_states[t] = now
             step = actions[:, t : t + 1]
             played = simulator.roll_out(worlds, step, self._rng, starts=now, keep_diverged=True)
             full_states.append(played.states[:, -1].copy())
@@ -91,4 +86,4 @@ class Physics:
 
     def states(self, full_states: np.ndarray) -> np.ndarray:
         """(..., nq + nv) positions and velocities of (..., S) full states."""
-        return full_states[..., 1 : 1 + self.space.nq + self.space.nv]
+        return self.space.positions_and_velocities(full_states)

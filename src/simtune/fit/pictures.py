@@ -91,13 +91,10 @@ def align_to_images(
     tangent: np.ndarray,
 ) -> np.ndarray:
     """(M, S) states, each moved along a (2 nv,) tangent to where it looks most like its frame."""
-    size = space.nq + space.nv
-    candidates = np.repeat(full_states[None], _PLACES, 0)
     shifts = np.linspace(-1, 1, _PLACES)[:, None, None] * tangent
-    states = np.broadcast_to(full_states[:, 1 : 1 + size], (_PLACES, len(full_states), size))
-    candidates[..., 1 : 1 + size] = space.move(
-        states, shifts + np.zeros((_PLACES, len(full_states), 1))
-    )
+    states = space.positions_and_velocities(full_states)
+    moved = space.move(states, shifts + np.zeros((_PLACES, len(full_states), 1)))
+    candidates = space.with_positions_and_velocities(full_states, moved)
     worlds = np.repeat(parameters[None], _PLACES * len(full_states), 0)
     drawn = simulator.render(candidates.reshape(-1, full_states.shape[-1]), worlds)
     drawn = drawn.reshape(_PLACES, len(full_states), -1)

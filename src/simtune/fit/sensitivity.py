@@ -68,7 +68,7 @@ def analyze(
     first = Distribution.first(space, nominal)
     keypoints = find_keypoints(simulator, camera, first, seed)
     worlds = np.tile(nominal, (len(actions), 1))
-    episodes = simulator.roll_out(worlds, actions.astype(float), rng, keypoints.record)
+    episodes = simulator.roll_out(worlds, actions.astype(float), rng, keypoints.observe)
     if not len(episodes):
         raise RuntimeError("every episode diverged; check the timestep and the actions")
     changed = one_by_one(space, nominal)
@@ -143,12 +143,11 @@ def motion_changes(
         np.repeat(worlds, len(starts), 0),
         np.tile(actions, (len(worlds), 1, 1)),
         np.random.default_rng(0),  # starts are given: nothing is drawn
-        keypoints.record,
+        keypoints.observe,
         starts=np.tile(starts, (len(worlds), 1)),
         keep_diverged=True,
     )
-    assert played.recorded is not None, "asked for above"
-    ends = played.recorded[:, -1].reshape(len(worlds), -1, 2)
+    ends = played.observed[:, -1].reshape(len(worlds), -1, 2)
     distance = np.nan_to_num(np.linalg.norm(ends[1:] - ends[0], axis=-1))
     if not distance.size:  # nothing there to be followed
         return np.zeros(len(changed)), np.zeros(len(changed))
@@ -170,14 +169,13 @@ def motion_covariance(
     simulator: Simulator, keypoints: Keypoints, episodes: Rollouts, fitted: np.ndarray
 ) -> np.ndarray:
     """(P, P) covariance in unit coordinates of the `fitted` parameters, at best."""
-    assert episodes.recorded is not None, "asked for where they were played"
-    physics = Physics(simulator, keypoints.record, episodes.states[0, 0])
+    physics = Physics(simulator, keypoints.observe, episodes.states[0, 0])
     states = physics.states(episodes.states)
     # A start is somewhere where these episodes go; Shooting believes a guess a third as much.
     prior_std = physics.space.difference(states, states[:1, :1]).std((0, 1)) / 3
     config = ShootingConfig(stages=(Stage(WINDOW_STEPS, 0),))
     shooting = Shooting(physics, np.maximum(prior_std, 1e-3), fitted, config)
-    candidates = episodes.recorded.reshape(*states.shape[:2], 1, -1, 2).repeat(2, 2)
+    candidates = episodes.observed.reshape(*states.shape[:2], 1, -1, 2).repeat(2, 2)
     probability = np.zeros(candidates.shape[:-1])
     probability[:, :, 0] = _SURE
     noise_px = np.full(len(keypoints), _DETECTOR_PX)

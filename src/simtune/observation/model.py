@@ -131,8 +131,7 @@ class ObservationModel:
             one_camera = frames.reshape(1, -1, *frames.shape[2:])
             noise.apply(one_camera, rng)
             frames = one_camera.reshape(frames.shape)
-        assert rollouts.recorded is not None, "asked for"
-        readings = self.readings(rollouts.recorded, rng)
+        readings = self.readings(rollouts.observed, rng)
         return [
             Trajectory(
                 frames[i],

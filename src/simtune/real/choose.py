@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from simtune.real.robot_file import read_robot
 from simtune.real.truth import Truth
 from simtune.recordings import Dataset, open_dataset
 from simtune.run.config import FILMED, stored_config
-from simtune.simulation import AnySimulator
+from simtune.simulation import AnySimulator, Simulator
 from simtune.tasks import AnyTask, Task
 
 
@@ -98,6 +98,10 @@ def open_recordings(
     )
 
 
+@overload
+def simulator_for(real: RealWorld, task: Task, image_size: int) -> Simulator: ...
+@overload
+def simulator_for(real: RealWorld, task: AnyTask, image_size: int) -> AnySimulator: ...
 def simulator_for(real: RealWorld, task: AnyTask, image_size: int) -> AnySimulator:
     """Worlds of `task` to compare with a real one: actions last as long, pictures are alike."""
     supersampling = real.observation.camera.supersampling

@@ -7,16 +7,16 @@ import numpy as np
 
 from simtune.observation import ObservationModel
 from simtune.real.gap import RealityGap
-from simtune.simulation import AnySimulator, PixelPolicy, Projector, Simulator, on_pictures
+from simtune.simulation import AnySimulator, FrameStacker, PixelPolicy, on_pictures
 from simtune.trajectory import Trajectory
 
 
 class PseudoReal:
-    """A world of fixed parameters that only `collect` can be asked of.
+    """A world of fixed parameters; see `RealWorld`.
 
-    The parameters are kept out of reach: whoever tunes gets frames and actions, as from a
-    robot. Scoring takes the truth from whoever made this world, not from here. Through a `gap`
-    it is filmed as its camera sees it, and plays actions as late as it says.
+    The parameters are kept out of reach: a search gets frames and actions, as from a robot.
+    Scoring gets the truth from `Truth`, which made this world. Through a `gap` it is filmed as the
+    gap's camera sees it, and plays actions as late as the gap says.
     """
 
     def __init__(
@@ -29,53 +29,26 @@ class PseudoReal:
         gap: RealityGap | None = None,
     ):
         first_rng = np.random.default_rng(seed)
-        delay_steps = gap.delay_steps if gap else 0
         of = ObservationModel.of_reality if gap else ObservationModel.of_simulator
-        self.observation = of()
-        self.step_s = step_s = simulator.step_s
+        self.observation, self.step_s = of(), simulator.step_s
 
+        # Closures, so that no attribute leads to the parameters
         def film(num_episodes: int) -> list[Trajectory]:
-            rng, worlds = first_rng, np.tile(parameters, (num_episodes, 1))
-            explore = simulator.explore(num_episodes, episode_steps, rng)
-            coming = np.zeros((num_episodes, episode_steps + delay_steps, simulator.num_actions))
-
-            def act(t: int, states: np.ndarray) -> np.ndarray:
-                if t < episode_steps:
-                    coming[:, t + delay_steps] = explore(t, states)
-                return coming[:, t]
-
-            rollouts = simulator.play(worlds, act, coming.shape[1], rng).episodes(worlds)
-            if not len(rollouts):
-                raise RuntimeError(
-                    "every episode of the pseudo-real world diverged, or ended before its "
-                    f"{episode_steps} steps"
-                )
-            seen = replace(rollouts, states=rollouts.states[:, : episode_steps + 1])
-            commanded = rollouts.actions[:, delay_steps:].astype(np.float32)
-            return [
-                Trajectory(gap.film(frames, step_s, rng) if gap else frames, asked, step_s)
-                for frames, asked in zip(simulator.film(seen), commanded, strict=True)
-            ]
+            worlds = np.tile(parameters, (num_episodes, 1))
+            return _film_exploring(simulator, worlds, episode_steps, first_rng, gap)
 
         def run_policy(
             policy: PixelPolicy, num_stacked: int, num_episodes: int, rng: np.random.Generator
         ) -> list[Trajectory]:
-            assert isinstance(simulator, Simulator), "nobody trains in an environment"
             worlds = np.tile(parameters, (num_episodes, 1))
-            projector = Projector(simulator, worlds, episode_steps, num_stacked)
-
-            act = on_pictures(simulator, projector, policy)
-            played = simulator.play(worlds, act, episode_steps, rng)
-            projector.show(episode_steps, played.states[:, -1])
-            whole = np.flatnonzero(played.lengths == episode_steps)
-            actions = played.actions.astype(np.float32)
-            return [Trajectory(projector.frames[i], actions[i], step_s) for i in whole]
+            stacker = FrameStacker(simulator, worlds, episode_steps, num_stacked)
+            return _film_policy(simulator, worlds, stacker, policy, rng)
 
         self._film, self._run_policy, self._seed = film, run_policy, seed
 
     @property
     def facts(self) -> dict[str, Any]:
-        """None: whoever made this world knows them, and keeps them."""
+        """None."""
         return {}
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
@@ -91,3 +64,55 @@ class PseudoReal:
         return self._run_policy(
             policy, num_stacked, num_episodes, np.random.default_rng((self._seed, 2, seed))
         )
+
+
+def _film_exploring(
+    simulator: AnySimulator,
+    worlds: np.ndarray,
+    num_steps: int,
+    rng: np.random.Generator,
+    gap: RealityGap | None,
+) -> list[Trajectory]:
+    """Exploring episodes of (n, N) worlds; those that diverge are left out.
+
+    Raises RuntimeError where all do.
+    """
+    delay_steps, step_s = gap.delay_steps if gap else 0, simulator.step_s
+    explore = simulator.explore(len(worlds), num_steps, rng)
+    coming = np.zeros((len(worlds), num_steps + delay_steps, simulator.num_actions))
+
+    def act(t: int, states: np.ndarray) -> np.ndarray:
+        if t < num_steps:
+            coming[:, t + delay_steps] = explore(t, states)
+        return coming[:, t]
+
+    rollouts = simulator.play(worlds, act, coming.shape[1], rng).finished()
+    if not len(rollouts):
+        raise RuntimeError(
+            f"every episode of the pseudo-real world diverged, or ended before its {num_steps} "
+            "steps"
+        )
+    seen = replace(rollouts, states=rollouts.states[:, : num_steps + 1])
+    commanded = rollouts.actions[:, delay_steps:].astype(np.float32)
+    return [
+        Trajectory(gap.film(frames, step_s, rng) if gap else frames, actions, step_s)
+        for frames, actions in zip(simulator.film(seen), commanded, strict=True)
+    ]
+
+
+def _film_policy(
+    simulator: AnySimulator,
+    worlds: np.ndarray,
+    stacker: FrameStacker,
+    policy: PixelPolicy,
+    rng: np.random.Generator,
+) -> list[Trajectory]:
+    """Episodes of a policy in (n, N) worlds, which `stacker` films; those that diverge left out."""
+    num_steps = stacker.frames.shape[1] - 1
+    rollouts = simulator.play(worlds, on_pictures(simulator, stacker, policy), num_steps, rng)
+    stacker.draw(num_steps, rollouts.states[:, -1])
+    rollouts = rollouts.finished()
+    return [
+        Trajectory(stacker.frames[i], actions.astype(np.float32), simulator.step_s)
+        for i, actions in zip(rollouts.index, rollouts.actions, strict=True)
+    ]

@@ -15,14 +15,14 @@ class Episodes:
     """
 
     parameters: np.ndarray  # (n, N) of each episode's world, in their units
-    rows: np.ndarray  # (n, T + 1, S) float64 of the simulator: frames can be drawn from them anew
-    states: np.ndarray  # (n, T + 1, D) float32, what `Task.observe` says
+    full_states: np.ndarray  # (n, T + 1, S) float64: frames can be drawn from them anew
+    states: np.ndarray  # (n, T + 1, D) float32, of `rollout.Environment.observe`
     actions: np.ndarray  # (n, T, A) float32 in [−1, 1]
     rewards: np.ndarray  # (n, T) float32
     lengths: np.ndarray  # (n,) int, steps that count: fewer than T where the physics diverged
     terminated: np.ndarray  # (n,) bool: the last step ended the task; a time limit does not
-    frames: np.ndarray | None = None  # (n, T + 1, H, W, 3) uint8, where somebody looks
-    keypoints: np.ndarray | None = None  # (n, T + 1, L, 2) float32 pixels, where they are in those
+    frames: np.ndarray | None = None  # (n, T + 1, H, W, 3) uint8, where they were drawn
+    keypoints: np.ndarray | None = None  # (n, T + 1, L, 2) float32 pixels in those
     reached: np.ndarray | None = None  # (n, G) bool, which of the task's goals in the end
 
     def __post_init__(self) -> None:
@@ -31,7 +31,7 @@ class Episodes:
         n, num_steps = self.rewards.shape
         expected = {
             "parameters": (n, "N"),
-            "rows": (n, num_steps + 1, "S"),
+            "full_states": (n, num_steps + 1, "S"),
             "states": (n, num_steps + 1, "D"),
             "actions": (n, num_steps, "A"),
             "lengths": (n,),
@@ -73,7 +73,7 @@ class Episodes:
         n, num_steps, _ = rollouts.actions.shape
         return cls(
             parameters=rollouts.parameters,
-            rows=rollouts.states,
+            full_states=rollouts.states,
             states=np.empty((n, num_steps + 1, 0), np.float32),
             actions=rollouts.actions / action_scale,
             rewards=np.zeros((n, num_steps), np.float32),

@@ -39,9 +39,9 @@ class Replay(EpisodeStore):
             states=self.states[episode, t],
             actions=self.actions[episode, t],
             rewards=self.rewards[episode, t],
-            discounts=(self._starts[episode] + t != self._terminals[episode]).float(),
+            discounts=(self._steps.starts[episode] + t != self._steps.terminals[episode]).float(),
             next_states=self.states[episode, t + 1],
-            parameters=self._coordinates[episode],
+            parameters=self._steps.coordinates[episode],
             frames=frames,
             next_frames=next_frames,
         )
@@ -49,7 +49,7 @@ class Replay(EpisodeStore):
     def pictures(
         self, batch_size: int, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """(B, H, W, 3) frames drawn from all that are stored; their keypoints and states."""
+        """(B, H, W, 3) frames drawn from all stored ones; (B, L, 2) keypoints, (B, D) states."""
         at = self._draw(batch_size, generator, filmed=True)
         return self.frames[at], self.keypoints[at], self.states[at]
 
@@ -68,8 +68,8 @@ class Replay(EpisodeStore):
             raise ValueError(f"no {kind} is stored; add some before sampling")
         # Slots with frames come first, and so do their steps. An empty slot has none.
         step = torch.randint(num_steps, (num,), generator=generator, device=self.device)
-        episode = torch.searchsorted(self._ends, step, right=True)
-        return episode, step - self._starts[episode]
+        episode = torch.searchsorted(self._steps.ends, step, right=True)
+        return episode, step - self._steps.starts[episode]
 
     def _stacks(self, episode: torch.Tensor, t: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, K, H, W, 3) frames up to `t`, and up to `t` + 1; the first one is repeated."""

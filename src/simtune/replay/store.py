@@ -1,6 +1,7 @@
 """The latest simulated episodes, each frame stored once: what agents and an SPM learn from."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,24 @@ import torch
 from simtune.parameters import ParameterSpace
 from simtune.replay.episodes import Episodes
 
-# (m, S) rows of worlds of (m, N) parameters to (m, H, W, 3) uint8: `Simulator.render`
+# (m, S) full states of worlds of (m, N) parameters to (m, H, W, 3) uint8: `Simulator.render`
 Film = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 _OF_ALL = ("parameters", "lengths", "terminated", "states", "actions", "rewards")
-_OF_FILMED = ("rows", "keypoints", "frames")
+_OF_FILMED = ("full_states", "keypoints", "frames")
+
+
+@dataclass(frozen=True)
+class StepIndex:
+    """Where steps lie, on the store's device, so that no batch waits for the host.
+
+    They are counted through all slots: those of slot e are `starts[e]` to `ends[e]` − 1.
+    """
+
+    starts: torch.Tensor  # (slots,)
+    ends: torch.Tensor  # (slots,)
+    terminals: torch.Tensor  # (slots,) the step that ended the task, or −1
+    coordinates: torch.Tensor  # (slots, N) float32 parameters in [0, 1]
 
 
 class EpisodeStore:
@@ -42,13 +56,13 @@ class EpisodeStore:
         self.lengths = torch.zeros(slots, dtype=torch.int64)  # 0 where a slot is empty
         self.terminated = torch.zeros(slots, dtype=torch.bool)
         # Without a size until the first episodes, or the first filmed ones, bring it.
-        self.rows = torch.empty(filmed_capacity, 0, dtype=torch.float64)  # (·, T + 1, S)
+        self.full_states = torch.empty(filmed_capacity, 0, dtype=torch.float64)  # (·, T + 1, S)
         self.frames = torch.empty(filmed_capacity, 0, dtype=torch.uint8, device=self.device)
         self.keypoints = torch.empty(filmed_capacity, 0, device=self.device)  # (·, T + 1, L, 2)
         self.states = torch.empty(slots, 0, device=self.device)  # (slots, T + 1, D)
         self.actions = torch.empty(slots, 0, device=self.device)  # (slots, T, A)
         self.rewards = torch.empty(slots, 0, device=self.device)  # (slots, T)
-        self._changed()
+        self._steps = self._locate_steps()
 
     def __len__(self) -> int:
         """Number of episodes."""
@@ -56,14 +70,19 @@ class EpisodeStore:
 
     @property
     def num_steps(self) -> int:
+        """Steps of all episodes."""
         return int(self.lengths.sum())
 
     @property
     def num_filmed_steps(self) -> int:
+        """Steps of those episodes that have frames."""
         return int(self.lengths[: self.filmed_capacity].sum())
 
     def add(self, episodes: Episodes) -> None:
-        """Store those that have a step; of more than there are slots for, the last ones."""
+        """Store those that have a step; of more than there are slots for, the last ones.
+
+        Raises ValueError where no slot is for such episodes, or their shapes are not the first's.
+        """
         first, capacity, kind = self.filmed_capacity, self.unfilmed_capacity, "unfilmed"
         if episodes.frames is not None:
             first, capacity, kind = 0, self.filmed_capacity, "filmed"
@@ -78,7 +97,7 @@ class EpisodeStore:
         self._write(slots, {k: torch.as_tensor(a) for k, a in arrays.items() if a is not None})
         self.num_added += len(not_empty)
         self._numbers[slots] = torch.arange(self.num_added - len(slots), self.num_added)
-        self._changed()
+        self._steps = self._locate_steps()
 
     def drop_far(self, low: np.ndarray, high: np.ndarray) -> int:
         """Forget the episodes of worlds outside of [low, high], each (N,); returns how many."""
@@ -86,7 +105,7 @@ class EpisodeStore:
         outside = torch.as_tensor(((parameters < low) | (parameters > high)).any(1))
         dropped = outside & (self.lengths > 0)
         self.lengths[dropped], self._numbers[dropped] = 0, -1
-        self._changed()
+        self._steps = self._locate_steps()
         return int(dropped.sum())
 
     def latest_filmed(self, num: int) -> torch.Tensor:
@@ -96,17 +115,19 @@ class EpisodeStore:
         return numbers.argsort()[len(numbers) - some :]
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        """All that is stored but the frames, which can be drawn anew from the rows."""
+        """All that is stored but the frames, which can be drawn anew from the full states."""
         slots = self.lengths.nonzero()[:, 0]
         if not len(slots):
             return {}
         arrays = {name: getattr(self, name) for name in _OF_ALL}
         kept = {name: array[slots.to(array.device)] for name, array in arrays.items()}
         filmed = slots[slots < self.filmed_capacity]
-        kept |= {"rows": self.rows[filmed], "keypoints": self.keypoints[filmed.to(self.device)]}
+        kept |= {"rows": self.full_states[filmed]}  # as earlier versions called them
+        kept |= {"keypoints": self.keypoints[filmed.to(self.device)]}
         return {"slots": slots, "numbers": self._numbers[slots], **kept}
 
     def state(self) -> dict[str, Any]:
+        """The rest of what `load` needs; JSON."""
         return {
             "num_added": self.num_added,
             "filmed_capacity": self.filmed_capacity,
@@ -116,7 +137,10 @@ class EpisodeStore:
     def load(
         self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any], film: Film
     ) -> None:
-        """Go on as the store that these are of: the same episodes in the same slots."""
+        """Go on as the store that these are of: the same episodes in the same slots.
+
+        Raises ValueError for one of other capacities.
+        """
         for name in ("filmed_capacity", "unfilmed_capacity"):
             if state[name] != getattr(self, name):
                 raise ValueError(f"saved with {name}={state[name]}, got {getattr(self, name)}")
@@ -127,17 +151,18 @@ class EpisodeStore:
             self._numbers[slots] = tensors["numbers"]
             self._write(slots, {name: tensors[name] for name in _OF_ALL})
             filmed = slots[slots < self.filmed_capacity]
-            self._write(filmed, {name: tensors[name] for name in ("rows", "keypoints")})
+            of_filmed = {"full_states": tensors["rows"], "keypoints": tensors["keypoints"]}
+            self._write(filmed, of_filmed)
             for slot in filmed:  # one at a time: pictures are large
                 self._film(slot, film)
-        self._changed()
+        self._steps = self._locate_steps()
 
     def _film(self, slot: torch.Tensor, film: Film) -> None:
         """Draw an episode's frames; there is none, and nothing is read, after its end."""
         num_frames = int(self.lengths[slot]) + 1
         parameters = np.tile(self.parameters[slot].numpy(), (num_frames, 1))
-        drawn = film(self.rows[slot, :num_frames].numpy(), parameters)
-        frames = np.zeros((1, self.rows.shape[1], *drawn.shape[1:]), np.uint8)
+        drawn = film(self.full_states[slot, :num_frames].numpy(), parameters)
+        frames = np.zeros((1, self.full_states.shape[1], *drawn.shape[1:]), np.uint8)
         frames[0, :num_frames] = drawn
         self._write(slot[None], {"frames": torch.as_tensor(frames)})
 
@@ -155,15 +180,14 @@ class EpisodeStore:
             for slot, value in zip(slots.tolist(), values, strict=True):
                 array[slot] = value
 
-    def _changed(self) -> None:
-        """Have on the device what tells where a step lies, so that no batch waits for the host.
-
-        Steps are counted through all slots: those of slot e are `_starts[e]` to `_ends[e]` − 1.
-        """
+    def _locate_steps(self) -> "StepIndex":
+        """Of what is stored now."""
         ends = self.lengths.cumsum(0)
-        terminals = torch.where(self.terminated, ends - 1, -1)  # the step that ended the task
+        terminals = torch.where(self.terminated, ends - 1, -1)
         coordinates = self.space.to_unit(self.parameters.numpy())
-        self._starts = (ends - self.lengths).to(self.device)  # (slots,)
-        self._ends = ends.to(self.device)
-        self._terminals = terminals.to(self.device)
-        self._coordinates = torch.as_tensor(coordinates, dtype=torch.float32, device=self.device)
+        return StepIndex(
+            (ends - self.lengths).to(self.device),
+            ends.to(self.device),
+            terminals.to(self.device),
+            torch.as_tensor(coordinates, dtype=torch.float32, device=self.device),
+        )

@@ -9,7 +9,7 @@ import torch
 class Transitions:
     """B steps of simulated worlds, drawn from all stored episodes."""
 
-    states: torch.Tensor  # (B, D) float32, what `Task.observe` says: known in simulation only
+    states: torch.Tensor  # (B, D) float32 of `Environment.observe`: known in simulation only
     actions: torch.Tensor  # (B, A) float32 in [−1, 1]
     rewards: torch.Tensor  # (B,) float32
     discounts: torch.Tensor  # (B,) float32: 0 where the task ended, 1 where only the time did

@@ -62,9 +62,8 @@ def simulate(
         np.repeat(parameters, num_episodes, axis=0),
         played.reshape(len(played) * num_episodes, *actions.shape[2:]),  # there may be no actions
         rng,
-        observation.observe_beside(keypoints.record),
+        observation.observe_beside(keypoints.observe),
     )
-    assert rollouts.recorded is not None, "asked for above"
     whole = whole_sets(rollouts.index, num_episodes)
     if len(whole) < 4:  # some to learn from, some to measure errors on
         raise RuntimeError("nearly every world diverged; check the timestep and the bounds")
@@ -78,7 +77,7 @@ def simulate(
     frames = frames.reshape(num_worlds, num_filmed, *frames.shape[1:])
     if noise := observation.camera.image_noise:
         noise.apply(frames, rng)
-    points, measured = np.split(rollouts.recorded[whole], [2 * len(keypoints)], axis=-1)
+    points, measured = np.split(rollouts.observed[whole], [2 * len(keypoints)], axis=-1)
     at = start[:, None] + np.arange(num_filmed)
     with_frames = measured[np.arange(num_worlds)[:, None], 0, at]
     return SimulatedWorlds(

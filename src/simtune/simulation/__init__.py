@@ -1,6 +1,35 @@
-"""Simulated worlds: batched physics, and two renderers behind one interface."""
+"""Simulated worlds, many at once: each has parameters of its own.
 
-from simtune.simulation.acting import PixelPolicy, Projector, on_pictures, scale_actions
+    simulator = task.simulator(image_size=64)            # a Simulator: worlds of a MuJoCo model
+    rollouts = simulator.roll_out(parameters, actions, rng)       # (n, N) and (n, T, A)
+    frames = simulator.film(rollouts)                    # (n, T + 1, H, W, 3) uint8
+
+`play` is the same for actions that depend on the states. An `EnvironmentSimulator` does it with
+a gymnasium environment; what both can do is `AnySimulator`. Where they differ, it says what it can
+(`can_start_anywhere`). Renderers draw states, so frames need not be kept: the same states and
+parameters give the same frames. `StateSpace` knows how a full state, (S,), is laid out.
+
+In MuJoCo's terms, n worlds are a `mujoco.batch.Batch`: n rows of full states over one model, of
+which `ModelWriter` gives each world its own fields. `observe`, `initialize`, rewards, scripts and
+action mappings get that batch. Its pitfalls:
+
+* **A field that was bound late is zero.** A derived field (`xpos`, `sensordata`, ...) is computed
+  only once something has read it, from the next call on. So `play` calls `observe` once before it
+  starts the worlds; what is first read later needs a `forward` (`tasks.batch_state.computed`).
+* **Derived fields may be one substep behind.** After MuJoCo's plain `step` they belong to the state
+  before it. `Worlds` steps with stage=mjSTAGE_VEL, which computes positions and velocities anew;
+  what comes after them (accelerations, forces, contact forces) is still of the substep before.
+* **Diverged worlds stay in the batch.** They hold NaN or huge values, are stepped no further, and
+  are left out by `roll_out` and `Rollouts.finished` alone. MuJoCo's silent reset is off.
+* **Controls may come late.** Actuators with a delay need room for past controls before the model
+  is compiled (`delays.remember_controls`); Runge and Kutta's integrator shifts them by half a step.
+* **Steps need not divide evenly.** At a recording's rate the timestep is adjusted, and parts of a
+  policy step may differ by one substep.
+* **A `Simulator` keeps one batch**, for the last number of worlds asked for: `play` is not
+  reentrant, and other numbers in turn allocate anew. Renderers use all cores the process may use.
+"""
+
+from simtune.simulation.acting import FrameStacker, PixelPolicy, on_pictures, scale_actions
 from simtune.simulation.actions import (
     ActionMapping,
     DirectActions,
@@ -8,13 +37,14 @@ from simtune.simulation.actions import (
     MapActions,
     ScaledActions,
 )
+from simtune.simulation.any_simulator import Act, AnySimulator, Rollouts, random_actions
 from simtune.simulation.delays import count_substeps, remember_controls
 from simtune.simulation.environment import EnvironmentSimulator, Points
 from simtune.simulation.mocap import MocapActions
-from simtune.simulation.played import Act, AnySimulator, Played, Rollouts, random_actions
 from simtune.simulation.quality import OPENGL_DM_CONTROL, OPENGL_FAST, OpenGLQuality
-from simtune.simulation.renderer import Renderer, RendererName, make_renderer
-from simtune.simulation.simulator import Script, Simulator
+from simtune.simulation.renderer import RendererName, make_renderer
+from simtune.simulation.scene import Drawing, Scene, Script
+from simtune.simulation.simulator import Simulator
 from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 
@@ -25,19 +55,19 @@ __all__ = [
     "ActionMapping",
     "AnySimulator",
     "DirectActions",
+    "Drawing",
     "EnvironmentSimulator",
+    "FrameStacker",
     "JointActions",
     "MapActions",
     "MocapActions",
     "OpenGLQuality",
     "PixelPolicy",
-    "Played",
     "Points",
-    "Projector",
-    "Renderer",
     "RendererName",
     "Rollouts",
     "ScaledActions",
+    "Scene",
     "Script",
     "Simulator",
     "StateSpace",

@@ -1,15 +1,15 @@
 """Worlds of a gymnasium environment: any simulator that takes parameters and draws pictures.
 
-What an environment has to do, beside gymnasium's usual:
+Beside gymnasium's usual, an environment has to provide:
 
 * `reset(seed=..., options={"parameters": {name: value, ...}})` starts a world of these
   parameters; the same seed, parameters and actions give the same episode;
 * `render()` gives the present picture, (H, W, 3) uint8 RGB;
 * `info["points"]` of `reset` and `step`, (L, 2), says where in the picture points are that move
-  with its parts: 0 to 1 from the left and from the top. Only a simulator knows them, and the detector
-  learns to see them.
+  with its parts: 0 to 1 from the left and from the top. Only a simulator knows them, and the
+  detector learns to see them.
 
-Of pictures that are no squares the middle is looked at.
+Pictures that are not square are cut to the square in their middle.
 """
 
 from collections.abc import Callable
@@ -21,14 +21,14 @@ import numpy as np
 from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
 from simtune.pictures import middle_square, resize
-from simtune.simulation.played import Act, AnySimulator, Played, Record
+from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 
 _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
 
 
 @dataclass(frozen=True)
 class Points:
-    """L of the points that an environment tells of, in a picture of `image_size` pixels."""
+    """L of the points that an environment gives, in a picture of `image_size` pixels."""
 
     chosen: np.ndarray  # (L,) among info["points"]
     image_size: int
@@ -36,7 +36,7 @@ class Points:
     def __len__(self) -> int:
         return len(self.chosen)
 
-    def record(self, points: np.ndarray) -> np.ndarray:
+    def observe(self, points: np.ndarray) -> np.ndarray:
         """(n, all, 2) shares of the picture to (n, L · 2) float32 pixels; cf. `Keypoints`."""
         pixels = points[:, self.chosen] * self.image_size - 0.5
         edge = _MARGIN_PX
@@ -44,6 +44,7 @@ class Points:
         return seen.reshape(len(points), -1)
 
     def select(self, indices: list[int]) -> "Points":
+        """Those of the chosen points at these indices."""
         return Points(self.chosen[indices], self.image_size)
 
     def state(self) -> list:
@@ -51,6 +52,7 @@ class Points:
         return self.chosen.tolist()
 
     def with_state(self, state: list) -> "Points":
+        """Those that `state` was asked of."""
         return Points(np.array(state, int), self.image_size)
 
 
@@ -69,12 +71,12 @@ class BoxActions:
 
 
 class EnvironmentSimulator(AnySimulator):
-    """Rolls worlds of one environment out, one after the other; see `Simulator`.
+    """Plays worlds of one environment, one after the other; see `Simulator`.
 
     A state is the number of an episode and a step of it: to draw it, the episode is played again.
     """
 
-    supersampling = 1  # how it draws is the environment's own business
+    supersampling = 1  # the environment itself decides how it draws
 
     def __init__(self, env: Any, space: ParameterSpace, *, step_s: float, image_size: int):
         """`env`: a gymnasium.Env, or what acts like one. Raises InputError for other actions."""
@@ -90,8 +92,8 @@ class EnvironmentSimulator(AnySimulator):
         return self._actions
 
     def points(self) -> Points:
-        """All that the environment tells of; none, if it tells of none."""
-        num = len(_told(self._begin(0, self.space.nominal)))
+        """All that the environment gives, of which there may be none."""
+        num = len(_checked_points(self._begin(0, self.space.nominal)))
         return Points(np.arange(num), self.image_size)
 
     def play(
@@ -102,18 +104,18 @@ class EnvironmentSimulator(AnySimulator):
         rng: np.random.Generator,
         *,
         starts: np.ndarray | None = None,
-        watch: Record | None = None,
-    ) -> Played:
+        observe: Observe | None = None,
+    ) -> Rollouts:
         """Act in n worlds of (n, N) parameters, each from its own start; see `Simulator.play`.
 
-        `act` is asked for all actions at first, so it sees no states. `starts`: states of episodes
-        that begin alike. `watch` is handed the points, (1, all, 2), of every state. Worlds that end
+        `act` is called for all actions first, so it sees no states. `starts`: states of episodes
+        that begin alike. `observe` gets the points, (1, all, 2), of every state. Worlds that end
         before their time stay where they ended, as diverged ones do.
         """
         n = len(parameters)
         actions = np.stack([act(t, np.empty((n, 2))) for t in range(num_steps)], 1)
         states, lengths = np.empty((n, num_steps + 1, 2)), np.empty(n, int)
-        watched = []
+        observed = []
         for i, world in enumerate(parameters):
             seed = int(rng.integers(2**31)) if starts is None else self._seed_of(starts[i])
             infos = self._play(seed, world, actions[i])
@@ -122,12 +124,13 @@ class EnvironmentSimulator(AnySimulator):
             states[i, :, 1] = np.minimum(np.arange(num_steps + 1), lengths[i])
             self._episodes.append((seed, actions[i].copy()))
             infos += infos[-1:] * (num_steps - lengths[i])
-            if watch:
+            if observe:
                 points = [self._points_of(info)[None] for info in infos]
-                watched.append(np.concatenate([watch(p) for p in points]))
+                observed.append(np.concatenate([observe(p) for p in points]))
         self.num_diverged += int((lengths < num_steps).sum())
         self.num_steps += n * num_steps
-        return Played(states, actions, lengths, np.stack(watched) if watch else None)
+        every = np.stack(observed) if observe else np.empty((n, num_steps + 1, 0))
+        return Rollouts(parameters, states, actions, lengths, every, np.arange(n))
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, 2) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
@@ -190,11 +193,11 @@ class EnvironmentSimulator(AnySimulator):
         if self._shape is None:
             self._shape = self._picture().shape[:2]
         width_height = np.array(self._shape[::-1])
-        return (_told(info) - 0.5) * width_height / width_height.min() + 0.5
+        return (_checked_points(info) - 0.5) * width_height / width_height.min() + 0.5
 
 
-def _told(info: dict[str, Any]) -> np.ndarray:
-    """(L, 2) shares of the whole picture. Raises InputError for what is none."""
+def _checked_points(info: dict[str, Any]) -> np.ndarray:
+    """(L, 2) shares of the whole picture. Raises InputError for anything else."""
     with blame('the environment\'s info["points"] failed'):
         points = np.asarray(info.get("points", ()), float)
     if not points.size:

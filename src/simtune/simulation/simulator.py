@@ -1,70 +1,52 @@
 """Worlds of a MuJoCo model, in batches."""
 
 import copy
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.parameters import ParameterSpace
-from simtune.simulation.actions import ActionMapping, DirectActions, MapActions
+from simtune.simulation.actions import ActionMapping
+from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 from simtune.simulation.delays import count_substeps
-from simtune.simulation.played import Act, AnySimulator, Played, Record
-from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
-from simtune.simulation.renderer import RendererName, make_renderer
+from simtune.simulation.renderer import make_renderer
+from simtune.simulation.scene import Drawing, Scene
+from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 
 _CHUNK = 256  # supersampled pictures drawn at a time
 _EXPLORING_SHARE = 0.5  # of random actions, added to a script's
 
 
-Script = Callable[[Batch], np.ndarray]  # worlds in their present state to (n, A) actions
-
-
 class Simulator(AnySimulator):
-    """Rolls worlds of one model out, and draws their states.
+    """Plays worlds of one model, and draws their states."""
 
-    An action is held for `step_s` seconds; `initialize(batch, rng)` starts the worlds; what actions
-    do, `action_mapping` says, which `map_actions` makes for the model. A `script` acts by what only
-    a simulator knows.
-    With `supersampling` k, k × k points of each pixel are averaged, as a camera's sensor does:
-    thin things blend with what is behind them instead of vanishing between the points.
-    """
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        space: ParameterSpace,
-        *,
-        camera: str,
-        initialize: Callable[[Batch, np.random.Generator], None],
-        step_s: float,
-        image_size: int,
-        renderer: RendererName = "raycaster",
-        quality: OpenGLQuality = OPENGL_FAST,
-        supersampling: int = 1,
-        map_actions: MapActions = DirectActions,
-        script: Script | None = None,
-    ):
-        self.num_substeps = count_substeps(step_s, model.opt.timestep)
-        self.model = _with_timestep(model, step_s / self.num_substeps)
-        self.space = space
-        self.step_s = step_s
-        self.image_size = image_size
-        self.num_diverged = 0
-        self.num_steps = 0  # policy steps simulated so far
-        self.supersampling = supersampling
-        drawn_size = image_size * supersampling
-        self.renderer = make_renderer(renderer, self.model, space, camera, drawn_size, quality)
-        self._mapping = map_actions(self.model)
-        self.script = script
-        self._initialize = initialize
+    def __init__(self, scene: Scene, drawing: Drawing):
+        """Raises InputError for what `make_renderer` or the scene's action mapping refuses."""
+        self.num_substeps = count_substeps(scene.step_s, scene.model.opt.timestep)
+        self.model = _with_timestep(scene.model, scene.step_s / self.num_substeps)
+        self.space, self.step_s, self.script = scene.space, scene.step_s, scene.script
+        self.image_size, self.supersampling = drawing.image_size, drawing.supersampling
+        self.num_diverged = self.num_steps = 0
+        self.renderer = make_renderer(
+            drawing.renderer,
+            self.model,
+            self.space,
+            scene.camera,
+            self.image_size * self.supersampling,
+            drawing.quality,
+        )
+        self._mapping, self._state_space = scene.map_actions(self.model), StateSpace(self.model)
+        self._initialize = scene.initialize
         self._worlds: dict[int, Worlds] = {}
 
     @property
     def action_mapping(self) -> ActionMapping:
         return self._mapping
+
+    @property
+    def state_space(self) -> StateSpace:
+        return self._state_space
 
     def play(
         self,
@@ -74,47 +56,63 @@ class Simulator(AnySimulator):
         rng: np.random.Generator,
         *,
         starts: np.ndarray | None = None,
-        watch: Record | None = None,
-        watches_per_step: int = 1,
-    ) -> Played:
+        observe: Observe | None = None,
+        observations_per_step: int = 1,
+    ) -> Rollouts:
         """Act in n worlds of (n, N) parameters, each from its own start. Nothing else steps any.
 
-        `starts`, (n, S), are states to start from instead of the task's own. `watch(batch)`,
-        (n, D), is asked of the first state, and so many times within each step.
+        `starts`, (n, S), are states to start from instead of the task's own. `observe(batch)`,
+        (n, D), is called in the first state, and `observations_per_step` times within each step.
         Worlds that diverge are counted in `num_diverged`, and stay where their physics stopped.
         """
         n = len(parameters)
-        worlds = self._worlds_for(n)
-        if watch:
-            watch(worlds.batch)  # binds the fields it reads, so that they are computed
-        if starts is None:
-            worlds.reset(parameters, self._initialize, rng)
-        else:
-            worlds.start_from(parameters, starts)
-        self.action_mapping.settle(worlds.batch)
+        observe = observe or _nothing
+        worlds = self._start(parameters, rng, starts, observe)
         states = np.empty((n, num_steps + 1, worlds.state.shape[1]))
         states[:, 0] = worlds.state
         actions = np.empty((n, num_steps, self.num_actions))
-        watched, lengths = [watch(worlds.batch)] if watch else [], np.zeros(n, int)
-        # As equal as they can be: at another rate than the task's own they do not divide evenly.
-        ends = np.linspace(0, self.num_substeps, watches_per_step + 1).round().astype(int)
-        parts = np.diff(ends).tolist()
+        observed, lengths = [observe(worlds.batch)], np.zeros(n, int)
+        parts = self._parts_of_step(observations_per_step)
         for t in range(num_steps):
             actions[:, t] = act(t, worlds.state)
             controls = self.action_mapping.apply(worlds.batch, actions[:, t])
             for substeps in parts:
                 if substeps:
                     worlds.step(controls, substeps)
-                if watch:
-                    watched.append(watch(worlds.batch))
+                observed.append(observe(worlds.batch))
             states[:, t + 1] = worlds.state
             lengths += worlds.alive
         self.num_diverged += int((lengths < num_steps).sum())
         self.num_steps += n * num_steps
-        return Played(states, actions, lengths, np.stack(watched, 1) if watch else None)
+        return Rollouts(parameters, states, actions, lengths, np.stack(observed, 1), np.arange(n))
+
+    def _start(
+        self,
+        parameters: np.ndarray,
+        rng: np.random.Generator,
+        starts: np.ndarray | None,
+        observe: Observe,
+    ) -> Worlds:
+        """Worlds of (n, N) parameters in their first states."""
+        worlds = self._worlds_for(len(parameters))
+        observe(worlds.batch)  # binds the fields it reads, so that they are computed
+        if starts is None:
+            worlds.reset(parameters, self._initialize, rng)
+        else:
+            worlds.start_from(parameters, starts)
+        self.action_mapping.settle(worlds.batch)
+        return worlds
+
+    def _parts_of_step(self, num: int) -> list[int]:
+        """Substeps of `num` parts of a policy step, as equal as whole numbers can be.
+
+        At another rate than the task's own they do not divide evenly.
+        """
+        ends = np.linspace(0, self.num_substeps, num + 1).round().astype(int)
+        return np.diff(ends).tolist()
 
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
-        """What excites so many worlds: random actions, or the script and half of them on top."""
+        """What excites `num_worlds` worlds: random actions; half of them on top of a script."""
         at_random = super().explore(num_worlds, num_steps, rng)
         if self.script is None:
             return at_random
@@ -127,7 +125,10 @@ class Simulator(AnySimulator):
         return act
 
     def follow_script(self, num_worlds: int) -> Act:
-        """What the script does in the worlds that are played at the time."""
+        """What the script does in the `num_worlds` worlds that are being played.
+
+        Raises ValueError where there is no script.
+        """
         script = self.script
         if script is None:
             raise ValueError("this simulator has no script to follow")
@@ -150,6 +151,11 @@ class Simulator(AnySimulator):
         if num_worlds not in self._worlds:
             self._worlds = {num_worlds: Worlds(self.model, self.space, num_worlds)}  # keep one
         return self._worlds[num_worlds]
+
+
+def _nothing(batch: Batch) -> np.ndarray:
+    """(n, 0): observes nothing of n worlds."""
+    return np.empty((batch.nsim, 0))
 
 
 def _with_timestep(model: mujoco.MjModel, timestep_s: float) -> mujoco.MjModel:

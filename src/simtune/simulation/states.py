@@ -1,4 +1,9 @@
-"""Coordinates of a model's states: what a network can estimate, and what a step changes."""
+"""Coordinates of a model's states: what a network can estimate, and what a step changes.
+
+A full state, (S,), is MuJoCo's mjSTATE_INTEGRATION: time, positions (nq), velocities (nv), then
+what else a step depends on (actuators, controls and their history, warm starts, mocap bodies). No
+other module needs to know that layout.
+"""
 
 import mujoco
 import numpy as np
@@ -30,12 +35,27 @@ class StateSpace:
                 endless.append((q, v))
             else:
                 plain.append((q, v))
+        self._moving = slice(1, 1 + self.nq + self.nv)  # of a full state, which begins with time
         self._plain = np.array(plain, int).reshape(-1, 2)
         self._endless = np.array(endless, int).reshape(-1, 2)
 
     @property
     def num_tangent(self) -> int:
+        """Length of a tangent."""
         return 2 * self.nv
+
+    def positions_and_velocities(self, full_states: np.ndarray) -> np.ndarray:
+        """(..., nq + nv) of (..., S) full states; a view."""
+        return full_states[..., self._moving]
+
+    def with_positions_and_velocities(
+        self, full_states: np.ndarray, states: np.ndarray
+    ) -> np.ndarray:
+        """A copy of (..., S) full states with (..., nq + nv) states; the shapes broadcast."""
+        shape = np.broadcast_shapes(full_states.shape[:-1], states.shape[:-1])
+        changed = np.broadcast_to(full_states, (*shape, full_states.shape[-1])).copy()
+        changed[..., self._moving] = states
+        return changed
 
     def features(self, states: np.ndarray) -> np.ndarray:
         """(..., nq + nv) to (..., F)."""

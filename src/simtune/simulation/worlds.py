@@ -34,7 +34,7 @@ class Worlds:
 
     @property
     def state(self) -> np.ndarray:
-        """(num_worlds, S) the live rows of all that defines the worlds' physics."""
+        """(num_worlds, S) the worlds' full states; live, not a copy."""
         return self.batch.state
 
     @property

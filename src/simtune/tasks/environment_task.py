@@ -29,7 +29,7 @@ class EnvironmentTask:
 
     @property
     def content_hash(self) -> str:
-        """By which a change of it is noticed."""
+        """Another one after a change of it."""
         return content_hash(self.declared, repr(list(self.parameters)))
 
     @cached_property
@@ -50,7 +50,7 @@ class EnvironmentTask:
     def simulator(
         self, *, image_size: int, step_s: float | None = None, supersampling: int = 1
     ) -> EnvironmentSimulator:
-        """Its worlds; see `Task.simulator`. How smoothly it draws is its own business.
+        """Its worlds; see `Task.simulator`. It decides itself how smoothly it draws.
 
         Raises InputError where recordings have another rate than the environment, or where nothing
         says where in the picture things are, so that no motion could be seen.

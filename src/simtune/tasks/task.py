@@ -12,9 +12,11 @@ from simtune.simulation import (
     OPENGL_FAST,
     ActionMapping,
     DirectActions,
+    Drawing,
     MapActions,
     OpenGLQuality,
     RendererName,
+    Scene,
     Script,
     Simulator,
     remember_controls,
@@ -42,22 +44,23 @@ class Task:
     # control timestep; a policy step's reward is the sum over its action_repeat of them.
     # Tuning looks at no reward: None where no policy is to be trained.
     reward: Callable[[Batch], np.ndarray] | None = None
-    # (nsim,) bool of the batch's present state: done, and nearly so; None where nobody has said.
+    # (nsim,) bool of the batch's present state: done, and nearly so; None where undeclared.
     success: Callable[[Batch], np.ndarray] | None = None
     near_success: Callable[[Batch], np.ndarray] | None = None
     # Acts well by what only a simulator knows: explores what random actions seldom touch.
     script: Script | None = None
-    # Joints whose position makes no difference, such as how far a robot went; `observe` drops it.
+    # Joints whose position makes no difference, such as how far a robot went:
+    # `rollout.Environment.observe` drops it.
     free_joints: tuple[str, ...] = ()
     # {hinge: n}: after an nth of a turn everything looks and moves the same, so that no picture
-    # tells one from the other; `observe` does not either.
+    # tells one from the other; `Environment.observe` does not either.
     symmetric_hinges: Mapping[str, int] = field(default_factory=dict)
     declared: str = ""  # what a tuning file says of it
-    declared_policy: str = ""  # ... of what is good, which nobody who tunes looks at
+    declared_policy: str = ""  # ... of what is good, which no search looks at
 
     @property
     def content_hash(self) -> str:
-        """By which a change of the model, or of what is declared of it, is noticed."""
+        """Another one after a change of the model, or of what is declared of it."""
         model = self.load_model()
         compiled = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, compiled)
@@ -106,16 +109,16 @@ class Task:
         supersampling: int = 1,
     ) -> Simulator:
         """Worlds of this task; an action lasts `step_s` seconds, by default a policy step."""
-        return Simulator(
-            self.load_model(step_s),
-            self.parameters,
+        scene = Scene(
+            model=self.load_model(step_s),
+            space=self.parameters,
             camera=self.camera,
-            initialize=self.initialize,
             step_s=step_s or self.step_s,
-            image_size=image_size,
-            renderer=renderer,
-            quality=quality,
-            supersampling=supersampling,
+            initialize=self.initialize,
             map_actions=self.map_actions,
             script=self.script,
         )
+        drawing = Drawing(
+            image_size=image_size, renderer=renderer, quality=quality, supersampling=supersampling
+        )
+        return Simulator(scene, drawing)

@@ -54,8 +54,8 @@ class Detected(NamedTuple):
 
 def can_fit(context: SearchContext) -> bool:
     """Whether worlds begin anywhere, as environments need not, and something moves in them."""
-    is_model = isinstance(context.simulator, Simulator)
-    return is_model and isinstance(context.keypoints, Keypoints) and len(context.keypoints) > 0
+    anywhere = context.simulator.can_start_anywhere
+    return anywhere and isinstance(context.keypoints, Keypoints) and len(context.keypoints) > 0
 
 
 class FitStage:
@@ -94,7 +94,7 @@ class FitStage:
         noise_px = tracks.measured_noise_px(worlds.filmed_keypoints())
         evidence = context.observation.evidence(tracks.with_noise(noise_px), worlds.readings)
         observed = Observed(evidence, worlds.filmed_actions().astype(float))
-        observe = context.observation.observe_beside(context.keypoints.record)
+        observe = context.observation.observe_beside(context.keypoints.observe)
         physics = Physics(simulator, observe, worlds.states[0, 0])
         fit_s = budget.seconds * config.fit_share
         size = fit_to_budget(config.fit, physics, simulator.space.nominal, num_steps, fit_s)

@@ -19,7 +19,6 @@ from simtune.randomization import Distribution
 from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
-from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.search import Event, Round, SearchContext, unsure
 
@@ -71,7 +70,7 @@ class PaperSearch:
         self.config = config = config or PaperConfig()
         self.method: Method = method
         simulator = context.simulator
-        if not isinstance(simulator, Simulator):
+        if not simulator.can_start_anywhere:
             raise InputError(f"--search {method} needs a MuJoCo model; --search posterior does not")
         self.space = space = simulator.space
         if negative := [p.name for p in space if p.low < 0]:

@@ -36,7 +36,7 @@ class Keypoints:
     def __len__(self) -> int:
         return len(self.geoms)
 
-    def record(self, batch: Batch) -> np.ndarray:
+    def observe(self, batch: Batch) -> np.ndarray:
         """(nsim, L · 2) float32 pixel coordinates x, y, with 0 at the first pixel's centre."""
         rotation = batch.geom_xmat.reshape(batch.nsim, -1, 3, 3)[:, self.geoms]
         points = batch.geom_xpos[:, self.geoms] + np.einsum("nlij,lj->nli", rotation, self.offsets)
@@ -137,6 +137,5 @@ def find_keypoints(
         return every
     steps = PILOT_STEPS // _PILOTS
     act, parameters = simulator.explore(_PILOTS, steps, rng), distribution.sample(_PILOTS, rng)
-    rollouts = simulator.play(parameters, act, steps, rng, watch=every.record).episodes(parameters)
-    assert rollouts.recorded is not None, "asked for above"
-    return every.select(choose_keypoints(rollouts.recorded.reshape(-1, len(every), 2)))
+    rollouts = simulator.play(parameters, act, steps, rng, observe=every.observe).finished()
+    return every.select(choose_keypoints(rollouts.observed.reshape(-1, len(every), 2)))

@@ -1,8 +1,8 @@
-"""What is asked of any simulator: to play worlds, to draw their states; and what comes of it."""
+"""What every simulator can do: play worlds and draw their states; and what comes of playing."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -10,47 +10,35 @@ import numpy as np
 
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import ActionSpace, DirectActions
+from simtune.simulation.states import StateSpace
 
-# Of what a simulator knows of a state, (n, D): a Batch of worlds, or an environment's points
-Record = Callable[[Any], np.ndarray]
+# A Batch of n worlds, or an environment's (n, L, 2) points, to (n, D) numbers
+Observe = Callable[[Any], np.ndarray]
 Act = Callable[[int, np.ndarray], np.ndarray]  # step t and (n, S) states to (n, A) actions
 
 
 @dataclass(frozen=True)
-class Played:
-    """What came of acting in n worlds for T steps."""
+class Rollouts:
+    """What came of playing n worlds for T steps."""
 
-    states: np.ndarray  # (n, T + 1, S) rows that a renderer draws
+    parameters: np.ndarray  # (n, N) of each world
+    states: np.ndarray  # (n, T + 1, S) full states, which a renderer draws
     actions: np.ndarray  # (n, T, A)
     lengths: np.ndarray  # (n,) steps after which the physics was still finite
-    watched: np.ndarray | None  # (n, 1 + T·watches_per_step, D)
-
-    def episodes(self, parameters: np.ndarray, keep_diverged: bool = False) -> "Rollouts":
-        """As episodes of worlds of (n, N) parameters; those that diverged only where asked for."""
-        kept = self.lengths == self.actions.shape[1]
-        if keep_diverged:
-            kept[:] = True
-        watched = None if self.watched is None else self.watched[kept]
-        index = np.flatnonzero(kept)
-        return Rollouts(parameters[kept], self.states[kept], self.actions[kept], watched, index)
-
-
-@dataclass(frozen=True)
-class Rollouts:
-    """n simulated episodes, of worlds whose physics stayed finite."""
-
-    parameters: np.ndarray  # (n, N) of each episode's world
-    states: np.ndarray  # (n, T + 1, S) rows that a renderer draws
-    actions: np.ndarray  # (n, T, A)
-    recorded: np.ndarray | None = None  # (n, T + 1, D) of `record`, where asked for
-    index: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # (n,) of those asked for
+    observed: np.ndarray  # (n, 1 + T · observations per step, D); without `observe` D is 0
+    index: np.ndarray  # (n,) of each world among those that were asked for
 
     def __len__(self) -> int:
         return len(self.states)
 
+    def finished(self) -> "Rollouts":
+        """The worlds whose physics stayed finite to the end."""
+        kept = self.lengths == self.actions.shape[1]
+        return Rollouts(*(array[kept] for array in vars(self).values()))
+
 
 class AnySimulator(ABC):
-    """Worlds of any kind: a model's (`Simulator`), or an environment's."""
+    """Worlds of any kind: a MuJoCo model's (`Simulator`) or a gymnasium environment's."""
 
     space: ParameterSpace
     step_s: float  # for which an action is held
@@ -64,6 +52,16 @@ class AnySimulator(ABC):
     def action_mapping(self) -> ActionSpace:
         """What actions there are, and for a model what they do."""
 
+    @property
+    def state_space(self) -> StateSpace | None:
+        """How states are laid out; None where they are no physical quantities."""
+        return None
+
+    @property
+    def can_start_anywhere(self) -> bool:
+        """Whether worlds can start in any state, not only as an earlier episode did."""
+        return self.state_space is not None
+
     @abstractmethod
     def play(
         self,
@@ -73,11 +71,11 @@ class AnySimulator(ABC):
         rng: np.random.Generator,
         *,
         starts: np.ndarray | None = None,
-        watch: Record | None = None,
-    ) -> Played:
-        """Act in n worlds of (n, N) parameters, each from its own start.
+        observe: Observe | None = None,
+    ) -> Rollouts:
+        """Act in n worlds of (n, N) parameters, each from its own start; all of them are returned.
 
-        `starts`, (n, S), are states to start from instead. `watch` is asked of every state.
+        `starts`, (n, S), are states to start from instead. `observe` is called in every state.
         """
 
     @abstractmethod
@@ -85,12 +83,13 @@ class AnySimulator(ABC):
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
 
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
-        """What excites so many worlds: random actions."""
+        """What excites `num_worlds` worlds: random actions."""
         drawn = random_actions(num_worlds, num_steps, self.action_mapping, rng)
         return lambda t, _: drawn[:, t]
 
     @property
     def num_actions(self) -> int:
+        """A, the length of an action."""
         return len(self.action_mapping.names)
 
     @property
@@ -103,21 +102,24 @@ class AnySimulator(ABC):
         parameters: np.ndarray,
         actions: np.ndarray,
         rng: np.random.Generator,
-        record: Record | None = None,
+        observe: Observe | None = None,
         starts: np.ndarray | None = None,
         keep_diverged: bool = False,
     ) -> Rollouts:
-        """Play (n, T, A) actions in n worlds of (n, N) parameters, each from its own start.
+        """Play (n, T, A) actions in n worlds of (n, N) parameters; see `play`.
 
-        What `record` says, (n, D), is kept of every state, as only a simulator knows it.
         Worlds that diverge are left out of the result; with `keep_diverged` they stay in it,
-        where their physics stopped. See `play`.
+        where their physics stopped.
         """
-        num_steps = actions.shape[1]
-        played = self.play(
-            parameters, lambda t, _: actions[:, t], num_steps, rng, starts=starts, watch=record
+        rollouts = self.play(
+            parameters,
+            lambda t, _: actions[:, t],
+            actions.shape[1],
+            rng,
+            starts=starts,
+            observe=observe,
         )
-        return played.episodes(parameters, keep_diverged)
+        return rollouts if keep_diverged else rollouts.finished()
 
     def film(self, rollouts: Rollouts) -> np.ndarray:
         """Draw every state of n episodes: (n, T + 1, H, W, 3) uint8 RGB."""

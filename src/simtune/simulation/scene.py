@@ -1,0 +1,42 @@
+"""What a `Simulator` is made of: what is simulated, and how it is drawn."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from simtune.parameters import ParameterSpace
+from simtune.simulation.actions import DirectActions, MapActions
+from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.renderer import RendererName
+
+Script = Callable[[Batch], np.ndarray]  # worlds in their present state to (n, A) actions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A model, what of it is tuned, how its worlds start, and what moves them."""
+
+    model: mujoco.MjModel
+    space: ParameterSpace
+    camera: str  # name of the one that films
+    step_s: float  # for which an action is held
+    initialize: Callable[[Batch, np.random.Generator], None]  # starts the worlds
+    map_actions: MapActions = DirectActions  # what actions do, made for a model
+    script: Script | None = None  # acts by what only a simulator knows
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawing:
+    """Square pictures, and what draws them.
+
+    With `supersampling` k, k × k points of each pixel are averaged, as a camera's sensor does:
+    thin things blend with what is behind them instead of vanishing between the points.
+    """
+
+    image_size: int  # pixels a side
+    renderer: RendererName = "raycaster"
+    quality: OpenGLQuality = OPENGL_FAST
+    supersampling: int = 1
