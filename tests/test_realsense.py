@@ -63,7 +63,7 @@ def test_pictures_come_with_their_times(recording):
     camera = RealSense(playback=recording)
     camera.connect()
     try:
-        pictures = [camera.detect() for _ in range(20)]
+        pictures = [camera.take_picture() for _ in range(20)]
     finally:
         camera.close()
     assert pictures[0].pixels.shape == (HEIGHT, WIDTH, 3)
@@ -80,9 +80,9 @@ def test_a_camera_that_falls_silent_is_noticed(recording):
     camera.connect()
     try:
         for _ in range(NUM_FRAMES // 2):
-            camera.detect()
+            camera.take_picture()
         with pytest.raises(RobotError, match="no picture within 100 ms"):
-            list(iter(camera.detect, None))
+            list(iter(camera.take_picture, None))
     finally:
         camera.close()
 

@@ -17,7 +17,7 @@ from simtune.tuning.search import Estimate
 
 _NUM_STARTS = 256
 _ROUNDS = 6
-_COMPARED_STEPS = 4  # the first pictures, which also tell velocities
+_COMPARED_STEPS = 4  # the first pictures, in which velocities show, too
 _ELITE = 8
 
 

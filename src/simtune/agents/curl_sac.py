@@ -85,6 +85,7 @@ class Temperature(nn.Module):
         self.log = nn.Parameter(torch.tensor(first).log())
 
     def forward(self) -> torch.Tensor:
+        """(), positive."""
         return self.log.exp()
 
 
@@ -212,6 +213,7 @@ class CurlSac(PixelAgent):
         return random_crop(frames, self.config.crop_size, self._generator)
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        """See `Agent`."""
         super().load(tensors, state)
         self._steps = self._make_steps()  # graphs hold on to the moments that were
 

@@ -2,7 +2,7 @@
 
 Its noise is scheduled, so there is no temperature; what augments the frames is all that keeps the
 encoder general. Two things differ from theirs: targets look one step ahead, not three, since a
-replay hands out single steps; pixels count from 0 to 1, not from −½ to ½.
+replay gives single steps; pixels count from 0 to 1, not from −½ to ½.
 """
 
 import copy

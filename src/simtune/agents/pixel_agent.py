@@ -18,11 +18,19 @@ class Learning(Protocol):
     """Those of an agent's settings that say when it learns, and from how much at once."""
 
     @property
-    def batch_size(self) -> int: ...
+    def batch_size(self) -> int:
+        """Transitions of an update."""
+        ...
+
     @property
-    def random_steps(self) -> int: ...  # before the first update
+    def random_steps(self) -> int:
+        """Before the first update."""
+        ...
+
     @property
-    def update_every(self) -> int: ...  # steps
+    def update_every(self) -> int:
+        """Steps."""
+        ...
 
 
 class PixelAgent(ABC):
@@ -41,6 +49,7 @@ class PixelAgent(ABC):
 
     @property
     def can_act(self) -> bool:
+        """Whether updates have begun."""
         return self._counter.num_collected > self._counter.random_steps
 
     @abstractmethod
@@ -74,11 +83,14 @@ class PixelAgent(ABC):
         return replay.sample(self._batch_size, self._generator, with_frames=True)
 
     def tensors(self) -> dict[str, torch.Tensor]:
+        """See `Agent`."""
         return gather_tensors(self._stateful(), self._generator)
 
     def state(self) -> dict[str, Any]:
+        """See `Agent`."""
         return self._counter.state()
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        """See `Agent`."""
         scatter_tensors(self._stateful(), self._generator, tensors)
         self._counter.load(state)

@@ -21,6 +21,8 @@ from simtune.replay import Replay, Transitions
 
 @dataclass(frozen=True, kw_only=True)
 class TeacherStudentConfig:
+    """What learns when; shares are of steps in simulation."""
+
     teacher: TeacherConfig = field(default_factory=TeacherConfig)
     student: StudentConfig = field(default_factory=StudentConfig)
     teacher_share: float = 0.8  # of the steps before the student is tried out, until it begins
@@ -61,10 +63,12 @@ class TeacherStudent:
 
     @property
     def can_act(self) -> bool:
+        """Whether the student has begun to learn."""
         return self.student.num_updates > 0
 
     @property
     def wants_frames(self) -> bool:
+        """Never before the student begins; then for `filmed_share` of the steps."""
         return self._num_filmed < self.config.filmed_share * (self.num_steps - self._begins)
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
@@ -154,9 +158,11 @@ class TeacherStudent:
         return falling(self.config.teacher.noise, self.num_steps / falls_over)
 
     def tensors(self) -> dict[str, torch.Tensor]:
+        """See `Agent`."""
         return gather_tensors(self._stateful(), self._generator)
 
     def state(self) -> dict[str, Any]:
+        """See `Agent`."""
         return {
             "num_steps": self.num_steps,
             "num_filmed": self._num_filmed,
@@ -164,6 +170,7 @@ class TeacherStudent:
         }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        """See `Agent`."""
         scatter_tensors(self._stateful(), self._generator, tensors)
         self.num_steps, self._num_filmed = state["num_steps"], state["num_filmed"]
         self.student.num_updates = state["num_student_updates"]

@@ -1,4 +1,4 @@
-"""The real world: it hands out frames and actions, and nothing else."""
+"""The real world: it gives frames and actions, and nothing else."""
 
 from typing import Any, Protocol
 
@@ -26,13 +26,13 @@ class RealWorld(Protocol):
         ...
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
-        """Trajectories of so many episodes; None: of a few."""
+        """Trajectories of `num_episodes` episodes; None: of a few."""
         ...
 
     def run_policy(
         self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
     ) -> list[Trajectory]:
-        """Trajectories of a policy that sees the latest frames; none where nobody can act."""
+        """Trajectories of a policy that sees the latest frames; none where it cannot act."""
         ...
 
 

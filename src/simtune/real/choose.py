@@ -125,6 +125,6 @@ def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:
         raise InputError(f"{path} must hold one JSON object of names and values")
     found = values.get("parameters")
     if isinstance(found, dict):
-        told = (e.get("mean") if isinstance(e, dict) else e for e in found.values())
-        values = dict(zip(found, told, strict=True))
+        means = (e.get("mean") if isinstance(e, dict) else e for e in found.values())
+        values = dict(zip(found, means, strict=True))
     return space.from_dict(values)

@@ -17,6 +17,7 @@ class ClosedReal:
 
     @property
     def facts(self) -> dict[str, Any]:
+        """None."""
         return {}
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:

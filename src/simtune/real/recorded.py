@@ -14,7 +14,7 @@ _A_FEW = 10  # episodes taken where no number is asked for: more would mostly co
 class RecordedReal:
     """A dataset in the place of a robot. Episodes are read when first asked for, and kept."""
 
-    observation = ObservationModel.of_reality()  # a camera filmed it, as far as anybody knows
+    observation = ObservationModel.of_reality()  # a camera filmed it, as far as is known
 
     def __init__(self, dataset: Dataset):
         self._dataset = dataset
@@ -22,6 +22,7 @@ class RecordedReal:
 
     @property
     def step_s(self) -> float:
+        """Seconds from one frame to the next."""
         return self._dataset.step_s
 
     @property

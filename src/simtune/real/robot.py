@@ -92,7 +92,7 @@ class RobotReal:
         with connected(self._config) as (robot, camera):
             place = robot.measure()
             limits_of(self._config).check(place)
-            height, width, _ = camera.detect().pixels.shape
+            height, width, _ = camera.take_picture().pixels.shape
         where = ", ".join(
             f"{axis} {value:.1f}" for axis, value in zip(robot.axes, place, strict=True)
         )

@@ -31,7 +31,7 @@ def read_robot(file: Path, driver: Driver) -> RobotConfig:
         step=actions.number("step", above=0),
         workspace=workspace,
         start=tuple(start.number(axis) for axis in workspace),
-        # Of what unit another robot's are, nobody knows here.
+        # The units of another robot are not known here.
         speed=table.number("speed", *[_XARM_SPEED_MM_S] * is_xarm, above=0),
         tolerance=table.number("tolerance", *[_XARM_TOLERANCE_MM] * is_xarm, above=0),
         acceleration=table.number("acceleration", 1000.0, above=0),

@@ -26,7 +26,7 @@ ActOnFrames = Callable[[int, list[np.ndarray]], np.ndarray]
 
 @contextmanager
 def connected(config: RobotConfig) -> Iterator[tuple[Robot, Camera]]:
-    """Both of them, connected, and nobody else's; nothing moves. Raises InputError, RobotError."""
+    """Both of them, connected and locked; nothing moves. Raises InputError, RobotError."""
     latch = Latch(config.latch)
     latch.check()
     with _alone(config.file), ExitStack() as open_ones:
@@ -58,10 +58,11 @@ class Session:
         self._step_s, self._recorded_px = step_s, recorded_px
 
     def go_to_start(self) -> None:
+        """Move to where episodes begin. Raises RobotError."""
         self._arm.go_to(self._actions.start)
 
     def play(self, act: ActOnFrames, num_steps: int, note: Note) -> Trajectory:
-        """An episode, whose actions are what was sent. `note` is told of every step at once."""
+        """An episode, whose actions are what was sent. `note` is called at once for every step."""
         act(0, [self._look()[0]])  # the first time takes long, and nothing may wait for it
         frames, sent_actions = [], []
         with self._arm.moving():
@@ -93,12 +94,13 @@ class Session:
 
     def _look(self) -> tuple[np.ndarray, float]:
         """The middle of the picture, as wide as high, and when it was taken."""
-        pixels, taken_s = self._camera.detect()
+        pixels, taken_s = self._camera.take_picture()
         size = (self._recorded_px, self._recorded_px)
         return resize(middle_square(pixels), size), taken_s
 
 
 def limits_of(config: RobotConfig) -> Limits:
+    """Those of a robot's file, in its own units."""
     low, high = np.array(list(config.workspace.values()), float).T
     return Limits(low=low, high=high, speed=config.speed, tolerance=config.tolerance)
 

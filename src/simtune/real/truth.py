@@ -11,7 +11,7 @@ from simtune.simulation import AnySimulator
 
 
 class Truth:
-    """Known in a pseudo-real world only, and never handed out to whoever searches."""
+    """Known in a pseudo-real world only, and never given to a search."""
 
     def __init__(self, space: ParameterSpace, parameters: np.ndarray):
         self._space, self._parameters = space, (known := np.asarray(parameters, float))
@@ -26,7 +26,7 @@ class Truth:
         seed: int,
         gap: RealityGap | None = None,
     ) -> PseudoReal:
-        """The world of these parameters, which hands out frames and actions only."""
+        """The world of these parameters, which gives frames and actions only."""
         return PseudoReal(
             simulator, self._parameters, episode_steps=episode_steps, seed=seed, gap=gap
         )

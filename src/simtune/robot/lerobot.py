@@ -88,7 +88,7 @@ class LeRobotCamera:
     def connect(self) -> None:
         """With the robot."""
 
-    def detect(self) -> Picture:
+    def take_picture(self) -> Picture:
         with blame("the robot does not show a picture", RobotError):
             pixels = np.asarray(self._robot.get_observation()[self._name])
             time_s = time.time()

@@ -44,7 +44,7 @@ class RealSense:
         wanted = f"no RealSense {self._serial} is" if self._serial else "not just one RealSense is"
         raise RobotError(f"{wanted} connected; there are: {', '.join(known) or 'none'}")
 
-    def detect(self) -> Picture:
+    def take_picture(self) -> Picture:
         if not self._playback:  # of a file nothing is too old
             while self._pipeline.poll_for_frames():
                 pass

@@ -55,7 +55,7 @@ class Robot(Protocol):
 class Camera(Protocol):
     def connect(self) -> None: ...
 
-    def detect(self) -> Picture:
+    def take_picture(self) -> Picture:
         """A picture taken after the call. Raises RobotError where none comes."""
         ...
 

@@ -1,8 +1,8 @@
 """What actions do to a model: they are its controls, scaled ones, or displace joints or a body.
 
-Actions are what a recording holds and a policy gives. `Simulator.play` hands them to a mapping,
-once a policy step; nobody else needs to know of controls. A mapping is made for a model, so a task
-holds what makes one: `DirectActions`, or `functools.partial(MocapActions, body="hand", ...)`.
+Actions are what a recording holds and a policy gives. `Simulator.play` passes them to a mapping,
+once a policy step; no other module needs to know of controls. A mapping is made for a model, so a
+task holds its maker: `DirectActions`, or `functools.partial(MocapActions, body="hand", ...)`.
 
 A mapping remembers nothing: what an action does depends on the present state only, because a fit
 replays stretches from the middle of episodes.
@@ -65,6 +65,7 @@ class DirectActions:
         """Controls need no start."""
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
+        """See `ActionMapping`."""
         return actions if self._chosen is None else _among_others(batch, self._chosen, actions)
 
 
@@ -112,6 +113,7 @@ class ScaledActions:
         """Controls need no start."""
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
+        """See `ActionMapping`."""
         return _among_others(batch, self._ids, self._offset + self._gain * actions)
 
 
@@ -158,6 +160,7 @@ class JointActions:
         """Controls need no start."""
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
+        """See `ActionMapping`; only a displacement in range is applied."""
         wanted = self._per_unit * np.clip(actions, *self.range.T)
         gear = batch.expand("actuator_gear")[:, self._ids, 0]  # each world's own
         targets = gear * (batch.qpos[:, self._places] + wanted)
@@ -202,7 +205,7 @@ def _each(what: str, given: np.ndarray | Sequence[float] | float, ids: np.ndarra
 
 
 def _numbers(given: np.ndarray | Sequence | float) -> np.ndarray:
-    """An array; of lists that make none an empty one, which nobody expects."""
+    """An array; an empty (0, 0) one where lists make none, which no caller accepts."""
     try:
         return np.array(given, float)
     except ValueError:

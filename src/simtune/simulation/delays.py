@@ -7,7 +7,7 @@ so any delay is at least one step; 0 is none. Between two steps it can
 * hold the earlier one, but rounding errors of the time then decide whether a delay of whole steps
   is one step longer: measured, in up to three of four steps;
 * interpolate: exact for whole steps, and in between each step's impulse is the one that a control
-  held from step to step gives if it comes that late. So this is what is asked for.
+  held from step to step gives if it comes that late. So this is what is used.
 
 Runge and Kutta's integrator looks ahead within a step: with it, interpolated controls come half a
 step earlier than they should, from a delay of two steps on.

@@ -89,6 +89,7 @@ class EnvironmentSimulator(AnySimulator):
 
     @property
     def action_mapping(self) -> BoxActions:
+        """What actions there are."""
         return self._actions
 
     def points(self) -> Points:

@@ -60,6 +60,7 @@ class MocapActions:
         batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
+        """See `ActionMapping`; the mocap body moves at once, controls stay."""
         step_m = self._metres_per_unit * np.clip(actions, *self.range.T)
         target = self._held.place(batch)[:, self._axes] + step_m
         batch.mocap_pos[:, self._held.mocap, self._axes] = np.clip(target, *self._workspace.T)

@@ -97,6 +97,7 @@ class _Canvas:
         frame[:] = upside_down[::-1]
 
     def close(self) -> None:
+        """Free both."""
         atexit.unregister(self.close)
         self._gl.make_current()
         self._mjr.free()

@@ -31,6 +31,7 @@ class Primitives:
 
     @staticmethod
     def can_draw(context: RenderContext) -> bool:
+        """Whether all of a context's geoms are primitives, on a CPU and without shadows."""
         return (
             context.rgb_data.device.is_cpu
             and context.bvh_ngeom <= _MAX_GEOMS

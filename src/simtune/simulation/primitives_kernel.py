@@ -19,6 +19,8 @@ wp.set_module_options({"enable_backward": False, "fast_math": True})
 
 @wp.struct
 class Geom:
+    """A geom of one world, in the world's frame."""
+
     kind: int
     pos: wp.vec3
     mat: wp.mat33
@@ -37,6 +39,8 @@ class Geom:
 
 @wp.struct
 class Light:
+    """A light of one world, in the world's frame."""
+
     kind: int
     pos: wp.vec3
     direction: wp.vec3
@@ -144,6 +148,7 @@ def draw_row(
     sky_texel: float,
     pixels: wp.array2d[wp.uint32],
 ):
+    """A row of each world's picture: the nearest geom of each ray, lit; else the sky."""
     world, row = wp.tid()
     origin = cam_xpos[world, camera]
     orientation = cam_xmat[world, camera]

@@ -42,10 +42,12 @@ class Simulator(AnySimulator):
 
     @property
     def action_mapping(self) -> ActionMapping:
+        """What actions there are, and what they do."""
         return self._mapping
 
     @property
     def state_space(self) -> StateSpace:
+        """How states are laid out."""
         return self._state_space
 
     def play(
