@@ -10,7 +10,7 @@ import pytest
 
 import simtune.simulation
 from simtune.parameters import ModelWriter, ParameterSpace, delay
-from simtune.simulation import Worlds, random_actions, remember_controls
+from simtune.simulation import StateSpace, Worlds, random_actions, remember_controls
 from simtune.tasks import load_task
 from simtune.tasks.task import Task
 
@@ -160,6 +160,23 @@ def test_a_step_lasts_as_long_as_the_recording_says(cartpole):
     time_s = rollouts.states[0, :, 0]
     np.testing.assert_allclose(time_s[-1] - time_s[0], 1.0, rtol=1e-9)
     assert cartpole.simulator(image_size=16).model.opt.timestep == 0.01
+
+
+def test_positions_and_velocities_of_full_states_are_read_and_written(walker):
+    model, rng = walker.load_model(), np.random.default_rng(0)
+    data, space = mujoco.MjData(model), StateSpace(model)
+    data.time, data.qpos[:], data.qvel[:] = 3.0, rng.normal(size=9), rng.normal(size=9)
+    data.ctrl[:] = 0.5
+    full_state = np.empty(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, data, full_state, STATE)
+    moving = space.positions_and_velocities(full_state)
+    np.testing.assert_array_equal(moving, [*data.qpos, *data.qvel])
+    states = rng.normal(size=(4, 2, 18))
+    changed = space.with_positions_and_velocities(np.stack([full_state] * 2), states)
+    np.testing.assert_array_equal(space.positions_and_velocities(changed), states)
+    others = np.delete(changed, slice(1, 19), axis=-1)
+    np.testing.assert_array_equal(others, np.tile(np.delete(full_state, slice(1, 19)), (4, 2, 1)))
+    np.testing.assert_array_equal(moving, [*data.qpos, *data.qvel])  # the original is as it was
 
 
 # --- controls that come late ----------------------------------------------------------------

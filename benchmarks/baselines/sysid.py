@@ -13,7 +13,7 @@ import numpy as np
 
 from baselines import Found, Problem
 from simtune.parameters import ModelWriter, ParameterSpace
-from simtune.simulation import Simulator
+from simtune.simulation import Simulator, StateSpace
 
 _PIECE_STEPS = 2  # policy steps
 _MAX_ITERATIONS = 50
@@ -73,7 +73,8 @@ def _piece(simulator: Simulator, actions: np.ndarray, states: np.ndarray, sysid:
     """A piece of an episode: (T, A) actions, and the (T + 1, S) states between them."""
     model = simulator.model
     names = sysid.TimeSeries.compute_all_state_mappings(model)
-    positions, velocities = np.split(states[:, 1 : 1 + model.nq + model.nv], [model.nq], axis=1)
+    moving = simulator.state_space.positions_and_velocities(states)
+    positions, velocities = np.split(moving, [model.nq], axis=1)
     held = np.repeat(actions, simulator.num_substeps, axis=0)
     held = np.concatenate([held, held[-1:]])  # sysid applies all but the last
     return sysid.SystemTrajectory(
@@ -81,7 +82,7 @@ def _piece(simulator: Simulator, actions: np.ndarray, states: np.ndarray, sysid:
         sysid.TimeSeries(np.arange(len(held)) * model.opt.timestep, held),
         sysid.TimeSeries(
             np.arange(len(states)) * simulator.step_s,
-            np.concatenate([positions, velocities], axis=1),
+            moving,
             names[0] | names[1],
         ),
         sysid.create_initial_state(model, positions[0], velocities[0]),
@@ -108,11 +109,11 @@ def _builder(simulator: Simulator, space: ParameterSpace):
 
 def _residual(num_substeps: int, true_states: np.ndarray, model: mujoco.MjModel):
     """A function that compares states at the ends of policy steps, each by its own spread."""
-    size = model.nq + model.nv
-    spread = true_states[..., 1 : 1 + size].std((0, 1)) + 1e-6
+    moving = StateSpace(model).positions_and_velocities
+    spread = moving(true_states).std((0, 1)) + 1e-6
 
     def compare(_parameters, _predicted, measured, _model, _all, state):
-        ends = state[num_substeps - 1 :: num_substeps, 1 : 1 + size]
+        ends = moving(state[num_substeps - 1 :: num_substeps])
         return (ends - measured.data[1:]) / spread, measured, measured
 
     return compare
