@@ -42,7 +42,7 @@ from simtune.simulation.delays import count_substeps, remember_controls
 from simtune.simulation.environment import EnvironmentSimulator, Points
 from simtune.simulation.mocap import MocapActions
 from simtune.simulation.quality import OPENGL_DM_CONTROL, OPENGL_FAST, OpenGLQuality
-from simtune.simulation.renderer import RendererName, make_renderer
+from simtune.simulation.renderer import Renderer, RendererName, make_renderer
 from simtune.simulation.scene import Drawing, Scene, Script
 from simtune.simulation.simulator import Simulator
 from simtune.simulation.states import StateSpace
@@ -64,6 +64,7 @@ __all__ = [
     "OpenGLQuality",
     "PixelPolicy",
     "Points",
+    "Renderer",
     "RendererName",
     "Rollouts",
     "ScaledActions",
