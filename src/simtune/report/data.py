@@ -1,9 +1,8 @@
 """What a run folder tells, read for a report; whatever is missing is left out."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from simtune.config import UNTUNED
 from simtune.errors import InputError
@@ -12,19 +11,17 @@ from simtune.validate import is_number
 
 VIDEOS = ("real", "before", "after", "overlay")
 POLICY_VIDEO = "policy"  # the same policy as is scored
-_KEYS = ("mean", "low", "high", "range_low", "range_high")
 
 
-@dataclass(frozen=True, kw_only=True)
-class History:
-    """A parameter's estimate over the iterations; each list has one entry an iteration."""
+class Estimate(NamedTuple):
+    """What was known of a parameter after a round of the search."""
 
-    iteration: list[float]
-    mean: list[float]
-    low: list[float]  # 90 % interval
-    high: list[float]
-    range_low: list[float]  # the searched range
-    range_high: list[float]
+    round: float
+    mean: float
+    low: float  # 90 % interval
+    high: float
+    range_low: float  # the searched range
+    range_high: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +46,11 @@ class RunData:
         counts_steps = key == "sim_steps" and "policy_steps" not in self.config
         return self.metrics[-1].get("step") if counts_steps and self.metrics else None
 
+    def object(self, key: str) -> dict[str, Any]:
+        """An object in the result; empty where there is none."""
+        value = self.result.get(key)
+        return value if isinstance(value, dict) else {}
+
     @property
     def is_tuned(self) -> bool:
         """Whether anything was searched for."""
@@ -70,26 +72,18 @@ class RunData:
     @property
     def colours(self) -> list[str]:
         """Names NAME of which NAME_r, NAME_g and NAME_b are all parameters."""
-        names = {name for name, facts in self.parameters.items() if _is_of_colour(facts)}
-        return [
-            n[:-2]
-            for n in self.parameters
-            if n.endswith("_r") and {n, f"{n[:-2]}_g", f"{n[:-2]}_b"} <= names
-        ]
+        channels = [name for name, facts in self.parameters.items() if _is_of_colour(facts)]
+        names = (channel[:-2] for channel in channels if channel.endswith("_r"))
+        return [name for name in names if {f"{name}_g", f"{name}_b"} <= set(channels)]
 
     def is_colour(self, name: str) -> bool:
-        return bool(re.search("_[rgb]$", name)) and name[:-2] in self.colours
+        return name[:-2] in self.colours and name[-2:] in ("_r", "_g", "_b")
 
-    def history(self, name: str) -> History:
+    def history(self, name: str) -> list[Estimate]:
         """The estimates of a parameter; lines that lack any of the figures are left out."""
-        columns: dict[str, list[float]] = {key: [] for key in ("iteration", *_KEYS)}
-        for line in self.metrics:
-            given = [line.get("iteration"), *(line.get(f"{key}/{name}") for key in _KEYS)]
-            values = [value for value in given if is_number(value)]
-            if len(values) == len(given):
-                for column, value in zip(columns.values(), values, strict=True):
-                    column.append(value)
-        return History(**columns)
+        keys = ("round", *(f"{figure}/{name}" for figure in Estimate._fields[1:]))
+        rows: list[list[Any]] = [[line.get(key) for key in keys] for line in self.metrics]
+        return [Estimate(*row) for row in rows if all(map(is_number, row))]
 
 
 def _is_of_colour(facts: dict[str, Any]) -> bool:

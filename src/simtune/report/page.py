@@ -1,22 +1,19 @@
-"""Put the report together and write it into the run folder."""
+"""Fill the templates with what a run folder holds, and write the page into it."""
 
 import base64
 import json
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
-from string import Template
-from typing import Any
+
+from jinja2 import Environment, PackageLoader, Undefined
+from markupsafe import Markup
 
 from simtune.errors import InputError
-from simtune.report import sections
-from simtune.report.data import RunData, read_run
-from simtune.report.policy import policy
-from simtune.report.recordings import recordings
-from simtune.report.tables import parameters
-from simtune.report.trust import trust
-from simtune.report.words import text
+from simtune.report import plots, rank_plots, trust, words
+from simtune.report.data import POLICY_VIDEO, VIDEOS, RunData, read_run
 from simtune.run import write_atomically
+from simtune.validate import is_number
 
 
 def write_report(run_path: Path | str) -> Path:
@@ -35,35 +32,44 @@ def write_report(run_path: Path | str) -> Path:
 
 
 def _page(run: RunData) -> str:
-    return Template(_asset("template.html")).substitute(
-        title=text(run.get("task") or run.path.resolve().name),
-        subtitle=sections.subtitle(run),
+    template = _environment().get_template("page.html")
+    return template.render(
+        run=run,
+        title=run.get("task") or run.path.resolve().name,
         style=_asset("style.css"),
-        script=_asset("script.js") if run.videos else "",
-        tiles=sections.tiles(run),
-        warnings=sections.warnings(run),
-        videos=sections.videos(run),
-        policy=policy(run),
-        parameters=parameters(run),
-        trust=trust(run),
-        recordings=recordings(run),
-        plots=sections.plots(run) if run.is_tuned else "",
-        events=sections.events(run),
-        reading=_asset("reading.html") if run.is_tuned else "",
-        provenance=sections.provenance(run),
-        result=_json_link(run.result) if run.result else "",
-        config=text(json.dumps(run.config, indent=2, ensure_ascii=False)),
+        script=_asset("script.js"),
+        videos={name: run.videos[name] for name in VIDEOS if name in run.videos},
+        policy_video=run.videos.get(POLICY_VIDEO),
+        learning_curve=plots.learning_curve(run),
+        ranks=trust.ranks(run),
+        pairs=trust.pairs(run),
+        config=json.dumps(run.config, indent=2, ensure_ascii=False),
+        result_file=json.dumps(run.result, indent=2).encode(),
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     )
 
 
-def _json_link(result: dict[str, Any]) -> str:
-    data = base64.b64encode(json.dumps(result, indent=2).encode()).decode()
-    return (
-        "<p><a download='result.json' "
-        f"href='data:application/json;base64,{data}'>Download result.json</a></p>"
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("simtune.report"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_shown,
     )
+    filters = (words.number, words.count, words.percent, words.share, words.interval)
+    environment.filters |= {f.__name__: f for f in (*filters, words.unit, words.duration)}
+    environment.filters["base64"] = lambda data: base64.b64encode(data).decode()
+    environment.tests["finite"] = is_number
+    drawn = (plots.estimate_plot, plots.survival_plot, rank_plots.rank_histogram)
+    environment.globals |= {f.__name__: f for f in (*drawn, rank_plots.rank_dots)}
+    return environment
 
 
-def _asset(name: str) -> str:
-    return files("simtune.report").joinpath(name).read_text(encoding="utf-8")
+def _shown(value: object) -> object:
+    """What the templates print of a value: a dash where it is missing."""
+    return words.MISSING if value is None or isinstance(value, Undefined) else value
+
+
+def _asset(name: str) -> Markup:
+    return Markup(files("simtune.report").joinpath(name).read_text(encoding="utf-8"))

@@ -1,94 +1,107 @@
-"""A parameter's plots, as inline SVG."""
+"""Plots of a parameter, and of how a policy learnt; None where too little is known to draw."""
 
-from simtune.report.axis import Axis, value_axis
-from simtune.report.data import History
-from simtune.report.svg import (
-    BOTTOM,
-    HEIGHT,
-    LEFT,
-    RIGHT,
-    TOP,
-    WIDTH,
-    dot,
-    frame,
-    horizontal,
-    line,
-    polygon,
-    rectangle,
-    svg,
-)
+from simtune.report.data import RunData
+from simtune.report.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, Plot, value_axis
 from simtune.report.words import number
+from simtune.validate import is_number
 
 
-def estimate_plot(
-    name: str, history: History, initial: float | None, truth: float | None, is_colour: bool
-) -> str:
-    """The estimate, its 90 % interval and the searched range against iteration; "" if unknown."""
-    if not history.iteration:
-        return ""
-    known = [v for v in (initial, truth) if v is not None]
-    values = [*history.low, *history.high, *history.range_low, *history.range_high, *known]
-    steps = history.iteration
-    first = steps[0] - (initial is not None)
-    x = Axis(first, max(steps[-1], first + 1), LEFT + 8, WIDTH - RIGHT - 8)
-    y = value_axis([*values, *history.mean], HEIGHT - BOTTOM, TOP, is_colour)
-    labels = [(x(s), f"{s:g}") for s in _some(steps)]
+def estimate_plot(run: RunData, name: str) -> Plot | None:
+    """The estimate, its 90 % interval and the searched range against rounds."""
+    history = run.history(name)
+    if not history:
+        return None
+    initial, truth = _known(run, name, "initial", "real")
+    rounds = [e.round for e in history]
+    first = rounds[0] - (initial is not None)
+    values = [value for e in history for value in e[1:]]
+    values += [value for value in (initial, truth) if value is not None]
+    x = Axis(first, max(rounds[-1], first + 1), LEFT + 8, WIDTH - RIGHT - 8)
+    y = value_axis(values, HEIGHT - BOTTOM, TOP, run.is_colour(name))
+    plot = Plot(f"{name}: estimate against the search's rounds", x, y)
+    plot.label_y(y.ticks(5))
+    labels = {r: f"{r:g}" for r in _some(rounds)}
     if initial is not None:
-        labels = [(x(first), "start"), *(at for at in labels if at[0] - x(first) > 26)]
-    parts = [
-        frame(y, y.ticks(5), labels, "iteration"),
-        _band(x, y, steps, history.range_low, history.range_high, "range"),
-        _band(x, y, steps, history.low, history.high, "interval"),
-        "" if truth is None else horizontal(y(truth), "truth"),
-    ]
-    path = [(x(s), y(mean)) for s, mean in zip(steps, history.mean, strict=True)]
-    if initial is not None:
-        parts.append(line([(x(first), y(initial)), path[0]], "start"))
-        parts.append(dot(x(first), y(initial), "start", f"start: {number(initial)}"))
-    parts.append(line(path, "estimate"))
-    radius = 3 if len(steps) <= 12 else 1.5
-    for (px, py), *facts in zip(path, steps, history.mean, history.low, history.high, strict=True):
-        step, (mean, low, high) = facts[0], map(number, facts[1:])
-        parts.append(dot(px, py, "estimate", f"iteration {step:g}: {mean} [{low}, {high}]", radius))
-    return svg(f"{name}: estimate against iteration", parts)
-
-
-def survival_plot(
-    name: str,
-    candidates: list[float],
-    prob_higher: list[float],
-    interval: tuple[float, float] | None,
-    truth: float | None,
-    is_colour: bool,
-) -> str:
-    """P(truth > candidate) against the candidate, the 90 % interval shaded; "" if unknown."""
-    if len(candidates) < 2 or len(candidates) != len(prob_higher):
-        return ""
-    x = value_axis(candidates, LEFT + 4, WIDTH - RIGHT - 4, is_colour)
-    y = Axis(0, 1, HEIGHT - BOTTOM, TOP)
-    parts = [frame(y, [0, 0.5, 1], [(x(t), f"{t:g}") for t in x.ticks(5)], "candidate")]
-    if interval is not None:
-        low, high = (x(end) for end in interval)
-        parts.append(rectangle((low, TOP), (high, HEIGHT - BOTTOM), "interval"))
-    parts.append(horizontal(y(0.5), "half"))
+        labels = {first: "start"} | {r: s for r, s in labels.items() if x(r) - x(first) > 26}
+    plot.label_x(labels, "round")
+    _band(plot, [(e.round, e.range_low, e.range_high) for e in history], "range")
+    _band(plot, [(e.round, e.low, e.high) for e in history], "interval")
     if truth is not None:
-        parts.append(line([(x(truth), TOP), (x(truth), HEIGHT - BOTTOM)], "truth"))
-    points = zip(candidates, prob_higher, strict=True)
-    parts.append(line([(x(c), y(p)) for c, p in points], "estimate"))
-    return svg(f"{name}: probability that the truth is higher than a candidate", parts)
+        plot.across(truth, "truth")
+    if initial is not None:
+        plot.line([(first, initial), (rounds[0], history[0].mean)], "start")
+        plot.dot((first, initial), "start", f"start: {number(initial)}")
+    plot.line([(e.round, e.mean) for e in history], "estimate")
+    radius = 3 if len(history) <= 12 else 1.5
+    for e in history:
+        title = f"round {e.round:g}: {number(e.mean)} [{number(e.low)}, {number(e.high)}]"
+        plot.dot((e.round, e.mean), "estimate", title, radius)
+    return plot
 
 
-def _some(steps: list[float], most: int = 6) -> list[float]:
+def survival_plot(run: RunData, name: str) -> Plot | None:
+    """P(truth > candidate) against the candidate, the 90 % interval shaded."""
+    curve = run.curves.get(name) or {}
+    candidates, prob_higher = curve.get("candidates", []), curve.get("prob_higher", [])
+    if len(candidates) < 2 or len(candidates) != len(prob_higher):
+        return None
+    truth, low, high = _known(run, name, "real", "low", "high")
+    x = value_axis(candidates, LEFT + 4, WIDTH - RIGHT - 4, run.is_colour(name))
+    y = Axis(0, 1, HEIGHT - BOTTOM, TOP)
+    plot = Plot(f"{name}: probability that the truth is higher than a candidate", x, y)
+    plot.label_y([0, 0.5, 1])
+    plot.label_x({t: f"{t:g}" for t in x.ticks(5)}, "candidate")
+    if low is not None and high is not None:
+        plot.box((low, 1), (high, 0), "interval")
+    plot.across(0.5, "half")
+    if truth is not None:
+        plot.line([(truth, 1), (truth, 0)], "truth")
+    plot.line(list(zip(candidates, prob_higher, strict=True)), "estimate")
+    return plot
+
+
+def learning_curve(run: RunData) -> Plot | None:
+    """Returns against policy steps, one line for episodes on pictures and one for the others."""
+    lines: dict[str, list[tuple[float, float]]] = {"estimate": [], "start": []}
+    for entry in run.metrics:
+        if is_number(earned := entry.get("return/simulated")):
+            kind = "estimate" if entry.get("filmed") else "start"
+            lines[kind].append((float(entry["step"]), earned))
+    points = [point for line in lines.values() for point in line]
+    if len(points) < 2:
+        return None
+    mean = run.object("return").get("mean")
+    returns = [earned for _, earned in points] + ([mean] if is_number(mean) else [])
+    x = Axis(0, max(step for step, _ in points), LEFT + 4, WIDTH - RIGHT - 4)
+    y = value_axis([0.0, *returns], HEIGHT - BOTTOM, TOP, is_colour=False)
+    plot = Plot("return against steps in simulation", x, y)
+    plot.label_y(y.ticks(5))
+    plot.label_x({t: f"{t / 1000:g}k" if t else "0" for t in x.ticks(4)}, "steps in simulation")
+    if is_number(mean):
+        plot.across(mean, "truth")
+    for kind, drawn in lines.items():
+        if drawn:
+            plot.line(drawn, kind)
+    return plot
+
+
+def _known(run: RunData, name: str, *keys: str) -> list[float | None]:
+    facts = run.parameters[name]
+    return [value if is_number(value := facts.get(key)) else None for key in keys]
+
+
+def _some(rounds: list[float], most: int = 6) -> list[float]:
     """Evenly spaced entries, the last one always among them."""
-    stride = -(-len(steps) // most)
-    return steps[::-1][::stride][::-1]
+    stride = -(-len(rounds) // most)
+    return rounds[::-1][::stride][::-1]
 
 
-def _band(x: Axis, y: Axis, steps: list[float], low: list[float], high: list[float], kind: str):
-    """The area between two lines; a single iteration gets a bar."""
-    if len(steps) == 1:
-        px = x(steps[0])
-        return rectangle((px - 6, y(high[0])), (px + 6, y(low[0])), kind)
-    upper = [(x(s), y(v)) for s, v in zip(steps, high, strict=True)]
-    lower = [(x(s), y(v)) for s, v in zip(steps, low, strict=True)]
-    return polygon(upper + lower[::-1], kind)
+def _band(plot: Plot, spans: list[tuple[float, float, float]], kind: str) -> None:
+    """The area between low and high of each round; a single round gets a bar."""
+    if len(spans) == 1:
+        at, low, high = spans[0]
+        plot.box((at, high), (at, low), kind, inset=-6)
+    else:
+        plot.area(
+            [(r, high) for r, _, high in spans] + [(r, low) for r, low, _ in spans[::-1]], kind
+        )

@@ -1,16 +1,11 @@
-"""Numbers, times and events in words."""
+"""Numbers and times in words: the templates' filters."""
 
-from html import escape
+from collections.abc import Mapping
 from typing import Any
 
 from simtune.validate import is_number
 
 MISSING = "–"
-
-
-def text(value: Any) -> str:
-    """Any value as text that is safe inside HTML."""
-    return MISSING if value is None else escape(str(value))
 
 
 def number(value: Any) -> str:
@@ -33,13 +28,21 @@ def percent(value: Any) -> str:
     return f"{value:.1f} %" if is_number(value) else MISSING
 
 
-def interval(low: Any, high: Any) -> str:
+def share(value: float) -> str:
+    """A part of one in percent; small ones with a decimal."""
+    return f"{100 * value:.1f} %" if value < 0.1 else f"{100 * value:,.0f} %"
+
+
+def interval(facts: Mapping[str, Any]) -> str:
+    """[low, high] of a parameter or an event; empty where either is unknown."""
+    low, high = facts.get("low"), facts.get("high")
     return f"[{number(low)}, {number(high)}]" if is_number(low) and is_number(high) else ""
 
 
-def unit(value: Any) -> str:
-    """A unit behind a number; a pure number has none."""
-    return "" if value in (None, "", "1") else f" {text(value)}"
+def unit(facts: Mapping[str, Any]) -> str:
+    """A parameter's unit; empty for a pure number."""
+    value = facts.get("unit")
+    return "" if value in (None, "", "1") else str(value)
 
 
 def duration(seconds: Any) -> str:
@@ -52,12 +55,3 @@ def duration(seconds: Any) -> str:
     if minutes < 60:
         return f"{minutes} min {rest:02d} s"
     return f"{minutes // 60} h {minutes % 60:02d} min"
-
-
-def event_sentence(event: dict[str, Any], parameter: dict[str, Any]) -> str:
-    """An event as HTML: "ball_mass: range widened to [0.2, 0.8] kg, because …"."""
-    symbol = unit(parameter.get("unit"))
-    words = f"<b>{text(event.get('parameter'))}</b> {text(event.get('event'))}"
-    if now := interval(event.get("low"), event.get("high")):
-        words += f" to <span class='nowrap'>{now}{symbol}</span>"
-    return words + (f" – {text(event['reason'])}" if event.get("reason") else "")
