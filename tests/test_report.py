@@ -280,6 +280,14 @@ def test_report_without_videos_and_curves(run_path):
     assert "requestAnimationFrame" not in (run_path / "report.html").read_text()
 
 
+def test_the_script_comes_with_the_videos_that_it_plays(run_path):
+    shutil.move(run_path / "videos" / "real.mp4", run_path / "videos" / "policy.mp4")
+    assert _report(run_path)[1].count("script") == 1
+    for name in ("before", "after"):
+        (run_path / "videos" / f"{name}.mp4").unlink()
+    assert _report(run_path)[1].count("script") == 0
+
+
 def test_report_of_an_unfinished_run(run_path):
     (run_path / "result.json").unlink()  # and with it what known worlds showed
     with (run_path / "metrics.jsonl").open("a") as file:
