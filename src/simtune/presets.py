@@ -3,8 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
-from simtune.config import SearchName, TrainConfig
+from simtune.config import TrainConfig
 from simtune.errors import InputError
+from simtune.names import SearchName
 from simtune.schedule import PAPER_STEPS, SCHEDULES, Schedule
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import Task

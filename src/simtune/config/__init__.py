@@ -5,7 +5,7 @@ from simtune.config.real import ROBOTS, RealConfig
 from simtune.config.record import RecordConfig
 from simtune.config.recordings import RecordingsConfig
 from simtune.config.train import UNTUNED, EvaluateConfig, Method, TrainConfig
-from simtune.config.tune import CheckConfig, SearchName, TuneConfig
+from simtune.config.tune import CheckConfig, TuneConfig
 
 __all__ = [
     "ROBOTS",
@@ -17,7 +17,6 @@ __all__ = [
     "RealConfig",
     "RecordConfig",
     "RecordingsConfig",
-    "SearchName",
     "TrainConfig",
     "TuneConfig",
 ]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
@@ -10,8 +10,7 @@ from simtune.config.checks import at_least, check_seed
 from simtune.config.real import RealConfig
 from simtune.config.recordings import RecordingsConfig
 from simtune.errors import InputError
-
-SearchName = Literal["posterior", "paper", "regression"]
+from simtune.names import SearchName
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,6 @@ from simtune.simulation import AnySimulator, Points
 from simtune.trajectory import Trajectory
 from simtune.vision.keypoints import Keypoints
 
-SearchName = Literal["posterior", "paper", "regression"]
 Verdict = Literal["identified", "weak", "not identifiable"]
 
 
