@@ -33,17 +33,17 @@ RANKS = {  # of three known worlds: 27 of 30 between 0.05 and 0.95
 _WIDTHS = {"identified": 0.06, "weak": 0.35, "not identifiable": 2.0}
 
 
-def make_run(path: Path, iterations: int = 4, finished: bool = True) -> Path:
+def make_run(path: Path, num_rounds: int = 4, finished: bool = True) -> Path:
     """A run folder as a tuning of ball_in_cup leaves it."""
     rng = np.random.default_rng(0)
     config = {"task": "ball_in_cup", "real": "pseudo", "search": "posterior", "seed": 3}
     parameters, curves = {}, {}
     with RunFolder.create(path, config | {"budget_minutes": 10}) as run:
-        for iteration in range(1, iterations + 1):
-            step, wall_s = 20_480 * iteration, 97.3 * iteration
-            scalars: dict[str, float] = {"iteration": iteration, "loss/spm": 0.69 / iteration}
+        for round_ in range(1, num_rounds + 1):
+            step, wall_s = 20_480 * round_, 97.3 * round_
+            scalars: dict[str, float] = {"round": round_, "loss/spm": 0.69 / round_}
             for name, (unit, truth, start, verdict) in PARAMETERS.items():
-                width = max(_WIDTHS[verdict], 0.45 ** (iteration - 1))
+                width = max(_WIDTHS[verdict], 0.45 ** (round_ - 1))
                 drift = (start / truth) ** min(1, width)
                 mean = truth * drift * np.exp(0.2 * min(1, width) * rng.normal())
                 low, high = mean * np.exp(-width), mean * np.exp(width)
@@ -53,9 +53,9 @@ def make_run(path: Path, iterations: int = 4, finished: bool = True) -> Path:
                 figures = dict(mean=mean, low=low, high=high, range_low=wide[0], range_high=wide[1])
                 scalars |= {f"{key}/{name}": value for key, value in figures.items()}
                 event, reason = "narrowed", "the 90 % interval is well inside"
-                if name == "ball_mass" and iteration == 1:
+                if name == "ball_mass" and round_ == 1:
                     event, reason = "widened", "the curve is still at 0.9 at the upper edge"
-                if iteration == 1 or name == "ball_mass":
+                if round_ == 1 or name == "ball_mass":
                     run.log_event(step, wall_s, event, name, wide[0], wide[1], reason)
                 candidates = np.linspace(*wide, 33)
                 centred = np.log(candidates / mean) / width * 2.94
@@ -65,7 +65,7 @@ def make_run(path: Path, iterations: int = 4, finished: bool = True) -> Path:
                     **{"mean": mean, "low": low, "high": high, "verdict": verdict, "real": truth},
                     "percent_error": 100 * abs(mean - truth) / truth,
                 }
-            run.log_metrics(step, 2 * iteration, wall_s, scalars)
+            run.log_metrics(step, 2 * round_, wall_s, scalars)
         run.write_curves(curves)
         for name, speed in (("real", 1.0), ("before", 0.6), ("after", 0.97)):
             _write_video(run.videos / f"{name}.mp4", speed)

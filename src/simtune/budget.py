@@ -1,4 +1,4 @@
-"""How long work may take, and whom it tells how far it is: handed down, part by part."""
+"""How long work may take, and where it reports its progress: handed down, part by part."""
 
 import math
 import time

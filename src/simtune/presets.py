@@ -15,7 +15,7 @@ _AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
 _SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
 _FEW_EPISODES = 5  # real ones of the first look, as of each update of the authors'
 # Nothing here may end by the clock, or no run could be repeated: less is learnt, but all of it.
-_SHORTER = PosteriorSearchConfig(
+_FAST_SEARCH = PosteriorSearchConfig(
     num_worlds=192,
     detector_updates=(1500, 1000),
     posterior_updates=500,
@@ -36,6 +36,11 @@ def choose_search(config: TrainConfig) -> SearchName | None:
     return "regression" if config.method == "regression" else None
 
 
+def choose_range(config: TrainConfig) -> float:
+    """Half-width of Ξ_policy relative to its mean."""
+    return {"dr": config.range_dr, "oracle": 0.0}.get(config.method, config.range_policy)
+
+
 def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | None) -> Schedule:
     """Raises InputError where pretraining would be all of it."""
     usual = PAPER_STEPS if config.preset == "paper" else task.policy_steps
@@ -52,17 +57,17 @@ def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | N
         pretrain_steps=config.pretrain_steps,
         many_searches=search_name in ("paper", "regression"),
     )
-    if search_name is None:  # nobody would look at real episodes
+    if search_name is None:  # real episodes would be of no use
         return replace(schedule, real_episodes=(0,) * len(schedule.real_episodes))
     return schedule
 
 
-def choose_search_config(
+def choose_search_settings(
     config: TrainConfig, search_name: SearchName, episode_steps: int
 ) -> PosteriorSearchConfig | PaperConfig | None:
     """The search's settings; None: its usual ones. Raises InputError for too long a window."""
     if search_name == "posterior":
-        return _SHORTER if config.preset == "fast" else None
+        return _FAST_SEARCH if config.preset == "fast" else None
     if config.window > episode_steps:
         raise InputError(
             f"--window must be at most an episode's {episode_steps} steps, got {config.window}"

@@ -17,9 +17,9 @@ _KEYS = ("mean", "low", "high", "range_low", "range_high")
 
 @dataclass(frozen=True, kw_only=True)
 class History:
-    """A parameter's estimate over the iterations; each list has one entry an iteration."""
+    """A parameter's estimate over the rounds of a search; each list has one entry a round."""
 
-    iteration: list[float]
+    round: list[float]
     mean: list[float]
     low: list[float]  # 90 % interval
     high: list[float]
@@ -82,9 +82,9 @@ class RunData:
 
     def history(self, name: str) -> History:
         """The estimates of a parameter; lines that lack any of the figures are left out."""
-        columns: dict[str, list[float]] = {key: [] for key in ("iteration", *_KEYS)}
+        columns: dict[str, list[float]] = {key: [] for key in ("round", *_KEYS)}
         for line in self.metrics:
-            given = [line.get("iteration"), *(line.get(f"{key}/{name}") for key in _KEYS)]
+            given = [line.get("round"), *(line.get(f"{key}/{name}") for key in _KEYS)]
             values = [value for value in given if is_number(value)]
             if len(values) == len(given):
                 for column, value in zip(columns.values(), values, strict=True):

@@ -23,12 +23,12 @@ from simtune.report.words import number
 def estimate_plot(
     name: str, history: History, initial: float | None, truth: float | None, is_colour: bool
 ) -> str:
-    """The estimate, its 90 % interval and the searched range against iteration; "" if unknown."""
-    if not history.iteration:
+    """The estimate, its interval and the searched range against rounds; "" if unknown."""
+    if not history.round:
         return ""
     known = [v for v in (initial, truth) if v is not None]
     values = [*history.low, *history.high, *history.range_low, *history.range_high, *known]
-    steps = history.iteration
+    steps = history.round
     first = steps[0] - (initial is not None)
     x = Axis(first, max(steps[-1], first + 1), LEFT + 8, WIDTH - RIGHT - 8)
     y = value_axis([*values, *history.mean], HEIGHT - BOTTOM, TOP, is_colour)
@@ -36,7 +36,7 @@ def estimate_plot(
     if initial is not None:
         labels = [(x(first), "start"), *(at for at in labels if at[0] - x(first) > 26)]
     parts = [
-        frame(y, y.ticks(5), labels, "iteration"),
+        frame(y, y.ticks(5), labels, "round"),
         _band(x, y, steps, history.range_low, history.range_high, "range"),
         _band(x, y, steps, history.low, history.high, "interval"),
         "" if truth is None else horizontal(y(truth), "truth"),
@@ -49,8 +49,8 @@ def estimate_plot(
     radius = 3 if len(steps) <= 12 else 1.5
     for (px, py), *facts in zip(path, steps, history.mean, history.low, history.high, strict=True):
         step, (mean, low, high) = facts[0], map(number, facts[1:])
-        parts.append(dot(px, py, "estimate", f"iteration {step:g}: {mean} [{low}, {high}]", radius))
-    return svg(f"{name}: estimate against iteration", parts)
+        parts.append(dot(px, py, "estimate", f"round {step:g}: {mean} [{low}, {high}]", radius))
+    return svg(f"{name}: estimate against the search's rounds", parts)
 
 
 def survival_plot(
@@ -85,7 +85,7 @@ def _some(steps: list[float], most: int = 6) -> list[float]:
 
 
 def _band(x: Axis, y: Axis, steps: list[float], low: list[float], high: list[float], kind: str):
-    """The area between two lines; a single iteration gets a bar."""
+    """The area between two lines; a single round gets a bar."""
     if len(steps) == 1:
         px = x(steps[0])
         return rectangle((px - 6, y(high[0])), (px + 6, y(low[0])), kind)

@@ -62,7 +62,7 @@ def warnings(run: RunData) -> str:
     listed = run.result.get("warnings") or []
     given = [text(warning) for warning in ([listed] if isinstance(listed, str) else listed)]
     if not run.result:
-        given.insert(0, "This run has not finished: the figures are those of its last iteration.")
+        given.insert(0, "This run has not finished: the figures are those of its last round.")
     items = "".join(f"<li>{warning}</li>" for warning in given)
     return f"<aside class='warnings'><h2>Please note</h2><ul>{items}</ul></aside>" if given else ""
 
@@ -90,7 +90,7 @@ def videos(run: RunData) -> str:
 
 
 def plots(run: RunData) -> str:
-    """A card a parameter: the estimate against iteration, and the survival curve."""
+    """A card a parameter: the estimate against the search's rounds, and the survival curve."""
     cards = "".join(_card(run, name) for name in run.parameters)
     if not cards:
         return ""
@@ -124,7 +124,7 @@ def _legend(has_truth: bool) -> str:
     keys |= {"truth": "truth"} if has_truth else {}
     items = "".join(f"<span><i class='{k}'></i>{label}</span>" for k, label in keys.items())
     return (
-        f"<p class='legend'>{items}<span>first plot: against iteration · "
+        f"<p class='legend'>{items}<span>first plot: against the search's rounds · "
         "second: probability that the truth is higher than a candidate</span></p>"
     )
 
