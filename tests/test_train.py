@@ -120,7 +120,6 @@ def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_f
         environment=players,
         replay=players,
         start=SPACE.nominal,
-        range_policy=0.1,
         tensors=dict,
         state=dict,
     )

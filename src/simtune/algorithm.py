@@ -23,6 +23,7 @@ from simtune.config import TrainConfig
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
+from simtune.presets import choose_range
 from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.recordings import write_video
@@ -129,7 +130,8 @@ class Training:
         if not self.num_filmings:
             mean, range_ = experiment.start, experiment.config.range_dr
         else:
-            mean, range_ = experiment.search.distribution.mean, experiment.range_policy
+            mean = experiment.search.distribution.mean
+            range_ = choose_range(experiment.config)
         return Distribution.proportional(experiment.space, mean, range_)
 
     def finish(self, command: str | None = None) -> dict[str, Any]:

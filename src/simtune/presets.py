@@ -1,14 +1,16 @@
 """What a preset stands for: a schedule, a search and an agent, as they fit the task."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from simtune.config import TrainConfig
+from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.names import SearchName
 from simtune.schedule import PAPER_STEPS, SCHEDULES, Schedule
 from simtune.search_param_model.paper import PaperConfig
-from simtune.tasks import Task
+from simtune.tasks import AnyTask, Task
+from simtune.trajectory import Trajectory
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
@@ -63,11 +65,20 @@ def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | N
 
 
 def choose_search_settings(
-    config: TrainConfig, search_name: SearchName, episode_steps: int
+    config: TuneConfig | TrainConfig,
+    search_name: SearchName,
+    task: AnyTask,
+    recordings: Sequence[Trajectory],
 ) -> PosteriorSearchConfig | PaperConfig | None:
     """The search's settings; None: its usual ones. Raises InputError for too long a window."""
+    is_training = isinstance(config, TrainConfig)
     if search_name == "posterior":
-        return _FAST_SEARCH if config.preset == "fast" else None
+        return _FAST_SEARCH if is_training and config.preset == "fast" else None
+    # Simulated episodes need not be longer than recorded ones.
+    longest = task.episode_steps if is_training else PaperConfig.episode_steps
+    episode_steps = min([longest, *map(len, recordings)])
+    if not is_training:
+        return PaperConfig(episode_steps=episode_steps)
     if config.window > episode_steps:
         raise InputError(
             f"--window must be at most an episode's {episode_steps} steps, got {config.window}"

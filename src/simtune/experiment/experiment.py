@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,18 +9,20 @@ import torch
 
 from simtune import outcome
 from simtune.check.recording_warnings import warnings_of
-from simtune.config import RealConfig, TrainConfig, TuneConfig
+from simtune.config import TrainConfig, TuneConfig
 from simtune.experiment.settings import Settings
 from simtune.names import SearchName
 from simtune.networks import under
 from simtune.parameters import ParameterSpace
+from simtune.presets import choose_search_settings
 from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.real import RealWorld
 from simtune.real.choose import choose_real, simulator_for
+from simtune.real.closed import ClosedReal
+from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.run.folder import stored_state
-from simtune.search_param_model.paper import PaperConfig
 from simtune.simulation import AnySimulator, Points
 from simtune.tasks import AnyTask, load_any_task
 from simtune.trajectory import Trajectory
@@ -31,19 +32,16 @@ from simtune.vision.keypoints import Keypoints, find_keypoints
 
 
 @dataclass(frozen=True, kw_only=True)
-class Experiment:
-    """What `tune` works with; `TrainingExperiment` adds what learns to act."""
+class World:
+    """A real world, and the simulator that is to become like it."""
 
     config: TuneConfig | TrainConfig
-    settings: Settings
     run_config: dict[str, Any]  # what config.json remembers: only the same goes on
     task: AnyTask
     real: RealWorld
     recordings: list[Trajectory]  # the real episodes that are there before the run begins
     truth: Truth | None  # of a pseudo-real world: it scores, and the oracle lives in it
     context: SearchContext
-    search_name: SearchName | None  # None: nothing is searched for
-    search: Search
 
     @property
     def space(self) -> ParameterSpace:
@@ -63,6 +61,15 @@ class Experiment:
         """Chosen once a run: search, environment and agent mean the same by keypoint k."""
         return self.context.keypoints
 
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment(World):
+    """What `tune` works with; `TrainingExperiment` adds what learns to act."""
+
+    settings: Settings
+    search_name: SearchName | None  # None: nothing is searched for
+    search: Search
+
     def warnings(self, real: list[Trajectory]) -> list[str]:
         """What may be wrong with recordings; of other real episodes nothing is known."""
         return warnings_of(self.task, self.real.facts, real, self.search_name)
@@ -81,7 +88,7 @@ class Experiment:
         return states | {"keypoints": self.keypoints.state()}
 
     def load(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
-        """Go on from a checkpoint; the keypoints are as it has them since this was built."""
+        """Go on from a checkpoint, whose keypoints this was built with."""
         self.search.load(under("search/", tensors), state["search"])
 
     def _changing(self) -> dict[str, Any]:
@@ -93,84 +100,80 @@ def build_experiment(
 ) -> Experiment:
     """What `tune` works with.
 
-    Raises InputError for what cannot be used; a robot films into `config.out`, and nothing else
-    is written.
+    A robot films into `config.out`; nothing else is written. Raises InputError for what cannot be
+    used.
     """
     config.check()
-    task, settings = load_any_task(config.task), settings or Settings()
-    image_size = needed_image_size(config.search)
+    task, settings, name = load_any_task(config.task), settings or Settings(), config.search
     report("looking at the real world", 0.0)
-    real, start, truth = choose_real(
-        config,
-        task,
-        image_size,
-        real_episodes=config.real_episodes,
-        real_gap=config.real_gap,
-        out=config.out,
-    )
-    recordings = real.collect(config.real_episodes)
+    world = build_world(config, task, needed_image_size(name), config.real_episodes)
+    search = build_search(world, name, settings)
+    return Experiment(**vars(world), settings=settings, search_name=name, search=search)
+
+
+def build_world(
+    config: TuneConfig | TrainConfig,
+    task: AnyTask,
+    image_size: int,
+    num_recorded: int | None,
+    *,
+    device: str = "cpu",
+    trained: Mapping[str, Any] | None = None,
+) -> World:
+    """The real world that was asked for, with its first `num_recorded` episodes (None: a few).
+
+    `tune` works with these. In a training, where a robot or a policy films later, they are read
+    from recordings only. `trained`: the state of a checkpoint that is to be loaded, which stands
+    for a real world that a camera filmed. Raises InputError for what cannot be used.
+    """
+    tunes = isinstance(config, TuneConfig)
+    if trained and config.real != "pseudo":
+        real, start, truth = ClosedReal(trained["step_s"]), task.parameters.nominal.copy(), None
+    else:
+        options = {"real_episodes": num_recorded, "out": config.out}
+        options["real_gap"] = tunes and config.real_gap
+        real, start, truth = choose_real(config, task, image_size, **options)
+    is_read = tunes or (num_recorded != 0 and isinstance(real, RecordedReal))
+    recordings = real.collect(num_recorded) if is_read else []
     run_config = outcome.run_config(config, task, start, real.facts, truth)
-    keypoints = stored_keypoints(config.out, run_config)
-    context = build_context(config, task, real, start, image_size, keypoints=keypoints)
-    search = make_search(
-        config.search, context, settings.search or _search_settings(config.search, recordings)
+    simulator = simulator_for(real, task, image_size)
+    state = trained or stored_state(config.out, run_config)  # of the run that goes on there
+    context = SearchContext(
+        simulator=simulator,
+        camera=task.camera,
+        keypoints=_choose_keypoints(simulator, task, config.seed, state),
+        start=start,
+        observation=real.observation,
+        seed=config.seed,
+        device=device,
     )
-    search.check(recordings)
-    return Experiment(
+    return World(
         config=config,
-        settings=settings,
         run_config=run_config,
         task=task,
         real=real,
         recordings=recordings,
         truth=truth,
         context=context,
-        search_name=config.search,
-        search=search,
     )
 
 
-def stored_keypoints(out: Path, run_config: Mapping[str, Any]) -> list | None:
-    """Those of the run that goes on in `out`; None where none does.
+def _choose_keypoints(
+    simulator: AnySimulator, task: AnyTask, seed: int, state: Mapping[str, Any] | None
+) -> Keypoints | Points:
+    """Those of a checkpoint's state, if there is one: its networks were trained on them.
 
-    Raises InputError where another run, or something else, lies there.
+    Another machine may find others.
     """
-    state = stored_state(out, run_config)
-    return None if state is None else state["keypoints"]
-
-
-def build_context(
-    config: RealConfig,
-    task: AnyTask,
-    real: RealWorld,
-    start: np.ndarray,
-    image_size: int,
-    *,
-    device: str = "cpu",
-    keypoints: list | None = None,
-) -> SearchContext:
-    """The simulator of a real world, and where in it a search begins.
-
-    `keypoints`: the state of those that the run was begun with. Another machine may choose
-    others, by which networks that were trained on these would be read wrongly.
-    """
-    simulator = simulator_for(real, task, image_size)
     first = Distribution.first(task.parameters, task.parameters.nominal)
-    found = find_keypoints(simulator, task.camera, first, config.seed)
-    return SearchContext(
-        simulator=simulator,
-        camera=task.camera,
-        keypoints=found if keypoints is None else found.with_state(keypoints),
-        start=start,
-        observation=real.observation,
-        seed=config.seed,
-        device=device,
-    )
+    found = find_keypoints(simulator, task.camera, first, seed)
+    return found if state is None else found.with_state(state["keypoints"])
 
 
-def _search_settings(search: SearchName, real: list[Trajectory]) -> PaperConfig | None:
-    """None: the usual ones."""
-    if search == "posterior":
-        return None
-    # Simulated episodes need not be longer than the real ones.
-    return PaperConfig(episode_steps=min((PaperConfig.episode_steps, *map(len, real))))
+def build_search(world: World, name: SearchName, settings: Settings) -> Search:
+    """The search of that name. Raises InputError where the recordings do not suit it."""
+    usual = choose_search_settings(world.config, name, world.task, world.recordings)
+    search = make_search(name, world.context, settings.search or usual)
+    if world.recordings:
+        search.check(world.recordings)
+    return search

@@ -7,36 +7,22 @@ from typing import Any
 import numpy as np
 import torch
 
-from simtune import outcome
 from simtune.agents import Agent, Seen
 from simtune.config import TrainConfig
 from simtune.errors import InputError
-from simtune.experiment.experiment import Experiment, build_context, stored_keypoints
+from simtune.experiment.experiment import Experiment, World, build_search, build_world
 from simtune.experiment.settings import Settings
-from simtune.names import SearchName
 from simtune.networks import under
-from simtune.presets import (
-    choose_agent,
-    choose_range,
-    choose_schedule,
-    choose_search,
-    choose_search_settings,
-)
+from simtune.presets import choose_agent, choose_range, choose_schedule, choose_search
 from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
-from simtune.real import RealWorld
-from simtune.real.choose import choose_real
-from simtune.real.closed import ClosedReal
 from simtune.real.recorded import RecordedReal
-from simtune.real.truth import Truth
 from simtune.replay import Replay
 from simtune.rollout import Environment
 from simtune.schedule import Schedule
 from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
-from simtune.trajectory import Trajectory
-from simtune.tuning import FixedRange, SearchContext, make_search
-from simtune.tuning.search import Search
+from simtune.tuning import FixedRange
 from simtune.vision.keypoints import Keypoints
 
 
@@ -50,11 +36,6 @@ class TrainingExperiment(Experiment):
     environment: Environment
     agent: Agent
     replay: Replay
-
-    @property
-    def range_policy(self) -> float:
-        """Half-width of the worlds that the policy is trained in, relative to their mean."""
-        return choose_range(self.config)
 
     def score(
         self, world: np.ndarray, num_episodes: int, seed: int
@@ -120,33 +101,22 @@ def build_training(
             f"{task.name} has no reward, so there is nothing to train a policy for: declare one "
             "in the tuning file's [policy] (docs/tuning-file.md)"
         )
-    search_name = choose_search(config)
-    schedule = settings.schedule or choose_schedule(config, task, search_name)
+    name = choose_search(config)
+    schedule = settings.schedule or choose_schedule(config, task, name)
     report("looking at the real world", 0.0)
-    real, start, truth = _real_world(config, task, schedule, search_name, trained)
-    # A robot, or a policy, films later.
-    is_read = search_name is not None and isinstance(real, RecordedReal)
-    recordings = real.collect(config.real_episodes) if is_read else []
-    if recordings:  # where no number is asked for, there may be fewer than the usual
+    num = config.real_episodes if name else 0
+    world = build_world(config, task, schedule.image_size, num, device=device, trained=trained)
+    if world.recordings:  # where no number is asked for, there may be fewer than the usual
         later = schedule.real_episodes[1:]
-        schedule = replace(schedule, real_episodes=(len(recordings), *later))
-    run_config = outcome.run_config(config, task, start, real.facts, truth)
-    keypoints = trained["keypoints"] if trained else stored_keypoints(config.out, run_config)
-    context = build_context(
-        config, task, real, start, schedule.image_size, device=device, keypoints=keypoints
-    )
-    environment = _environment(task, schedule, context)
+        schedule = replace(schedule, real_episodes=(len(world.recordings), *later))
+    assert isinstance(world.simulator, Simulator), "load_task gives models' only"
+    assert isinstance(world.keypoints, Keypoints)
+    environment = Environment(task, world.simulator, schedule.num_stacked, world.keypoints)
     return TrainingExperiment(
-        config=config,
+        **vars(world),
         settings=settings,
-        run_config=run_config,
-        task=task,
-        real=real,
-        recordings=recordings,
-        truth=truth,
-        context=context,
-        search_name=search_name,
-        search=_search(config, settings, task, context, recordings, truth),
+        search_name=name,
+        search=build_search(world, name, settings) if name else _fixed_range(config, world),
         schedule=schedule,
         environment=environment,
         agent=_agent(config, settings, schedule, environment, device),
@@ -154,45 +124,13 @@ def build_training(
     )
 
 
-def _real_world(
-    config: TrainConfig,
-    task: Task,
-    schedule: Schedule,
-    search_name: SearchName | None,
-    trained: Mapping[str, Any] | None,
-) -> tuple[RealWorld, np.ndarray, Truth | None]:
-    """See `choose_real`; a real world that a camera filmed is left alone by what is `trained`."""
-    if trained and config.real != "pseudo":
-        return ClosedReal(trained["step_s"]), task.parameters.nominal.copy(), None
-    num_read = config.real_episodes if search_name else 0
-    return choose_real(config, task, schedule.image_size, real_episodes=num_read, out=config.out)
-
-
-def _environment(task: Task, schedule: Schedule, context: SearchContext) -> Environment:
-    simulator, keypoints = context.simulator, context.keypoints
-    assert isinstance(simulator, Simulator), "load_task gives models' only"
-    assert isinstance(keypoints, Keypoints)
-    return Environment(task, simulator, schedule.num_stacked, keypoints)
-
-
-def _search(
-    config: TrainConfig,
-    settings: Settings,
-    task: Task,
-    context: SearchContext,
-    recordings: list[Trajectory],
-    truth: Truth | None,
-) -> Search:
-    """The search that the method asks for. Raises InputError where recordings do not suit it."""
-    if search_name := choose_search(config):
-        shortest = min([task.episode_steps, *map(len, recordings)])
-        usual = choose_search_settings(config, search_name, shortest)
-        search = make_search(search_name, context, settings.search or usual)
-        if recordings:
-            search.check(recordings)
-        return search
-    mean = truth.for_oracle() if truth and config.method == "oracle" else context.start
-    return FixedRange(Distribution.proportional(task.parameters, mean, choose_range(config)))
+def _fixed_range(config: TrainConfig, world: World) -> FixedRange:
+    """Where a method that searches for nothing stays."""
+    mean = world.start
+    if config.method == "oracle":
+        assert world.truth is not None, "checked"
+        mean = world.truth.for_oracle()
+    return FixedRange(Distribution.proportional(world.space, mean, choose_range(config)))
 
 
 def _agent(
