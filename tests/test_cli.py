@@ -51,7 +51,7 @@ class Simtune:
         return status, captured.out, captured.err
 
     def refuses(self, *arguments: object, message: str) -> None:
-        """It must exit with 2, say why in one line, and leave the folder as it was."""
+        """It must exit with 2, name the reason in one line, and leave the folder as it was."""
         before = sorted(self.folder.rglob("*"))
         status, out, err = self(*arguments)
         assert status == 2, err

@@ -43,7 +43,7 @@ SPACE = TASK.parameters
 STEPS = 24  # of an episode, by the fixture `quick`
 
 
-def asked(out: Path, **changes) -> TrainConfig:
+def config_of(out: Path, **changes) -> TrainConfig:
     config = TrainConfig(
         task="cartpole", out=out, policy_steps=4 * 16 * STEPS, real_episodes=2, scored_episodes=2
     )
@@ -107,7 +107,7 @@ def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_f
         image_size=16,
     )
     experiment = SimpleNamespace(
-        config=asked(path / "run", **asked_for),
+        config=config_of(path / "run", **asked_for),
         settings=Settings(),
         run_config={},
         task=dataclasses.replace(TASK, episode_steps=STEPS),
@@ -212,7 +212,7 @@ def test_a_training_on_recordings_scores_nothing(tmp_path, quick):
     names = {"action_names": ["slide"], "robot_type": "cartpole", "task": "balance"}
     write_dataset(tmp_path / "dataset", real.collect(2), **names)
     dataset, out = str(tmp_path / "dataset"), tmp_path / "run"
-    result = train(asked(out, real=dataset, policy_steps=16 * STEPS), settings=quick)
+    result = train(config_of(out, real=dataset, policy_steps=16 * STEPS), settings=quick)
     assert result["real_episodes"] == 2
     assert result["recordings"]["steps"] == 2 * STEPS
     assert "return" not in result  # no policy can act there
@@ -226,14 +226,14 @@ def test_recordings_that_are_too_short_are_refused_before_anything_is_written(tm
     names = {"action_names": ["slide"], "robot_type": "cartpole", "task": "balance"}
     write_dataset(tmp_path / "dataset", real.collect(2), **names)
     with pytest.raises(InputError, match="needs episodes of at least 21 steps, got one of 8"):
-        train(asked(tmp_path / "run", real=str(tmp_path / "dataset")))
+        train(config_of(tmp_path / "run", real=str(tmp_path / "dataset")))
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("method", ["autotune", "regression", "dr", "oracle"])
 def test_a_run_folder_keeps_its_contract(method, tmp_path, quick):
     out = tmp_path / "run"
-    config, settings = asked(out, method=method), quick
+    config, settings = config_of(out, method=method), quick
     if method == "regression":  # a few small steps, not forty
         settings = dataclasses.replace(quick, search=FEW_WINDOWS, schedule=one_round(config))
     result = train(config, settings=settings)
@@ -282,7 +282,7 @@ def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
     tune, out = tmp_path / "tune.toml", tmp_path / "run"
     short = f'name = "cart_pendulum"\nepisode_steps = {STEPS}\n'
     tune.write_text(tune.read_text().replace('name = "cart_pendulum"\n', short))
-    config = asked(out, task=str(tune), method="dr", policy_steps=3 * 16 * STEPS)
+    config = config_of(out, task=str(tune), method="dr", policy_steps=3 * 16 * STEPS)
     result = train(config, settings=quick)
     assert 0 < result["return"]["mean"] < STEPS
     again = EvaluateConfig(run_folder=out, episodes=2, seed=0)
@@ -303,7 +303,7 @@ def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick):
         config = CurlSacConfig(image_size=64, crop_size=54, **few)
         return CurlSac(num_actions, config, seed=seed)
 
-    config = asked(tmp_path / "run", method="dr", agent=agent, policy_steps=3 * 16 * STEPS)
+    config = config_of(tmp_path / "run", method="dr", agent=agent, policy_steps=3 * 16 * STEPS)
     result = train(config, settings=dataclasses.replace(quick, make_agent=make_small))
     assert result["warnings"] == []
     last = read_jsonl(tmp_path / "run" / "metrics.jsonl")[-1]
@@ -315,7 +315,7 @@ def test_ranges_are_those_asked_for(tmp_path, quick):
 
     def training(**changes) -> Training:
         usual = dataclasses.replace(quick, search=None)
-        experiment = build_training(asked(tmp_path, **ranges, **changes), settings=usual)
+        experiment = build_training(config_of(tmp_path, **ranges, **changes), settings=usual)
         training = Training(experiment, run=None)
         training.num_filmings = 1
         return training
@@ -337,7 +337,7 @@ def test_ranges_are_those_asked_for(tmp_path, quick):
 
 def test_scored_episodes_start_elsewhere_than_all_others(tmp_path):
     """Every episode begins elsewhere: looked at, tried out, scored."""
-    config = asked(tmp_path, task="ball_in_cup", method="oracle")
+    config = config_of(tmp_path, task="ball_in_cup", method="oracle")
     experiment = build_training(config)
     scored = []
 
@@ -360,14 +360,14 @@ def test_all_recordings_are_taken_where_no_number_is_asked_for(tmp_path, quick):
     real = Truth(SPACE, SPACE.nominal).make_real(simulator, episode_steps=STEPS, seed=0)
     names = {"action_names": ["slide"], "robot_type": "cartpole", "task": "balance"}
     write_dataset(tmp_path / "dataset", real.collect(3), **names)
-    config = asked(tmp_path / "run", real=str(tmp_path / "dataset"), real_episodes=None)
+    config = config_of(tmp_path / "run", real=str(tmp_path / "dataset"), real_episodes=None)
     assert build_training(config, settings=quick).schedule.real_episodes == (3, 2)
     with pytest.raises(InputError, match="5 episodes asked for, it holds 3; ask for 1 to 3"):
         build_training(dataclasses.replace(config, real_episodes=5), settings=quick)
 
 
 def test_a_policy_that_begins_to_learn_too_late_is_warned_of(tmp_path, quick):
-    experiment = build_training(asked(tmp_path, method="dr"), settings=quick)
+    experiment = build_training(config_of(tmp_path, method="dr"), settings=quick)
     too_few = "the policy had not begun to learn: give more --policy-steps"
     assert experiment.policy_warnings(0) == [too_few]
     ready = dataclasses.replace(experiment, agent=SimpleNamespace(is_ready=True))
@@ -394,13 +394,13 @@ def test_a_policy_that_begins_to_learn_too_late_is_warned_of(tmp_path, quick):
 def test_wrong_input_is_refused_and_nothing_is_written(changes, message, tmp_path):
     out = tmp_path / "run"
     with pytest.raises(InputError, match=message):
-        train(asked(out, **changes))
+        train(config_of(out, **changes))
     assert not out.exists()
 
 
 @pytest.mark.parametrize("task", ["cartpole", "rope_peg"])
 def test_a_search_simulates_episodes_as_long_as_the_real_ones(task, tmp_path):
-    config = asked(tmp_path / "run", task=task, method="regression", real_parameters=None)
+    config = config_of(tmp_path / "run", task=task, method="regression", real_parameters=None)
     search = build_training(config).search
     assert search.config.episode_steps == load_task(task).episode_steps
 
@@ -413,13 +413,13 @@ def test_the_presets_schedules(tmp_path):
     assert fast(48_000, 5, 0, many_searches=False).real_episodes == (5, 0)
     assert paper(120_000, 5, many_searches=True).real_episodes == (5, 5, 5)
     assert paper(120_000, 5, 1, many_searches=True).real_episodes == (5, 1, 1)
-    config = asked(tmp_path, preset="paper", policy_steps=None)
+    config = config_of(tmp_path, preset="paper", policy_steps=None)
     experiment = build_training(config)
     assert experiment.schedule.total_steps == pytest.approx(500_000, abs=50)
     assert len(experiment.schedule.policy_steps) == 12  # 40k steps each, about
     search = experiment.search.config
     assert search.collect_steps == search.pretrain_steps == 50_000
-    # The first call collects as well; so many that do not move come first, then 40 that do.
+    # The first call collects as well; rounds that do not move come first, then 40 that do.
     steps_per_call = search.episodes_per_iteration * search.episode_steps
     assert experiment.schedule.searches[0] == 50_000 / steps_per_call + 40
     short = build_training(dataclasses.replace(config, task="rope_peg")).search.config
@@ -430,7 +430,7 @@ def test_the_presets_schedules(tmp_path):
 def test_a_real_world_with_changed_parameters_is_refused(tmp_path, quick):
     truth = tmp_path / "real.json"
     truth.write_text('{"body_r": 0.6}')  # twice or half of either is 1, or hardly differs
-    config = asked(tmp_path / "run", method="dr", real_parameters=truth)
+    config = config_of(tmp_path / "run", method="dr", real_parameters=truth)
     train(config, settings=quick)
     scores = evaluate(EvaluateConfig(run_folder=config.out, episodes=2))
     truth.write_text('{"body_r": 0.8}')
@@ -470,7 +470,7 @@ def assert_same(one: Path, other: Path) -> None:
 
 def test_a_stopped_run_resumes_to_the_same_result(tmp_path, quick):
     settings = dataclasses.replace(quick, checkpoint_every_s=0.0)
-    train(asked(tmp_path / "straight"), settings=settings)
+    train(config_of(tmp_path / "straight"), settings=settings)
     interrupted_at = []
 
     def interrupt(doing: str, done: float) -> None:
@@ -482,12 +482,12 @@ def test_a_stopped_run_resumes_to_the_same_result(tmp_path, quick):
     out = tmp_path / "stopped"
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
-            train(asked(out), interrupt, settings)
-    train(asked(out), interrupt, settings)
+            train(config_of(out), interrupt, settings)
+    train(config_of(out), interrupt, settings)
     assert_same(tmp_path / "straight", out)
 
     # And what `evaluate` makes of it, from the checkpoint alone: on the same episodes the same.
-    again = evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=asked(out).seed))
+    again = evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=config_of(out).seed))
     assert again == read_json(out / "result.json")["return"]
     with pytest.raises(InputError, match=r"is no folder that `simtune train` wrote"):
         evaluate(EvaluateConfig(run_folder=tmp_path / "nowhere"))
@@ -509,7 +509,7 @@ def test_a_stopped_run_resumes_to_the_same_result(tmp_path, quick):
 
 
 def test_search_environment_and_agent_share_keypoints_by_the_seed(tmp_path, quick):
-    experiment = build_training(asked(tmp_path / "run", seed=5), settings=quick)
+    experiment = build_training(config_of(tmp_path / "run", seed=5), settings=quick)
     first = Distribution.first(SPACE, SPACE.nominal)
     chosen = find_keypoints(experiment.simulator, TASK.camera, first, 5).state()
     assert chosen != find_keypoints(experiment.simulator, TASK.camera, first, 0).state()
@@ -519,11 +519,11 @@ def test_search_environment_and_agent_share_keypoints_by_the_seed(tmp_path, quic
 
 def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(tmp_path, quick, monkeypatch):
     """Where `find_keypoints` would choose others, as it may on another machine."""
-    config = asked(tmp_path / "run", policy_steps=2 * 16 * STEPS)
+    config = config_of(tmp_path / "run", policy_steps=2 * 16 * STEPS)
     train(config, settings=quick)
     begun = load(newest(config.out / "checkpoints"))[1]["keypoints"]
     monkeypatch.setattr("simtune.experiment.experiment.find_keypoints", find_others)
-    new = build_training(asked(tmp_path / "new"), settings=quick)
+    new = build_training(config_of(tmp_path / "new"), settings=quick)
     assert new.environment.keypoints.state() != begun
     resumed = build_training(config, settings=quick)
     with Run(resumed) as run:

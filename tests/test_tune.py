@@ -332,8 +332,8 @@ def test_true_parameters_come_from_the_file(truth_file):
 
 def test_parameters_as_runs_exports_and_people_write_them(tmp_path):
     path = tmp_path / "parameters.json"
-    told = {"pole_mass": {"mean": 0.2, "low": 0.1}}
-    for content in ({"pole_mass": 0.2}, {"parameters": {"pole_mass": 0.2}}, {"parameters": told}):
+    found = {"pole_mass": {"mean": 0.2, "low": 0.1}}
+    for content in ({"pole_mass": 0.2}, {"parameters": {"pole_mass": 0.2}}, {"parameters": found}):
         path.write_text(json.dumps(content))
         assert SPACE.to_dict(read_parameters(path, SPACE))["pole_mass"] == 0.2
     path.write_text(json.dumps({"parameters": {"pole_mass": {"low": 0.1}}}))
@@ -402,7 +402,7 @@ def test_percent_error_by_hand():
     real, error = truth.score(SPACE.nominal * np.linspace(0.5, 1.5, len(SPACE)))
     np.testing.assert_array_equal(real, SPACE.nominal)
     np.testing.assert_allclose(error, np.abs(np.linspace(-50, 50, len(SPACE))), atol=1e-9)
-    real[:] = 0  # a copy: nobody can change the truth
+    real[:] = 0  # a copy: the truth stays as it is
     np.testing.assert_array_equal(truth.score(SPACE.nominal)[0], SPACE.nominal)
 
 

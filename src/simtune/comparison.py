@@ -1,6 +1,6 @@
 """The same actions side by side: the real episode, the simulator before and after tuning.
 
-A video does not say what state it starts from, so the start whose first pictures look most like
+A video does not show what state it starts from, so the start whose first pictures look most like
 the real ones is searched for: what a fit found and many random starts, then many near the best.
 """
 
@@ -80,7 +80,7 @@ def find_start(
     if near is not None:
         its_state, its_distance = _compare(simulator, first, parameters, rng, 1, np.array([near]))
         states, distance = np.append(states, its_state, 0), np.append(distance, its_distance)
-    # An environment begins where its seeds say, and nowhere near them.
+    # An environment begins where its seeds put it, and nowhere near them.
     for round_ in range(1, config.rounds if isinstance(simulator, Simulator) else 1):
         nearest = np.argsort(distance)[:_ELITE]
         states, distance = states[nearest], distance[nearest]

@@ -1,4 +1,4 @@
-"""What commands are asked: one dataclass a command that runs for long."""
+"""The options of commands that run for long, one dataclass each."""
 
 from simtune.config.export import ExportConfig
 from simtune.config.real import ROBOTS, RealConfig

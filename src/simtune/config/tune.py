@@ -1,4 +1,4 @@
-"""What `simtune tune` and `simtune check` are asked."""
+"""The options of `simtune tune` and `simtune check`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +34,7 @@ class TuneConfig(RealConfig):
     search: SearchName = "posterior"
     """posterior: read survival curves; paper: small steps up or down; regression: its baseline."""
     budget_minutes: float = 8.0
-    """About so many minutes of wall time; what has begun ends first."""
+    """Wall time, about; what has begun ends first."""
 
     def check(self) -> None:
         """Raises InputError for numbers that make no sense."""

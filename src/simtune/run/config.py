@@ -1,4 +1,4 @@
-"""config.json: what a run was asked, and whether a command asks for the same again."""
+"""config.json: the configuration of a run, and whether a command has the same."""
 
 import importlib.metadata
 import platform

@@ -227,7 +227,7 @@ def stored_state(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None
     try:
         if _stored_run(path, config) is None:
             return None
-        newest = checkpoint.newest(path / _CHECKPOINTS, warn=False)  # `create` will say it
+        newest = checkpoint.newest(path / _CHECKPOINTS, warn=False)  # `create` warns
         return checkpoint.load_state(newest) if newest else None
     except OSError as error:
         raise InputError(f"cannot read the run folder {path}: {error.strerror}") from error
