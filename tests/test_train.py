@@ -36,7 +36,7 @@ from simtune.schedule import Schedule, fast, paper
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import load_task
 from simtune.tuning.search import Round, unsure
-from simtune.vision.keypoints import find_keypoints
+from simtune.vision.keypoints import Keypoints, find_keypoints
 
 TASK = load_task("cartpole")
 SPACE = TASK.parameters
@@ -508,13 +508,27 @@ def test_a_stopped_run_resumes_to_the_same_result(tmp_path, quick):
     assert evaluate(world)["mean"] > 0
 
 
-def test_search_environment_and_agent_share_keypoints_by_the_seed(tmp_path, quick):
-    experiment = build_training(config_of(tmp_path / "run", seed=5), settings=quick)
-    first = Distribution.first(SPACE, SPACE.nominal)
-    chosen = find_keypoints(experiment.simulator, TASK.camera, first, 5).state()
-    assert chosen != find_keypoints(experiment.simulator, TASK.camera, first, 0).state()
+def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, quick, monkeypatch):
+    seeds, num_keypoints = [], []
+
+    def find(simulator, camera, distribution, seed) -> Keypoints:
+        """Another seed may choose others; each but 0 does here."""
+        seeds.append(seed)
+        choose = find_others if seed else find_keypoints
+        return choose(simulator, camera, distribution, seed)
+
+    def make_agent(name: str, **sizes) -> Agent:
+        num_keypoints.append(sizes["num_keypoints"])
+        return quick.make_agent(name, **sizes)
+
+    monkeypatch.setattr("simtune.experiment.experiment.find_keypoints", find)
+    settings = dataclasses.replace(quick, make_agent=make_agent)
+    experiment = build_training(config_of(tmp_path / "run", seed=5), settings=settings)
+    assert seeds == [5]
+    chosen = experiment.keypoints.state()
     assert experiment.environment.keypoints.state() == chosen
     assert experiment.search.state()["keypoints"] == chosen
+    assert num_keypoints == [len(experiment.keypoints)]
 
 
 def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(tmp_path, quick, monkeypatch):
