@@ -37,7 +37,7 @@ def measure(
     if search == "posterior":
         config = PosteriorSearchConfig(
             num_worlds=worlds,
-            iterations=moves + 1,
+            num_rounds=moves + 1,
             detector_updates=(_UPDATES,),
             posterior_updates=_UPDATES,
         )

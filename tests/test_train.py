@@ -527,7 +527,7 @@ def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, qu
     assert seeds == [5]
     chosen = experiment.keypoints.state()
     assert experiment.environment.keypoints.state() == chosen
-    assert experiment.search.state()["keypoints"] == chosen
+    assert experiment.search.context.keypoints.state() == chosen
     assert num_keypoints == [len(experiment.keypoints)]
 
 
@@ -544,7 +544,7 @@ def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(tmp_path, quic
         run.resume()
     for experiment in (resumed, load_trained(config.out)):
         assert experiment.environment.keypoints.state() == begun
-        assert experiment.search.state()["keypoints"] == begun
+        assert experiment.search.context.keypoints.state() == begun
 
 
 @pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.slow)])

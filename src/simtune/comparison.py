@@ -43,7 +43,7 @@ def write_comparison(
 
     It is the one that the estimate's start is of, if that has one. `before`: (N,) parameters.
     """
-    late = replace(trajectory, actions=delayed(trajectory.actions, estimate.lag))
+    late = replace(trajectory, actions=delayed(trajectory.actions, estimate.latency_steps))
     rng, after = np.random.default_rng(seed), estimate.mean
     start = find_start(simulator, late, after, rng, estimate.start, config)
     fps = round(1 / trajectory.step_s, 3)

@@ -14,7 +14,7 @@ from simtune.tasks import AnyTask, Task
 from simtune.tuning.search import Estimate, Search
 
 _IN_RESULT = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
-_KEPT = ("verdict", *_IN_RESULT, "start", "lag")
+_KEPT = ("verdict", *_IN_RESULT, "start", "latency_steps")
 
 
 def run_config(

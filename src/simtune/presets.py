@@ -22,7 +22,7 @@ _FAST_SEARCH = PosteriorSearchConfig(
     detector_updates=(1500, 1000),
     posterior_updates=500,
     state_updates=400,
-    replicas=(2, 2),
+    num_refits=(2, 2),
 )
 
 
