@@ -108,13 +108,13 @@ def test_the_same_seed_films_the_same_and_another_one_something_else(simulator):
 def test_only_the_simulators_own_pictures_look_like_it(simulator):
     for gap in (None, STILL):
         real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=gap)
-        assert real.looks_like_simulator is (gap is None)
+        assert real.observation.same_renderer is (gap is None)
 
 
 def test_there_is_still_no_way_to_the_parameters(simulator):
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=STILL)
     public = {name for name in dir(real) if not name.startswith("_")}
-    can = {"collect", "run_policy", "step_s", "looks_like_simulator"}
+    can = {"collect", "run_policy", "step_s", "observation"}
     assert public == {*can, "facts"}
     assert real.facts == {}
     for value in vars(real).values():

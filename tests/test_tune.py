@@ -15,6 +15,7 @@ from simtune.comparison import StartSearchConfig
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
+from simtune.observation import ObservationModel
 from simtune.parameters import Parameter
 from simtune.real.choose import choose_real, read_parameters
 from simtune.real.pseudo import PseudoReal
@@ -337,7 +338,7 @@ def test_the_real_world_hands_out_frames_and_actions_only():
     simulator = load_task("cartpole").simulator(image_size=64)
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0)
     public = {name for name in dir(real) if not name.startswith("_")}
-    can = {"collect", "run_policy", "step_s", "looks_like_simulator"}
+    can = {"collect", "run_policy", "step_s", "observation"}
     assert public == {*can, "facts"}
     assert real.facts == {}
     for name in ("parameters", "real_parameters", "state", "states", "reward", "simulator"):
@@ -345,7 +346,7 @@ def test_the_real_world_hands_out_frames_and_actions_only():
             getattr(real, name)
     # Whatever lies in its attributes: no simulator, no array; a function that films.
     for value in vars(real).values():
-        assert isinstance(value, int | float) or callable(value)
+        assert isinstance(value, int | float | ObservationModel) or callable(value)
         assert not isinstance(value, np.ndarray)
         assert not hasattr(value, "parameters")
     (trajectory,) = real.collect(1)
