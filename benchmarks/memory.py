@@ -1,4 +1,4 @@
-"""Peak resident memory of `simtune tune`, and how it grows with the number of iterations.
+"""Peak resident memory of `simtune tune`, and how it grows with the number of rounds.
 
 A whole run, from the real world's videos to the report, in a process of its own, with all its
 worlds and frames but few training updates. The last line is one JSON object.
@@ -20,40 +20,33 @@ from common import machine, record_figures
 # simtune is imported in the measured process only: what this one holds would count there too.
 
 _LIMIT_MB = 4096
-_UPDATES = 20  # of each training in an iteration: memory does not depend on their number
+_UPDATES = 20  # of each training in a round: memory does not depend on their number
 
 
-def tune(
+def measure(
     search: str, task: str, moves: int, worlds: int, real_episodes: int, out: Path
 ) -> list[float]:
-    """Run it; the peak resident memory in MiB after each iteration, and at the end."""
-    from simtune import tune
+    """Run it; the peak resident memory in MiB after each round, and at the end."""
     from simtune.config import TuneConfig
+    from simtune.experiment.run import Run
+    from simtune.experiment.settings import Settings
     from simtune.search_param_model.paper import PaperConfig
-    from simtune.tuning.paper import PaperSearch
-    from simtune.tuning.posterior import PosteriorSearch
+    from simtune.tune import tune
     from simtune.tuning.posterior_config import PosteriorSearchConfig
 
+    if search == "posterior":
+        config = PosteriorSearchConfig(
+            num_worlds=worlds,
+            num_rounds=moves + 1,
+            detector_updates=(_UPDATES,),
+            posterior_updates=_UPDATES,
+        )
+    else:
+        config = PaperConfig(max_moves=moves, updates_per_episode=1)
     peaks: list[float] = []
-
-    def make_search(_, simulator, camera, start, seed, say, *_more):
-        if search == "posterior":
-            config = PosteriorSearchConfig(
-                num_worlds=worlds,
-                iterations=moves + 1,
-                detector_updates=(_UPDATES,),
-                posterior_updates=_UPDATES,
-            )
-            made = PosteriorSearch(simulator, camera, start, config, seed=seed, say=say)
-        else:
-            config = PaperConfig(max_moves=moves, updates_per_episode=1)
-            made = PaperSearch(simulator, start, config, seed=seed, say=say)
-        made.iterate = _then(made.iterate, lambda: peaks.append(_peak_mb()))
-        return made
-
-    tune.make_search = make_search
-    asked = {"task": task, "search": search, "real_episodes": real_episodes, "out": out}
-    tune.tune(TuneConfig(**asked, budget_minutes=600))
+    Run.log_round = _then(Run.log_round, lambda: peaks.append(_peak_mb()))
+    options = {"task": task, "search": search, "real_episodes": real_episodes, "out": out}
+    tune(TuneConfig(**options, budget_minutes=600), settings=Settings(search=config))
     return [*peaks, _peak_mb()]
 
 
@@ -85,8 +78,8 @@ def main(
     Args:
         task: One of the built-in tasks.
         search: How it searches.
-        moves: Iterations to compare, after those that first take what later ones use again.
-        worlds: Simulated in an iteration of the posterior's search.
+        moves: Rounds to compare, after those that first take what later ones use again.
+        worlds: Simulated in a round of the posterior's search.
         real_episodes: Episodes of the real world.
         record: Write the figures into this file of docs/results, too.
         quick: Fewer moves and worlds: within a minute.
@@ -99,7 +92,9 @@ def main(
         tempfile.TemporaryDirectory() as folder,
         ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process,
     ):
-        run = process.submit(tune, search, task, moves, worlds, real_episodes, Path(folder) / "run")
+        run = process.submit(
+            measure, search, task, moves, worlds, real_episodes, Path(folder) / "run"
+        )
         *peaks, peak = run.result()
     result = {
         "task": task,
@@ -107,8 +102,8 @@ def main(
         "worlds": worlds if search == "posterior" else None,
         "peak_mb": round(peak),
         "limit_mb": _LIMIT_MB,
-        "growth_mb": round((peaks[-1] - peaks[-moves]) / (moves - 1), 2),  # an iteration
-        "peaks_mb": [round(p) for p in peaks],  # after each iteration
+        "growth_mb": round((peaks[-1] - peaks[-moves]) / (moves - 1), 2),  # a round
+        "peaks_mb": [round(p) for p in peaks],  # after each round
         **machine(),
     }
     row = {"what": f"simtune tune {task}, {search}"}

@@ -9,12 +9,17 @@ from fake_xarm import FakeXArm
 from robot_limits import LIMITS, STEP_S
 from tiny_search import TINY_SEARCH
 
+from simtune.agents import Agent, AgentSpec, make_agent
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
+from simtune.algorithm import train
+from simtune.comparison import StartSearchConfig
+from simtune.experiment.settings import Settings
 from simtune.robot.latch import Latch
 from simtune.robot.safe_arm import SafeArm
 from simtune.robot.xarm import XArm
 from simtune.simulation import make_renderer
-from simtune.tasks import load_any_task
+from simtune.tasks import TASKS, cartpole
+from simtune.tune import tune
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 
@@ -50,21 +55,26 @@ def one_renderer_each():
 
 
 @pytest.fixture
-def quick_tune(monkeypatch, tiny, one_renderer_each):
-    """Makes `tune` take seconds, and find nothing."""
-
-    def load_short_task(name: str):
-        return replace(load_any_task(name), episode_steps=24)
-
-    monkeypatch.setattr("simtune.tune.load_any_task", load_short_task)
-    monkeypatch.setattr("simtune.tuning.posterior.PosteriorSearchConfig", lambda: tiny)
-    monkeypatch.setattr("simtune.parts.load_task", load_short_task)
-    monkeypatch.setattr("simtune.presets._SHORTER", tiny)
-    # Of so few steps
+def quick(monkeypatch, tiny, one_renderer_each) -> Settings:
+    """Runs with these settings take seconds and find nothing; cartpole's episodes are short."""
+    monkeypatch.setitem(TASKS, "cartpole", lambda: replace(cartpole.balance(), episode_steps=24))
     early = TeacherStudentConfig(teacher_share=0.2, random_steps=24, trusting_share=0.05)
-    monkeypatch.setattr("simtune.agents.TeacherStudent", partial(TeacherStudent, config=early))
-    monkeypatch.setattr("simtune.comparison._NUM_STARTS", 16)
-    monkeypatch.setattr("simtune.comparison._ROUNDS", 2)
+
+    def make_early_agent(name: str, spec: AgentSpec) -> Agent:
+        """One that begins to act on pictures within a few rounds."""
+        if name == "teacher_student":
+            return TeacherStudent(spec, early)
+        return make_agent(name, spec)
+
+    comparison = StartSearchConfig(num_starts=16, rounds=2)
+    return Settings(search=tiny, comparison=comparison, make_agent=make_early_agent)
+
+
+@pytest.fixture
+def quick_commands(monkeypatch, quick):
+    """Makes `simtune tune` and `simtune train` quick: no option asks for such settings."""
+    monkeypatch.setattr("simtune.tune.tune", partial(tune, settings=quick))
+    monkeypatch.setattr("simtune.algorithm.train", partial(train, settings=quick))
 
 
 @pytest.fixture

@@ -2,10 +2,10 @@
 
 import json
 import re
+import shlex
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +51,7 @@ class Simtune:
         return status, captured.out, captured.err
 
     def refuses(self, *arguments: object, message: str) -> None:
-        """It must exit with 2, say why in one line, and leave the folder as it was."""
+        """It must exit with 2, name the reason in one line, and leave the folder as it was."""
         before = sorted(self.folder.rglob("*"))
         status, out, err = self(*arguments)
         assert status == 2, err
@@ -259,7 +259,7 @@ def test_episodes_too_short_leave_no_folder(simtune, tmp_path, one_renderer_each
     simtune.refuses("tune", "cartpole", *arguments, message="at least 21 steps, got one of 5")
 
 
-def test_an_out_that_cannot_be_used(simtune, tmp_path, quick_tune):
+def test_an_out_that_cannot_be_used_is_refused(simtune, tmp_path, quick_commands):
     (tmp_path / "file").write_text("x")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").write_text("x")
@@ -284,7 +284,7 @@ def test_an_out_that_cannot_be_used(simtune, tmp_path, quick_tune):
     ],
 )
 def test_failures_exit_with_1_and_one_line(simtune, tmp_path, monkeypatch, error, words):
-    def fail(*_):
+    def fail(*_, **__):
         raise error
 
     monkeypatch.setattr("simtune.tune.tune", fail)
@@ -320,7 +320,7 @@ def test_tasks_lists_every_parameter(simtune):
     assert "kg" in out
 
 
-def test_tune_and_report(simtune, tmp_path, quick_tune):
+def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands):
     out = tmp_path / "run"
     command = ("tune", "cartpole", "--out", out, "--real-episodes", 1, "--budget-minutes", "1e-5")
     status, said, progress = simtune(*command)
@@ -333,7 +333,7 @@ def test_tune_and_report(simtune, tmp_path, quick_tune):
     assert "mean error" in said
     assert str(out / "report.html") in said
     result = json.loads((out / "result.json").read_text())
-    assert result["command"].startswith("simtune tune cartpole --out")
+    assert result["command"] == shlex.join(map(str, ("simtune", *command)))
     (out / "report.html").unlink()
     status, said, err = simtune("report", out)
     assert (status, said, err) == (0, f"{out / 'report.html'}\n", "")
@@ -341,8 +341,8 @@ def test_tune_and_report(simtune, tmp_path, quick_tune):
     simtune.refuses(*command, "--seed", 9, message="seed = 0, now = 9")
 
 
-def test_what_searches_for_nothing_prints_no_estimates_but_its_warnings(
-    simtune, tmp_path, quick_tune
+def test_a_training_that_searches_for_nothing_prints_its_warnings_alone(
+    simtune, tmp_path, quick_commands
 ):
     """One round of random actions: nothing was learnt."""
     rest = ("--policy-steps", 384, "--scored-episodes", 1, "--out", tmp_path / "run")
@@ -366,7 +366,7 @@ def in_a_shell(command: str) -> subprocess.CompletedProcess:
     return subprocess.run(["bash", "-o", "pipefail", "-c", line], capture_output=True, text=True)
 
 
-def test_a_reader_that_has_read_enough_is_no_error_worth_a_traceback():
+def test_a_closed_pipe_causes_no_traceback():
     done = in_a_shell("simtune tasks | head -1")
     assert done.stdout.startswith("ball_in_cup")
     assert done.stderr == ""
@@ -383,7 +383,7 @@ def test_help(simtune, command):
         assert "minutes" in out
 
 
-def test_help_is_quick_since_it_loads_nothing_heavy():
+def test_help_loads_no_heavy_packages():
     code = (
         "import sys; sys.argv = ['simtune', 'tune', '--help']\n"
         "from simtune.cli import main\n"
@@ -391,29 +391,27 @@ def test_help_is_quick_since_it_loads_nothing_heavy():
         "except SystemExit:\n    pass\n"
         "print('loaded', [m for m in ('torch', 'mujoco', 'warp', 'av') if m in sys.modules])"
     )
-    began_s = time.monotonic()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert time.monotonic() - began_s < 2
     assert done.stdout.endswith("loaded []\n")
 
 
 # --- progress -----------------------------------------------------------------------------
 
 
-def test_progress_says_a_line_when_something_new_begins(capsys):
-    with ProgressBar(1e9) as say:
+def test_progress_prints_a_line_when_something_new_begins(capsys):
+    with ProgressBar(1e9) as progress:
         for done in (0.0, 0.1, 0.2):
-            say("learning", done)
-        say("filming", 0.9)
+            progress("learning", done)
+        progress("filming", 0.9)
     lines = capsys.readouterr().err.splitlines()
     assert [line.split("%")[1].strip() for line in lines] == ["learning", "filming"]
     assert all(is_progress(line) for line in lines)
 
 
-def test_progress_never_says_more_than_all(capsys):
-    with ProgressBar(1e-9) as say:
-        say("too late", 0.1)
-        say("done", 1.0)
+def test_progress_never_exceeds_100_percent(capsys):
+    with ProgressBar(1e-9) as progress:
+        progress("too late", 0.1)
+        progress("done", 1.0)
     first, last = capsys.readouterr().err.splitlines()
     assert " 99 %  too late (time is over; what has begun ends first)" in first
     assert "100 %" in last

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -175,18 +176,22 @@ def test_worlds_to_learn_from_are_made_as_of_a_model():
 # --- tuned --------------------------------------------------------------------------------
 
 
-def test_tune_takes_it_and_goes_on(tmp_path, quick_tune, tiny):
-    config = TuneConfig(task=FILE, out=tmp_path / "run", real_episodes=2, budget_minutes=1e9)
-    result = tune(config)
+def test_tune_takes_an_environment_and_resumes(tmp_path, quick):
+    example = shutil.copytree(EXAMPLE, tmp_path / "example")
+    file = example / "tune.toml"
+    file.write_text(file.read_text().replace("episode_steps = 100", "episode_steps = 24"))
+    options = {"task": str(file), "out": tmp_path / "run", "real_episodes": 2}
+    config = TuneConfig(**options, budget_minutes=1e9)
+    result = tune(config, settings=quick)
     assert list(result["parameters"]) == list(SPACE.names)
     assert all("real" in entry for entry in result["parameters"].values())
     assert (config.out / "videos" / "after.mp4").is_file()
-    # Its last iteration once more, from the checkpoint before: to the last bit the same.
+    # Its last round once more, from the checkpoint before: to the last bit the same.
     newest = max((config.out / "checkpoints").iterdir())
     for file in newest.iterdir():
         file.unlink()
     newest.rmdir()
-    again = tune(config)
+    again = tune(config, settings=quick)
     assert read_json(config.out / "result.json")["parameters"] == result["parameters"]
     assert again["sim_steps"] == result["sim_steps"]
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simtune import tune
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.experiment.experiment import build_experiment
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
@@ -108,13 +108,13 @@ def test_the_same_seed_films_the_same_and_another_one_something_else(simulator):
 def test_only_the_simulators_own_pictures_look_like_it(simulator):
     for gap in (None, STILL):
         real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=gap)
-        assert real.looks_like_simulator is (gap is None)
+        assert real.observation.same_renderer is (gap is None)
 
 
 def test_there_is_still_no_way_to_the_parameters(simulator):
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=STILL)
     public = {name for name in dir(real) if not name.startswith("_")}
-    can = {"collect", "run_policy", "step_s", "looks_like_simulator"}
+    can = {"collect", "run_policy", "step_s", "observation"}
     assert public == {*can, "facts"}
     assert real.facts == {}
     for value in vars(real).values():
@@ -152,17 +152,9 @@ def test_a_gap_needs_a_pseudo_real_world(tmp_path):
 
 @pytest.mark.parametrize(("real_gap", "supersampling"), [(False, 1), (True, 2)])
 def test_tuning_averages_over_pixels_where_the_real_camera_does(
-    tmp_path, quick_tune, monkeypatch, real_gap, supersampling
+    tmp_path, quick, monkeypatch, real_gap, supersampling
 ):
-    class Stop(Exception):
-        pass
-
-    def stop(search, simulator, *_):
-        assert simulator.supersampling == supersampling
-        raise Stop
-
-    monkeypatch.setattr(tune, "make_search", stop)
     monkeypatch.setattr(RealityGap, "simulator", lambda _, task: task.simulator(image_size=128))
     config = TuneConfig(task="cartpole", out=Path(tmp_path / "run"), real_gap=real_gap)
-    with pytest.raises(Stop):
-        tune.tune(dataclasses.replace(config, real_episodes=1))
+    experiment = build_experiment(dataclasses.replace(config, real_episodes=1), settings=quick)
+    assert experiment.simulator.supersampling == supersampling

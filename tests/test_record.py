@@ -65,11 +65,11 @@ def test_a_world_has_the_parameters_of_the_file(tmp_path):
     assert abs(changed[..., 0].mean()) < 3
 
 
-def test_a_trained_policy_can_be_filmed(tmp_path, quick_tune):
+def test_a_trained_policy_can_be_filmed(tmp_path, quick):
     run = tmp_path / "run"
     steps = 2 * 16 * STEPS
     settings = {"policy_steps": steps, "real_episodes": 1, "scored_episodes": 1}
-    train(TrainConfig(task="cartpole", out=run, method="oracle", **settings))
+    train(TrainConfig(task="cartpole", out=run, method="oracle", **settings), settings=quick)
     (trajectory,) = read(record(asked(tmp_path / "dataset", episodes=1, policy=str(run))))
     held = trajectory.actions.reshape(-1, 4)
     assert (np.ptp(held, axis=1) > 0).any()  # random actions are held for four steps

@@ -24,7 +24,7 @@ from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.recordings import open_dataset
 from simtune.simulation import DirectActions, JointActions
-from simtune.tasks import Task, load_task
+from simtune.tasks import TASKS, Task, load_task
 from simtune.tune import tune
 
 STEPS = 4
@@ -246,19 +246,16 @@ def test_a_robot_is_moved_by_one_command_at_a_time(file):
 
 
 @pytest.mark.slow
-def test_tune_goes_on_without_the_robot(file, quick_tune, monkeypatch):
-    def load_slow_task(name: str):
-        return replace(TASK, episode_steps=24)
-
-    monkeypatch.setattr("simtune.tune.load_any_task", load_slow_task)
+def test_tune_resumes_without_the_robot(file, quick, monkeypatch):
+    monkeypatch.setitem(TASKS, "cartpole", lambda: replace(TASK, episode_steps=24))
     out = file.parent / "run"
     asked = {"task": "cartpole", "out": out, "real": "lerobot", "robot": file}
     config = TuneConfig(**asked, real_episodes=1, budget_minutes=1e-5, move=True)
-    result = tune(config)
+    result = tune(config, settings=quick)
     assert (result["real"], result["real_episodes"]) == ("lerobot", 1)
     assert (out / "report.html").is_file()
     made = len(fake_lerobot.latest)
-    tune(replace(config, move=False, budget_minutes=1e-4))
+    tune(replace(config, move=False, budget_minutes=1e-4), settings=quick)
     assert len(fake_lerobot.latest) == made
 
 

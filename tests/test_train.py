@@ -8,40 +8,42 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
+from other_keypoints import find_others
 
 from simtune.agents import Agent, AgentSpec, Observation, make_agent
-from simtune.agents.curl_sac import CurlSacConfig
-from simtune.agents.drqv2 import DrqV2Config
+from simtune.agents.curl_sac import CurlSac, CurlSacConfig
+from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
-from simtune.evaluate import evaluate, trained_parts
-from simtune.parts import make_parts
+from simtune.evaluate import evaluate, load_trained
+from simtune.experiment.run import Run
+from simtune.experiment.settings import Settings
+from simtune.experiment.training_experiment import build_training
 from simtune.randomization import Distribution
-from simtune.real.closed import ClosedReal
 from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.recordings import write_dataset
-from simtune.run import RunFolder, checkpoint, read_json, read_jsonl
+from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
-from simtune.schedule import SCHEDULES, Schedule, fast, paper
+from simtune.schedule import Schedule, fast, paper
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import load_task
-from simtune.tuning.search import unsure
+from simtune.tuning.search import Round, unsure
+from simtune.vision.keypoints import Keypoints, find_keypoints
 
 TASK = load_task("cartpole")
 SPACE = TASK.parameters
-STEPS = 24  # of an episode, by the fixture quick_tune
+STEPS = 24  # of an episode, by the fixture `quick`
 
 
-def asked(out: Path, **changes) -> TrainConfig:
+def config_of(out: Path, **changes) -> TrainConfig:
     config = TrainConfig(
         task="cartpole", out=out, policy_steps=4 * 16 * STEPS, real_episodes=2, scored_episodes=2
     )
@@ -71,11 +73,11 @@ class Players:
         self.calls.append(f"real: {num} of the policy")
         return ["policy"] * num
 
-    def iterate(self, real, deadline_s):
+    def run_round(self, real, budget):
         self.calls.append(f"search in {len(real)}, the latest of a {real[0]}")
         mean = 1.1 * self.distribution.mean
         self.distribution = Distribution.proportional(SPACE, SPACE.clip(mean), 0.5)
-        return unsure(self.distribution, "weak"), [], {}
+        return Round(unsure(self.distribution, "weak"), [], {})
 
     def play(self, policy, parameters, rng, film):
         self.calls.append("play")
@@ -104,8 +106,12 @@ def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_f
         num_worlds=3,
         image_size=16,
     )
-    parts = SimpleNamespace(
+    experiment = SimpleNamespace(
+        config=config_of(path / "run", **asked_for),
+        settings=Settings(),
+        run_config={},
         task=dataclasses.replace(TASK, episode_steps=STEPS),
+        simulator=players.simulator,
         space=SPACE,
         schedule=schedule,
         real=players,
@@ -114,12 +120,12 @@ def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_f
         environment=players,
         replay=players,
         start=SPACE.nominal,
-        range_policy=0.1,
-        saved=lambda: ({}, {}),
+        tensors=dict,
+        state=dict,
     )
-    with pytest.MonkeyPatch.context() as patch, RunFolder.create(path / "run", {}) as run:
+    with pytest.MonkeyPatch.context() as patch, Run(experiment) as run:
         patch.setattr(RunFolder, "write_real", lambda *_: None)
-        training = Training(asked(path, **asked_for), parts, run, lambda *_: None)
+        training = Training(experiment, run)
         training.carry_out()
     return training
 
@@ -152,7 +158,7 @@ def test_the_order_of_calls_is_that_of_algorithm_1(tmp_path):
         assert (worlds >= moved(moves) * 0.9 - 1e-12).all()
 
 
-def test_a_policy_that_was_trained_before_is_what_looks_at_the_real_world_first(tmp_path):
+def test_a_pretrained_policy_acts_in_the_first_real_episodes(tmp_path):
     players = Players()
     carried_out(players, tmp_path, pretrain_steps=STEPS * 3 * 20)
     learning = ["play", "store", f"learn from {3 * STEPS}"]
@@ -170,22 +176,22 @@ def test_a_policy_that_was_trained_before_is_what_looks_at_the_real_world_first(
     before = np.concatenate(players.seen_worlds[:20]) / SPACE.nominal
     assert before.min() >= 0.5
     assert before.min() < 0.7
-    # Where nobody can act, as in recordings, it takes what there is.
+    # Where no policy can act, as in recordings, it takes what there is.
     players = Players()
     players.run_policy = lambda *_: []
     carried_out(players, tmp_path / "recordings", pretrain_steps=STEPS * 3)
     assert "real: 4 random" in players.calls
 
 
-def test_who_has_learnt_nothing_of_pictures_yet_is_not_tried_out(tmp_path):
+def test_a_policy_that_has_not_begun_to_learn_is_not_tried_in_the_real_world(tmp_path):
     players = Players()
     players.update = lambda *_: {}  # it is still at school
     training = carried_out(players, tmp_path, pretrain_steps=3 * STEPS)
     assert [call for call in players.calls if call.startswith("real")] == ["real: 4 random"]
-    assert training.num_untried == 2
+    assert training.num_skipped == 2
 
 
-def test_what_was_learnt_in_worlds_far_from_here_can_be_forgotten(tmp_path):
+def test_episodes_of_worlds_out_of_range_are_dropped_where_asked(tmp_path):
     players = Players()
     players.drop_far = lambda low, high: players.calls.append((low, high))
     carried_out(players, tmp_path, drop_far=True)
@@ -200,16 +206,16 @@ def test_what_was_learnt_in_worlds_far_from_here_can_be_forgotten(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_training_on_recordings(tmp_path, quick_tune):
+def test_a_training_on_recordings_scores_nothing(tmp_path, quick):
     simulator = load_task("cartpole").simulator(image_size=64)
     real = Truth(SPACE, SPACE.nominal).make_real(simulator, episode_steps=STEPS, seed=0)
     names = {"action_names": ["slide"], "robot_type": "cartpole", "task": "balance"}
     write_dataset(tmp_path / "dataset", real.collect(2), **names)
     dataset, out = str(tmp_path / "dataset"), tmp_path / "run"
-    result = train(asked(out, real=dataset, policy_steps=16 * STEPS))
+    result = train(config_of(out, real=dataset, policy_steps=16 * STEPS), settings=quick)
     assert result["real_episodes"] == 2
     assert result["recordings"]["steps"] == 2 * STEPS
-    assert "return" not in result  # nobody can act there
+    assert "return" not in result  # no policy can act there
     stored = read_json(out / "config.json")["config"]["recordings"]
     assert stored == {"dataset_hash": result["recordings"]["dataset_hash"]}
 
@@ -220,17 +226,17 @@ def test_recordings_that_are_too_short_are_refused_before_anything_is_written(tm
     names = {"action_names": ["slide"], "robot_type": "cartpole", "task": "balance"}
     write_dataset(tmp_path / "dataset", real.collect(2), **names)
     with pytest.raises(InputError, match="needs episodes of at least 21 steps, got one of 8"):
-        train(asked(tmp_path / "run", real=str(tmp_path / "dataset")))
+        train(config_of(tmp_path / "run", real=str(tmp_path / "dataset")))
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("method", ["autotune", "regression", "dr", "oracle"])
-def test_the_run_folder_keeps_its_contract(method, tmp_path, quick_tune, monkeypatch):
+def test_a_run_folder_keeps_its_contract(method, tmp_path, quick):
     out = tmp_path / "run"
-    if method == "regression":
-        monkeypatch.setattr("simtune.presets.PaperConfig", few_windows)
-        monkeypatch.setitem(SCHEDULES, "fast", one_move)  # a few small steps, not forty
-    result = train(asked(out, method=method))
+    config, settings = config_of(out, method=method), quick
+    if method == "regression":  # a few small steps, not forty
+        settings = dataclasses.replace(quick, search=FEW_WINDOWS, schedule=one_round(config))
+    result = train(config, settings=settings)
     assert result["method"] == method
     assert result["policy_steps"] == 4 * 16 * STEPS
     assert set(result["return"]) == {"mean", "std", "episodes"}
@@ -250,23 +256,34 @@ def test_the_run_folder_keeps_its_contract(method, tmp_path, quick_tune, monkeyp
     assert result["real_episodes"] == (2 + 2 if method in ("autotune", "regression") else 0)
 
 
-def few_windows(**settings):
-    settings |= {"episode_steps": STEPS, "collect_steps": 0, "batch_size": 2, "num_candidates": 4}
-    settings |= {"updates_per_episode": 1, "hidden_size": 8}
-    return PaperConfig(**settings)
+FEW_WINDOWS = PaperConfig(
+    episode_steps=STEPS,
+    collect_steps=0,
+    crop_size=56,
+    episodes_per_iteration=5,
+    updates_per_episode=1,
+    batch_size=2,
+    num_candidates=4,
+    hidden_size=8,
+)
 
 
-def one_move(*asked_for, **settings):
-    return dataclasses.replace(fast(*asked_for, **settings), searches=(1, 1))
+def one_round(config: TrainConfig) -> Schedule:
+    """The preset's schedule, with one round of the search in each cycle."""
+    schedule = fast(config.policy_steps, config.real_episodes, many_searches=True)
+    return dataclasses.replace(schedule, searches=(1, 1))
 
 
-def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick_tune):
+def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
     """By a reward of the user's own; the example's grows with the bob's height."""
     example = Path(__file__).parent.parent / "examples" / "cart_pendulum"
     for name in ("tune.toml", "scene.xml", "policy.py"):
         shutil.copy(example / name, tmp_path / name)
     tune, out = tmp_path / "tune.toml", tmp_path / "run"
-    result = train(asked(out, task=str(tune), method="dr", policy_steps=3 * 16 * STEPS))
+    short = f'name = "cart_pendulum"\nepisode_steps = {STEPS}\n'
+    tune.write_text(tune.read_text().replace('name = "cart_pendulum"\n', short))
+    config = config_of(out, task=str(tune), method="dr", policy_steps=3 * 16 * STEPS)
+    result = train(config, settings=quick)
     assert 0 < result["return"]["mean"] < STEPS
     again = EvaluateConfig(run_folder=out, episodes=2, seed=0)
     assert evaluate(again) == result["return"]
@@ -277,87 +294,88 @@ def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick_tune):
 
 
 @pytest.mark.parametrize("agent", ["curl_sac", "drqv2"])
-def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick_tune, monkeypatch):
+def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick):
     few = {"hidden_size": 8, "batch_size": 2, "random_steps": 16 * STEPS, "update_every": 4 * STEPS}
-    monkeypatch.setattr("simtune.agents.DrqV2Config", partial(DrqV2Config, **few))
-    monkeypatch.setattr("simtune.agents.CurlSacConfig", partial(CurlSacConfig, **few))
-    result = train(asked(tmp_path / "run", method="dr", agent=agent, policy_steps=3 * 16 * STEPS))
+
+    def make_small(name: str, spec: AgentSpec) -> Agent:
+        if name == "drqv2":
+            config = DrqV2Config(image_size=64, noise_steps=1, **few)
+            return DrqV2(spec.num_actions, config, seed=spec.seed)
+        config = CurlSacConfig(image_size=64, crop_size=54, **few)
+        return CurlSac(spec.num_actions, config, seed=spec.seed)
+
+    config = config_of(tmp_path / "run", method="dr", agent=agent, policy_steps=3 * 16 * STEPS)
+    result = train(config, settings=dataclasses.replace(quick, make_agent=make_small))
     assert result["warnings"] == []
     last = read_jsonl(tmp_path / "run" / "metrics.jsonl")[-1]
     assert np.isfinite(last["critic_loss"])
 
 
-def test_ranges_are_those_asked_for(tmp_path, quick_tune):
+def test_ranges_are_those_asked_for(tmp_path, quick):
     ranges = {"range_policy": 0.02, "range_dr": 0.3, "range_spm": 0.4, "step_size": 0.07}
 
     def training(**changes) -> Training:
-        config = asked(tmp_path, **ranges, **changes)
-        training = Training(config, make_parts(config, lambda *_: None), None, lambda *_: None)
-        training.num_looks = 1
+        usual = dataclasses.replace(quick, search=None)
+        experiment = build_training(config_of(tmp_path, **ranges, **changes), settings=usual)
+        training = Training(experiment, run=None)
+        training.num_filmings = 1
         return training
 
     for method, around, half in (("dr", 0.5, 0.3), ("oracle", 1, 0.0), ("autotune", 0.5, 0.02)):
         found = training(method=method)
-        mean = SPACE.nominal if around == 1 else found.parts.start
+        mean = SPACE.nominal if around == 1 else found.experiment.start
         assert (np.abs(mean / SPACE.nominal - 1) > 0.2).any() == (around != 1)
         distribution = found.distribution_policy
         np.testing.assert_allclose(distribution.low, SPACE.clip((1 - half) * mean))
         np.testing.assert_allclose(distribution.high, SPACE.clip((1 + half) * mean))
     pretraining = training(method="autotune")
-    pretraining.num_looks = 0
-    start = pretraining.parts.start
+    pretraining.num_filmings = 0
+    start = pretraining.experiment.start
     np.testing.assert_allclose(pretraining.distribution_policy.low, SPACE.clip(0.7 * start))
-    config = training(method="regression").parts.search.config
+    config = training(method="regression").experiment.search.config
     assert (config.step_size, config.range_spm) == (0.07, 0.4)
 
 
-def test_nothing_is_scored_on_what_was_tuned_with(tmp_path):
+def test_scored_episodes_start_elsewhere_than_all_others(tmp_path):
     """Every episode begins elsewhere: looked at, tried out, scored."""
-    config = asked(tmp_path, task="ball_in_cup", method="oracle")
-    parts = make_parts(config, lambda *_: None)
+    config = config_of(tmp_path, task="ball_in_cup", method="oracle")
+    experiment = build_training(config)
     scored = []
 
-    def play(*args, play=parts.environment.play):
+    def play(*args, play=experiment.environment.play):
         scored.append(play(*args))
         return scored[-1]
 
-    parts.environment.play = play
-    parts.score(parts.space.nominal, 3, seed=config.seed)
-    still = np.zeros((2, parts.environment.simulator.num_actions))
-    seen = parts.real.collect(3)
+    experiment.environment.play = play
+    experiment.score(experiment.space.nominal, 3, seed=config.seed)
+    still = np.zeros((2, experiment.simulator.num_actions))
+    seen = experiment.real.collect(3)
     for cycle in (0, 1):
-        seen += parts.real.run_policy(lambda frames: still, 3, 2, cycle)
+        seen += experiment.real.run_policy(lambda frames: still, 3, 2, cycle)
     first = [*scored[0].frames[:, 0], *(trajectory.frames[0] for trajectory in seen)]
     assert len({frame.tobytes() for frame in first}) == 3 + 3 + 4
 
 
-def test_of_recordings_all_are_taken_where_no_number_is_asked_for(tmp_path, quick_tune):
+def test_all_recordings_are_taken_where_no_number_is_asked_for(tmp_path, quick):
     simulator = load_task("cartpole").simulator(image_size=64)
     real = Truth(SPACE, SPACE.nominal).make_real(simulator, episode_steps=STEPS, seed=0)
     names = {"action_names": ["slide"], "robot_type": "cartpole", "task": "balance"}
     write_dataset(tmp_path / "dataset", real.collect(3), **names)
-    config = asked(tmp_path / "run", real=str(tmp_path / "dataset"), real_episodes=None)
-    assert make_parts(config, lambda *_: None).schedule.real_episodes == (3, 2)
+    config = config_of(tmp_path / "run", real=str(tmp_path / "dataset"), real_episodes=None)
+    assert build_training(config, settings=quick).schedule.real_episodes == (3, 2)
     with pytest.raises(InputError, match="5 episodes asked for, it holds 3; ask for 1 to 3"):
-        make_parts(dataclasses.replace(config, real_episodes=5), lambda *_: None)
+        build_training(dataclasses.replace(config, real_episodes=5), settings=quick)
 
 
-def test_a_former_training_has_steps_and_pictures_as_it_had(tmp_path, quick_tune):
-    parts = make_parts(asked(tmp_path), lambda *_: None, ClosedReal(0.05))
-    assert parts.environment.simulator.step_s == 0.05
-    assert parts.environment.simulator.supersampling == 2  # as for what a camera films
-    assert parts.truth is None
-
-
-def test_what_came_too_early_is_told(tmp_path, quick_tune):
-    parts = make_parts(asked(tmp_path, method="dr"), lambda *_: None)
-    assert parts.doubts([], 0) == ["the policy had not begun to learn: give more --policy-steps"]
-    ready = dataclasses.replace(parts, agent=SimpleNamespace(can_act=True))
-    assert ready.doubts([], 0) == []
-    assert "when the real world was to see it" in ready.doubts([], 1)[0]
-    of_recordings = RecordedReal.__new__(RecordedReal)  # where nobody can be tried out
-    of_recordings._collected = []
-    assert dataclasses.replace(ready, real=of_recordings).doubts([], 1) == []
+def test_a_policy_that_begins_to_learn_too_late_is_warned_of(tmp_path, quick):
+    experiment = build_training(config_of(tmp_path, method="dr"), settings=quick)
+    too_few = "the policy had not begun to learn: give more --policy-steps"
+    assert experiment.policy_warnings(0) == [too_few]
+    ready = dataclasses.replace(experiment, agent=SimpleNamespace(can_act=True))
+    assert ready.policy_warnings(0) == []
+    assert "when the real world was to see it" in ready.policy_warnings(1)[0]
+    of_recordings = RecordedReal(dataset=None)  # where no policy can act
+    assert dataclasses.replace(ready, real=of_recordings).policy_warnings(1) == []
 
 
 @pytest.mark.parametrize(
@@ -377,14 +395,14 @@ def test_what_came_too_early_is_told(tmp_path, quick_tune):
 def test_wrong_input_is_refused_and_nothing_is_written(changes, message, tmp_path):
     out = tmp_path / "run"
     with pytest.raises(InputError, match=message):
-        train(asked(out, **changes))
+        train(config_of(out, **changes))
     assert not out.exists()
 
 
 @pytest.mark.parametrize("task", ["cartpole", "rope_peg"])
 def test_a_search_simulates_episodes_as_long_as_the_real_ones(task, tmp_path):
-    config = asked(tmp_path / "run", task=task, method="regression", real_parameters=None)
-    search = make_parts(config, lambda *_: None).search
+    config = config_of(tmp_path / "run", task=task, method="regression", real_parameters=None)
+    search = build_training(config).search
     assert search.config.episode_steps == load_task(task).episode_steps
 
 
@@ -396,31 +414,31 @@ def test_the_presets_schedules(tmp_path):
     assert fast(48_000, 5, 0, many_searches=False).real_episodes == (5, 0)
     assert paper(120_000, 5, many_searches=True).real_episodes == (5, 5, 5)
     assert paper(120_000, 5, 1, many_searches=True).real_episodes == (5, 1, 1)
-    config = asked(tmp_path, preset="paper", policy_steps=None)
-    parts = make_parts(config, lambda *_: None)
-    assert parts.schedule.total_steps == pytest.approx(500_000, abs=50)
-    assert len(parts.schedule.policy_steps) == 12  # 40k steps each, about
-    search = parts.search.config
+    config = config_of(tmp_path, preset="paper", policy_steps=None)
+    experiment = build_training(config)
+    assert experiment.schedule.total_steps == pytest.approx(500_000, abs=50)
+    assert len(experiment.schedule.policy_steps) == 12  # 40k steps each, about
+    search = experiment.search.config
     assert search.collect_steps == search.pretrain_steps == 50_000
-    # The first call collects as well; so many that do not move come first, then 40 that do.
+    # The first call collects as well; rounds that do not move come first, then 40 that do.
     steps_per_call = search.episodes_per_iteration * search.episode_steps
-    assert parts.schedule.searches[0] == 50_000 / steps_per_call + 40
-    short = make_parts(dataclasses.replace(config, task="rope_peg"), lambda *_: None).search.config
+    assert experiment.schedule.searches[0] == 50_000 / steps_per_call + 40
+    short = build_training(dataclasses.replace(config, task="rope_peg")).search.config
     assert short.episode_steps == 60
     assert short.episodes_per_iteration * short.episode_steps == pytest.approx(2000, rel=0.02)
 
 
-def test_a_real_world_that_has_other_parameters_now_is_noticed(tmp_path, quick_tune):
+def test_a_real_world_with_changed_parameters_is_refused(tmp_path, quick):
     truth = tmp_path / "real.json"
     truth.write_text('{"body_r": 0.6}')  # twice or half of either is 1, or hardly differs
-    config = asked(tmp_path / "run", method="dr", real_parameters=truth)
-    train(config)
+    config = config_of(tmp_path / "run", method="dr", real_parameters=truth)
+    train(config, settings=quick)
     scores = evaluate(EvaluateConfig(run_folder=config.out, episodes=2))
     truth.write_text('{"body_r": 0.8}')
     with pytest.raises(InputError, match="has other values now"):
         evaluate(EvaluateConfig(run_folder=config.out, episodes=2))
     with pytest.raises(InputError, match="truth"):
-        train(config)
+        train(config, settings=quick)
     truth.write_text('{"body_r": 0.6}')
     assert evaluate(EvaluateConfig(run_folder=config.out, episodes=2)) == scores
 
@@ -451,14 +469,9 @@ def assert_same(one: Path, other: Path) -> None:
     assert state == other_state
 
 
-def without_step(loaded: tuple) -> tuple:
-    tensors, state = loaded
-    return tensors, {key: value for key, value in state.items() if key != "step_s"}
-
-
-def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_tune, monkeypatch):
-    monkeypatch.setattr("simtune.algorithm._CHECKPOINT_EVERY_S", 0.0)
-    train(asked(tmp_path / "straight"))
+def test_a_stopped_run_resumes_to_the_same_result(tmp_path, quick):
+    settings = dataclasses.replace(quick, checkpoint_every_s=0.0)
+    train(config_of(tmp_path / "straight"), settings=settings)
     interrupted_at = []
 
     def interrupt(doing: str, done: float) -> None:
@@ -470,25 +483,25 @@ def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_t
     out = tmp_path / "stopped"
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
-            train(asked(out), interrupt)
-    train(asked(out), interrupt)
+            train(config_of(out), interrupt, settings)
+    train(config_of(out), interrupt, settings)
     assert_same(tmp_path / "straight", out)
 
     # And what `evaluate` makes of it, from the checkpoint alone: on the same episodes the same.
-    again = evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=asked(out).seed))
+    again = evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=config_of(out).seed))
     assert again == read_json(out / "result.json")["return"]
     with pytest.raises(InputError, match=r"is no folder that `simtune train` wrote"):
         evaluate(EvaluateConfig(run_folder=tmp_path / "nowhere"))
 
-    # Where it was a robot's, nobody asks the robot, here one of which there is no file.
+    # A training of a robot is loaded without asking the robot, here one without its file.
     stored = read_json(out / "config.json")
     stored["config"] |= {"real": "xarm", "robot": "gone.toml", "truth": None}
     (out / "config.json").write_text(json.dumps(stored))
-    assert trained_parts(out).agent.can_act
-    # Earlier versions did not store how long a step was.
-    checkpoint_load = checkpoint.load
-    monkeypatch.setattr(checkpoint, "load", lambda path: without_step(checkpoint_load(path)))
-    assert trained_parts(out).environment.simulator.step_s == TASK.step_s
+    trained = load_trained(out)
+    assert trained.agent.can_act
+    assert trained.simulator.step_s == TASK.step_s
+    assert trained.simulator.supersampling == 2  # as for what a camera films
+    assert trained.truth is None
     with pytest.raises(InputError, match="is of the real world, where no return is known"):
         evaluate(EvaluateConfig(run_folder=out))
     (tmp_path / "world.json").write_text("{}")
@@ -496,8 +509,47 @@ def test_a_run_that_was_stopped_goes_on_as_if_nothing_had_been(tmp_path, quick_t
     assert evaluate(world)["mean"] > 0
 
 
+def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, quick, monkeypatch):
+    seeds, num_keypoints = [], []
+
+    def find(simulator, camera, distribution, seed) -> Keypoints:
+        """Another seed may choose others; each but 0 does here."""
+        seeds.append(seed)
+        choose = find_others if seed else find_keypoints
+        return choose(simulator, camera, distribution, seed)
+
+    def make_agent(name: str, spec: AgentSpec) -> Agent:
+        num_keypoints.append(spec.num_keypoints)
+        return quick.make_agent(name, spec)
+
+    monkeypatch.setattr("simtune.experiment.experiment.find_keypoints", find)
+    settings = dataclasses.replace(quick, make_agent=make_agent)
+    experiment = build_training(config_of(tmp_path / "run", seed=5), settings=settings)
+    assert seeds == [5]
+    chosen = experiment.keypoints.state()
+    assert experiment.environment.keypoints.state() == chosen
+    assert experiment.search.context.keypoints.state() == chosen
+    assert num_keypoints == [len(experiment.keypoints)]
+
+
+def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(tmp_path, quick, monkeypatch):
+    """Where `find_keypoints` would choose others, as it may on another machine."""
+    config = config_of(tmp_path / "run", policy_steps=2 * 16 * STEPS)
+    train(config, settings=quick)
+    begun = load(newest(config.out / "checkpoints"))[1]["keypoints"]
+    monkeypatch.setattr("simtune.experiment.experiment.find_keypoints", find_others)
+    new = build_training(config_of(tmp_path / "new"), settings=quick)
+    assert new.environment.keypoints.state() != begun
+    resumed = build_training(config, settings=quick)
+    with Run(resumed) as run:
+        run.resume()
+    for experiment in (resumed, load_trained(config.out)):
+        assert experiment.environment.keypoints.state() == begun
+        assert experiment.search.context.keypoints.state() == begun
+
+
 @pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.slow)])
-def test_killed_at_random_moments_it_loses_nothing(kills, tmp_path):
+def test_a_run_killed_at_random_moments_loses_nothing(kills, tmp_path):
     """SIGKILL, which nothing can catch, in a process of its own, whenever it has got on."""
     rng, rounds = random.Random(0), 3 + 2 * kills
 

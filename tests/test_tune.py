@@ -8,27 +8,33 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from other_keypoints import find_others
 
-from simtune import comparison, outcome, tune
+from simtune import comparison, outcome, tuning
+from simtune.comparison import StartSearchConfig
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.experiment.experiment import build_experiment
+from simtune.observation import ObservationModel
 from simtune.parameters import Parameter
 from simtune.real.choose import choose_real, read_parameters
 from simtune.real.pseudo import PseudoReal
 from simtune.real.truth import Truth
 from simtune.recordings import decode, write_dataset
 from simtune.run import read_json, read_jsonl
+from simtune.run.checkpoint import load_state, newest
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
-from simtune.tuning import posterior
-from simtune.tuning.search import Estimate, Event
+from simtune.tune import tune
+from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.search import Estimate, Event, Round
 
 SPACE = load_task("cartpole").parameters
 NO_HURRY = 1e9  # minutes: the updates end the training, not the time
 TRUTH = {"pole_mass": 0.15, "body_r": 0.4, "ground_g": 0.8}
 
 
-def asked(out: Path, **changes) -> TuneConfig:
+def config_of(out: Path, **changes) -> TuneConfig:
     config = TuneConfig(task="cartpole", out=out, real_episodes=2, budget_minutes=NO_HURRY, seed=3)
     return dataclasses.replace(config, **changes)
 
@@ -60,8 +66,8 @@ def keeps_the_contract(entry: dict, parameter: Parameter) -> None:
 
 
 def metrics_keep_the_contract(lines: list[dict], result: dict) -> None:
-    """What metrics.jsonl says of two iterations."""
-    assert [line["iteration"] for line in lines] == [1, 2]
+    """What metrics.jsonl says of two rounds."""
+    assert [line["round"] for line in lines] == [1, 2]
     assert list(lines[0]) == list(lines[1])
     assert list(lines[0])[:3] == ["step", "real_episodes", "wall_s"]
     for column in ("mean", "low", "high", "range_low", "range_high"):
@@ -73,25 +79,26 @@ def metrics_keep_the_contract(lines: list[dict], result: dict) -> None:
     assert not any("percent_error" in key or "real/" in key for key in lines[0])
 
 
-def test_the_run_folder_keeps_its_contract(tmp_path, truth_file, quick_tune, monkeypatch):
-    def eventful(*args):
-        moved, _ = move(*args)
-        return moved, [Event("widened", "pole_mass", 0.1, 0.2, "the edge")]
+def test_a_run_folder_keeps_its_contract(tmp_path, truth_file, quick, monkeypatch):
+    def run_eventful_round(*given) -> Round:
+        event = Event("widened", "pole_mass", 0.1, 0.2, "the edge")
+        return run_round(*given)._replace(events=[event])
 
-    move = posterior.move
-    monkeypatch.setattr(posterior, "move", eventful)
+    run_round = PosteriorSearch.run_round
+    monkeypatch.setattr(PosteriorSearch, "run_round", run_eventful_round)
     out = tmp_path / "runs" / "a"
-    said: list[tuple[str, float]] = []
-    config = asked(out, real_parameters=truth_file)
-    returned = tune.tune(config, lambda *words: said.append(words))
+    reported: list[tuple[str, float]] = []
+    config = config_of(out, real_parameters=truth_file)
+    returned = tune(config, lambda *words: reported.append(words), quick)
 
     result = read_json(out / "result.json")
     assert result == json.loads(json.dumps(returned))
-    facts = {"task": "cartpole", "method": "autotune", "search": "posterior", "seed": 3}
-    assert {key: result[key] for key in facts} == facts
+    metadata = {"task": "cartpole", "method": "autotune", "search": "posterior", "seed": 3}
+    assert {key: result[key] for key in metadata} == metadata
+    assert "command" not in result  # there is none where Python calls
     assert result["real_episodes"] == 2
     assert isinstance(result["sim_steps"], int)
-    assert result["sim_steps"] >= 2 * 16 * 2 * 24  # iterations, worlds, episodes, steps
+    assert result["sim_steps"] >= 2 * 16 * 2 * 24  # rounds, worlds, episodes, steps
     assert isinstance(result["wall_s"], float)
     assert list(result["parameters"]) == list(SPACE.names)
     for parameter in SPACE:
@@ -119,18 +126,18 @@ def test_the_run_folder_keeps_its_contract(tmp_path, truth_file, quick_tune, mon
     assert list((out / "tensorboard").glob("events.out.tfevents.*"))
     report = (out / "report.html").read_text()
     assert all(name in report for name in SPACE.names)
-    assert "iteration 1:" in report  # the history of the estimates
-    assert "iteration 2:" in report
+    assert "round 1:" in report  # the history of the estimates
+    assert "round 2:" in report
     stored = read_json(out / "config.json")["config"]
     assert stored["task"] == "cartpole"
     assert stored["seed"] == 3
     assert "real" not in stored["parameters"]["pole_mass"]
-    shares = [done for _, done in said]
+    shares = [done for _, done in reported]
     assert shares[0] == 0
     assert shares[-1] == 1
 
 
-def test_a_run_on_recordings(tmp_path, quick_tune):
+def test_a_run_on_recordings_replays_them(tmp_path, quick, monkeypatch):
     task = load_task("cartpole")
     real = Truth(SPACE, SPACE.nominal).make_real(
         task.simulator(image_size=64), episode_steps=24, seed=0
@@ -145,14 +152,14 @@ def test_a_run_on_recordings(tmp_path, quick_tune):
     )
     played = []
 
-    def spy(search, real, deadline_s):
+    def spy(search, real, budget) -> Round:
         played.append(real)
-        return iterate(search, real, deadline_s)
+        return run_round(search, real, budget)
 
-    with pytest.MonkeyPatch.context() as patch:
-        iterate = posterior.PosteriorSearch.iterate
-        patch.setattr(posterior.PosteriorSearch, "iterate", spy)
-        result = tune.tune(asked(tmp_path / "run", real=str(tmp_path / "dataset")))
+    run_round = PosteriorSearch.run_round
+    monkeypatch.setattr(PosteriorSearch, "run_round", spy)
+    config = config_of(tmp_path / "run", real=str(tmp_path / "dataset"))
+    result = tune(config, settings=quick)
     assert len(played[0]) == result["real_episodes"] == 2
     for got, expected in zip(played[0], trajectories, strict=False):
         np.testing.assert_array_equal(got.actions, expected.actions)
@@ -169,10 +176,10 @@ def test_a_run_on_recordings(tmp_path, quick_tune):
     assert (tmp_path / "run" / "report.html").is_file()
 
 
-def test_recordings_that_changed_are_noticed(tmp_path, quick_tune):
+def test_changed_recordings_are_refused(tmp_path, quick):
     world = Truth(SPACE, SPACE.nominal)
     simulator = load_task("cartpole").simulator(image_size=64)
-    config = asked(tmp_path / "run", real=str(tmp_path / "dataset"), real_episodes=1)
+    config = config_of(tmp_path / "run", real=str(tmp_path / "dataset"), real_episodes=1)
     for seed in range(2):
         real = world.make_real(simulator, episode_steps=24, seed=seed)
         shutil.rmtree(tmp_path / "dataset", ignore_errors=True)
@@ -184,9 +191,9 @@ def test_recordings_that_changed_are_noticed(tmp_path, quick_tune):
             task="balance",
         )
         if seed == 0:
-            before = tune.tune(config)
+            before = tune(config, settings=quick)
     with pytest.raises(InputError, match=r"recordings\.dataset_hash = '.*', now = '"):
-        tune.tune(config)
+        tune(config, settings=quick)
     assert json.loads((tmp_path / "run" / "result.json").read_text()) == before
 
 
@@ -197,8 +204,8 @@ def without_time(lines: list[dict]) -> list[dict]:
     return [{k: v for k, v in line.items() if k != "wall_s"} for line in lines]
 
 
-def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path, quick_tune):
-    straight = tune.tune(asked(tmp_path / "straight"))
+def test_an_interrupted_run_resumes_to_the_same_result(tmp_path, quick):
+    straight = tune(config_of(tmp_path / "straight"), settings=quick)
 
     def interrupt(doing: str, done: float) -> None:
         if doing.startswith("2/2"):
@@ -206,10 +213,10 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path, quick_tune)
 
     out = tmp_path / "resumed"
     with pytest.raises(KeyboardInterrupt):
-        tune.tune(asked(out), interrupt)
+        tune(config_of(out), interrupt, quick)
     assert not (out / "result.json").exists()
     assert len(read_jsonl(out / "metrics.jsonl")) == 1
-    resumed = tune.tune(asked(out))
+    resumed = tune(config_of(out), settings=quick)
     assert resumed["parameters"] == straight["parameters"]
     assert resumed["sim_steps"] == straight["sim_steps"]
     for name in ("metrics.jsonl", "events.jsonl"):
@@ -218,15 +225,15 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(tmp_path, quick_tune)
     wall_s = [line["wall_s"] for line in read_jsonl(out / "metrics.jsonl")]
     assert wall_s[0] < wall_s[1] <= resumed["wall_s"] + 0.1
 
-    # And once more, when all is done: the same result, without another iteration.
-    again = tune.tune(asked(out))
+    # And once more, when all is done: the same result, without another round.
+    again = tune(config_of(out), settings=quick)
     assert again["parameters"] == straight["parameters"]
     assert len(read_jsonl(out / "metrics.jsonl")) == 2
 
 
-def test_another_question_is_refused_in_the_same_folder(tmp_path, truth_file, quick_tune):
+def test_another_configuration_is_refused_in_the_same_folder(tmp_path, truth_file, quick):
     out = tmp_path / "run"
-    tune.tune(asked(out, budget_minutes=1e-6))
+    tune(config_of(out, budget_minutes=1e-6), settings=quick)
     before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
     for changes, word in (
         ({"seed": 4}, "seed = 3, now = 4"),
@@ -234,20 +241,38 @@ def test_another_question_is_refused_in_the_same_folder(tmp_path, truth_file, qu
         ({"real_parameters": truth_file}, "real_parameters|parameters"),
     ):
         with pytest.raises(InputError, match=word):
-            tune.tune(asked(out, **changes))
+            tune(config_of(out, **changes), settings=quick)
     after = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
     assert before == after
 
 
-def test_time_that_is_over_ends_after_one_iteration(tmp_path, quick_tune):
-    tune.tune(asked(tmp_path / "run", budget_minutes=1e-6))
+def test_a_run_whose_time_is_over_ends_after_one_round(tmp_path, quick):
+    config = config_of(tmp_path / "run", budget_minutes=1e-6)
+    first = tune(config, settings=quick)
     assert len(read_jsonl(tmp_path / "run" / "metrics.jsonl")) == 1
+    again = tune(config, settings=quick)
+    assert len(read_jsonl(tmp_path / "run" / "metrics.jsonl")) == 1
+    assert again["parameters"] == first["parameters"]
+    tune(config_of(tmp_path / "run"), settings=quick)  # more time: it goes on
+    assert len(read_jsonl(tmp_path / "run" / "metrics.jsonl")) == 2
+
+
+def test_a_resumed_search_keeps_the_keypoints_it_was_trained_with(tmp_path, quick, monkeypatch):
+    tune(config_of(tmp_path / "run", budget_minutes=1e-6), settings=quick)
+    module = "simtune.experiment.experiment"
+    monkeypatch.setattr(f"{module}.find_keypoints", find_others)
+    resumed = build_experiment(config_of(tmp_path / "run"), settings=quick)
+    new = build_experiment(config_of(tmp_path / "new"), settings=quick)
+    assert resumed.keypoints.state() != new.keypoints.state()
+    assert resumed.search.context.keypoints.state() == resumed.keypoints.state()
+    checkpoint = newest(tmp_path / "run" / "checkpoints")
+    assert load_state(checkpoint)["keypoints"] == resumed.keypoints.state()
 
 
 # --- the truth ----------------------------------------------------------------------------
 
 
-def test_the_truth_is_read_by_nothing_but_scoring(tmp_path, truth_file, quick_tune, monkeypatch):
+def test_the_truth_is_read_by_nothing_but_scoring(tmp_path, truth_file, quick, monkeypatch):
     """Truth's parameters raise while the search goes on, and lies in scoring change nothing."""
     searching = [False]
     reads = []
@@ -260,19 +285,19 @@ def test_the_truth_is_read_by_nothing_but_scoring(tmp_path, truth_file, quick_tu
     monkeypatch.setattr(
         Truth, "_parameters", property(get, lambda t, v: setattr(t, "hidden", v)), raising=False
     )
-    score, make_search, result = Truth.score, tune.make_search, outcome.result
+    score, result = Truth.score, outcome.result
 
     def begin(*args):
         searching[0] = True
-        return make_search(*args)
+        return tuning.make_search(*args)
 
     def end(*args):
         searching[0] = False
         return result(*args)
 
-    monkeypatch.setattr(tune, "make_search", begin)
+    monkeypatch.setattr("simtune.experiment.experiment.make_search", begin)
     monkeypatch.setattr(outcome, "result", end)
-    honest = tune.tune(asked(tmp_path / "honest", real_parameters=truth_file))
+    honest = tune(config_of(tmp_path / "honest", real_parameters=truth_file), settings=quick)
     assert reads  # the trap works: the world, the start and the score did read it
 
     def lie(truth, mean):
@@ -280,11 +305,11 @@ def test_the_truth_is_read_by_nothing_but_scoring(tmp_path, truth_file, quick_tu
         return real * 0 + 123.0, error * 0 + 4.0
 
     monkeypatch.setattr(Truth, "score", lie)
-    told = tune.tune(asked(tmp_path / "lies", real_parameters=truth_file))
-    assert told["percent_error"] == 4.0
+    lied = tune(config_of(tmp_path / "lies", real_parameters=truth_file), settings=quick)
+    assert lied["percent_error"] == 4.0
     for name, entry in honest["parameters"].items():
         for key in ("initial", "mean", "low", "high", "verdict"):
-            assert told["parameters"][name][key] == entry[key]
+            assert lied["parameters"][name][key] == entry[key]
     metrics = [read_jsonl(tmp_path / run / "metrics.jsonl") for run in ("honest", "lies")]
     assert without_time(metrics[0]) == without_time(metrics[1])
 
@@ -300,8 +325,8 @@ def test_true_parameters_come_from_the_file(truth_file):
 
 def test_parameters_as_runs_exports_and_people_write_them(tmp_path):
     path = tmp_path / "parameters.json"
-    told = {"pole_mass": {"mean": 0.2, "low": 0.1}}
-    for content in ({"pole_mass": 0.2}, {"parameters": {"pole_mass": 0.2}}, {"parameters": told}):
+    found = {"pole_mass": {"mean": 0.2, "low": 0.1}}
+    for content in ({"pole_mass": 0.2}, {"parameters": {"pole_mass": 0.2}}, {"parameters": found}):
         path.write_text(json.dumps(content))
         assert SPACE.to_dict(read_parameters(path, SPACE))["pole_mass"] == 0.2
     path.write_text(json.dumps({"parameters": {"pole_mass": {"low": 0.1}}}))
@@ -309,11 +334,11 @@ def test_parameters_as_runs_exports_and_people_write_them(tmp_path):
         read_parameters(path, SPACE)
 
 
-def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
+def test_the_real_world_hands_out_frames_and_actions_only():
     simulator = load_task("cartpole").simulator(image_size=64)
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0)
     public = {name for name in dir(real) if not name.startswith("_")}
-    can = {"collect", "run_policy", "step_s", "looks_like_simulator"}
+    can = {"collect", "run_policy", "step_s", "observation"}
     assert public == {*can, "facts"}
     assert real.facts == {}
     for name in ("parameters", "real_parameters", "state", "states", "reward", "simulator"):
@@ -321,7 +346,7 @@ def test_the_real_world_hands_out_frames_and_actions_only(quick_tune):
             getattr(real, name)
     # Whatever lies in its attributes: no simulator, no array; a function that films.
     for value in vars(real).values():
-        assert isinstance(value, int | float) or callable(value)
+        assert isinstance(value, int | float | ObservationModel) or callable(value)
         assert not isinstance(value, np.ndarray)
         assert not hasattr(value, "parameters")
     (trajectory,) = real.collect(1)
@@ -370,7 +395,7 @@ def test_percent_error_by_hand():
     real, error = truth.score(SPACE.nominal * np.linspace(0.5, 1.5, len(SPACE)))
     np.testing.assert_array_equal(real, SPACE.nominal)
     np.testing.assert_allclose(error, np.abs(np.linspace(-50, 50, len(SPACE))), atol=1e-9)
-    real[:] = 0  # a copy: nobody can change the truth
+    real[:] = 0  # a copy: the truth stays as it is
     np.testing.assert_array_equal(truth.score(SPACE.nominal)[0], SPACE.nominal)
 
 
@@ -389,8 +414,8 @@ def test_estimates_survive_json():
         np.testing.assert_array_equal(got, expected)
 
 
-def test_the_start_of_an_episode_is_found_in_its_pictures(one_renderer_each, monkeypatch):
-    monkeypatch.setattr(comparison, "_NUM_STARTS", 192)
+def test_the_start_of_an_episode_is_found_in_its_pictures(one_renderer_each):
+    config = StartSearchConfig(num_starts=192)
     task = load_task("ball_in_cup")
     simulator = task.simulator(image_size=32)
     parameters = task.parameters.nominal
@@ -402,14 +427,14 @@ def test_the_start_of_an_episode_is_found_in_its_pictures(one_renderer_each, mon
         frames = simulator.render(starts, np.tile(parameters, (len(starts), 1)))
         return np.square(frames.astype(float) - trajectory.frames[0]).mean((1, 2, 3))
 
-    found = comparison.find_start(simulator, trajectory, parameters, rng)
+    found = comparison.find_start(simulator, trajectory, parameters, rng, config=config)
     actions = np.zeros((64, 1, simulator.num_actions))
     others = simulator.roll_out(np.tile(parameters, (64, 1)), actions, rng).states[:, 0]
     assert distance(found[None])[0] < 0.1 * np.median(distance(others))
 
 
-def test_the_start_that_a_fit_found_is_where_the_search_begins(one_renderer_each, monkeypatch):
-    monkeypatch.setattr(comparison, "_NUM_STARTS", 8)
+def test_a_start_is_searched_for_near_the_one_that_a_fit_found(one_renderer_each):
+    config = StartSearchConfig(num_starts=8)
     task = load_task("cartpole")
     simulator, parameters = task.simulator(image_size=32), task.parameters.nominal
     # Where the task never begins: the cart far off, the pole hanging.
@@ -420,7 +445,8 @@ def test_the_start_that_a_fit_found_is_where_the_search_begins(one_renderer_each
     film = Trajectory(simulator.film(played)[0], np.zeros((6, 1), np.float32), simulator.step_s)
     fitted = began[0] + [0, 0.05, 0.1, *np.zeros(began.shape[1] - 3)]
     for near, is_found in ((None, False), (fitted.tolist(), True)):
-        found = comparison.find_start(simulator, film, parameters, np.random.default_rng(1), near)
+        rng = np.random.default_rng(1)
+        found = comparison.find_start(simulator, film, parameters, rng, near, config)
         assert (np.abs(found[1:3] - began[0, 1:3]).max() < 0.11) == is_found
 
 
@@ -436,11 +462,12 @@ def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_re
 
 @pytest.mark.parametrize("search", ["paper", "regression"])
 @pytest.mark.slow
-def test_the_papers_searches_write_the_same_folder(tmp_path, quick_tune, search):
+def test_the_papers_searches_write_the_same_folder(tmp_path, quick, search):
     out = tmp_path / search
-    result = tune.tune(asked(out, search=search, budget_minutes=1e-3))
+    config = config_of(out, search=search, budget_minutes=1e-3)
+    result = tune(config, settings=dataclasses.replace(quick, search=None))
     assert result["search"] == search
     assert set(result["parameters"]) == set(SPACE.names)
     assert (out / "report.html").is_file()
     (line,) = read_jsonl(out / "metrics.jsonl")
-    assert line["iteration"] == 1
+    assert line["round"] == 1

@@ -321,11 +321,11 @@ import contextlib, io, json, re, sys
 from pathlib import Path
 from simtune import cli
 import simtune.check, simtune.tune
-from simtune.tasks import Task, load_task
+from simtune.tasks import TASKS, Task, load_task
 task = load_task("cartpole")  # once, as a model takes longer to compile than recordings to fail
 actions = task.load_actions()
 Task.load_actions = lambda self: actions
-simtune.tune.load_task = sys.modules["simtune.check.check"].load_task = lambda name: task
+TASKS["cartpole"] = lambda: task
 def now_mb(which):
     return int(re.search(which + r":\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]) / 1e3
 for name, command in json.loads(sys.stdin.read()):

@@ -1,6 +1,6 @@
 """A posterior search that takes seconds and finds nothing."""
 
-from simtune.fit import ParticleConfig, ShootingConfig, Stage
+from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.posterior_net import PosteriorNetConfig
 from simtune.tuning.posterior_config import PosteriorSearchConfig
@@ -14,19 +14,21 @@ TINY_SEARCH = PosteriorSearchConfig(
     num_worlds=16,
     episodes_per_world=2,
     filmed_steps=4,
-    unseen_worlds=6,
-    unseen_steps=8,
-    iterations=2,
+    held_out_worlds=6,
+    held_out_steps=8,
+    num_rounds=2,
     detector_updates=(6, 4),
     posterior_updates=5,
     state_updates=4,
     least_updates=2,
-    replicas=(1, 1),
-    particles=ParticleConfig(num=8, steps=4),
-    shooting=ShootingConfig(
-        stages=(Stage(4, 1, 2.0), Stage(8, 1)),
-        longer=(16,),
-        longer_iterations=1,
-        num_windows=6,
+    num_refits=(1, 1),
+    fit=FitConfig(
+        particles=ParticleConfig(num=8, steps=4),
+        shooting=ShootingConfig(
+            stages=(Stage(4, 1, 2.0), Stage(8, 1)),
+            longer=(16,),
+            longer_iterations=1,
+            num_windows=6,
+        ),
     ),
 )

@@ -1,26 +1,27 @@
-"""Run by test_train.py to be killed: a tiny training, so many rounds long, into a folder.
+"""Run by test_train.py to be killed. Arguments: FOLDER ROUNDS, of the policy's training.
 
-All of Algorithm 1 is in it: looks at the real world, searches, teacher and student.
+All of Algorithm 1 is in it: it films the real world, searches, trains teacher and student.
 """
 
 import sys
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import torch
 from tiny_search import TINY_SEARCH
 
-from simtune import agents, algorithm, comparison, parts, presets
 from simtune.agents.student import StudentConfig
 from simtune.agents.teacher import TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
+from simtune.algorithm import train
+from simtune.comparison import StartSearchConfig
 from simtune.config import TrainConfig
-from simtune.tasks import load_task
+from simtune.experiment.settings import Settings
+from simtune.tasks import TASKS, cartpole
 from simtune.vision.detector import DetectorConfig
 
 torch.set_num_threads(1)
-algorithm._CHECKPOINT_EVERY_S = 0.0
+TASKS["cartpole"] = lambda: replace(cartpole.balance(), episode_steps=24)
 small = TeacherStudentConfig(
     teacher=TeacherConfig(hidden_size=16, batch_size=8),
     student=StudentConfig(
@@ -28,16 +29,18 @@ small = TeacherStudentConfig(
     ),
     random_steps=24,  # nearly all of it is learnt from
 )
-agents.TeacherStudent = partial(TeacherStudent, config=small)
-presets._SHORTER = TINY_SEARCH
-comparison._NUM_STARTS, comparison._ROUNDS = 16, 2
-parts.load_task = lambda name: replace(load_task(name), episode_steps=24)
-algorithm.train(
+train(
     TrainConfig(
         task="cartpole",
         out=Path(sys.argv[1]),
         policy_steps=int(sys.argv[2]) * 16 * 24,
         real_episodes=2,
         scored_episodes=1,
-    )
+    ),
+    settings=Settings(
+        search=TINY_SEARCH,
+        comparison=StartSearchConfig(num_starts=16, rounds=2),
+        make_agent=lambda name, **sizes: TeacherStudent(**sizes, config=small),
+        checkpoint_every_s=0.0,
+    ),
 )

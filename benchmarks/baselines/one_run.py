@@ -18,7 +18,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from simtune.config import SearchName, TuneConfig
+from simtune.config import TuneConfig
+from simtune.names import SearchName
 from simtune.parameters import ParameterSpace
 from simtune.run.files import read_json, write_json
 

@@ -1,4 +1,4 @@
-"""How long work may take, and whom it tells how far it is: handed down, part by part."""
+"""How long work may take, and where it reports its progress: handed down, part by part."""
 
 import math
 import time
@@ -23,13 +23,13 @@ class Budget:
         prefix: str = "",
     ):
         """`seconds` from now on; `span`: shares of the bar at which the work starts and ends."""
-        self.seconds = max(seconds, 1e-3)
+        self.seconds = max(seconds, 0.0)
         self._start, self._report, self._span, self._prefix = time.monotonic(), report, span, prefix
 
     @property
     def spent(self) -> float:
         """Share of the time that is over; more than 1 where it was overrun."""
-        return (time.monotonic() - self._start) / self.seconds
+        return (time.monotonic() - self._start) / max(self.seconds, 1e-3)
 
     @property
     def seconds_left(self) -> float:

@@ -5,6 +5,7 @@ import io
 import json
 import os
 import re
+import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,7 +77,7 @@ def main() -> None:
     except KeyboardInterrupt:
         goes_on = sys.argv[1:2] in (["tune"], ["train"])
         sys.exit(_complain("interrupted" + "; the same command goes on" * goes_on, 1))
-    except BrokenPipeError:  # `simtune tasks | head -1`: whoever reads has read enough
+    except BrokenPipeError:  # `simtune tasks | head -1`: the reader has read enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains when it closes stdout
         sys.exit(1)
     except MemoryError as error:
@@ -86,19 +87,19 @@ def main() -> None:
 
 
 def _parse() -> Any:
-    """The command asked for. Raises InputError instead of printing tyro's boxes of many lines."""
+    """The command with its options. Raises InputError in place of tyro's boxes of many lines."""
     known = [meta.name for c in get_args(Command) for meta in get_args(c)[1:]]
-    if (asked := sys.argv[1:2]) and not asked[0].startswith("-") and asked[0] not in known:
-        raise UnknownName("command", asked[0], "simtune", known)
-    said = io.StringIO()
+    if (given := sys.argv[1:2]) and not given[0].startswith("-") and given[0] not in known:
+        raise UnknownName("command", given[0], "simtune", known)
+    stderr = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stderr(stderr):
             config = (tyro.conf.DisallowNone,)  # what is optional is left out
             return tyro.cli(Command, prog="simtune", description=__doc__, config=config)  # type: ignore[arg-type]
     except SystemExit as exit_:
         if not exit_.code:
             raise
-        lines = [line.strip("│ ") for line in said.getvalue().splitlines()]
+        lines = [line.strip("│ ") for line in stderr.getvalue().splitlines()]
         inside = [line for line in lines if line and line[0] not in "╭╰"]
         rule = next((i for i, line in enumerate(inside) if line[0] == "─"), len(inside))
         what = re.sub(r", 'None'|'None', ", "", " ".join(inside[:rule]).rstrip("."))
@@ -156,12 +157,17 @@ def _print_tasks() -> None:
             print(f"  {p.name:18s} {span:36s} {p.field} of {', '.join(p.objects)}")
 
 
+def _command() -> str:
+    """What was typed, as result.json remembers it."""
+    return shlex.join(["simtune", *sys.argv[1:]])
+
+
 def _check(config: CheckConfig) -> None:
     from simtune.check import check, table
     from simtune.progress import ProgressBar
 
-    with ProgressBar() as say:
-        result = check(config, say)
+    with ProgressBar() as progress:
+        result = check(config, progress)
     print(json.dumps(result) if config.json else "\n".join(table(result)))
 
 
@@ -169,8 +175,8 @@ def _tune(config: TuneConfig) -> None:
     from simtune.progress import ProgressBar
     from simtune.tune import tune
 
-    with ProgressBar(60 * config.budget_minutes) as say:
-        result = tune(config, say)
+    with ProgressBar(60 * config.budget_minutes) as progress:
+        result = tune(config, progress, command=_command())
     _print_result(result)
     print(f"\nreport: {config.out / 'report.html'}")
 
@@ -179,8 +185,8 @@ def _train(config: TrainConfig) -> None:
     from simtune.algorithm import train
     from simtune.progress import ProgressBar
 
-    with ProgressBar() as say:
-        result = train(config, say)
+    with ProgressBar() as progress:
+        result = train(config, progress, command=_command())
     _print_result(result)
     if "return" in result:
         score = result["return"]
@@ -196,8 +202,8 @@ def _record(config: RecordConfig) -> None:
     from simtune.progress import ProgressBar
     from simtune.record import record
 
-    with ProgressBar() as say:
-        folder = record(config, say)
+    with ProgressBar() as progress:
+        folder = record(config, progress)
     count = _counted(config.episodes, "episode")
     print(f"{count} in {folder}; next: simtune check {config.task} --real {folder}")
 

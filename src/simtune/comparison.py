@@ -1,11 +1,11 @@
 """The same actions side by side: the real episode, the simulator before and after tuning.
 
-A video does not say what state it starts from, so the start whose first pictures look most like
+A video does not show what state it starts from, so the start whose first pictures look most like
 the real ones is searched for: what a fit found and many random starts, then many near the best.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,19 @@ from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.search import Estimate
 
-_NUM_STARTS = 256
-_ROUNDS = 6
 _COMPARED_STEPS = 4  # the first pictures, in which velocities show, too
 _ELITE = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartSearchConfig:
+    """How long the start of the real episode is searched for."""
+
+    num_starts: int = 256  # at random, and in each later round near the best
+    rounds: int = 6
+
+
+_USUAL = StartSearchConfig()
 
 
 def write_comparison(
@@ -28,6 +37,7 @@ def write_comparison(
     before: np.ndarray,
     estimate: Estimate,
     seed: int,
+    config: StartSearchConfig = _USUAL,
 ) -> None:
     """Write real.mp4, before.mp4, after.mp4, overlay.mp4 of one real episode.
 
@@ -35,7 +45,7 @@ def write_comparison(
     """
     late = replace(trajectory, actions=delayed(trajectory.actions, estimate.latency_steps))
     rng, after = np.random.default_rng(seed), estimate.mean
-    start = find_start(simulator, late, after, rng, estimate.start)
+    start = find_start(simulator, late, after, rng, estimate.start, config)
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
     for name, parameters in (("before", before), ("after", after)):
@@ -61,25 +71,26 @@ def find_start(
     parameters: np.ndarray,
     rng: np.random.Generator,
     near: Sequence[float] | None = None,
+    config: StartSearchConfig = _USUAL,
 ) -> np.ndarray:
     """(S,) the state from which the simulator's first pictures are nearest to the real ones."""
-    first = trajectory.first(_COMPARED_STEPS)
-    states, distance = _compare(simulator, first, parameters, rng, None)
+    first, num = trajectory.first(_COMPARED_STEPS), config.num_starts
+    states, distance = _compare(simulator, first, parameters, rng, num)
     space, std = simulator.state_space, states.std(0)
     if near is not None:
-        its_state, its_distance = _compare(simulator, first, parameters, rng, np.array([near]))
+        its_state, its_distance = _compare(simulator, first, parameters, rng, 1, np.array([near]))
         states, distance = np.append(states, its_state, 0), np.append(distance, its_distance)
     if space is None:  # worlds cannot start near other states
         return states[np.argmin(distance)]
     # What the task's own starts do not vary stays as it is.
     moving = space.positions_and_velocities(std)
     spread = space.with_positions_and_velocities(np.zeros_like(std), moving)
-    for round_ in range(1, _ROUNDS):
+    for round_ in range(1, config.rounds):
         nearest = np.argsort(distance)[:_ELITE]
         states, distance = states[nearest], distance[nearest]
-        starts = states[rng.integers(len(nearest), size=_NUM_STARTS)]
+        starts = states[rng.integers(len(nearest), size=num)]
         starts = starts + spread * 0.5**round_ * rng.normal(size=starts.shape)
-        more, its_distance = _compare(simulator, first, parameters, rng, starts)
+        more, its_distance = _compare(simulator, first, parameters, rng, num, starts)
         states, distance = np.append(states, more, 0), np.append(distance, its_distance)
     return states[np.argmin(distance)]
 
@@ -89,10 +100,10 @@ def _compare(
     real: Trajectory,
     parameters: np.ndarray,
     rng: np.random.Generator,
-    starts: np.ndarray | None,
+    num: int,
+    starts: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(n, S) starts, or the task's own, and (n,) how far their pictures are from the real ones."""
-    num = _NUM_STARTS if starts is None else len(starts)
+    """(num, S) starts, or the task's own, and (num,) how far their pictures are from the real."""
     actions = np.repeat(real.actions[None].astype(float), num, axis=0)
     worlds = np.repeat(parameters[None], num, axis=0)
     rollouts = simulator.roll_out(worlds, actions, rng, starts=starts, keep_diverged=True)

@@ -3,3 +3,4 @@
 from typing import Literal
 
 RendererName = Literal["raycaster", "opengl"]
+SearchName = Literal["posterior", "paper", "regression"]

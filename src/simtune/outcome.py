@@ -1,7 +1,5 @@
-"""What a tuning run writes down: config.json, metrics, checkpoints, curves.json, result.json."""
+"""What a run writes down: config.json, metrics, checkpoints, curves.json, result.json."""
 
-import shlex
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -9,21 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from simtune.config import TrainConfig
+from simtune.config import TrainConfig, TuneConfig
 from simtune.parameters import ParameterSpace
 from simtune.real.truth import Truth
 from simtune.tasks import AnyTask, Task
 from simtune.tuning.search import Estimate, Search
 
-_TOLD = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
-_KEPT = ("verdict", *_TOLD, "start", "lag")
+_IN_RESULT = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
+_KEPT = ("verdict", *_IN_RESULT, "start", "latency_steps")
 
 
-def asked(
-    config: Any,
+def run_config(
+    config: TuneConfig | TrainConfig,
     task: AnyTask,
     start: np.ndarray,
-    real_facts: Mapping[str, Any],
+    real_metadata: Mapping[str, Any],
     truth: Truth | None,
 ) -> dict[str, Any]:
     """What config.json remembers of a command: a run goes on only with the same.
@@ -31,20 +29,16 @@ def asked(
     That holds for the content of recordings, models, tuning files and a pseudo-real world's
     parameters too, which may change where they lie.
     """
-    settings = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
-    known = real_facts.get("dataset_hash")
-    content = {"dataset_hash": known} if known else None
-    parameters = declared(task.parameters, start)
-    contents = {"recordings": content, "task_content": task.content_hash}
-    contents["truth"] = truth.digest if truth else None
+    options = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
+    dataset_hash = real_metadata.get("dataset_hash")
+    contents = {
+        "recordings": {"dataset_hash": dataset_hash} if dataset_hash else None,
+        "task_content": task.content_hash,
+        "truth": truth.digest if truth else None,
+    }
     if isinstance(config, TrainConfig) and isinstance(task, Task):
         contents["policy_content"] = task.policy_hash
-    return {**settings, **contents, "parameters": parameters}
-
-
-def recordings(real_facts: Mapping[str, Any]) -> dict[str, Any]:
-    """What result.json says of recordings; nothing where there are none."""
-    return {"recordings": real_facts} if real_facts else {}
+    return {**options, **contents, "parameters": declared(task.parameters, start)}
 
 
 def declared(space: ParameterSpace, start: np.ndarray) -> dict[str, dict[str, Any]]:
@@ -56,22 +50,26 @@ def declared(space: ParameterSpace, start: np.ndarray) -> dict[str, dict[str, An
 
 
 def result(
-    facts: Mapping[str, Any],
+    metadata: Mapping[str, Any],
     space: ParameterSpace,
     start: np.ndarray,
     estimate: Estimate,
     truth: Truth | None,
+    command: str | None = None,
 ) -> dict[str, Any]:
-    """The content of result.json. The only place where a truth is looked at."""
+    """The content of result.json; the only place where an estimate is scored against a truth.
+
+    `command`: what the user typed; None: the run was called from Python.
+    """
     parameters = declared(space, start)
     for i, entry in enumerate(parameters.values()):
         entry["mean"] = float(estimate.mean[i])
         entry["low"], entry["high"] = float(estimate.low[i]), float(estimate.high[i])
         entry["verdict"] = estimate.verdict[i]
-    content: dict[str, Any] = {**facts, "parameters": parameters}
-    content |= {key: getattr(estimate, key) for key in _TOLD}
-    if Path(sys.argv[0]).name == "simtune":  # called from Python there is no command
-        content["command"] = shlex.join(["simtune", *sys.argv[1:]])
+    content: dict[str, Any] = {**metadata, "parameters": parameters}
+    content |= {key: getattr(estimate, key) for key in _IN_RESULT}
+    if command is not None:
+        content["command"] = command
     if truth is not None:
         real, percent_error = truth.score(estimate.mean)
         for i, entry in enumerate(parameters.values()):
@@ -81,12 +79,12 @@ def result(
 
 
 def summary(values: np.ndarray) -> dict[str, float]:
-    """Of (n,) episodes' returns, or of whether they reached a goal."""
+    """Mean and spread of (n,) episodes' returns, or of whether they reached a goal."""
     return {"mean": float(values.mean()), "std": float(values.std()), "episodes": len(values)}
 
 
 def scalars(search: Search, estimate: Estimate) -> dict[str, float]:
-    """An iteration's estimates and ranges, as a line of metrics.jsonl has them."""
+    """A round's estimates and ranges, as a line of metrics.jsonl has them."""
     ranges = search.distribution
     columns = {"mean": estimate.mean, "low": estimate.low, "high": estimate.high}
     columns |= {"range_low": ranges.low, "range_high": ranges.high}

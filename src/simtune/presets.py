@@ -1,25 +1,28 @@
 """What a preset stands for: a schedule, a search and an agent, as they fit the task."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from simtune.config import SearchName, TrainConfig
+from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.names import SearchName
 from simtune.schedule import PAPER_STEPS, SCHEDULES, Schedule
 from simtune.search_param_model.paper import PaperConfig
-from simtune.tasks import Task
+from simtune.tasks import AnyTask, Task
+from simtune.trajectory import Trajectory
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
 _SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
 _FEW_EPISODES = 5  # real ones of the first look, as of each update of the authors'
 # Nothing here may end by the clock, or no run could be repeated: less is learnt, but all of it.
-_SHORTER = PosteriorSearchConfig(
+_FAST_SEARCH = PosteriorSearchConfig(
     num_worlds=192,
     detector_updates=(1500, 1000),
     posterior_updates=500,
     state_updates=400,
-    replicas=(2, 2),
+    num_refits=(2, 2),
 )
 
 
@@ -33,6 +36,11 @@ def choose_search(config: TrainConfig) -> SearchName | None:
     if config.method == "autotune":
         return config.search or _SEARCHES[config.preset]
     return "regression" if config.method == "regression" else None
+
+
+def choose_range(config: TrainConfig) -> float:
+    """Half-width of Ξ_policy relative to its mean."""
+    return {"dr": config.range_dr, "oracle": 0.0}.get(config.method, config.range_policy)
 
 
 def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | None) -> Schedule:
@@ -51,17 +59,26 @@ def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | N
         pretrain_steps=config.pretrain_steps,
         many_searches=search_name in ("paper", "regression"),
     )
-    if search_name is None:  # nobody would look at real episodes
+    if search_name is None:  # real episodes would be of no use
         return replace(schedule, real_episodes=(0,) * len(schedule.real_episodes))
     return schedule
 
 
-def choose_search_config(
-    config: TrainConfig, search_name: SearchName, episode_steps: int
+def choose_search_settings(
+    config: TuneConfig | TrainConfig,
+    search_name: SearchName,
+    task: AnyTask,
+    recordings: Sequence[Trajectory],
 ) -> PosteriorSearchConfig | PaperConfig | None:
     """The search's settings; None: its usual ones. Raises InputError for too long a window."""
+    is_training = isinstance(config, TrainConfig)
     if search_name == "posterior":
-        return _SHORTER if config.preset == "fast" else None
+        return _FAST_SEARCH if is_training and config.preset == "fast" else None
+    # Simulated episodes need not be longer than recorded ones.
+    longest = task.episode_steps if is_training else PaperConfig.episode_steps
+    episode_steps = min([longest, *map(len, recordings)])
+    if not is_training:
+        return PaperConfig(episode_steps=episode_steps)
     if config.window > episode_steps:
         raise InputError(
             f"--window must be at most an episode's {episode_steps} steps, got {config.window}"

@@ -7,8 +7,8 @@ import numpy as np
 
 from simtune.config import RecordConfig
 from simtune.errors import InputError
-from simtune.evaluate import trained_parts
-from simtune.parts import Parts
+from simtune.evaluate import load_trained
+from simtune.experiment.training_experiment import TrainingExperiment
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import read_parameters
 from simtune.recordings import write_dataset
@@ -24,8 +24,8 @@ from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
 
 
-def record(config: RecordConfig, say: ReportProgress = silent) -> Path:
-    """Film episodes of one world, and whatever acts in it; returns the folder.
+def record(config: RecordConfig, report: ReportProgress = silent) -> Path:
+    """Film episodes of one world, and of what acts in it; returns the folder.
 
     One episode is in memory at a time. Raises InputError for what cannot be used, with nothing
     written.
@@ -45,7 +45,7 @@ def record(config: RecordConfig, say: ReportProgress = silent) -> Path:
     actor = _Actor(config.policy, trained, task.episode_steps, simulator, rng)
     write_dataset(
         config.out,
-        _film(config, simulator, task, parameters[None], actor, say),
+        _film(config, simulator, task, parameters[None], actor, report),
         action_names=simulator.action_mapping.names,
         robot_type=task.name,
         task=task.description,
@@ -62,11 +62,11 @@ def _film(
     task: Task,
     world: np.ndarray,
     actor: "_Actor",
-    say: ReportProgress,
+    report: ReportProgress,
 ) -> Iterator[Trajectory]:
     """Episodes one after the other; one that diverges is played again from another start."""
     for done in range(config.episodes):
-        say("filming", done / config.episodes)
+        report("filming", done / config.episodes)
         for _ in range(_ATTEMPTS):
             act = actor.begin(world)
             rollouts = simulator.play(world, act, task.episode_steps, actor.rng)
@@ -78,43 +78,43 @@ def _film(
         yield Trajectory(frames, rollouts.actions[0].astype(np.float32), simulator.step_s)
 
 
-def _trained(policy: str, task: Task) -> Parts | None:
+def _trained(policy: str, task: Task) -> TrainingExperiment | None:
     """The training of a policy that is one. Raises InputError where `task` has no such policy."""
     if policy == "scripted" and task.script is None:
         raise InputError(f"{task.name} has no script to act by: --policy random or a run")
     if policy in ("random", "scripted"):
         return None
-    parts = trained_parts(Path(policy))
-    if parts.task.content_hash != task.content_hash:
+    trained = load_trained(Path(policy))
+    if trained.task.content_hash != task.content_hash:
         raise InputError(
-            f"--policy {policy} was trained for {parts.task.name}, not for {task.name}"
+            f"--policy {policy} was trained for {trained.task.name}, not for {task.name}"
         )
-    return parts
+    return trained
 
 
 class _Actor:
-    """Random actions, the task's script, or the policy of a training, which sees own pictures."""
+    """Random actions, the task's script, or a trained policy, which sees pictures of its own."""
 
     def __init__(
         self,
         policy: str,
-        trained: Parts | None,
+        trained: TrainingExperiment | None,
         num_steps: int,
         simulator: Simulator,
         rng: np.random.Generator,
     ):
         self.rng = rng
-        self._steps, self._simulator, self._parts = num_steps, simulator, trained
+        self._steps, self._simulator, self._trained = num_steps, simulator, trained
         self._is_scripted = policy == "scripted"
 
     def begin(self, world: np.ndarray) -> Act:
         """What acts in the next episode of a (1, N) world."""
         if self._is_scripted:
             return self._simulator.follow_script(len(world))
-        if self._parts is None:
+        if self._trained is None:
             mapping = self._simulator.action_mapping
             actions = random_actions(1, self._steps, mapping, self.rng)
             return lambda t, _: actions[:, t]
-        agent, stacked = self._parts.agent, self._parts.schedule.num_stacked
-        stacker = FrameStacker(self._parts.environment.simulator, world, self._steps, stacked)
+        agent, stacked = self._trained.agent, self._trained.schedule.num_stacked
+        stacker = FrameStacker(self._trained.environment.simulator, world, self._steps, stacked)
         return on_pictures(self._simulator, stacker, agent.act)

@@ -10,9 +10,9 @@ class Schedule:
     Steps are policy steps in simulation, after action repeat.
     """
 
-    pretrain_steps: int  # in worlds around the start, before anybody looks at the real one
+    pretrain_steps: int  # in worlds around the start, before the real one is filmed
     policy_steps: tuple[int, ...]  # of each cycle's policy phase
-    searches: tuple[int, ...]  # calls of `Search.iterate` before each of them
+    searches: tuple[int, ...]  # rounds of the search before each of them
     real_episodes: tuple[int, ...]  # of the first cycle by random actions, then by the policy
     num_worlds: int  # that the policy acts in at once
     image_size: int  # pixels a side of what is drawn
@@ -41,9 +41,9 @@ def fast(
     pretrain_steps: int = 0,
     many_searches: bool,
 ) -> Schedule:
-    """Minutes on two CPU cores: two looks at the real world, the second at what a policy does.
+    """Minutes on two CPU cores: the real world is filmed twice, at last as a policy acts in it.
 
-    `many_searches`: the search takes small steps, so it is called often.
+    `many_searches`: the search takes small steps, so there are many rounds.
     """
     tuned = total_steps - pretrain_steps
     return Schedule(
@@ -71,8 +71,8 @@ def paper(
     tuned = total_steps - pretrain_steps
     cycles = max(1, tuned // 40_000)
     moves = 5 if many_searches else 1
-    # Their "pretrain" and "update" phases, before any policy is trained: 25 calls that move nothing
-    # (`PaperConfig.pretrain_steps`), 40 that do.
+    # Their "pretrain" and "update" phases, before any policy is trained: 25 rounds that move
+    # nothing (`PaperConfig.pretrain_steps`), 40 that do.
     first = 65 if many_searches else 1
     later = real_episodes if tried_episodes is None else tried_episodes
     return Schedule(

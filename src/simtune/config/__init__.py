@@ -1,11 +1,11 @@
-"""What commands are asked: one dataclass a command that runs for long."""
+"""The options of commands that run for long, one dataclass each."""
 
 from simtune.config.export import ExportConfig
 from simtune.config.real import ROBOTS, RealConfig
 from simtune.config.record import RecordConfig
 from simtune.config.recordings import RecordingsConfig
 from simtune.config.train import UNTUNED, EvaluateConfig, Method, TrainConfig
-from simtune.config.tune import CheckConfig, SearchName, TuneConfig
+from simtune.config.tune import CheckConfig, TuneConfig
 
 __all__ = [
     "ROBOTS",
@@ -17,7 +17,6 @@ __all__ = [
     "RealConfig",
     "RecordConfig",
     "RecordingsConfig",
-    "SearchName",
     "TrainConfig",
     "TuneConfig",
 ]

@@ -20,5 +20,5 @@ def check_seed(seed: int) -> None:
 
 
 def flag(name: str) -> str:
-    """A field as it is asked for on the command line."""
+    """A field as the command line spells it."""
     return f"--{name.replace('_', '-')}"

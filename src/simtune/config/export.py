@@ -1,4 +1,4 @@
-"""What `simtune export` is asked."""
+"""The options of `simtune export`."""
 
 from dataclasses import dataclass
 from pathlib import Path

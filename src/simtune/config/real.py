@@ -1,4 +1,4 @@
-"""What every command that looks at a real world is asked of it."""
+"""The options of every command that works with a real world."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +25,7 @@ class RealConfig(RecordingsConfig):
     real_parameters: Path | None = None
     """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
     start_factor: float = 2.0
-    """With `pseudo`: so many times too high or too low is every parameter at the start."""
+    """With `pseudo`: the factor by which every parameter is too high or too low at the start."""
     seed: int = 0
     """Of all random numbers; with `pseudo` it also chooses which parameters start too high."""
 

@@ -1,4 +1,4 @@
-"""What `simtune record` is asked."""
+"""The options of `simtune record`."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What every command that takes recordings is asked of them."""
+"""The options of every command that takes recordings."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What `simtune train` and `simtune evaluate` are asked."""
+"""The options of `simtune train` and `simtune evaluate`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,16 +40,16 @@ class TrainConfig(RealConfig):
     policy_steps: int | None = None
     """Steps in simulation that the policy learns from; by default the task's."""
     pretrain_steps: int = 0
-    """So many of them by domain randomisation around the start, before the real world is looked
-    at; then what the policy does there is filmed, not random actions (sim-to-real, Sec. VI-B)."""
+    """How many of them are by domain randomisation around the start, before the real world is
+    filmed; then the policy acts there, not at random (sim-to-real, Sec. VI-B)."""
     drop_far: bool = False
     """When the simulator has moved, forget what the policy did in worlds now out of its range."""
     real_episodes: int | None = None
-    """Real episodes of the first look, of random actions or a noisy script, by default 5; of
-    recordings so many (by default all, at most 10). With --pretrain-steps of the policy."""
+    """Real episodes to film at first, of random actions or a noisy script, by default 5, with
+    --pretrain-steps of the policy; or to take from recordings, by default all, at most 10."""
     tried_episodes: int | None = None
-    """Real episodes of each later look, of the policy; by default 2, or with --preset paper as
-    many as of the first."""
+    """Real episodes to film later, each time, of the policy; by default 2, or with --preset paper
+    as many as at first."""
     scored_episodes: int = 10
     """Episodes in the pseudo-real world that the policy is scored on; nothing learns from them."""
     range_policy: float = 0.1
@@ -77,7 +77,7 @@ class TrainConfig(RealConfig):
         if self.pretrain_steps and self.method in UNTUNED:
             raise InputError("--pretrain-steps goes with --method autotune or regression")
         if self.method == "oracle" and self.real != "pseudo":
-            raise InputError("--method oracle needs --real pseudo: nobody knows other truths")
+            raise InputError("--method oracle needs --real pseudo: other truths are unknown")
         if self.search and self.method != "autotune":
             raise InputError("--search goes with --method autotune only")
 

@@ -1,8 +1,8 @@
-"""What `simtune tune` and `simtune check` are asked."""
+"""The options of `simtune tune` and `simtune check`."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
@@ -10,8 +10,7 @@ from simtune.config.checks import at_least, check_seed
 from simtune.config.real import RealConfig
 from simtune.config.recordings import RecordingsConfig
 from simtune.errors import InputError
-
-SearchName = Literal["posterior", "paper", "regression"]
+from simtune.names import SearchName
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +34,7 @@ class TuneConfig(RealConfig):
     search: SearchName = "posterior"
     """posterior: read survival curves; paper: small steps up or down; regression: its baseline."""
     budget_minutes: float = 8.0
-    """About so many minutes of wall time; what has begun ends first."""
+    """Wall time, about; what has begun ends first."""
 
     def check(self) -> None:
         """Raises InputError for numbers that make no sense."""

@@ -44,13 +44,14 @@ def save(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str, 
     return path
 
 
-def newest(folder: Path) -> Path | None:
+def newest(folder: Path, *, warn: bool = True) -> Path | None:
     """The newest sound checkpoint; each damaged one above it gets a line of warning."""
     for path in reversed(_numbered(folder)):
         damage = _damage(path)
         if damage is None:
             return path
-        log.warning("checkpoint %s is damaged (%s): using the one before it", path, damage)
+        if warn:
+            log.warning("checkpoint %s is damaged (%s): using the one before it", path, damage)
     return None
 
 

@@ -1,4 +1,4 @@
-"""config.json: what a run was asked, and whether a command asks for the same again."""
+"""config.json: the configuration of a run, and whether a command has the same."""
 
 import importlib.metadata
 import platform
@@ -42,7 +42,7 @@ def _is_leftover(path: Path) -> bool:
 
 def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> None:
     """Raise InputError, naming the keys, where two configurations differ in what matters."""
-    before, now = _flat(stored), _flat(config)  # what an earlier version did not ask is None
+    before, now = _flat(stored), _flat(config)
     differing = [
         key
         for key in sorted({*before, *now}, key=lambda key: (key.count("."), key))  # causes first

@@ -2,7 +2,7 @@
 
 config.json          the resolved configuration, versions, date
 metrics.jsonl        one object a line: step, real_episodes, wall_s, then scalars
-events.jsonl         ranges that widened or narrowed, and why
+events.jsonl         ranges that widened, narrowed or moved, and why
 tensorboard/         the same scalars
 checkpoints/NNNNNN/  the latest two states to go on from
 real/NNN.safetensors what a training filmed in the real world
@@ -35,6 +35,7 @@ from simtune.run.files import (
 )
 from simtune.trajectory import Trajectory
 
+_CHECKPOINTS = "checkpoints"
 _LOGS = ("metrics.jsonl", "events.jsonl")
 _NUM_LINES = "log_lines"  # of each, in a checkpoint's state
 
@@ -67,14 +68,11 @@ class RunFolder:
         that holds a run with another configuration or one that is still going.
         """
         path = Path(path)
-        asked: dict[str, Any] = plain(config)
         try:
-            stored = stored_config(path)
-            if stored is not None:
-                check_same(path, stored["config"], asked)
+            stored = _stored_run(path, config)
             path.mkdir(parents=True, exist_ok=True)
             run = cls(path, resumed=stored is not None)
-            run._write_config(asked, stored)
+            run._write_config(plain(config), stored)
         except OSError as error:
             raise InputError(f"cannot write the run folder {path}: {error.strerror}") from error
         return run
@@ -97,7 +95,7 @@ class RunFolder:
 
     @property
     def _checkpoints(self) -> Path:
-        return self.path / "checkpoints"
+        return self.path / _CHECKPOINTS
 
     def log_metrics(
         self, step: int, real_episodes: int, wall_s: float, scalars: Mapping[str, float]
@@ -127,7 +125,7 @@ class RunFolder:
     ) -> None:
         """Append a line of events.jsonl: `parameter`'s range is now [low, high] because `reason`.
 
-        `event` is "widened" or "narrowed".
+        `event` is "widened", "narrowed" or, where the mean has come to a bound, "moved".
         """
         line = {"step": step, "wall_s": wall_s, "event": event, "parameter": parameter}
         self._append("events.jsonl", {**line, "low": low, "high": high, "reason": reason})
@@ -185,8 +183,9 @@ class RunFolder:
         assert "step" in state, "a checkpoint's state needs 'step'"
         for name in _LOGS:
             sync(self.path / name)  # a checkpoint never knows more than the logs
-        told = {**state, _NUM_LINES: self._num_lines}
-        self._newest = checkpoint.save(self._checkpoints, tensors, told)
+        self._newest = checkpoint.save(
+            self._checkpoints, tensors, {**state, _NUM_LINES: self._num_lines}
+        )
 
     def load_checkpoint(self) -> tuple[dict[str, torch.Tensor], dict[str, Any]] | None:
         """(tensors on the CPU, state) of the newest sound checkpoint, or None."""
@@ -218,6 +217,28 @@ class RunFolder:
                 str(self.path / "tensorboard"), purge_step=self._step + 1 if self.resumed else None
             )
         return self._tensorboard
+
+
+def stored_state(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The state that `RunFolder.create` would go on from, with nothing written; None: a new run.
+
+    Raises InputError as `create` does for what lies at `path`.
+    """
+    try:
+        if _stored_run(path, config) is None:
+            return None
+        newest = checkpoint.newest(path / _CHECKPOINTS, warn=False)  # `create` warns
+        return checkpoint.load_state(newest) if newest else None
+    except OSError as error:
+        raise InputError(f"cannot read the run folder {path}: {error.strerror}") from error
+
+
+def _stored_run(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None:
+    """config.json of the run at `path`; None: a new one. Raises InputError where it is another."""
+    stored = stored_config(path)
+    if stored is not None:
+        check_same(path, stored["config"], plain(config))
+    return stored
 
 
 def _lock(path: Path) -> int:

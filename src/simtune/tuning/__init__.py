@@ -1,11 +1,12 @@
 """How Ξ is moved towards the real world: the searches, by name."""
 
+from simtune.names import SearchName
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tuning.fixed import FixedRange
 from simtune.tuning.paper import PaperSearch
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.search import Search, SearchContext, SearchName
+from simtune.tuning.search import Search, SearchContext
 
 SearchSettings = PosteriorSearchConfig | PaperConfig
 _IMAGE_SIZES: dict[SearchName, int] = {"posterior": 64, "paper": 100, "regression": 100}

@@ -1,4 +1,4 @@
-"""What a search is asked for: where the parameters are, how sure that is, where to look next."""
+"""What a search gives: where the parameters are, how sure that is, where to search next."""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol
@@ -13,7 +13,6 @@ from simtune.simulation import AnySimulator, Points
 from simtune.trajectory import Trajectory
 from simtune.vision.keypoints import Keypoints
 
-SearchName = Literal["posterior", "paper", "regression"]
 Verdict = Literal["identified", "weak", "not identifiable"]
 
 
@@ -27,12 +26,12 @@ class Estimate:
     verdict: list[Verdict]  # one a parameter
     # {name: (candidates (C,), P(truth > candidate) (C,))}: survival curves, where there are any
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    # {"a, b": correlation} of parameters that can hardly be told from each other
+    # {"a, b": correlation} of parameters that can hardly be distinguished
     correlations: dict[str, float] = field(default_factory=dict)
     # {name: ranks in (0, 1) of known worlds' truths}: uniform where intervals can be trusted
     ranks: dict[str, list[float]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # what to doubt about all this
-    start: list[float] | None = None  # (S,) the state in which the first trajectory began, if told
+    start: list[float] | None = None  # (S,) the state in which the first trajectory began, if known
     latency_steps: int = 0  # by which the actions seem to take effect late
 
 

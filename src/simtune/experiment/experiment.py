@@ -1,0 +1,179 @@
+"""What a run is made of: the task, the real world, the simulator, the search."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from simtune import outcome
+from simtune.check.recording_warnings import warnings_of
+from simtune.config import TrainConfig, TuneConfig
+from simtune.experiment.settings import Settings
+from simtune.names import SearchName
+from simtune.networks import under
+from simtune.parameters import ParameterSpace
+from simtune.presets import choose_search_settings
+from simtune.progress import ReportProgress, silent
+from simtune.randomization import Distribution
+from simtune.real import RealWorld
+from simtune.real.choose import choose_real, simulator_for
+from simtune.real.closed import ClosedReal
+from simtune.real.recorded import RecordedReal
+from simtune.real.truth import Truth
+from simtune.run.folder import stored_state
+from simtune.simulation import AnySimulator, Points
+from simtune.tasks import AnyTask, load_any_task
+from simtune.trajectory import Trajectory
+from simtune.tuning import SearchContext, make_search, needed_image_size
+from simtune.tuning.search import Search
+from simtune.vision.keypoints import Keypoints, find_keypoints
+
+
+@dataclass(frozen=True, kw_only=True)
+class World:
+    """A real world, and the simulator that is to become like it."""
+
+    config: TuneConfig | TrainConfig
+    run_config: dict[str, Any]  # what config.json remembers: only the same goes on
+    task: AnyTask
+    real: RealWorld
+    recordings: list[Trajectory]  # the real episodes that are there before the run begins
+    truth: Truth | None  # of a pseudo-real world: it scores, and the oracle lives in it
+    context: SearchContext
+
+    @property
+    def space(self) -> ParameterSpace:
+        return self.task.parameters
+
+    @property
+    def start(self) -> np.ndarray:
+        """(N,) parameters where the search begins."""
+        return self.context.start
+
+    @property
+    def simulator(self) -> AnySimulator:
+        return self.context.simulator
+
+    @property
+    def keypoints(self) -> Keypoints | Points:
+        """Chosen once a run: search, environment and agent mean the same by keypoint k."""
+        return self.context.keypoints
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment(World):
+    """What `tune` works with; `TrainingExperiment` adds what learns to act."""
+
+    settings: Settings
+    search_name: SearchName | None  # None: nothing is searched for
+    search: Search
+
+    def warnings(self, real: list[Trajectory]) -> list[str]:
+        """What may be wrong with recordings; of other real episodes nothing is known."""
+        return warnings_of(self.task, self.real.facts, real, self.search_name)
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """What a checkpoint has to hold besides `state`."""
+        return {
+            f"{name}/{key}": value
+            for name, part in self._changing().items()
+            for key, value in part.tensors().items()
+        }
+
+    def state(self) -> dict[str, Any]:
+        """JSON of all that changes, and of the keypoints."""
+        states = {name: part.state() for name, part in self._changing().items()}
+        return states | {"keypoints": self.keypoints.state()}
+
+    def load(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
+        """Go on from a checkpoint, whose keypoints this was built with."""
+        self.search.load(under("search/", tensors), state["search"])
+
+    def _changing(self) -> dict[str, Any]:
+        return {"search": self.search}
+
+
+def build_experiment(
+    config: TuneConfig, report: ReportProgress = silent, settings: Settings | None = None
+) -> Experiment:
+    """What `tune` works with.
+
+    A robot films into `config.out`; nothing else is written. Raises InputError for what cannot be
+    used.
+    """
+    config.check()
+    task, settings, name = load_any_task(config.task), settings or Settings(), config.search
+    report("looking at the real world", 0.0)
+    world = build_world(config, task, needed_image_size(name), config.real_episodes)
+    search = build_search(world, name, settings)
+    return Experiment(**vars(world), settings=settings, search_name=name, search=search)
+
+
+def build_world(
+    config: TuneConfig | TrainConfig,
+    task: AnyTask,
+    image_size: int,
+    num_recorded: int | None,
+    *,
+    device: str = "cpu",
+    trained: Mapping[str, Any] | None = None,
+) -> World:
+    """The real world that was asked for, with its first `num_recorded` episodes (None: a few).
+
+    `tune` works with these. In a training, where a robot or a policy films later, they are read
+    from recordings only. `trained`: the state of a checkpoint that is to be loaded, which stands
+    for a real world that a camera filmed. Raises InputError for what cannot be used.
+    """
+    tunes = isinstance(config, TuneConfig)
+    if trained and config.real != "pseudo":
+        real, start, truth = ClosedReal(trained["step_s"]), task.parameters.nominal.copy(), None
+    else:
+        options = {"real_episodes": num_recorded, "out": config.out}
+        options["real_gap"] = tunes and config.real_gap
+        real, start, truth = choose_real(config, task, image_size, **options)
+    is_read = tunes or (num_recorded != 0 and isinstance(real, RecordedReal))
+    recordings = real.collect(num_recorded) if is_read else []
+    run_config = outcome.run_config(config, task, start, real.facts, truth)
+    simulator = simulator_for(real, task, image_size)
+    state = trained or stored_state(config.out, run_config)  # of the run that goes on there
+    context = SearchContext(
+        simulator=simulator,
+        camera=task.camera,
+        keypoints=_choose_keypoints(simulator, task, config.seed, state),
+        start=start,
+        observation=real.observation,
+        seed=config.seed,
+        device=device,
+    )
+    return World(
+        config=config,
+        run_config=run_config,
+        task=task,
+        real=real,
+        recordings=recordings,
+        truth=truth,
+        context=context,
+    )
+
+
+def _choose_keypoints(
+    simulator: AnySimulator, task: AnyTask, seed: int, state: Mapping[str, Any] | None
+) -> Keypoints | Points:
+    """Those of a checkpoint's state, if there is one: its networks were trained on them.
+
+    Another machine may find others.
+    """
+    first = Distribution.first(task.parameters, task.parameters.nominal)
+    found = find_keypoints(simulator, task.camera, first, seed)
+    return found if state is None else found.with_state(state["keypoints"])
+
+
+def build_search(world: World, name: SearchName, settings: Settings) -> Search:
+    """The search of that name. Raises InputError where the recordings do not suit it."""
+    usual = choose_search_settings(world.config, name, world.task, world.recordings)
+    search = make_search(name, world.context, settings.search or usual)
+    if world.recordings:
+        search.check(world.recordings)
+    return search

@@ -1,0 +1,131 @@
+"""A run from its folder's opening to its report: what `tune` and `train` have in common."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from simtune import outcome
+from simtune.comparison import write_comparison
+from simtune.experiment.experiment import Experiment
+from simtune.progress import ReportProgress, silent
+from simtune.report import write_report
+from simtune.run import RunFolder
+from simtune.trajectory import Trajectory
+from simtune.tuning.search import Round, unsure
+
+
+class Run:
+    """An experiment that is carried out in a folder; a context manager, since that is locked.
+
+    What it counts only grows, so that a run can go on from any of its checkpoints.
+    """
+
+    def __init__(self, experiment: Experiment, report: ReportProgress = silent):
+        """Raises InputError where `config.out` cannot be written, or holds anything else."""
+        self.experiment, self._report = experiment, report
+        self.folder = RunFolder.create(experiment.config.out, experiment.run_config)
+        self.estimate = unsure(experiment.search.distribution, "not identifiable")
+        self.num_rounds = 0  # of the search
+        self.step = 0  # simulated ones, in which logs count: all of `tune`, the policy's of `train`
+        self._start_s = time.monotonic()
+
+    def __enter__(self) -> "Run":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.folder.close()
+
+    @property
+    def wall_s(self) -> float:
+        """Seconds spent on the run, over all sittings."""
+        return time.monotonic() - self._start_s
+
+    def resume(self) -> dict[str, Any] | None:
+        """Go on from the newest sound checkpoint; its state, or None where there is none.
+
+        Raises RuntimeError for the checkpoint of another version's networks.
+        """
+        if not (checkpoint := self.folder.load_checkpoint()):
+            return None
+        tensors, state = checkpoint
+        self.experiment.load(tensors, state)
+        simulator = self.experiment.simulator
+        simulator.num_steps, simulator.num_diverged = state["sim_steps"], state["num_diverged"]
+        self.step, self.num_rounds = state["step"], state["rounds"]
+        self.estimate = outcome.from_json(state["estimate"])
+        self._start_s = time.monotonic() - state["wall_s"]
+        return state
+
+    def save(self, **own: Any) -> None:
+        """Write a checkpoint; `own`: JSON that the caller wants back from `resume`."""
+        simulator = self.experiment.simulator
+        state = self.experiment.state() | own
+        state |= {"step": self.step, "rounds": self.num_rounds, "wall_s": self.wall_s}
+        state |= {"sim_steps": simulator.num_steps, "num_diverged": simulator.num_diverged}
+        state |= {"step_s": self.experiment.real.step_s, "estimate": outcome.to_json(self.estimate)}
+        self.folder.save_checkpoint(self.experiment.tensors(), state)
+
+    def log(self, num_real: int, scalars: Mapping[str, float]) -> None:
+        """A line of metrics.jsonl; `num_real` real episodes are known by now."""
+        self.folder.log_metrics(self.step, num_real, self.wall_s, scalars)
+
+    def log_round(self, found: Round, num_real: int) -> None:
+        """Take a round's estimate, and write down what it found."""
+        self.estimate = found.estimate
+        self.num_rounds += 1
+        for event in found.events:
+            self.folder.log_event(self.step, self.wall_s, **asdict(event))
+        estimates = outcome.scalars(self.experiment.search, found.estimate)
+        self.log(num_real, {"round": self.num_rounds} | estimates | found.metrics)
+
+    def finish(
+        self,
+        real: list[Trajectory],
+        metadata: Mapping[str, Any],
+        warnings: list[str],
+        command: str | None,
+    ) -> dict[str, Any]:
+        """Write result.json, curves.json, the comparison of `real`'s first episode, the report.
+
+        `metadata`: what result.json holds besides what is known of every run. Returns its content.
+        """
+        experiment = self.experiment
+        metadata = self._metadata(len(real)) | dict(metadata)
+        result = outcome.result(
+            metadata, experiment.space, experiment.start, self.estimate, experiment.truth, command
+        )
+        result["warnings"] = warnings + result["warnings"]
+        self.folder.write_result(result)
+        self.folder.write_curves(outcome.curves(self.estimate))
+        if real and experiment.search_name:
+            self._report("filming the comparison", 1.0)
+            write_comparison(
+                self.folder.videos,
+                experiment.simulator,
+                real[0],  # the estimate's start is of this one
+                experiment.start,
+                self.estimate,
+                experiment.config.seed,
+                experiment.settings.comparison,
+            )
+        write_report(self.folder.path)
+        return result
+
+    def _metadata(self, num_real: int) -> dict[str, Any]:
+        """What result.json says of how its figures came about."""
+        experiment, simulator = self.experiment, self.experiment.simulator
+        metadata = {
+            "task": experiment.task.name,
+            "method": "regression" if experiment.search_name == "regression" else "autotune",
+            "search": experiment.search_name,
+            "seed": experiment.config.seed,
+            "real": experiment.config.real,
+            "real_episodes": num_real,
+            "step_s": experiment.real.step_s,
+            "sim_steps": simulator.num_steps,
+            "num_diverged": simulator.num_diverged,
+            "wall_s": round(self.wall_s, 1),
+        }
+        recordings = experiment.real.facts
+        return metadata | ({"recordings": recordings} if recordings else {})

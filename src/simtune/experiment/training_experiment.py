@@ -1,0 +1,184 @@
+"""What a training is made of besides: the schedule, the environment, the agent, its replay."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from simtune.agents import Agent, AgentSpec, Observation
+from simtune.config import TrainConfig
+from simtune.errors import InputError
+from simtune.experiment.experiment import Experiment, World, build_search, build_world
+from simtune.experiment.settings import Settings
+from simtune.networks import under
+from simtune.presets import choose_agent, choose_range, choose_schedule, choose_search
+from simtune.progress import ReportProgress, silent
+from simtune.randomization import Distribution
+from simtune.real.recorded import RecordedReal
+from simtune.replay import Replay
+from simtune.rollout import Environment
+from simtune.schedule import Schedule
+from simtune.simulation import Simulator
+from simtune.tasks import Task, load_task
+from simtune.tuning import FixedRange
+from simtune.vision.keypoints import Keypoints
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingExperiment(Experiment):
+    """What `train` works with."""
+
+    config: TrainConfig
+    task: Task
+    schedule: Schedule
+    environment: Environment
+    agent: Agent
+    replay: Replay
+
+    def score(
+        self, world: np.ndarray, num_episodes: int, seed: int
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """(num_episodes,) of "return" and of goals reached, by pixels alone; and a film.
+
+        In a world of (N,) parameters.
+        """
+        rng = np.random.default_rng((seed, 3))  # episodes that nothing was learnt from
+        worlds = np.tile(world, (num_episodes, 1))
+
+        def act(seen: Observation) -> np.ndarray:
+            assert seen.frames is not None
+            return self.agent.act(seen.frames)
+
+        played = self.environment.play(act, worlds, rng)
+        assert played.frames is not None
+        assert played.reached is not None
+        scores = dict(zip(self.task.goals, played.reached.T, strict=True))
+        return {"return": played.rewards.sum(1), **scores}, played.frames[0]
+
+    def policy_warnings(self, num_skipped: int) -> list[str]:
+        """What may be wrong with the policy, which came too late for `num_skipped` real trials."""
+        if not self.agent.can_act:
+            return ["the policy had not begun to learn: give more --policy-steps"]
+        if num_skipped and not isinstance(self.real, RecordedReal):
+            return [
+                "the policy had not begun to learn when the real world was to see it: give more "
+                "--policy-steps or --pretrain-steps"
+            ]
+        return []
+
+    def load(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
+        super().load(tensors, state)
+        self.load_agent(tensors, state)
+        film = self.environment.simulator.render  # what is stored has no frames
+        self.replay.load(under("replay/", tensors), state["replay"], film)
+
+    def load_agent(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
+        """The agent alone, to act as it did."""
+        self.agent.load(under("agent/", tensors), state["agent"])
+
+    def _changing(self) -> dict[str, Any]:
+        return {**super()._changing(), "agent": self.agent, "replay": self.replay}
+
+
+def build_training(
+    config: TrainConfig,
+    report: ReportProgress = silent,
+    settings: Settings | None = None,
+    *,
+    trained: Mapping[str, Any] | None = None,
+) -> TrainingExperiment:
+    """What `train` works with.
+
+    `trained`: the state of a checkpoint whose agent is to be loaded, and nothing to go on: no
+    robot is asked then, and no recording read. Raises InputError for what cannot be used.
+    """
+    config.check()
+    task, device, settings = load_task(config.task), _device(config.device), settings or Settings()
+    if task.reward is None:
+        raise InputError(
+            f"{task.name} has no reward, so there is nothing to train a policy for: declare one "
+            "in the tuning file's [policy] (docs/tuning-file.md)"
+        )
+    name = choose_search(config)
+    schedule = settings.schedule or choose_schedule(config, task, name)
+    report("looking at the real world", 0.0)
+    num = config.real_episodes if name else 0
+    world = build_world(config, task, schedule.image_size, num, device=device, trained=trained)
+    if world.recordings:  # where no number is asked for, there may be fewer than the usual
+        later = schedule.real_episodes[1:]
+        schedule = replace(schedule, real_episodes=(len(world.recordings), *later))
+    assert isinstance(world.simulator, Simulator), "load_task gives models' only"
+    assert isinstance(world.keypoints, Keypoints)
+    environment = Environment(task, world.simulator, schedule.num_stacked, world.keypoints)
+    return TrainingExperiment(
+        **vars(world),
+        settings=settings,
+        search_name=name,
+        search=build_search(world, name, settings) if name else _fixed_range(config, world),
+        schedule=schedule,
+        environment=environment,
+        agent=_agent(config, settings, schedule, environment, device),
+        replay=_replay(schedule, task, device),
+    )
+
+
+def _fixed_range(config: TrainConfig, world: World) -> FixedRange:
+    """Where a method that searches for nothing stays."""
+    mean = world.start
+    if config.method == "oracle":
+        assert world.truth is not None, "checked"
+        mean = world.truth.for_oracle()
+    return FixedRange(Distribution.proportional(world.space, mean, choose_range(config)))
+
+
+def _agent(
+    config: TrainConfig,
+    settings: Settings,
+    schedule: Schedule,
+    environment: Environment,
+    device: str,
+) -> Agent:
+    assert environment.keypoints is not None, "given above"
+    spec = AgentSpec(
+        image_size=schedule.image_size,
+        num_stacked=schedule.num_stacked,
+        num_keypoints=len(environment.keypoints),
+        num_states=environment.num_states,
+        num_positions=environment.num_positions,
+        num_actions=environment.simulator.num_actions,
+        privileged=~environment.task.parameters.is_appearance,
+        total_steps=schedule.total_steps,
+        first_tried=schedule.first_tried,
+        round_steps=schedule.num_worlds * environment.task.episode_steps,
+        seed=config.seed,
+        device=device,
+    )
+    return settings.make_agent(choose_agent(config), spec)
+
+
+def _replay(schedule: Schedule, task: Task, device: str) -> Replay:
+    """Room for all episodes, but for the frames of the latest only."""
+    num_episodes = -(-schedule.total_steps // task.episode_steps)
+    num_filmed = -(-schedule.filmed_steps // task.episode_steps)
+    return Replay(
+        task.parameters,
+        filmed_capacity=min(num_filmed, num_episodes),
+        unfilmed_capacity=num_episodes,
+        num_stacked=schedule.num_stacked,
+        device=device,
+    )
+
+
+def _device(name: str) -> str:
+    """Raises InputError for one that is not there."""
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    if name.partition(":")[0] not in ("cpu", "cuda"):
+        raise InputError(f"--device must be auto, cpu, cuda or cuda:N, got {name}")
+    try:
+        torch.empty(0, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(f"--device {name} cannot be used here: {error}") from None
+    return name
