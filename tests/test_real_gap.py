@@ -9,6 +9,7 @@ import pytest
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
+from simtune.observation import ObservationModel
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
@@ -118,7 +119,7 @@ def test_there_is_still_no_way_to_the_parameters(simulator):
     assert public == {*can, "facts"}
     assert real.facts == {}
     for value in vars(real).values():
-        assert isinstance(value, int | float) or callable(value)
+        assert isinstance(value, int | float | ObservationModel) or callable(value)
         assert not hasattr(value, "parameters")
 
 

@@ -350,7 +350,8 @@ def test_the_real_world_hands_out_frames_and_actions_only():
         assert not isinstance(value, np.ndarray)
         assert not hasattr(value, "parameters")
     (trajectory,) = real.collect(1)
-    assert {f.name for f in dataclasses.fields(trajectory)} == {"frames", "actions", "step_s"}
+    names = {f.name for f in dataclasses.fields(trajectory)}
+    assert names == {"frames", "actions", "step_s", "readings"}
     assert trajectory.frames.dtype == np.uint8
     assert trajectory.actions.shape == (5, 1)
 
@@ -362,7 +363,8 @@ def test_the_real_world_hands_out_frames_and_actions_only():
         return np.full((2, 1), 0.5)
 
     tried = real.run_policy(policy, num_stacked=3, num_episodes=2, seed=0)
-    assert {f.name for f in dataclasses.fields(tried[0])} == {"frames", "actions", "step_s"}
+    names = {f.name for f in dataclasses.fields(tried[0])}
+    assert names == {"frames", "actions", "step_s", "readings"}
     np.testing.assert_array_equal(tried[1].actions, np.full((5, 1), 0.5))
 
 

@@ -40,7 +40,7 @@ train(
     settings=Settings(
         search=TINY_SEARCH,
         comparison=StartSearchConfig(num_starts=16, rounds=2),
-        make_agent=lambda name, **sizes: TeacherStudent(**sizes, config=small),
+        make_agent=lambda name, spec: TeacherStudent(spec, small),
         checkpoint_every_s=0.0,
     ),
 )

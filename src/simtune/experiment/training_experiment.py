@@ -47,9 +47,9 @@ class TrainingExperiment(Experiment):
         rng = np.random.default_rng((seed, 3))  # episodes that nothing was learnt from
         worlds = np.tile(world, (num_episodes, 1))
 
-        def act(seen: Observation) -> np.ndarray:
-            assert seen.frames is not None
-            return self.agent.act(seen.frames)
+        def act(observation: Observation) -> np.ndarray:
+            assert observation.frames is not None
+            return self.agent.act(observation.frames)
 
         played = self.environment.play(act, worlds, rng)
         assert played.frames is not None
