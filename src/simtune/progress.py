@@ -1,4 +1,4 @@
-"""How far long work is: what a command says meanwhile, and when a training is over."""
+"""How far long work is: what a command says meanwhile."""
 
 import math
 import sys
@@ -7,9 +7,8 @@ from collections.abc import Callable
 
 from tqdm import tqdm
 
-ReportProgress = Callable[
-    [str, float], None
-]  # what is happening, and the share of the whole that is done
+# What is happening, and the share of the whole that is done
+ReportProgress = Callable[[str, float], None]
 
 _LINE_EVERY_S = 15.0
 
@@ -55,37 +54,3 @@ class ProgressBar:
 
     def __exit__(self, *_: object) -> None:
         self._bar.close()
-
-
-class Progress:
-    """How far a training is, by updates or by time, whichever is further.
-
-    Time does not count before `least_updates`: a network that has learned next to nothing would
-    be sure of nonsense.
-    """
-
-    def __init__(
-        self,
-        num_updates: int,
-        seconds: float,
-        tell: Callable[[float], None] = lambda _: None,
-        least_updates: int = 1,
-    ):
-        self._num_updates, self._seconds, self._tell = num_updates, max(seconds, 1e-3), tell
-        self._least_updates = min(least_updates, num_updates)
-        self._start, self.updates = time.monotonic(), 0
-
-    def step(self) -> None:
-        """An update was made."""
-        self.updates += 1
-        if self.updates % 20 == 0:
-            self._tell(min(1.0, self.fraction()))
-
-    def fraction(self) -> float:
-        elapsed = (time.monotonic() - self._start) / self._seconds
-        in_time = min(elapsed, self.updates / self._least_updates)
-        return max(self.updates / self._num_updates, in_time)
-
-    def learning_rate(self, peak: float, warm_up: int = 50) -> float:
-        """A short warm-up, then a straight line to zero."""
-        return peak * min(1.0, (self.updates + 1) / warm_up) * max(0.01, 1 - self.fraction())
