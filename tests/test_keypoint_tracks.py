@@ -81,7 +81,7 @@ def test_residuals_are_to_the_candidate_that_explains_best():
 def test_typical_distance_is_the_median_of_what_is_sure_in_pixels():
     points = np.zeros((1, 5, 4))
     tracks = tracks_at(points, noise_px=0.5)
-    predicted = points + [3.0, 4.0, 0.0, 1.0]  # 5 px and 1 px away
+    predicted = points + np.array([3.0, 4.0, 0.0, 1.0])  # 5 px and 1 px away
     predicted[0, :3, :2] = [0, 1]
     assert tracks.typical_distance(predicted) == pytest.approx(1)
     unsure = tracks_at(points, noise_px=0.5, probability=0.5)

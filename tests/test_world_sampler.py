@@ -1,4 +1,4 @@
-"""Simulated worlds to learn from: what they play, what is filmed of them, and how many there are."""
+"""Simulated worlds to learn from: what they play, what is filmed of them, how many there are."""
 
 import time
 from collections.abc import Callable
