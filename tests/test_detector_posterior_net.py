@@ -103,7 +103,9 @@ def test_detection_in_batches_equals_detection_at_once():
 
 
 @pytest.mark.parametrize(("num_keypoints", "num_visible"), [(0, 2), (2, 0)])
-def test_detector_learns_without_keypoints_or_without_visible_parameters(num_keypoints, num_visible):
+def test_detector_learns_without_keypoints_or_without_visible_parameters(
+    num_keypoints, num_visible
+):
     detector = a_detector(num_keypoints, num_visible)
     loss = detector.loss(
         torch.zeros(4, 3, SIZE, SIZE),

@@ -47,13 +47,13 @@ def played(simulator):
     )
     truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
     actions = random_actions(3, 96, simulator.model, rng)
-    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.record)
+    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.observe)
     return keypoints, truth, rollouts
 
 
 def observed_of(rollouts, noise_px: float, mixed_up: float, rng) -> Observed:
     """By a detector that is sometimes sure of another keypoint's place."""
-    true = rollouts.recorded.reshape(*rollouts.recorded.shape[:2], -1, 2)
+    true = rollouts.observed.reshape(*rollouts.observed.shape[:2], -1, 2)
     seen = true + noise_px * rng.normal(size=true.shape)
     other = np.roll(seen, 1, axis=2)
     swapped = rng.random(seen.shape[:-1]) < mixed_up
@@ -69,7 +69,7 @@ def observed_of(rollouts, noise_px: float, mixed_up: float, rng) -> Observed:
 def shooting(simulator, keypoints, rollouts, fitted=MOVING) -> Shooting:
     config = ShootingConfig(stages=(Stage(4, 4, 4.0), Stage(12, 8)))
     prior_std = np.array([0.1, 0.1, 0.5, 0.5])
-    physics = Physics(simulator, keypoints.record, rollouts.states[0, 0])
+    physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
     return Shooting(physics, prior_std, fitted, config)
 
 
@@ -175,7 +175,9 @@ def test_fit_to_budget_counts_windows_by_the_parameters_that_move(simulator, mon
             now_s[0] += 1e-3 * actions.shape[0] * actions.shape[1]
             return super().play(states, units, actions, actuator_states)
 
-    rollouts = simulator.roll_out(SPACE.nominal[None], np.zeros((1, 1, 1)), np.random.default_rng(0))
+    rollouts = simulator.roll_out(
+        SPACE.nominal[None], np.zeros((1, 1, 1)), np.random.default_rng(0)
+    )
     physics = TimedPhysics(simulator, lambda batch: batch.qpos.copy(), rollouts.states[0, 0])
     particles, shooting = ParticleConfig(num=10_000), ShootingConfig(num_windows=10_000)
     config, seconds = FitConfig(particles=particles, shooting=shooting), 1000.0

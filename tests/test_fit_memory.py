@@ -62,14 +62,14 @@ def played(task: Task, truth: np.ndarray):
     first = Distribution.first(task.parameters, task.parameters.nominal)
     keypoints = find_keypoints(simulator, task.camera, first, 0)
     actions = random_actions(3, STEPS, simulator.action_mapping, rng)
-    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.record)
-    physics = Physics(simulator, keypoints.record, rollouts.states[0, 0])
+    rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.observe)
+    physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
     return physics, rollouts
 
 
 def detected(rollouts) -> Observed:
     """Keypoints as a nearly perfect detector finds them."""
-    return observed_keypoints(rollouts.recorded, rollouts.actions, noise_px=0.2)
+    return observed_keypoints(rollouts.observed, rollouts.actions, noise_px=0.2)
 
 
 CASES = {"delay": (late_cartpole, [0.08, 7.0, 0.19]), "filter": (slow_cartpole, [0.08, 7.0])}

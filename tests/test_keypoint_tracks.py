@@ -11,7 +11,9 @@ from simtune.vision.keypoint_tracks import KeypointTracks
 def one_keypoint(first, second, probability=(0.6, 0.3), noise_px: float = 1.0) -> KeypointTracks:
     """In one frame, at either of two places."""
     candidates = np.array([first, second], float)[None, :, None]
-    return KeypointTracks(candidates, np.array(probability)[None, :, None], np.array([noise_px]), 64)
+    return KeypointTracks(
+        candidates, np.array(probability)[None, :, None], np.array([noise_px]), 64
+    )
 
 
 def by_hand(square: np.ndarray, probability: np.ndarray) -> float:

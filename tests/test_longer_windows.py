@@ -37,17 +37,15 @@ class Swings:
         truth = self.space.nominal.copy()
         truth[LENGTH] *= 1.3
         self.length = truth[LENGTH]
-        keypoints = find_keypoints(
-            simulator, task.camera, Distribution.first(self.space, truth), 0
-        )
+        keypoints = find_keypoints(simulator, task.camera, Distribution.first(self.space, truth), 0)
         rollouts = simulator.roll_out(
-            np.repeat(truth[None], 4, 0), np.zeros((4, STEPS, 0)), rng, keypoints.record
+            np.repeat(truth[None], 4, 0), np.zeros((4, STEPS, 0)), rng, keypoints.observe
         )
-        points = rollouts.recorded + noise_px * rng.normal(size=rollouts.recorded.shape)
+        points = rollouts.observed + noise_px * rng.normal(size=rollouts.observed.shape)
         self.observed = observed_keypoints(points, rollouts.actions, noise_px)
         states = rollouts.states[..., 1:3]
         self.states = states + SPREAD * rng.normal(size=states.shape)
-        physics = Physics(simulator, keypoints.record, rollouts.states[0, 0])
+        physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
         self.shooting = Shooting(physics, SPREAD, np.array(fitted), LONG)
 
     def fit(self) -> tuple[ShootingFit, ShootingFit]:

@@ -61,6 +61,7 @@ class FakeSimulator(Simulator):
         self.num_steps = 0
         self.played: list[np.ndarray] = []
 
+    can_start_anywhere = True
     action_mapping = SimpleNamespace(range=np.array([[-4.0, 2.0], [-1.0, 1.0]]))
 
     def roll_out(self, parameters, actions, rng) -> Rollouts:
@@ -152,9 +153,7 @@ def test_votes_are_averaged_over_windows_then_episodes(monkeypatch):
     monkeypatch.setattr(model, "forward", of_window)
     numbers = np.repeat(np.arange(5.0), SMALL.window).astype(np.float32)
     episodes = [
-        Trajectory(
-            np.zeros((len(its) + 1, SIZE, SIZE, 3), np.uint8), np.stack([its, its], 1), 0.1
-        )
+        Trajectory(np.zeros((len(its) + 1, SIZE, SIZE, 3), np.uint8), np.stack([its, its], 1), 0.1)
         for its in np.split(numbers, [4 * SMALL.window])
     ]  # four windows, and one, which counts as much
     expected = [(2.5 / 4 + 1) / 2, (1 / 4 + 0) / 2]

@@ -31,8 +31,8 @@ def scene():
     )
     truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
     actions = random_actions(2, 150, simulator.model, rng)
-    rollouts = simulator.roll_out(np.repeat(truth[None], 2, 0), actions, rng, keypoints.record)
-    true = rollouts.recorded.reshape(2, 151, -1, 2)
+    rollouts = simulator.roll_out(np.repeat(truth[None], 2, 0), actions, rng, keypoints.observe)
+    true = rollouts.observed.reshape(2, 151, -1, 2)
     seen = true + NOISE_PX * rng.normal(size=true.shape)
     lost = rng.random(seen.shape[:-1]) < 1 / 5
     seen[lost] = rng.uniform(0, 48, (lost.sum(), 2))
@@ -44,7 +44,7 @@ def scene():
 
 def particles(scene, **config) -> Particles:
     simulator, keypoints, _, rollouts, _ = scene
-    physics = Physics(simulator, keypoints.record, rollouts.states[0, 0])
+    physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
     return Particles(physics, SPREAD, MOVING, ParticleConfig(**{"num": 128, **config}))
 
 
@@ -137,7 +137,9 @@ def follow_still(scene, measured: np.ndarray, std: float, prior_std: float, num:
     physics = StillPhysics(scene[0].model)
     followed = Particles(physics, SPREAD, np.arange(1), ParticleConfig(num=num))
     num_episodes, frames = measured.shape
-    observed = Observed(AllEvidence((Readings(measured, std),)), np.zeros((num_episodes, frames - 1, 1)))
+    observed = Observed(
+        AllEvidence((Readings(measured, std),)), np.zeros((num_episodes, frames - 1, 1))
+    )
     states = np.zeros((num_episodes, frames, 4))
     return followed.follow(observed, states, np.array([0.5]), np.array([prior_std]))
 

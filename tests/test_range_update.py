@@ -182,7 +182,9 @@ def test_flat_curve_keeps_the_range():
 @pytest.mark.parametrize("side", [-1, 1])
 def test_truth_at_the_edge_widens_the_range_there(side):
     distribution = narrowed_to([0.4, 0.8], [0.6, 1.25])
-    moved, events = update_range(logistic([0.5 + 0.485 * side] * 2, 0.025), distribution, FIRST, CONFIG)
+    moved, events = update_range(
+        logistic([0.5 + 0.485 * side] * 2, 0.025), distribution, FIRST, CONFIG
+    )
     if side > 0:
         assert (moved.high > distribution.high).all()
         assert (moved.low > distribution.low).all()  # where it is not is ruled out still
@@ -229,7 +231,9 @@ def test_no_range_gets_narrower_than_its_smallest_share_at_an_edge_or_a_bound():
     for location in (-0.2, 0.0, 0.01, 0.99, 1.0, 1.2):
         distribution = FIRST
         for _ in range(3):
-            distribution, _ = update_range(logistic([location, location], 5e-5), distribution, FIRST, CONFIG)
+            distribution, _ = update_range(
+                logistic([location, location], 5e-5), distribution, FIRST, CONFIG
+            )
             assert (share_of_first(distribution) > CONFIG.smallest_share * 0.999).all(), location
 
 
@@ -240,7 +244,8 @@ def test_any_curves_leave_a_range_that_can_be_searched():
         for _ in range(6):
             weights = rng.dirichlet([0.5] * 3, 2)
             curves = sum(
-                weights[:, k, None] * logistic(rng.normal(0.5, 0.75, 2), 10 ** rng.uniform(-4, 0, 2) / 2)
+                weights[:, k, None]
+                * logistic(rng.normal(0.5, 0.75, 2), 10 ** rng.uniform(-4, 0, 2) / 2)
                 for k in range(3)
             )
             estimate = read_curves(curves, distribution, FIRST, CONFIG)

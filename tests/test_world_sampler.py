@@ -43,9 +43,7 @@ def watch_rollouts(monkeypatch, simulator: Simulator, change: Callable = lambda 
 
 def without(rollouts: Rollouts, dropped: list[int]) -> Rollouts:
     kept = np.setdiff1d(np.arange(len(rollouts)), dropped)
-    recorded = None if rollouts.recorded is None else rollouts.recorded[kept]
-    parts = (rollouts.parameters[kept], rollouts.states[kept], rollouts.actions[kept], recorded)
-    return Rollouts(*parts, kept)
+    return Rollouts(*(array[kept] for array in vars(rollouts).values()))
 
 
 def test_simulated_worlds_replay_the_real_actions(simulator, real):
@@ -140,7 +138,7 @@ def test_worlds_of_which_an_episode_diverged_are_left_out(monkeypatch, simulator
     for i, world in enumerate(left):
         np.testing.assert_array_equal(worlds.actions[i], whole.actions[2 * world : 2 * world + 2])
         keypoints = worlds.keypoints[i].reshape(2, STEPS + 1, -1)
-        np.testing.assert_array_equal(keypoints, whole.recorded[2 * world : 2 * world + 2])
+        np.testing.assert_array_equal(keypoints, whole.observed[2 * world : 2 * world + 2])
 
 
 def test_sampling_says_so_when_all_worlds_diverge(monkeypatch, simulator, real):
@@ -167,9 +165,7 @@ def test_actions_are_late_in_half_the_real_cameras_worlds_unless_a_delay_is_tune
     keypoints = context_of(simulator, nominal[0]).keypoints
     rollouts = watch_rollouts(monkeypatch, simulator)
     rng = np.random.default_rng(0)
-    worlds = simulate(
-        simulator, keypoints, nominal, actions, 2, rng, ObservationModel.of_reality()
-    )
+    worlds = simulate(simulator, keypoints, nominal, actions, 2, rng, ObservationModel.of_reality())
     played = rollouts[0].actions.reshape(12, 3, STEPS, 1)
     as_asked = (played == actions).all((1, 2, 3))
     one_later = (played == delayed(actions, 1)).all((1, 2, 3))
