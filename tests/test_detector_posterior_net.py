@@ -1,7 +1,6 @@
-"""The keypoint detector and judge: by hand, by plain loops, and against a posterior that is known."""
+"""Detector and posterior network: by hand, by plain loops, against a posterior that is known."""
 
 import math
-import time
 
 import numpy as np
 import pytest
@@ -9,13 +8,9 @@ import torch
 from torch.nn import functional as F
 
 from simtune.parameters import Parameter, ParameterSpace
-from simtune.progress import Progress
 from simtune.randomization import Distribution
-from simtune.search_param_model import posterior
-from simtune.search_param_model.posterior import (
-    PosteriorConfig,
-    PosteriorSearchParamModel,
-)
+from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
+from simtune.search_param_model.posterior_batches import DetectorErrors, PosteriorBatches
 from simtune.search_param_model.posterior_net import (
     SHORTEST_STEPS,
     PosteriorNet,
@@ -24,8 +19,15 @@ from simtune.search_param_model.posterior_net import (
     posterior_loss,
 )
 from simtune.search_param_model.simulated import SimulatedWorlds
-from simtune.trajectory import Trajectory
-from simtune.vision.detector import DetectorConfig, KeypointDetector, detect, splat, to_input
+from simtune.training import TrainingClock
+from simtune.vision.detector import (
+    Detections,
+    DetectorConfig,
+    KeypointDetector,
+    detect,
+    splat,
+    to_input,
+)
 from simtune.vision.image_noise import ImageNoise
 
 SMALL_DETECTOR = DetectorConfig(channels=4, free_maps=2, hidden=16, batch_size=16)
@@ -48,7 +50,7 @@ def a_parameter(name: str, field: str, low=0.0, high=1.0, scale="linear") -> Par
     )
 
 
-# --- the detector --------------------------------------------------------------------------------
+# --- the detector -------------------------------------------------------------------------
 
 
 def test_splat_by_hand():
@@ -78,9 +80,8 @@ def test_peaks_are_found_finer_than_a_cell(truth):
     detector = a_detector(1)
     heatmap = splat(torch.tensor([[truth]]), detector.cells).log().clamp(min=-20)
     heatmap[..., 0 if truth[0] > 8 else -1] = heatmap.max() - 0.1  # a lower peak far away
-    np.testing.assert_allclose(
-        detector._peaks(heatmap)[0, 0], truth, atol=0.1
-    )  # a cell is 2 pixels
+    candidates, _ = detector.candidates(heatmap)
+    np.testing.assert_allclose(candidates[0, 0, 0], truth, atol=0.1)  # a cell is 2 pixels
 
 
 def test_input_is_between_minus_one_and_one_in_the_order_of_torch():
@@ -92,7 +93,7 @@ def test_input_is_between_minus_one_and_one_in_the_order_of_torch():
     assert (pictures[0] == -1).all()
 
 
-def test_looking_in_batches_is_looking_at_once():
+def test_detection_in_batches_equals_detection_at_once():
     detector = a_detector()
     frames = np.random.default_rng(0).integers(256, size=(7, SIZE, SIZE, 3)).astype(np.uint8)
     for at_once, in_batches in zip(
@@ -102,7 +103,9 @@ def test_looking_in_batches_is_looking_at_once():
 
 
 @pytest.mark.parametrize(("num_keypoints", "num_visible"), [(0, 2), (2, 0)])
-def test_a_world_without_keypoints_or_without_visible_parameters(num_keypoints, num_visible):
+def test_detector_learns_without_keypoints_or_without_visible_parameters(
+    num_keypoints, num_visible
+):
     detector = a_detector(num_keypoints, num_visible)
     loss = detector.loss(
         torch.zeros(4, 3, SIZE, SIZE),
@@ -114,7 +117,7 @@ def test_a_world_without_keypoints_or_without_visible_parameters(num_keypoints, 
     assert torch.isfinite(loss)
 
 
-def test_errors_count_relative_to_the_width_of_the_range():
+def test_detector_loss_is_relative_to_the_width_of_the_range():
     detector = a_detector(0, 1)
     pictures, keypoints = torch.zeros(1, 3, SIZE, SIZE), torch.zeros(1, 0, 2)
     _, _, estimated = detector(pictures)
@@ -139,7 +142,7 @@ def dots(num: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return (np.repeat(picture[..., None], 3, -1) * 255).astype(np.uint8), place, grey
 
 
-def test_sight_learns_to_find_a_dot_and_a_grey():
+def test_detector_learns_to_find_a_dot_and_a_grey():
     space = ParameterSpace([a_parameter("grey", "geom_rgba"), a_parameter("mass", "body_mass")])
     distribution = Distribution(space, np.full(2, 0.25), np.zeros(2), np.array([0.5, 1.0]))
     config = PosteriorConfig(
@@ -158,15 +161,15 @@ def test_sight_learns_to_find_a_dot_and_a_grey():
             np.zeros((300, 1, 1)),
         )
 
-    loss = model.train_detector(worlds(0), distribution, Progress(250, math.inf))
+    loss = model.train_detector(worlds(0), distribution, TrainingClock(250))
     assert np.isfinite(loss)
     others = worlds(1)
-    error_px, error_range = model.detector_errors(others, model.detect(others), distribution)
-    assert error_px.shape == (300, 1, 1, 2)
-    assert error_range.shape == (300, 1)
-    assert np.median(np.abs(error_px)) < 0.5
-    # In coordinates of the range, which is 2 wide: knowing nothing would leave an error of .5.
-    assert np.median(np.abs(error_range)) < 0.12
+    errors = model.detector_errors(others, model.detect(others.frames), distribution)
+    assert errors.keypoints.shape == (300, 1, 1, 2)
+    assert errors.visible.shape == (300, 1)
+    assert np.median(np.abs(errors.keypoints)) < 0.5
+    # In coordinates of the range, which is 1 wide: knowing nothing would leave an error of .25.
+    assert np.median(np.abs(errors.visible)) < 0.06
 
 
 # --- curves -------------------------------------------------------------------------------
@@ -185,10 +188,11 @@ def some_curves(worlds=2, parameters=3, components=3) -> SurvivalMixture:
 def survival(curves: SurvivalMixture, world: int, parameter: int, candidate: float) -> float:
     """P(truth > candidate), by a plain loop."""
     total = 0.0
-    for k in range(curves.places.shape[-1]):
+    for k in range(curves.locations.shape[-1]):
         weight = math.exp(curves.log_weights[world, parameter, k])
-        place, scale = (x[world, parameter, k].item() for x in (curves.places, curves.scales))
-        total += weight / (1 + math.exp((candidate - place) / scale))
+        its = (curves.locations, curves.scales)
+        location, scale = (x[world, parameter, k].item() for x in its)
+        total += weight / (1 + math.exp((candidate - location) / scale))
     return total
 
 
@@ -220,19 +224,19 @@ def test_samples_follow_the_curve():
     assert (distance < 1.95 / num**0.5).all()  # exceeded once in a thousand
 
 
-# --- judge --------------------------------------------------------------------------------
+# --- the posterior network ----------------------------------------------------------------
 
 
-def certain(place: float) -> SurvivalMixture:
-    """Curves that are sure of the truth's place."""
-    one = torch.full((1, 1, 1), place)
-    return SurvivalMixture(torch.zeros(1, 1, 1), one, torch.full((1, 1, 1), 1e-3))
+def certain(truth: float) -> SurvivalMixture:
+    """Curves that are sure of the truth."""
+    location = torch.full((1, 1, 1), truth)
+    return SurvivalMixture(torch.zeros(1, 1, 1), location, torch.full((1, 1, 1), 5e-4))
 
 
 def test_a_curve_that_is_right_has_less_loss():
-    truth = torch.tensor([[0.5]])
+    truth = torch.tensor([[0.75]])
     right, opposite, higher = (
-        posterior_loss(certain(p), truth, 2000, generator()).item() for p in (0.5, -0.5, 0.7)
+        posterior_loss(certain(p), truth, 2000, generator()).item() for p in (0.75, 0.25, 0.85)
     )
     assert right < 0.2 < higher < opposite
 
@@ -242,14 +246,14 @@ def test_label_is_true_where_the_truth_is_higher(monkeypatch):
 
     def prob_higher(self, candidates):
         asked.append(candidates)
-        return (candidates < 0.3).float() * 0.98 + 0.01  # sure that the truth is 0.3
+        return (candidates < 0.65).float() * 0.98 + 0.01  # sure that the truth is 0.65
 
     monkeypatch.setattr(SurvivalMixture, "prob_higher", prob_higher)
-    loss = posterior_loss(certain(0.0), torch.tensor([[0.3]]), 500, generator())
+    loss = posterior_loss(certain(0.5), torch.tensor([[0.65]]), 500, generator())
     assert loss.item() == pytest.approx(-math.log(0.99), rel=1e-4)
     (candidates,) = asked
     assert candidates.shape == (1, 1, 1000)
-    assert candidates.min() < -1  # they cover the range and a little more
+    assert candidates.min() < 0  # they cover the range and a little more
     assert candidates.max() > 1
 
 
@@ -258,48 +262,51 @@ def test_candidates_do_not_depend_on_the_truth(monkeypatch):
     monkeypatch.setattr(
         SurvivalMixture, "prob_higher", lambda _, c: asked.append(c) or torch.full_like(c, 0.5)
     )
-    for truth in (-0.9, 0.9):
-        posterior_loss(certain(0.1), torch.tensor([[truth]]), 50, generator())
+    for truth in (0.05, 0.95):
+        posterior_loss(certain(0.55), torch.tensor([[truth]]), 50, generator())
     assert torch.equal(*asked)
 
 
-def test_judge_takes_any_number_of_episodes_and_steps():
+def test_posterior_net_takes_any_number_of_episodes_and_steps():
     torch.manual_seed(0)
     posterior_net = PosteriorNet(5, [1], 3, PosteriorNetConfig(channels=8, hidden=16))
     for episodes, steps in ((1, SHORTEST_STEPS), (4, 30)):
         seen = torch.randn(2, episodes, steps, 5)
         curves = posterior_net(seen, torch.zeros(2, 1))
-        assert curves.places.shape == (2, 3, 3)
+        assert curves.locations.shape == (2, 3, 3)
         order = torch.randperm(episodes)
         again = posterior_net(seen[:, order], torch.zeros(2, 1))
-        torch.testing.assert_close(curves.places, again.places)  # a set has no order
+        torch.testing.assert_close(curves.locations, again.locations)  # a set has no order
     with pytest.raises(RuntimeError):
         posterior_net(torch.randn(2, 1, SHORTEST_STEPS - 1, 5), torch.zeros(2, 1))
 
 
-def test_what_sight_estimates_moves_the_curve_along():
+def test_visible_estimate_moves_its_curve_along():
     posterior_net = PosteriorNet(5, [1], 3, PosteriorNetConfig(channels=8, hidden=16))
     for parameter in posterior_net.head.parameters():
         torch.nn.init.zeros_(parameter)  # no corrections learnt yet
-    places = posterior_net(torch.randn(1, 1, 30, 5), torch.tensor([[0.7]])).places.mean(-1)
-    torch.testing.assert_close(places, torch.tensor([[0.0, 0.7, 0.0]]))
+    curves = posterior_net(torch.randn(1, 1, 30, 5), torch.tensor([[0.85]]))
+    torch.testing.assert_close(curves.locations.mean(-1), torch.tensor([[0.5, 0.85, 0.5]]))
 
 
-NOISE = 0.5  # of an observation; the truth is uniform in [-1, 1]
+NOISE = 0.25  # of an observation; the truth is uniform in [0, 1]
 STEPS = SHORTEST_STEPS
 
 
 def observe(truth: torch.Tensor, episodes: int, seed: int) -> torch.Tensor:
-    """(B, 1) truths to (B, E, T, 1): each episode shows the truth plus noise, all along."""
+    """(B, 1) truths to (B, E, T, 1): each episode shows the truth plus noise, all along.
+
+    Scaled, as motion is, to about 1 in size.
+    """
     noise = torch.randn(len(truth), episodes, generator=generator(seed)) * NOISE
-    return (truth + noise)[..., None, None].expand(-1, -1, STEPS, 1)
+    return (2 * (truth + noise) - 1)[..., None, None].expand(-1, -1, STEPS, 1)
 
 
 def analytic(seen: torch.Tensor, grid: np.ndarray) -> np.ndarray:
     """(B, G) distribution functions of the posterior."""
-    mean, episodes = seen[:, :, 0, 0].mean(1).numpy(), seen.shape[1]
+    mean, episodes = (seen[:, :, 0, 0].mean(1).numpy() + 1) / 2, seen.shape[1]
     density = np.exp(-episodes * (grid - mean[:, None]) ** 2 / 2 / NOISE**2)
-    density *= np.abs(grid) <= 1
+    density *= np.abs(grid - 0.5) <= 0.5
     below = density.cumsum(1)
     return below / below[:, -1:]
 
@@ -314,7 +321,7 @@ def net_of_a_known_posterior() -> PosteriorNet:
     optimizer = torch.optim.AdamW(posterior_net.parameters(), weight_decay=0.0)
     for update in range(updates):
         optimizer.param_groups[0]["lr"] = 6e-3 * (1 - update / updates)
-        truth = torch.rand(96, 1, generator=generator(update)) * 2 - 1
+        truth = torch.rand(96, 1, generator=generator(update))
         seen = observe(truth, 1 + update % 4, update + 10_000)
         curves = posterior_net(seen, torch.zeros(96, 0))
         loss = posterior_loss(curves, truth, 48, generator(update))
@@ -326,11 +333,11 @@ def net_of_a_known_posterior() -> PosteriorNet:
 
 @torch.no_grad()
 @pytest.mark.parametrize("episodes", [1, 4])
-def test_a_trained_judge_gives_the_analytic_posterior(net_of_a_known_posterior, episodes):
-    truth = torch.rand(800, 1, generator=generator(1)) * 2 - 1
+def test_trained_posterior_net_gives_the_analytic_posterior(net_of_a_known_posterior, episodes):
+    truth = torch.rand(800, 1, generator=generator(1))
     seen = observe(truth, episodes, 2)
     curves = net_of_a_known_posterior(seen, torch.zeros(800, 0))
-    grid = np.linspace(-1.5, 1.5, 601)
+    grid = np.linspace(-0.25, 1.25, 601)
     candidates = torch.tensor(grid, dtype=torch.float32).expand(800, 1, -1)
     below = 1 - curves.prob_higher(candidates)[:, 0].numpy()
     expected = analytic(seen, grid)
@@ -338,7 +345,7 @@ def test_a_trained_judge_gives_the_analytic_posterior(net_of_a_known_posterior, 
     def quantiles(rows, share):
         return np.array([np.interp(share, row, grid) for row in rows])
 
-    for share, tolerance in ((0.5, 0.06), (0.05, 0.1), (0.95, 0.1)):
+    for share, tolerance in ((0.5, 0.03), (0.05, 0.05), (0.95, 0.05)):
         error = np.abs(quantiles(below, share) - quantiles(expected, share))
         assert np.median(error) < tolerance, share
     low, high = quantiles(below, 0.05), quantiles(below, 0.95)
@@ -347,8 +354,8 @@ def test_a_trained_judge_gives_the_analytic_posterior(net_of_a_known_posterior, 
 
 
 @torch.no_grad()
-def test_of_more_episodes_than_it_was_taught_on_it_is_told_as_many(net_of_a_known_posterior):
-    seen = observe(torch.zeros(3, 1), 1, 5)
+def test_more_episodes_than_in_training_count_as_many_as_in_training(net_of_a_known_posterior):
+    seen = observe(torch.full((3, 1), 0.5), 1, 5)
     four, nine = (
         net_of_a_known_posterior(seen.repeat(1, n, 1, 1), torch.zeros(3, 0)).scales for n in (4, 9)
     )
@@ -357,7 +364,7 @@ def test_of_more_episodes_than_it_was_taught_on_it_is_told_as_many(net_of_a_know
 
 @torch.no_grad()
 def test_more_episodes_narrow_the_interval(net_of_a_known_posterior):
-    truth = torch.rand(400, 1, generator=generator(3)) * 0.6 - 0.3  # away from the edges
+    truth = torch.rand(400, 1, generator=generator(3)) * 0.3 + 0.35  # away from the edges
     widths = []
     for episodes in (1, 4):
         curves = net_of_a_known_posterior(observe(truth, episodes, 4), torch.zeros(400, 0))
@@ -368,47 +375,6 @@ def test_more_episodes_narrow_the_interval(net_of_a_known_posterior):
 
 
 # --- both ---------------------------------------------------------------------------------
-
-
-def test_progress_by_updates_and_by_time(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    told: list[float] = []
-    progress = Progress(100, 10.0, told.append)
-    assert progress.fraction() == 0
-    for _ in range(40):
-        progress.step()
-    assert progress.fraction() == 0.4
-    now[0] += 5  # half of the time, but less of the updates
-    assert progress.fraction() == 0.5
-    assert told == [0.2, 0.4]
-    now[0] += 50
-    assert progress.fraction() > 1
-    for _ in range(20):
-        progress.step()
-    assert told[-1] == 1.0  # never more than all
-
-
-def test_learning_rate_warms_up_and_falls_to_nearly_nothing():
-    progress = Progress(1000, math.inf)
-    rates = []
-    for _ in range(1000):
-        rates.append(progress.learning_rate(2.0, warm_up=50))
-        progress.step()
-    assert rates[0] == pytest.approx(2 / 50)
-    assert np.argmax(rates) == 49
-    assert (np.diff(rates[50:]) <= 0).all()
-    assert rates[500] == pytest.approx(1.0)
-    assert 0 < rates[-1] < 0.05
-
-
-def test_no_time_at_all_ends_a_training_soon_but_not_before_its_least_updates():
-    progress = Progress(10**9, 0.0, least_updates=2)
-    time.sleep(0.01)
-    progress.step()
-    assert progress.fraction() == 0.5
-    progress.step()
-    assert progress.fraction() == 1
 
 
 def a_model_and_worlds(num_worlds=12, episodes=2, steps=30, filmed=5):
@@ -446,23 +412,31 @@ def test_filmed_keypoints_are_those_of_the_filmed_steps():
             np.testing.assert_array_equal(filmed[world, i], worlds.keypoints[world, 0, start + i])
 
 
-def test_sights_estimates_are_brought_to_the_present_range():
-    model, _, distribution = a_model_and_worlds()
-    # the detector gives coordinates of the whole space, 0 to 1; the posterior network wants -1 to 1 in the range
-    estimated = np.array([[0.2, 0.0], [0.3, 0.5], [0.4, 1.0], [0.5, 0.75]])
-    expected = [[-1, -1], [0, 0], [1, 1], [2, 0.5]]
-    np.testing.assert_allclose(model._from_detector(estimated, distribution), expected, atol=1e-9)
+def test_detectors_estimates_are_compared_in_coordinates_of_the_range():
+    model, worlds, distribution = a_model_and_worlds(num_worlds=2, filmed=2)
+    worlds.parameters[:, [0, 2]] = [[0.2, 0.25], [0.35, 1.0]]  # 0 and .75 of the range; .25 and 1
+    # In coordinates of the whole space, which the two frames of each world average to
+    visible = np.array([[0.15, 0.5], [0.25, 0.6], [0.3, 0.9], [0.4, 0.9]])
+    found = worlds.filmed_keypoints().reshape(4, 2, 2) + np.array([1.0, -2.0])
+    detections = Detections(found, np.zeros((4, 2, 2, 2)), np.zeros((4, 2, 2)), visible)
+    errors = model.detector_errors(worlds, detections, distribution)
+    np.testing.assert_allclose(errors.visible, [[0, 0.3], [0, -0.1]], atol=1e-6)
+    np.testing.assert_allclose(errors.keypoints, np.zeros((2, 2, 2, 2)) + [1, -2], atol=1e-5)
 
 
-def test_the_judge_learns_from_sets_spoilt_by_errors_of_one_world_each():
+def test_posterior_batches_have_the_errors_of_one_world_in_each_set():
     model, worlds, distribution = a_model_and_worlds()
     # An error that says of which world it is: +1000·(world + 1)
     errors = np.zeros((3, 5, 2, 2)) + 1000.0 * np.arange(1, 4)[:, None, None, None]
     visible_errors = np.tile(np.arange(1, 4)[:, None] * 10.0, (1, 2))
-    batches = posterior._PosteriorBatches(
-        worlds, (errors, visible_errors), model.visible, model.config.posterior_net, model.generator
+    batches = PosteriorBatches(
+        worlds,
+        DetectorErrors(errors, visible_errors),
+        model.visible,
+        model.config.posterior_net,
+        model.generator,
     )
-    truth = torch.tensor(model._to_range(worlds.parameters, distribution), dtype=torch.float32)
+    truth = torch.tensor(distribution.to_range_unit(worlds.parameters), dtype=torch.float32)
     sizes = set()
     for _ in range(20):
         at, keypoints, actions, visible = batches.draw(truth)[:4]
@@ -490,29 +464,26 @@ def test_the_judge_learns_from_sets_spoilt_by_errors_of_one_world_each():
     assert sizes == {1, 2}
 
 
-def test_training_and_reading_the_whole_model():
+def test_curves_do_not_depend_on_the_order_of_episodes():
     model, worlds, distribution = a_model_and_worlds()
-    assert np.isfinite(model.train_detector(worlds, distribution, Progress(3, math.inf)))
-    errors = model.detector_errors(worlds, model.detect(worlds), distribution)
-    assert np.isfinite(
-        model.train_posterior_net(worlds, distribution, errors, Progress(3, math.inf))
-    )
+    assert np.isfinite(model.train_detector(worlds, distribution, TrainingClock(3)))
+    errors = model.detector_errors(worlds, model.detect(worlds.frames), distribution)
+    assert np.isfinite(model.train_posterior_net(worlds, distribution, errors, TrainingClock(3)))
     rng = np.random.default_rng(0)
-    real = [
-        Trajectory(
-            rng.integers(256, size=(steps + 1, SIZE, SIZE, 3)).astype(np.uint8),
-            rng.uniform(-1, 1, (steps, 1)).astype(np.float32),
-            0.1,
-        )
+    episodes = [
+        model.detect(rng.integers(256, size=(steps + 1, SIZE, SIZE, 3)).astype(np.uint8))
         for steps in (30, 26)  # recordings differ in length
     ]
-    curves = model.curves(real, distribution)
-    assert curves.places.shape == (1, 3, 3)
-    swapped = model.curves(real[::-1], distribution)
-    torch.testing.assert_close(curves.places, swapped.places)
+    actions = rng.uniform(-1, 1, (2, 26, 1))
+    curves = model.curves(episodes, actions, distribution)
+    assert curves.locations.shape == (1, 3, 3)
+    swapped = model.curves(episodes[::-1], actions[::-1].copy(), distribution)
+    torch.testing.assert_close(curves.locations, swapped.locations)
+    mixed_up = model.curves(episodes[::-1], actions, distribution)
+    assert not torch.equal(curves.locations, mixed_up.locations), "each goes with its own actions"
 
 
-def test_a_seed_gives_the_same_model_and_leaves_torchs_own_numbers_alone():
+def test_seed_gives_the_same_model_and_leaves_torchs_own_numbers_alone():
     torch.manual_seed(5)
     expected = torch.rand(3)
     torch.manual_seed(5)
@@ -524,7 +495,7 @@ def test_a_seed_gives_the_same_model_and_leaves_torchs_own_numbers_alone():
         assert torch.equal(a, b)
 
 
-def test_gradients_reach_every_weight_of_sight():
+def test_gradients_reach_every_weight_of_the_detector():
     detector = a_detector()
     pictures = torch.rand(4, 3, SIZE, SIZE, generator=generator()) * 2 - 1
     keypoints = torch.rand(4, 2, 2, generator=generator()) * SIZE
@@ -534,18 +505,18 @@ def test_gradients_reach_every_weight_of_sight():
         assert F.l1_loss(weight.grad, torch.zeros_like(weight)) > 0, name
 
 
-def test_a_keypoint_that_may_be_in_two_places_is_given_both():
+def test_keypoint_that_may_be_in_two_places_gets_both_as_candidates():
     detector = KeypointDetector(1, 0, SIZE, SMALL_DETECTOR)
     heat = torch.full((1, 1, detector.cells**2), -20.0)
     left, right = 2 * detector.cells + 2, 9 * detector.cells + 10  # cells far from each other
     heat[0, 0, left], heat[0, 0, right] = math.log(0.7), math.log(0.3)
-    places, probability = detector.places(heat)
+    places, probability = detector.candidates(heat)
     torch.testing.assert_close(places[0, 0, 0], detector.grid[left], atol=0.01, rtol=0)
     torch.testing.assert_close(places[0, 1, 0], detector.grid[right], atol=0.01, rtol=0)
     torch.testing.assert_close(probability[0, :, 0], torch.tensor([0.7, 0.3]), atol=1e-3, rtol=0)
 
 
-def test_cameras_differ_from_world_to_world_and_not_within_one():
+def test_image_noise_differs_from_world_to_world_and_not_within_one():
     rng = np.random.default_rng(0)
     drawn = np.full((6, 3, 8, 8, 3), 128, np.uint8)
     filmed = drawn.copy()

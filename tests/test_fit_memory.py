@@ -6,12 +6,12 @@ from functools import partial
 import mujoco
 import numpy as np
 import pytest
+from keypoint_evidence import observed_keypoints
 from servo import cartpole_with_servo
-from simtune.fit.tracks import Tracks
 
-from simtune.fit.particles import ParticleConfig, Particles
-from simtune.fit.physics import Physics
-from simtune.fit.shooting import Shooting, ShootingConfig, Stage
+from simtune.fit import Observed, ParticleConfig, Physics, ShootingConfig, Stage
+from simtune.fit.particles import Particles
+from simtune.fit.shooting import Shooting
 from simtune.parameters import ParameterSpace, delay
 from simtune.randomization import Distribution
 from simtune.simulation import JointActions, random_actions
@@ -63,16 +63,13 @@ def played(task: Task, truth: np.ndarray):
     keypoints = find_keypoints(simulator, task.camera, first, 0)
     actions = random_actions(3, STEPS, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.observe)
-    physics = Physics(simulator, keypoints, rollouts.states[0, 0])
-    return physics, keypoints, rollouts
+    physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
+    return physics, rollouts
 
 
-def seen(rollouts) -> Tracks:
-    """Keypoints as a nearly perfect the detector sees them."""
-    places = rollouts.observed.reshape(3, STEPS + 1, 1, -1, 2).repeat(2, 2)
-    probability = np.zeros(places.shape[:-1])
-    probability[:, :, 0] = 0.98
-    return Tracks(places, probability, rollouts.actions.astype(float))
+def detected(rollouts) -> Observed:
+    """Keypoints as a nearly perfect detector finds them."""
+    return observed_keypoints(rollouts.observed, rollouts.actions, noise_px=0.2)
 
 
 CASES = {"delay": (late_cartpole, [0.08, 7.0, 0.19]), "filter": (slow_cartpole, [0.08, 7.0])}
@@ -83,40 +80,37 @@ SERVOS = {
 
 
 @pytest.mark.parametrize("name", [*CASES, *SERVOS])
-def test_a_stretch_from_the_middle_of_an_episode_moves_as_the_episode_did(name):
+def test_window_with_replayed_actuators_moves_as_its_episode(name):
     make, truth = (CASES | SERVOS)[name]
     task = make()
-    physics, _, rollouts = played(task, np.array(truth))
+    physics, rollouts = played(task, np.array(truth))
     at, length = 40, 12
     states, actions = physics.states(rollouts.states), rollouts.actions[:, at : at + length]
     unit = task.parameters.to_unit(np.array(truth))
-    actuator_state, unit = (
-        physics.after(rollouts.actions, states, unit)[:, at],
-        np.tile(unit, (3, 1)),
-    )
-    rows, _ = physics.play(states[:, at], unit, actions, actuator_state)
-    np.testing.assert_allclose(physics.states(rows), states[:, at : at + length + 1], atol=1e-6)
-    forgetful, _ = physics.play(states[:, at], unit, actions)
+    actuator_states = physics.replay_actuators(rollouts.actions, states, unit)[:, at]
+    units = np.tile(unit, (3, 1))
+    again, _ = physics.play(states[:, at], units, actions, actuator_states)
+    np.testing.assert_allclose(physics.states(again), states[:, at : at + length + 1], atol=1e-6)
+    forgetful, _ = physics.play(states[:, at], units, actions)
     assert np.abs(physics.states(forgetful) - states[:, at : at + length + 1]).max() > 0.01
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_parameters_are_found_though_windows_begin_in_the_middle(name):
+def test_fit_recovers_delay_and_gain_from_windows_inside_episodes(name):
     make, truth = CASES[name]
     task, truth = make(), np.array(truth)
-    physics, keypoints, rollouts = played(task, truth)
+    physics, rollouts = played(task, truth)
     space, fitted, rng = task.parameters, np.arange(len(truth)), np.random.default_rng(1)
     config = ShootingConfig(stages=(Stage(4, 4, 4.0), Stage(12, 8)), longer=())
-    noise = np.full(len(keypoints), 0.2)
     states = physics.states(rollouts.states)
     rough = states + SPREAD * rng.normal(size=states.shape)
     start = space.from_unit(space.to_unit(truth) + 0.1)
-    fit = Shooting(physics, noise, SPREAD, fitted, config).fit(seen(rollouts), rough, start)
+    fit = Shooting(physics, SPREAD, fitted, config).fit(detected(rollouts), rough, start)
     found = space.from_unit(fit.unit)
     np.testing.assert_allclose(found, truth, rtol=0.02)
 
-    particles = Particles(physics, noise, SPREAD, fitted, ParticleConfig(num=128))
+    particles = Particles(physics, SPREAD, fitted, ParticleConfig(num=128))
     unit = space.to_unit(start)
-    followed = particles.follow(seen(rollouts), rough, unit, np.full(len(unit), 0.1))
+    followed = particles.follow(detected(rollouts), rough, unit, np.full(len(unit), 0.1))
     error = np.abs(physics.space.difference(followed.states, states)).mean((0, 1))
     assert (error[:2] < SPREAD[:2]).all()  # without any memory .2 to .5

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simtune.fit.tracks import Tracks
+from keypoint_evidence import observed_keypoints
 
-from simtune.fit.physics import Physics
-from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit
+from simtune.fit import Observed, Physics, ShootingConfig
+from simtune.fit.shooting import Shooting, ShootingFit
+from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
@@ -16,9 +17,8 @@ from simtune.vision.keypoints import find_keypoints
 
 PENDULUM = Path(__file__).parents[1] / "examples" / "phone_pendulum" / "tune.toml"
 SPREAD = np.array([0.02, 0.2])  # of first guesses at angle and velocity
-POOR_PX, STEPS = 4.0, 96
-OPEN = np.array([0, 3, 8])  # length; how far away the camera is, and how much it sees
-SHORT = ShootingConfig(longer=())
+POOR_PX, STEPS, LENGTH = 4.0, 96, 0
+OPEN = (LENGTH, 3, 8)  # length; how far away the camera is, and how much it sees
 LONG = ShootingConfig(longer=(24, 96), longer_iterations=6)
 
 
@@ -28,63 +28,62 @@ def pendulum() -> tuple[Task, Simulator]:
     return task, task.simulator(image_size=64)
 
 
-def swings(
-    pendulum, seed: int, noise_px: float = POOR_PX
-) -> tuple[Shooting, Tracks, np.ndarray, float]:
-    """How it was seen to swing four times, rough guesses at the states, and the true length."""
-    task, simulator = pendulum
-    space, rng = task.parameters, np.random.default_rng(seed)
-    truth = space.nominal.copy()
-    truth[0] *= 1.3
-    keypoints = find_keypoints(simulator, task.camera, Distribution.first(space, truth), 0)
-    rollouts = simulator.roll_out(
-        np.repeat(truth[None], 4, 0), np.zeros((4, STEPS, 0)), rng, keypoints.observe
-    )
-    true = rollouts.observed.reshape(4, STEPS + 1, 1, -1, 2)
-    places = np.repeat(true + noise_px * rng.normal(size=true.shape), 2, 2)
-    probability = np.zeros(places.shape[:-1])
-    probability[:, :, 0] = 0.98
-    states = rollouts.states[..., 1:3]
-    rough = states + SPREAD * rng.normal(size=states.shape)
-    physics = Physics(simulator, keypoints, rollouts.states[0, 0])
-    noise = np.full(len(keypoints), noise_px)
-    shooting = Shooting(physics, noise, SPREAD, OPEN, LONG)
-    return shooting, Tracks(places, probability, rollouts.actions.astype(float)), rough, truth[0]
+class Swings:
+    """Four swings as seen with some noise, rough guesses at their states, and the true length."""
+
+    def __init__(self, pendulum, seed: int, noise_px: float = POOR_PX, fitted=OPEN):
+        task, simulator = pendulum
+        self.space, rng = task.parameters, np.random.default_rng(seed)
+        truth = self.space.nominal.copy()
+        truth[LENGTH] *= 1.3
+        self.length = truth[LENGTH]
+        keypoints = find_keypoints(simulator, task.camera, Distribution.first(self.space, truth), 0)
+        rollouts = simulator.roll_out(
+            np.repeat(truth[None], 4, 0), np.zeros((4, STEPS, 0)), rng, keypoints.observe
+        )
+        points = rollouts.observed + noise_px * rng.normal(size=rollouts.observed.shape)
+        self.observed = observed_keypoints(points, rollouts.actions, noise_px)
+        states = rollouts.states[..., 1:3]
+        self.states = states + SPREAD * rng.normal(size=states.shape)
+        physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
+        self.shooting = Shooting(physics, SPREAD, np.array(fitted), LONG)
+
+    def fit(self) -> tuple[ShootingFit, ShootingFit]:
+        """From the nominal parameters; with windows as they are, and with longer ones."""
+        arguments = (self.observed, self.states, self.space.nominal)
+        short = self.shooting.fit(*arguments)
+        return short, self.shooting.extend_horizon(*arguments, short)
+
+    def found_length(self, fit: ShootingFit) -> float:
+        unit = self.space.to_unit(self.space.nominal)
+        unit[self.shooting.fitted] = fit.unit
+        return float(self.space.from_unit(unit)[LENGTH])
 
 
-def fit(pendulum, shooting: Shooting, tracks, rough, config=None) -> tuple[ShootingFit, float]:
-    """The fit from the nominal parameters, and the length it found, m."""
-    space = pendulum[0].parameters
-    shooting.config = config or shooting.config
-    found = shooting.fit(tracks, rough, space.nominal)
-    found = shooting.grow(tracks, rough, space.nominal, found)
-    unit = space.to_unit(space.nominal)
-    unit[OPEN] = found.unit
-    return found, float(space.from_unit(unit)[0])
-
-
-def test_a_slow_swing_is_followed_for_longer(pendulum):
-    shooting, tracks, rough, truth = swings(pendulum, 0)
-    short, _ = fit(pendulum, shooting, tracks, rough, SHORT)
-    long, length = fit(pendulum, shooting, tracks, rough, LONG)
-    assert short.rows.shape[1] == 1 + 12
-    assert long.rows.shape[1] > 1 + 12
+def test_horizon_extends_for_a_slow_swing_and_recovers_its_length(pendulum):
+    swings = Swings(pendulum, 0)
+    short, long = swings.fit()
+    assert short.full_states.shape[1] == 1 + 12
+    assert long.full_states.shape[1] > 1 + 12
     assert long.covariance[0, 0] < short.covariance[0, 0] / 4
-    assert abs(length / truth - 1) < 0.01
+    assert abs(swings.found_length(long) / swings.length - 1) < 0.01
 
 
-def test_what_does_not_hang_together_is_not_followed_for_longer(pendulum, monkeypatch):
-    monkeypatch.setattr("simtune.fit.shooting._ENOUGH", 0.0)
-    shooting, tracks, rough, _ = swings(pendulum, 1, noise_px=1.0)
-    cut = np.arange(STEPS + 1) // 12 % 2 == 1  # every other window shows another episode
-    places, states = tracks.places.copy(), rough.copy()
-    places[:, cut], states[:, cut] = np.roll(places, 1, 0)[:, cut], np.roll(states, 1, 0)[:, cut]
-    found, _ = fit(pendulum, shooting, replace(tracks, places=places), states)
-    assert found.rows.shape[1] == 1 + 12
+def test_horizon_stays_where_longer_windows_are_not_explained(pendulum):
+    swings = Swings(pendulum, 1, noise_px=1.5)
+    mixed = np.arange(STEPS + 1) // 12 % 2 == 1  # every other window shows another episode
+    (tracks,) = swings.observed.evidence.parts
+    candidates, states = tracks.candidates.copy(), swings.states.copy()
+    candidates[:, mixed] = np.roll(candidates, 1, 0)[:, mixed]
+    states[:, mixed] = np.roll(states, 1, 0)[:, mixed]
+    evidence = AllEvidence((replace(tracks, candidates=candidates),))
+    swings.observed, swings.states = Observed(evidence, swings.observed.actions), states
+    short, long = swings.fit()
+    assert np.sqrt(np.diag(short.covariance).max()) > 0.015, "longer windows could tell more"
+    assert long is short
 
 
-def test_where_short_windows_tell_enough_they_stay_short(pendulum, monkeypatch):
-    shooting, tracks, rough, _ = swings(pendulum, 0)
-    monkeypatch.setattr("simtune.fit.shooting._ENOUGH", np.inf)
-    found, _ = fit(pendulum, shooting, tracks, rough)
-    assert found.rows.shape[1] == 1 + 12
+def test_horizon_stays_where_short_windows_tell_enough(pendulum):
+    short, long = Swings(pendulum, 0, noise_px=0.05, fitted=(LENGTH,)).fit()
+    assert np.sqrt(short.covariance[0, 0]) < 0.01
+    assert long is short

@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 import torch
 
+from simtune.budget import Budget
 from simtune.errors import InputError
 from simtune.networks import PixelEncoder, positional_encoding, predicting
+from simtune.observation import ObservationModel
 from simtune.parameters import Parameter, ParameterSpace
-from simtune.search_param_model.paper import PaperConfig, PaperSearchParamModel, count_votes
+from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel, count_votes
 from simtune.search_param_model.windows import Windows, split
-from simtune.simulation import Rollouts, Simulator
+from simtune.simulation import Points, Rollouts, Simulator
 from simtune.trajectory import Trajectory
+from simtune.tuning import SearchContext
 from simtune.tuning.paper import PaperSearch, approach, shift_mean
 
 SIZE = 20
@@ -47,7 +50,7 @@ def a_parameter(name: str, low: float, high: float, scale: str = "linear") -> Pa
 SPACE = ParameterSpace([a_parameter("left", 0.0, 1.0), a_parameter("right", 0.05, 5.0, "log")])
 
 
-class FakeSimulator:
+class FakeSimulator(Simulator):
     """Worlds whose picture shows one parameter in its left half and one in its right."""
 
     can_start_anywhere = True
@@ -56,12 +59,14 @@ class FakeSimulator:
         self.space = SPACE
         self.image_size = SIZE
         self.num_steps = 0
-        self.action_mapping = SimpleNamespace(range=np.array([[-4.0, 2.0], [-1.0, 1.0]]))
+        self.played: list[np.ndarray] = []
 
-    action_scale = Simulator.action_scale
+    can_start_anywhere = True
+    action_mapping = SimpleNamespace(range=np.array([[-4.0, 2.0], [-1.0, 1.0]]))
 
     def roll_out(self, parameters, actions, rng) -> Rollouts:
         n, num_steps, _ = actions.shape
+        self.played.extend(actions)
         self.num_steps += n * num_steps
         states, lengths = rng.normal(size=(n, num_steps + 1, 1)), np.full(n, num_steps)
         observed = np.empty((n, num_steps + 1, 0))
@@ -75,7 +80,23 @@ class FakeSimulator:
         noise = 0.02 * np.sin(states)[..., None, None]
         return (np.clip(frames + noise, 0, 1) * 255).astype(np.uint8)
 
-    film = Simulator.film
+
+def a_search(
+    simulator: Simulator | None = None,
+    start: np.ndarray = SPACE.nominal,
+    config: PaperConfig = SMALL,
+    seed: int = 0,
+    method: Method = "paper",
+) -> PaperSearch:
+    context = SearchContext(
+        simulator=simulator or FakeSimulator(),
+        camera="none",
+        keypoints=Points(np.zeros(0, int), SIZE),
+        start=start,
+        observation=ObservationModel.of_simulator(),
+        seed=seed,
+    )
+    return PaperSearch(context, config, method=method)
 
 
 def real_of(parameters: np.ndarray, num: int = 2) -> list[Trajectory]:
@@ -123,11 +144,20 @@ def test_votes_by_hand():
 
 def test_votes_are_averaged_over_windows_then_episodes(monkeypatch):
     model = a_model()
-    logits = [torch.tensor([[[9.0, 9.0]], [[9.0, -9.0]], [[-9.0, -9.0]], [[0.0, -9.0]]])]
-    logits.append(torch.tensor([[[9.0, -9.0]]]))  # an episode of one window counts as much
-    monkeypatch.setattr(model, "_over_episodes", lambda *_: iter(logits))
+    logits = [[9.0, 9.0], [9.0, -9.0], [-9.0, -9.0], [0.0, -9.0], [9.0, -9.0]]
+
+    def of_window(windows: Windows, candidates) -> torch.Tensor:
+        """By the number of a window, which its actions are."""
+        return torch.tensor([[logits[int(number)]] for number in windows.actions[:, 0, 0]])
+
+    monkeypatch.setattr(model, "forward", of_window)
+    numbers = np.repeat(np.arange(5.0), SMALL.window).astype(np.float32)
+    episodes = [
+        Trajectory(np.zeros((len(its) + 1, SIZE, SIZE, 3), np.uint8), np.stack([its, its], 1), 0.1)
+        for its in np.split(numbers, [4 * SMALL.window])
+    ]  # four windows, and one, which counts as much
     expected = [(2.5 / 4 + 1) / 2, (1 / 4 + 0) / 2]
-    np.testing.assert_array_equal(model.prob_higher([], SPACE.nominal), expected)
+    np.testing.assert_array_equal(model.prob_higher(episodes, SPACE.nominal), expected)
 
 
 def test_label_is_true_where_the_truth_is_higher(monkeypatch):
@@ -151,7 +181,7 @@ def test_positional_encoding_equals_the_plain_loop():
         np.testing.assert_allclose(encoded[row], plain, atol=1e-12)
 
 
-def test_encoder_is_the_agents():
+def test_encoder_has_the_agents_layers():
     encoder = PixelEncoder(30, 84)
     shapes = [tuple(p.shape) for p in encoder.parameters() if p.ndim > 1]
     convolutions = [(32, 30, 3, 3), *[(32, 32, 3, 3)] * 3]
@@ -172,7 +202,7 @@ def test_split_gives_all_whole_windows_from_the_centre():
         split(trajectory, 15, 16)
 
 
-def test_no_dropout_in_predictions():
+def test_predictions_have_no_dropout():
     model, real = a_model(), real_of(np.array([0.5, 0.5]))
     windows, candidates = some_windows(2), SPACE.nominal[None]
     assert not torch.equal(model(windows, candidates), model(windows, candidates))  # training
@@ -203,21 +233,22 @@ def test_candidates_at_once_equal_the_plain_loop(monkeypatch):
 
 
 @pytest.mark.parametrize("method", ["paper", "regression"])
-def test_finds_the_truth_of_a_tiny_world(method):
+def test_paper_search_finds_the_truth_of_a_tiny_world(method):
     truth, start = np.array([0.4, 1.0]), np.array([0.8, 0.5])  # ×2 and ×½
-    search = PaperSearch(FakeSimulator(), start, SMALL, seed=0, method=method)
+    simulator = FakeSimulator()
+    search = a_search(simulator, start, method=method)
     for _ in range(9):
-        estimate, _, scalars = search.iterate(real_of(truth), math.inf)
+        estimate, _, scalars = search.run_round(real_of(truth), Budget())
     np.testing.assert_array_less(np.abs(np.log(estimate.mean / truth)), np.log(2) / 2)
     assert np.isfinite(list(scalars.values())).all()
-    assert search._simulator.num_steps == 12 * search._store.num_added
+    # Episodes of 12 steps, five at a time: twice before the first round, and in each
+    assert simulator.num_steps == 12 * 5 * (2 + 9)
 
 
 def test_pretraining_leaves_the_mean_where_it_is():
-    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
-    real = real_of(np.array([0.1, 0.1]))
+    search, real = a_search(), real_of(np.array([0.1, 0.1]))
     for moves in (0, 0, 0, 1):  # 180, 240, 300 and 360 steps collected; 300 are pretraining
-        estimate, events, scalars = search.iterate(real, math.inf)
+        estimate, events, scalars = search.run_round(real, Budget())
         assert search.num_moves == moves
         assert np.array_equal(estimate.mean, SPACE.nominal) == (moves == 0)
         assert set(scalars) == {"spm_loss", "prob_higher/left", "prob_higher/right"}
@@ -226,75 +257,74 @@ def test_pretraining_leaves_the_mean_where_it_is():
     assert estimate.verdict == ["weak", "weak"]
 
 
-def test_arrival_at_a_bound_is_an_event():
+def test_arrival_of_a_mean_at_a_bound_is_an_event():
     config = PaperConfig(**vars(SMALL) | {"collect_steps": 0, "pretrain_steps": 0})
-    search = PaperSearch(FakeSimulator(), np.array([0.95, 1.0]), config, seed=0)
+    search = a_search(start=np.array([0.95, 1.0]), config=config)
     search.model.prob_higher = lambda *_: np.array([1.0, 0.5])  # type: ignore[method-assign]
     real = real_of(np.array([1.0, 1.0]))
-    first, second = (search.iterate(real, math.inf)[1] for _ in range(2))
+    first, second = (search.run_round(real, Budget())[1] for _ in range(2))
     assert [(e.event, e.parameter, e.low, e.high) for e in first] == [("moved", "left", 0.0, 1.0)]
     assert second == []
 
 
-def test_deadline_is_kept():
-    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
-    started = time.monotonic()
-    search.iterate(real_of(SPACE.nominal), started)
-    assert search._store.num_added == 10  # one helping of the first collection, and the iteration's
-    assert time.monotonic() - started < 2
+def test_round_out_of_time_collects_once_and_makes_one_update():
+    simulator = FakeSimulator()
+    config = PaperConfig(**vars(SMALL) | {"updates_per_episode": 10**9})
+    search, budget = a_search(simulator, config=config), Budget(1e-3)
+    time.sleep(0.01)
+    assert budget.is_over
+    search.run_round(real_of(SPACE.nominal), budget)  # or it would never end
+    assert len(simulator.played) == 10  # once for the first collection, and once for the round
 
 
 @pytest.mark.parametrize("method", ["paper", "regression"])
-def test_resumes_bit_for_bit(method):
+def test_resumed_paper_search_repeats_a_straight_one_bit_for_bit(method):
     real = real_of(np.array([0.4, 1.0]))
 
     def start() -> PaperSearch:
-        return PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=3, method=method)
+        return a_search(seed=3, method=method)
 
     straight = start()
     for _ in range(3):  # 25 episodes into 20 slots: the oldest are gone
-        straight.iterate(real, math.inf)
+        straight.run_round(real, Budget())
     tensors = {k: v.clone() for k, v in straight.tensors().items()}
     state = json.loads(json.dumps(straight.state()))
     resumed = start()
     resumed.load(tensors, state)
     torch.rand(5)  # what others draw from torch does not matter
     for _ in range(2):  # the second of them moves the mean
-        one, _, one_scalars = straight.iterate(real, math.inf)
-        other, _, other_scalars = resumed.iterate(real, math.inf)
+        one, _, one_scalars = straight.run_round(real, Budget())
+        other, _, other_scalars = resumed.run_round(real, Budget())
         assert one_scalars == other_scalars
         np.testing.assert_array_equal(one.mean, other.mean)
     for name, tensor in straight.tensors().items():
         assert torch.equal(tensor, resumed.tensors()[name]), name
 
 
-def test_a_fresh_search_can_be_saved():
-    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
-    other = PaperSearch(FakeSimulator(), SPACE.low + 0.1, SMALL, seed=1)
+def test_paper_search_that_ran_no_round_can_be_saved():
+    search, other = a_search(), a_search(start=SPACE.low + 0.1, seed=1)
     other.load(search.tensors(), search.state())
     np.testing.assert_array_equal(other.distribution.mean, SPACE.nominal)
 
 
-def test_recorded_actions_are_replayed():
-    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
-    real = real_of(SPACE.nominal)
-    search.iterate(real, math.inf)
+def test_paper_search_replays_recorded_actions():
+    simulator, real = FakeSimulator(), real_of(SPACE.nominal)
+    a_search(simulator).run_round(real, Budget())
     allowed = {t.actions[:12].tobytes() for t in real}
-    stored = search._store.actions[: len(search._store)] * torch.tensor([4.0, 1.0])
-    assert {a.numpy().tobytes() for a in stored} == allowed
+    assert {actions.tobytes() for actions in simulator.played} == allowed
 
 
-def test_unusable_input_is_refused():
+def test_paper_search_refuses_negative_bounds_short_episodes_and_small_pictures():
     space = ParameterSpace([a_parameter("tilt", -1.0, 1.0)])
     simulator = FakeSimulator()
     simulator.space = space
     with pytest.raises(InputError, match="tilt"):
-        PaperSearch(simulator, space.nominal, SMALL, seed=0)  # type: ignore[arg-type]
-    search = PaperSearch(FakeSimulator(), SPACE.nominal, SMALL, seed=0)
+        a_search(simulator, space.nominal)
+    search = a_search()
     (trajectory, _) = real_of(SPACE.nominal)
     short = Trajectory(trajectory.frames[:3], trajectory.actions[:2], 0.1)
     with pytest.raises(InputError, match="at least 3 steps, got one of 2"):
-        search.iterate([short], math.inf)
+        search.run_round([short], Budget())
     small = Trajectory(trajectory.frames[:, :16], trajectory.actions, 0.1)
     with pytest.raises(ValueError, match="must be 20 × 20, got 16 × 20"):
-        search.iterate([small], math.inf)
+        search.run_round([small], Budget())

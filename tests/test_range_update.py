@@ -8,10 +8,10 @@ from simtune.randomization import Distribution
 from simtune.tuning.range_update import (
     RangeUpdateConfig,
     candidate_grid,
-    move,
     quantile,
     read_curves,
     shortest_interval,
+    update_range,
     with_fit,
 )
 
@@ -30,16 +30,16 @@ SPACE = ParameterSpace([a_parameter("red", 0.0, 1.0), a_parameter("mass", 0.01, 
 FIRST = Distribution.first(SPACE, np.array([0.5, 1.0]))  # red [0, 1], mass [1/3, 3]
 
 
-def logistic(place, scale) -> np.ndarray:
+def logistic(location, scale) -> np.ndarray:
     """(N, C) survival curves on the grid."""
-    place, scale = np.atleast_1d(place)[:, None], np.atleast_1d(scale)[:, None]
+    location, scale = np.atleast_1d(location)[:, None], np.atleast_1d(scale)[:, None]
     with np.errstate(over="ignore"):
-        return 1 / (1 + np.exp((GRID - place) / scale))
+        return 1 / (1 + np.exp((GRID - location) / scale))
 
 
 def flat(num: int = 2) -> np.ndarray:
     """What nothing but the prior gives: uniform in the range."""
-    return np.tile(np.clip((1 - GRID) / 2, 0, 1), (num, 1))
+    return np.tile(np.clip(1 - GRID, 0, 1), (num, 1))
 
 
 def narrowed_to(low, high) -> Distribution:
@@ -52,54 +52,54 @@ def narrowed_to(low, high) -> Distribution:
 # --- quantiles ----------------------------------------------------------------------------
 
 
-def test_quantiles_of_the_prior():
+def test_quantiles_of_a_uniform_curve():
     for share in (0.05, 0.5, 0.9):
-        np.testing.assert_allclose(quantile(flat(), share), 2 * share - 1, atol=3e-3)
+        np.testing.assert_allclose(quantile(flat(), share), share, atol=1.5e-3)
 
 
 def test_quantiles_of_logistics():
-    curves = logistic([0.3, -0.2], [0.05, 0.01])
+    curves = logistic([0.65, 0.4], [0.025, 0.005])
     for share in (0.1, 0.5, 0.95):
-        expected = np.array([0.3, -0.2]) + np.array([0.05, 0.01]) * np.log(share / (1 - share))
-        np.testing.assert_allclose(quantile(curves, share), expected, atol=3e-3)
+        expected = [0.65, 0.4] + np.array([0.025, 0.005]) * np.log(share / (1 - share))
+        np.testing.assert_allclose(quantile(curves, share), expected, atol=1.5e-3)
 
 
-def test_quantiles_of_a_curve_that_does_not_fall_everywhere():
-    curve = logistic(0.0, 0.1)[0]
+def test_quantile_of_a_curve_that_rises_again_is_the_first():
+    curve = logistic(0.5, 0.05)[0]
     bumpy = curve.copy()
-    bumpy[GRID > 0.3] = np.maximum(bumpy[GRID > 0.3], 0.2)  # it rises again
+    bumpy[GRID > 0.65] = np.maximum(bumpy[GRID > 0.65], 0.2)  # it rises again
     bumpy[GRID > 1.0] = 0
     found = quantile(bumpy[None], 0.5)
-    np.testing.assert_allclose(found, 0, atol=1e-6)
+    np.testing.assert_allclose(found, 0.5, atol=1e-6)
 
 
 def test_quantiles_beyond_the_grid_are_its_ends():
-    assert quantile(logistic(5.0, 0.1), 0.5) == GRID[-1]
-    assert quantile(logistic(-5.0, 0.1), 0.5) == GRID[0]
+    assert quantile(logistic(3.0, 0.05), 0.5) == GRID[-1]
+    assert quantile(logistic(-2.0, 0.05), 0.5) == GRID[0]
 
 
 def test_shortest_interval_of_a_symmetric_curve_has_equal_tails():
-    low, high = shortest_interval(logistic(0.2, 0.05), 0.9)
-    expected = 0.05 * np.log(0.95 / 0.05)
-    np.testing.assert_allclose([low[0], high[0]], [0.2 - expected, 0.2 + expected], atol=0.02)
+    low, high = shortest_interval(logistic(0.6, 0.025), 0.9)
+    expected = 0.025 * np.log(0.95 / 0.05)
+    np.testing.assert_allclose([low[0], high[0]], [0.6 - expected, 0.6 + expected], atol=0.01)
 
 
 def test_shortest_interval_reaches_the_bound_at_which_the_truth_may_lie():
-    exponential = np.clip(np.exp(-(GRID + 1) / 0.2), 0, 1)[None]  # densest at the range's low end
+    exponential = np.clip(np.exp(-GRID / 0.1), 0, 1)[None]  # densest at the range's low end
     low, high = shortest_interval(exponential, 0.9)
-    assert low[0] == pytest.approx(-1, abs=0.01)
-    assert high[0] == pytest.approx(-1 + 0.2 * np.log(10), abs=0.03)
+    assert low[0] == pytest.approx(0, abs=0.005)
+    assert high[0] == pytest.approx(0.1 * np.log(10), abs=0.015)
 
 
 # --- reading curves -----------------------------------------------------------------------
 
 
-def test_curves_are_read_along_each_parameters_scale():
-    estimate = read_curves(logistic([0.5, 1.0], 0.01), FIRST, FIRST, CONFIG)
+def test_estimate_reads_curves_along_each_parameters_scale():
+    estimate = read_curves(logistic([0.75, 1.0], 0.005), FIRST, FIRST, CONFIG)
     np.testing.assert_allclose(estimate.mean, [0.75, 3.0], rtol=1e-3)
-    tail = 0.01 * np.log(19)
-    np.testing.assert_allclose(estimate.low, [0.75 - tail / 2, 3 * 3**-tail], rtol=5e-3)
-    np.testing.assert_allclose(estimate.high, [0.75 + tail / 2, 3 * 3**tail], rtol=5e-3)
+    tail = 0.005 * np.log(19)
+    np.testing.assert_allclose(estimate.low, [0.75 - tail, 3 * 9**-tail], rtol=5e-3)
+    np.testing.assert_allclose(estimate.high, [0.75 + tail, 3 * 9**tail], rtol=5e-3)
     assert set(estimate.curves) == {"red", "mass"}
     for candidates, prob_higher in estimate.curves.values():
         assert candidates.shape == prob_higher.shape
@@ -110,59 +110,59 @@ def test_curves_are_read_along_each_parameters_scale():
 
 
 def test_estimates_stay_within_the_bounds():
-    for place in (-9.0, 9.0):
-        estimate = read_curves(logistic([place, place], 0.1), FIRST, FIRST, CONFIG)
+    for location in (-4.0, 5.0):
+        estimate = read_curves(logistic([location, location], 0.05), FIRST, FIRST, CONFIG)
         for values in (estimate.mean, estimate.low, estimate.high):
             np.testing.assert_array_equal(values, SPACE.clip(values))
 
 
-def test_what_lies_beyond_the_grid_is_not_called_certain():
+def test_interval_of_a_fit_beyond_the_grid_reaches_the_bound():
     # mass: the grid's end is 3^1.5 = 5.2, the bound 100.
-    posterior_net, mean = flat(), np.array([0.0, 1.6])
+    posterior_net, mean = flat(), np.array([0.5, 1.3])
     estimate = read_curves(
-        with_fit(posterior_net, mean, np.array([0.01, 0.05]), CONFIG), FIRST, FIRST, CONFIG
+        with_fit(posterior_net, mean, np.array([0.005, 0.025]), CONFIG), FIRST, FIRST, CONFIG
     )
     assert estimate.verdict == ["identified", "not identifiable"]
     assert estimate.low[1] <= 3**1.6 <= estimate.high[1] == 100
     below = read_curves(
-        with_fit(posterior_net, -mean, np.full(2, 0.05), CONFIG), FIRST, FIRST, CONFIG
+        with_fit(posterior_net, 1 - mean, np.full(2, 0.025), CONFIG), FIRST, FIRST, CONFIG
     )
     assert below.low[1] == 0.01
     assert below.low[1] <= 3**-1.6 <= below.high[1]
 
 
-def test_a_range_follows_a_fit_beyond_its_edge_even_where_the_judge_knows_nothing():
-    curves = with_fit(flat(), np.array([0.0, 1.3]), np.full(2, 0.02), CONFIG)
-    moved, events = move(curves, FIRST, FIRST, CONFIG)
+def test_range_widens_to_a_fit_beyond_its_edge_though_the_posterior_network_is_flat():
+    curves = with_fit(flat(), np.array([0.5, 1.15]), np.full(2, 0.01), CONFIG)
+    moved, events = update_range(curves, FIRST, FIRST, CONFIG)
     assert moved.low[1] <= 3**1.3 <= moved.high[1]
     assert ("widened", "mass") in {(event.event, event.parameter) for event in events}
-    assert move(flat(), FIRST, FIRST, CONFIG)[1] == [], "that alone is no reason"
+    assert update_range(flat(), FIRST, FIRST, CONFIG)[1] == [], "that alone is no reason"
 
 
 def test_verdicts_go_by_the_interval_within_the_first_range():
     def verdicts(scale: float, distribution: Distribution = FIRST) -> list[str]:
-        return read_curves(logistic([0.0, 0.0], scale), distribution, FIRST, CONFIG).verdict
+        return read_curves(logistic([0.5, 0.5], scale), distribution, FIRST, CONFIG).verdict
 
-    # The 90 % interval is 2·log(19)·scale = 5.9·scale, of a range that is 2 wide.
-    assert verdicts(0.95 * 2 * CONFIG.identified_share / 5.9) == ["identified"] * 2
-    assert verdicts(1.05 * 2 * CONFIG.identified_share / 5.9) == ["weak"] * 2
-    assert verdicts(0.95 * 2 * CONFIG.weak_share / 5.9) == ["weak"] * 2
+    # The 90 % interval is 2·log(19)·scale = 5.9·scale, of a range that is 1 wide.
+    assert verdicts(0.95 * CONFIG.identified_share / 5.9) == ["identified"] * 2
+    assert verdicts(1.05 * CONFIG.identified_share / 5.9) == ["weak"] * 2
+    assert verdicts(0.95 * CONFIG.weak_share / 5.9) == ["weak"] * 2
     assert read_curves(flat(), FIRST, FIRST, CONFIG).verdict == ["not identifiable"] * 2
     # The same curve within a tenth of the first range is ten times as narrow.
     tenth = narrowed_to([0.45, 3**-0.1], [0.55, 3**0.1])
-    assert verdicts(5 * CONFIG.identified_share / 5.9, tenth) == ["identified"] * 2
+    assert verdicts(2.5 * CONFIG.identified_share / 5.9, tenth) == ["identified"] * 2
 
 
 # --- moves --------------------------------------------------------------------------------
 
 
-def test_a_sharp_curve_narrows_the_range_around_its_median():
-    moved, events = move(logistic([0.2, -0.3], 0.03), FIRST, FIRST, CONFIG)
-    half = CONFIG.margin * 0.03 * np.log(99)
+def test_sharp_curve_narrows_the_range_around_its_median():
+    moved, events = update_range(logistic([0.6, 0.35], 0.015), FIRST, FIRST, CONFIG)
+    half = CONFIG.margin * 0.015 * np.log(99)
     np.testing.assert_allclose(moved.mean, [0.6, 3**-0.3], rtol=1e-3)
-    expected = (0.2 - half + 1) / 2, (0.2 + half + 1) / 2
+    expected = 0.6 - half, 0.6 + half
     np.testing.assert_allclose([moved.low[0], moved.high[0]], expected, atol=3e-3)
-    expected = 3 ** (-0.3 - half), 3 ** (-0.3 + half)
+    expected = 3 ** (-0.3 - 2 * half), 3 ** (-0.3 + 2 * half)
     np.testing.assert_allclose([moved.low[1], moved.high[1]], expected, rtol=1e-2)
     assert [(e.event, e.parameter) for e in events] == [("narrowed", "red"), ("narrowed", "mass")]
     for i, event in enumerate(events):
@@ -170,9 +170,9 @@ def test_a_sharp_curve_narrows_the_range_around_its_median():
         assert event.reason
 
 
-def test_a_flat_curve_leaves_the_range():
+def test_flat_curve_keeps_the_range():
     distribution = narrowed_to([0.2, 0.5], [0.6, 2.0])
-    moved, events = move(flat(), distribution, FIRST, CONFIG)
+    moved, events = update_range(flat(), distribution, FIRST, CONFIG)
     np.testing.assert_allclose(moved.low, distribution.low, rtol=1e-9)
     np.testing.assert_allclose(moved.high, distribution.high, rtol=1e-9)
     np.testing.assert_allclose(moved.mean, [0.4, 1.0], rtol=1e-6)
@@ -180,9 +180,11 @@ def test_a_flat_curve_leaves_the_range():
 
 
 @pytest.mark.parametrize("side", [-1, 1])
-def test_a_truth_at_the_edge_widens_the_range_there(side):
+def test_truth_at_the_edge_widens_the_range_there(side):
     distribution = narrowed_to([0.4, 0.8], [0.6, 1.25])
-    moved, events = move(logistic([0.97 * side] * 2, 0.05), distribution, FIRST, CONFIG)
+    moved, events = update_range(
+        logistic([0.5 + 0.485 * side] * 2, 0.025), distribution, FIRST, CONFIG
+    )
     if side > 0:
         assert (moved.high > distribution.high).all()
         assert (moved.low > distribution.low).all()  # where it is not is ruled out still
@@ -194,12 +196,12 @@ def test_a_truth_at_the_edge_widens_the_range_there(side):
 
 
 @pytest.mark.parametrize("side", [-1, 1])
-def test_a_truth_far_beyond_the_edge_is_followed(side):
+def test_ranges_reach_a_truth_far_beyond_the_edge(side):
     truth = np.array([0.5 + 0.4 * side, 1.0 * 4.0**side])
     distribution = narrowed_to([0.4, 0.8], [0.6, 1.25])
     for _ in range(6):
-        place = 2 * distribution.to_local(truth) - 1
-        distribution, _ = move(logistic(place, 0.03), distribution, FIRST, CONFIG)
+        location = distribution.to_range_unit(truth)
+        distribution, _ = update_range(logistic(location, 0.015), distribution, FIRST, CONFIG)
     assert (distribution.low < truth).all()
     assert (truth < distribution.high).all()
     np.testing.assert_allclose(distribution.mean, truth, rtol=0.02)
@@ -207,7 +209,7 @@ def test_a_truth_far_beyond_the_edge_is_followed(side):
 
 def test_ranges_end_at_the_bounds():
     distribution = narrowed_to([0.7, 40.0], [1.0, 100.0])
-    moved, events = move(logistic([1.3, 1.3], 0.02), distribution, FIRST, CONFIG)
+    moved, events = update_range(logistic([1.15, 1.15], 0.01), distribution, FIRST, CONFIG)
     np.testing.assert_allclose(moved.high, SPACE.high)
     np.testing.assert_allclose(moved.mean, SPACE.high)
     assert (moved.low < SPACE.high).all()
@@ -215,38 +217,41 @@ def test_ranges_end_at_the_bounds():
 
 
 def share_of_first(distribution: Distribution) -> np.ndarray:
-    return FIRST.to_local(distribution.high) - FIRST.to_local(distribution.low)
+    return FIRST.to_range_unit(distribution.high) - FIRST.to_range_unit(distribution.low)
 
 
 def test_no_range_gets_narrower_than_its_smallest_share():
     distribution = FIRST
     for _ in range(5):
-        distribution, _ = move(logistic([0.0, 0.0], 1e-4), distribution, FIRST, CONFIG)
+        distribution, _ = update_range(logistic([0.5, 0.5], 5e-5), distribution, FIRST, CONFIG)
     np.testing.assert_allclose(share_of_first(distribution), CONFIG.smallest_share, rtol=1e-6)
 
 
-def test_nor_at_an_edge_or_a_bound():
-    for place in (-1.4, -1.0, -0.98, 0.98, 1.0, 1.4):
+def test_no_range_gets_narrower_than_its_smallest_share_at_an_edge_or_a_bound():
+    for location in (-0.2, 0.0, 0.01, 0.99, 1.0, 1.2):
         distribution = FIRST
         for _ in range(3):
-            distribution, _ = move(logistic([place, place], 1e-4), distribution, FIRST, CONFIG)
-            assert (share_of_first(distribution) > CONFIG.smallest_share * 0.999).all(), place
+            distribution, _ = update_range(
+                logistic([location, location], 5e-5), distribution, FIRST, CONFIG
+            )
+            assert (share_of_first(distribution) > CONFIG.smallest_share * 0.999).all(), location
 
 
-def test_whatever_the_curves_say_the_range_can_be_searched():
+def test_any_curves_leave_a_range_that_can_be_searched():
     rng = np.random.default_rng(0)
     for _ in range(12):
         distribution = FIRST
         for _ in range(6):
             weights = rng.dirichlet([0.5] * 3, 2)
             curves = sum(
-                weights[:, k, None] * logistic(rng.normal(0, 1.5, 2), 10 ** rng.uniform(-4, 0, 2))
+                weights[:, k, None]
+                * logistic(rng.normal(0.5, 0.75, 2), 10 ** rng.uniform(-4, 0, 2) / 2)
                 for k in range(3)
             )
             estimate = read_curves(curves, distribution, FIRST, CONFIG)
             assert (estimate.low <= estimate.mean).all()
             assert (estimate.mean <= estimate.high).all()
-            distribution, events = move(curves, distribution, FIRST, CONFIG)
+            distribution, events = update_range(curves, distribution, FIRST, CONFIG)
             for values in (distribution.low, distribution.mean, distribution.high):
                 np.testing.assert_array_equal(values, SPACE.clip(values))
             assert (share_of_first(distribution) > CONFIG.smallest_share * 0.999).all()
@@ -255,9 +260,9 @@ def test_whatever_the_curves_say_the_range_can_be_searched():
             assert {e.event for e in events} <= {"widened", "narrowed"}
 
 
-def test_nothing_given_is_changed():
-    curves = logistic([0.9, 0.2], 0.05)
+def test_update_range_changes_none_of_its_arguments():
+    curves = logistic([0.95, 0.6], 0.025)
     before = curves.copy()
-    move(curves, FIRST, FIRST, CONFIG)
+    update_range(curves, FIRST, FIRST, CONFIG)
     np.testing.assert_array_equal(curves, before)
     np.testing.assert_array_equal(FIRST.mean, [0.5, 1.0])

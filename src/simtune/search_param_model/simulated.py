@@ -83,7 +83,7 @@ def simulate(
     return SimulatedWorlds(
         kept,
         actions[rollouts.index[whole[:, 0]] // num_episodes],
-        points.reshape(num_worlds, num_episodes, steps + 1, -1, 2),
+        points.astype(np.float32).reshape(num_worlds, num_episodes, steps + 1, -1, 2),
         frames,
         start,
         states,

@@ -1,0 +1,249 @@
+"""The bootstrap, and how it widens intervals: known refits, sums by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simtune.fit import (
+    Bootstrap,
+    FitResult,
+    Observed,
+    PointEstimate,
+    correlations,
+    inflate,
+    model_checks,
+    run_bootstrap,
+)
+from simtune.fit.result import Misfit
+from simtune.observation import AllEvidence, ObservationModel
+from simtune.tasks import load_task
+
+SPACE = load_task("cartpole").parameters
+APPEARANCE = np.flatnonzero([p.is_appearance for p in SPACE])
+MOVING = np.flatnonzero([not p.is_appearance for p in SPACE])
+NOTHING = np.zeros(len(SPACE))
+KEYPOINTS, ANGLE = ("keypoints", "px"), ("angle", "rad")
+
+
+def a_fit(motion: float = 0.3, picture: float = 0.004, latency_steps: int = 0) -> FitResult:
+    return FitResult(
+        parameters=SPACE.nominal,
+        std=np.full(len(SPACE), 0.01),
+        discrepancy_std=NOTHING,
+        correlation=np.array([[1, 0.9], [0.9, 1]]),
+        moving=MOVING,
+        misfit=Misfit((motion,), picture),
+        sensors=(KEYPOINTS,),
+        start=np.zeros(1),
+        latency_steps=latency_steps,
+    )
+
+
+def bootstrap_of(errors: np.ndarray) -> Bootstrap:
+    is_moving = ~np.isin(np.arange(len(SPACE)), APPEARANCE)
+    return Bootstrap(errors, is_moving, [a_fit().misfit] * len(errors))
+
+
+class FakeReplayFit:
+    """Finds what it is told to, wherever it starts."""
+
+    space = SPACE
+
+    def __init__(self, find):
+        """`find(start)`: a `FitResult` for the (N,) parameters where a fit begins."""
+        self.find, self.starts = find, []
+
+    def fit(self, observed, start: PointEstimate, latency_steps: int, extend_horizon: bool):
+        self.starts.append(SPACE.to_unit(start.parameters))
+        return self.find(start.parameters)
+
+
+def observe_nothing(parameters: np.ndarray, latency_steps: int) -> Observed:
+    return Observed(AllEvidence(()), np.zeros((1, 4, 1)))
+
+
+def test_inflation_is_how_much_too_sure_a_fit_is():
+    errors = np.random.default_rng(0).normal(size=(40, len(SPACE)))
+    np.testing.assert_allclose(bootstrap_of(errors).inflation(), 1, atol=0.5)
+    np.testing.assert_allclose(bootstrap_of(3 * errors).inflation(), 3, atol=1)
+    assert (bootstrap_of(errors[:0]).inflation() == 3).all()  # nothing known: careful
+
+
+@pytest.mark.parametrize("size", [0.7, 1.0, 2.5])
+@pytest.mark.parametrize("num_refits", [2, 6])
+def test_intervals_inflated_by_few_refits_cover_as_often_as_they_say(num_refits, size):
+    rng, held = np.random.default_rng(0), []
+    for _ in range(400):
+        errors = size * rng.normal(size=(num_refits + 1, len(SPACE)))
+        width = 1.645 * bootstrap_of(errors[1:]).inflation()
+        held.append(np.abs(errors[0]) < width)
+    moving, others = np.mean(held, 0)[MOVING], np.mean(held, 0)[APPEARANCE]
+    assert 0.86 < others.mean() < 0.97
+    # Of what moves a fit is never taken to be surer than it says.
+    assert 0.85 < moving.mean() < (0.97 if size >= 1 else 1)
+
+
+def test_ranks_by_hand_use_the_inflation_of_the_other_refits():
+    errors = np.array([[0.0] * len(SPACE), [1.0] * len(SPACE), [-2.0] * len(SPACE)])
+    ranks = bootstrap_of(errors).ranks()
+    assert ranks.shape == errors.shape
+    np.testing.assert_allclose(ranks[0], 0.5)
+    assert (ranks[1] < 0.5).all()  # the estimate was too high: the truth is low in its curve
+    assert (ranks[2] > ranks[0]).all()
+
+
+def test_astray_refits_are_left_out_unless_all_are():
+    real, distances = a_fit(), [0.3, 0.6, 0.4]
+    replay_fit = FakeReplayFit(
+        lambda _: replace(real, misfit=Misfit((distances[len(replay_fit.starts) - 1],), 0.0))
+    )
+
+    def bootstrap(num: int) -> Bootstrap:
+        replay_fit.starts.clear()
+        start = PointEstimate(real.parameters, np.full(len(SPACE), 0.02))
+        return run_bootstrap(
+            replay_fit, observe_nothing, real, start, num, np.random.default_rng(0)
+        )
+
+    made = bootstrap(3)
+    assert made.errors.shape == (2, len(SPACE))
+    assert [misfit.motion[0] for misfit in made.misfits] == distances
+    distances[:] = [0.6, 0.7, 0.8]  # where all of them went astray, so may the real one
+    assert bootstrap(3).errors.shape == (3, len(SPACE))
+    assert bootstrap(0).errors.shape == (0, len(SPACE))
+
+
+def test_refit_astray_in_any_sensor_is_left_out():
+    two = replace(a_fit(), misfit=Misfit((0.3, 0.01), 0.0), sensors=(KEYPOINTS, ANGLE))
+    motions = iter([(0.3, 0.01), (0.3, 0.02), (float("nan"), 0.01)])
+    replay_fit = FakeReplayFit(lambda _: replace(two, misfit=Misfit(next(motions), 0.0)))
+    start = PointEstimate(two.parameters, np.full(len(SPACE), 0.02))
+    made = run_bootstrap(replay_fit, observe_nothing, two, start, 3, np.random.default_rng(0))
+    assert made.errors.shape == (2, len(SPACE))
+
+
+def test_worlds_that_diverge_are_no_refits():
+    answers = iter([None, observe_nothing(NOTHING, 0), None])
+    replay_fit = FakeReplayFit(lambda _: a_fit())
+    start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
+    made = run_bootstrap(
+        replay_fit, lambda *_: next(answers), a_fit(), start, 3, np.random.default_rng(0)
+    )
+    assert (len(made.errors), len(made.misfits), len(replay_fit.starts)) == (1, 1, 1)
+
+
+def test_refit_worlds_are_drawn_no_farther_than_was_known_before():
+    real = replace(a_fit(), std=np.full(len(SPACE), 5.0))  # the fit says nothing at all
+    unit, truths = SPACE.to_unit(real.parameters), []
+
+    def synthesize(parameters: np.ndarray, latency_steps: int) -> Observed:
+        truths.append(SPACE.to_unit(parameters))
+        return observe_nothing(parameters, latency_steps)
+
+    replay_fit = FakeReplayFit(lambda _: real)
+    start = PointEstimate(real.parameters, np.full(len(SPACE), 0.02))
+    run_bootstrap(replay_fit, synthesize, real, start, 8, np.random.default_rng(0))
+    free = (unit > 0.1) & (unit < 0.9)
+    assert 0.01 < (np.array(truths) - unit)[:, free].std() < 0.03
+    # Refits start as far from the truth as the real one's fit did.
+    away = np.array(replay_fit.starts) - truths
+    assert 0.01 < away[:, free].std() < 0.03
+    replay_fit.starts.clear()
+    truths.clear()
+    far = PointEstimate(SPACE.from_unit(unit - 0.2), start.std)
+    run_bootstrap(replay_fit, synthesize, real, far, 8, np.random.default_rng(0))
+    assert np.abs(np.array(replay_fit.starts) - unit).max() > 0.2
+
+
+def test_refit_errors_are_in_units_of_the_claimed_std():
+    std, discrepancy = np.full(len(SPACE), 0.03), np.full(len(SPACE), 0.04)
+    unit = SPACE.to_unit(SPACE.nominal).clip(0.2, 0.8)
+    begun_at = SPACE.from_unit(unit)
+    fit = replace(a_fit(), parameters=begun_at, std=std, discrepancy_std=discrepancy)
+    truths = []
+
+    def synthesize(parameters: np.ndarray, latency_steps: int) -> Observed:
+        truths.append(SPACE.to_unit(parameters))
+        return observe_nothing(parameters, latency_steps)
+
+    start = PointEstimate(begun_at, std)
+    made = run_bootstrap(
+        FakeReplayFit(lambda _: fit), synthesize, fit, start, 4, np.random.default_rng(0)
+    )
+    np.testing.assert_allclose(made.errors, (unit - np.array(truths)) / 0.05, atol=1e-9)
+
+
+def test_intervals_widen_where_reality_fits_worse_than_refits():
+    bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
+    same = inflate(a_fit(), bootstrap).std
+    worse = inflate(a_fit(motion=0.6, picture=0.012), bootstrap).std
+    np.testing.assert_allclose(worse[MOVING] / same[MOVING], 2)
+    np.testing.assert_allclose(worse[APPEARANCE] / same[APPEARANCE], 3)
+    np.testing.assert_allclose(same, bootstrap.inflation() * a_fit().std)
+
+
+def test_the_worst_sensor_widens_intervals():
+    bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
+    bootstrap = replace(bootstrap, misfits=[Misfit((0.3, 0.01), 0.004)] * 8)
+    fit = replace(a_fit(), sensors=(KEYPOINTS, ANGLE), misfit=Misfit((0.3, 0.05), 0.004))
+    assert bootstrap.motion_ratios(fit.misfit) == pytest.approx([1, 5])
+    std = inflate(fit, bootstrap).std
+    np.testing.assert_allclose(std[MOVING], 5 * bootstrap.inflation()[MOVING] * 0.01)
+    np.testing.assert_allclose(std[APPEARANCE], bootstrap.inflation()[APPEARANCE] * 0.01)
+    (warning,) = model_checks(fit, bootstrap)
+    assert "angle are 0.05 rad off, 5.0 times as far as" in warning
+
+
+def test_a_real_camera_widens_intervals_by_its_discrepancy():
+    bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
+    filmed = ObservationModel.of_reality().discrepancy_std(SPACE.is_appearance)
+    simulated = ObservationModel.of_simulator().discrepancy_std(SPACE.is_appearance)
+    np.testing.assert_array_equal(simulated, 0)
+    np.testing.assert_allclose(filmed, np.where(a_fit().is_moving, 0.005, 0.035))
+    std = inflate(replace(a_fit(), discrepancy_std=filmed), bootstrap).std
+    np.testing.assert_allclose(std, bootstrap.inflation() * np.hypot(0.01, filmed))
+
+
+def test_a_cameras_error_common_to_all_colours_is_not_multiplied_by_how_surely_each_is_seen():
+    """Fits that see a colour to .001 or to .01 are both off by what the camera does."""
+    std = np.where(np.arange(len(SPACE)) % 2, 0.001, 0.01)
+    rng = np.random.default_rng(0)
+    discrepancy = ObservationModel.of_reality().discrepancy_std(SPACE.is_appearance)
+
+    def find(start: np.ndarray) -> FitResult:
+        off = np.where(np.isin(np.arange(len(SPACE)), APPEARANCE), 0.05 * rng.normal(), 0.0)
+        truth = SPACE.to_unit(start)  # it starts there, below
+        found = SPACE.from_unit(truth + off)
+        return replace(a_fit(), parameters=found, std=std, discrepancy_std=discrepancy)
+
+    real = replace(a_fit(), std=std, discrepancy_std=discrepancy)
+    exact = PointEstimate(SPACE.nominal, NOTHING)
+    made = run_bootstrap(FakeReplayFit(find), observe_nothing, real, exact, 6, rng)
+    wide = inflate(real, made).std[APPEARANCE]
+    assert 0.03 < wide.min() <= wide.max() < 0.12
+
+
+def test_misfit_that_cannot_be_told_makes_everything_that_moves_unsure():
+    bootstrap = bootstrap_of(np.zeros((2, len(SPACE))))
+    lost = a_fit(motion=float("nan"))
+    assert np.isinf(inflate(lost, bootstrap).std[MOVING]).all()
+    assert np.isfinite(inflate(lost, bootstrap).std[APPEARANCE]).all()
+    nowhere = replace(bootstrap, misfits=[lost.misfit] * 2)
+    for known in (nowhere, replace(bootstrap, misfits=[])):  # nothing to compare with
+        assert np.isfinite(inflate(lost, known).std).all()
+        assert model_checks(lost, known) == []
+    one_lost = replace(bootstrap, misfits=[lost.misfit, a_fit().misfit])
+    assert model_checks(a_fit(motion=0.9), one_lost), "a refit that was lost silences nothing"
+
+
+def test_model_checks_warn_of_misfit_and_of_latency():
+    bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
+    assert model_checks(a_fit(), bootstrap) == []
+    (warning,) = model_checks(a_fit(motion=0.9), bootstrap)
+    assert "keypoints are 0.90 px off, 3.0 times" in warning
+    (warning,) = model_checks(a_fit(motion=float("nan")), bootstrap)
+    assert "nothing that moves is found for sure" in warning
+    (warning,) = model_checks(a_fit(latency_steps=1), bootstrap)
+    assert "1 step later" in warning
+    assert correlations(a_fit(), SPACE.names) == {"pole_mass, actuator_gain": 0.9}

@@ -1,0 +1,89 @@
+"""Estimates of many experiments combined: sums by hand."""
+
+import numpy as np
+
+from simtune.fit.combine import FIRST_VARIANCE, Combined, combine
+from simtune.parameters import ParameterSpace
+from simtune.randomization import Distribution
+from simtune.tasks import load_task
+from simtune.tuning.range_update import RangeUpdateConfig, candidate_grid, read_curves, with_fit
+
+MIDDLE = np.full(7, 0.5)  # of unit coordinates
+
+
+def test_experiments_are_weighted_by_their_variance_plus_that_between_them():
+    information = np.array([4.0, 1.0])  # variances ¼ and 1
+    estimate = np.array([0.02, -0.01])
+    combined = combine(
+        information[:, None, None], -(information * estimate)[:, None], 0.5, np.ones(2)
+    )
+    weight = 1 / (1 / information + 0.5)
+    best = -np.linalg.solve(combined.information, combined.slope)
+    np.testing.assert_allclose(best, (weight @ estimate) / weight.sum(), rtol=1e-2)
+    assert combined.covariance.shape == (1, 1)
+
+
+def test_one_overconfident_experiment_does_not_outweigh_the_others():
+    information = np.full(30, 1e4)
+    estimate = np.random.default_rng(0).normal(0, 0.01, 30)
+    information[0], estimate[0] = 1e12, 0.5
+    combined = combine(
+        information[:, None, None],
+        -(information * estimate)[:, None],
+        FIRST_VARIANCE,
+        np.ones(30),
+    )
+    assert abs(combined.step(MIDDLE[:1], 1.0)[0] - estimate[1:].mean()) < 0.005
+    assert 0.001 < np.sqrt(combined.covariance[0, 0]) < 0.01
+
+
+def test_experiments_that_know_one_combination_precisely_give_finite_covariance():
+    known = np.array([1.0, 2.0, 0, 0, 0, 0, 0])  # of seven parameters
+    information = np.repeat(1e8 * np.outer(known, known)[None], 6, 0)
+    slope = 1e4 * known * np.random.default_rng(0).normal(size=(6, 1))
+    combined = combine(information, slope, FIRST_VARIANCE, np.ones(6))
+    assert np.abs(combined.step(MIDDLE[:7], 1.0)).max() < 1e-3
+    assert np.isfinite(combined.covariance).all()
+
+
+def test_single_experiment_is_no_surer_than_it_claims():
+    claimed = 0.02**2
+    covariance = combine(
+        np.full((1, 1, 1), 1 / claimed), np.full((1, 1), 3.0), FIRST_VARIANCE, np.ones(1)
+    ).covariance
+    np.testing.assert_allclose(covariance, claimed, rtol=0.25)
+    # Of many that agree better than they claim, their agreement counts.
+    information, slope = np.full((60, 1, 1), 1 / claimed), np.full((60, 1), 1e-6)
+    covariance = combine(information, slope, FIRST_VARIANCE, np.ones(60)).covariance
+    assert covariance[0, 0] < 0.1 * claimed / 60
+
+
+def test_step_at_a_bound_holds_that_parameter_and_is_best_for_the_others():
+    # Down the valley of x + y; the bound of x is in the way, so that y goes alone.
+    information = np.full((2, 2), 1e6)
+    combined = Combined(1e6 * np.array([0.02, 0.02]), information, np.eye(2), FIRST_VARIANCE)
+    np.testing.assert_allclose(combined.step(np.array([0.0, 0.5]), 1.0), [0, -0.02], rtol=1e-3)
+    np.testing.assert_allclose(combined.step(np.array([0.5, 0.5]), 1.0), [-0.01, -0.01], rtol=1e-3)
+    # Too long a step keeps its direction.
+    np.testing.assert_allclose(combined.step(np.array([0.5, 0.5]), 0.001), [-0.001] * 2, rtol=1e-3)
+
+
+def test_parameter_without_information_stays_unknown():
+    information = np.zeros((20, 2, 2))
+    information[:, 0, 0] = 1e4  # of the first parameter only
+    slope = np.zeros((20, 2))
+    slope[:, 0] = np.random.default_rng(0).normal(0, 100, 20)
+    combined = combine(information, slope, FIRST_VARIANCE, np.ones(20))
+    std = np.sqrt(np.diag(combined.covariance))
+    assert combined.step(MIDDLE[:2], 1.0)[1] == 0
+    assert std[0] < 0.02
+    assert std[1] > 0.9  # of the whole space, in unit coordinates
+    space = ParameterSpace([p for p in load_task("cartpole").parameters if not p.is_appearance])
+    first = Distribution.first(space, space.nominal)
+    flat = np.tile((1 - candidate_grid()).clip(0, 1), (2, 1))
+    in_range = std / (space.to_unit(first.high) - space.to_unit(first.low))
+    curves = with_fit(flat, np.full(2, 0.5), in_range, RangeUpdateConfig())
+    estimate = read_curves(curves, first, first, RangeUpdateConfig())
+    assert estimate.verdict == ["identified", "not identifiable"]
+    assert estimate.low[1] <= first.low[1]
+    assert estimate.high[1] >= first.high[1]
