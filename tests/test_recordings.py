@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from simtune.errors import InputError
+from simtune.pictures import resize
 from simtune.real import RealWorld
 from simtune.real.recorded import RecordedReal
 from simtune.recordings import (
@@ -21,7 +22,6 @@ from simtune.recordings import (
     frames_at,
     open_dataset,
     probe,
-    resize,
     write_dataset,
     write_video,
 )
@@ -230,7 +230,8 @@ def test_unread_columns_do_not_matter(dataset: Path):
         lambda rows: [row | {"next.reward": 1.0, "observation.state": [0.0]} for row in rows],
     )
     trajectory = read_dataset(dataset).trajectories[0]
-    assert set(vars(trajectory)) == {"frames", "actions", "step_s"}
+    assert set(vars(trajectory)) == {"frames", "actions", "step_s", "readings"}
+    assert not trajectory.readings
 
 
 # --- writing --------------------------------------------------------------------------------
