@@ -1,7 +1,7 @@
 """Recordings of a robot: three kinds of data sets in, LeRobotDataset v3.0 and video out."""
 
 from simtune.recordings.dataset import Dataset
-from simtune.recordings.lerobot_writer import write_dataset
+from simtune.recordings.lerobot import write_dataset
 from simtune.recordings.open import open_dataset
 from simtune.recordings.video import decode, frames_at, probe
 from simtune.recordings.video_writer import VideoWriter, write_video

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from simtune.errors import InputError
 from simtune.recordings.dataset import Dataset
-from simtune.recordings.lerobot import LeRobotSource
-from simtune.recordings.lerobot_format import INFO_PATH
+from simtune.recordings.lerobot import INFO_PATH, LeRobotSource
 from simtune.recordings.pairs import TABLE, VIDEOS, PairsSource
 from simtune.recordings.robomimic import RobomimicSource
 from simtune.recordings.source import Source, short

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError
-from simtune.recordings.lerobot_episodes import Episode, read_episodes
-from simtune.recordings.lerobot_format import IMAGES_PREFIX, INFO_PATH
+from simtune.recordings.lerobot.episodes import Episode, read_episodes
+from simtune.recordings.lerobot.layout import IMAGES_PREFIX, INFO_PATH
 from simtune.recordings.source import (
     LEAST_FPS,
     MOST_ACTIONS,

@@ -9,8 +9,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from simtune.errors import InputError
-from simtune.recordings.lerobot_format import DATA_PATH, INFO_PATH, VIDEO_PATH
-from simtune.recordings.lerobot_table import read_table
+from simtune.recordings.lerobot.layout import DATA_PATH, INFO_PATH, VIDEO_PATH
+from simtune.recordings.lerobot.parquet import read_table
 from simtune.recordings.source import MOST_ROWS
 from simtune.validate import is_number
 

@@ -11,8 +11,9 @@ import pyarrow.parquet as pq
 from simtune.errors import InputError
 from simtune.recordings.source import short
 
-# A file of a few kB can hold that many by repeating one, so its size says nothing.
+# A file of a few kB can hold as many by repeating one, so its size says nothing.
 _MOST_VALUES = 30_000_000  # of a column: 240 MB
+_LISTS = (pa.ListType, pa.LargeListType, pa.FixedSizeListType)
 
 
 def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pa.Table:
@@ -41,32 +42,24 @@ def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ())
 
 def _holds_numbers(kind: pa.DataType) -> bool:
     """Numbers, or lists of them."""
-    if _is_list(kind):
-        kind = kind.value_type
+    kind = kind.value_type if isinstance(kind, _LISTS) else kind
     numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null)
     return any(is_one(kind) for is_one in numeric)
 
 
-def _is_list(kind: pa.DataType) -> bool:
-    lists = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
-    return any(is_one(kind) for is_one in lists)
-
-
 def _check_sizes(path: Path, metadata: pq.FileMetaData, columns: Sequence[str]) -> None:
     """Before anything is read of them."""
-    totals = dict.fromkeys(columns, 0)
-    for group in map(metadata.row_group, range(metadata.num_row_groups)):
-        for leaf in map(group.column, range(group.num_columns)):
-            # Of a list it is NAME.list.element, and names may have dots of their own.
-            for name in columns:
-                if f"{leaf.path_in_schema}.".startswith(f"{name}."):
-                    totals[name] += leaf.num_values
-    name = max(totals, key=totals.__getitem__)
-    if totals[name] > _MOST_VALUES or metadata.num_rows > _MOST_VALUES:
-        raise InputError(
-            f"{path}: has {max(totals[name], metadata.num_rows)} values in column {name!r}; "
-            f"expected at most {_MOST_VALUES}: split the file, or copy it again"
-        )
+    groups = map(metadata.row_group, range(metadata.num_row_groups))
+    leaves = [leaf for group in groups for leaf in map(group.column, range(group.num_columns))]
+    for name in columns:
+        # Of a list it is NAME.list.element, and names may have dots of their own.
+        stored = [leaf for leaf in leaves if f"{leaf.path_in_schema}.".startswith(f"{name}.")]
+        count = max(metadata.num_rows, sum(leaf.num_values for leaf in stored))
+        if count > _MOST_VALUES:
+            raise InputError(
+                f"{path}: has {count} values in column {name!r}; "
+                f"expected at most {_MOST_VALUES}: split the file, or copy it again"
+            )
 
 
 def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
@@ -79,7 +72,7 @@ def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
 
 def lists(values: pa.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
     """(rows,) lengths of lists of numbers, and all of the numbers; plain ones count as one."""
-    if not _is_list(values.type):
+    if not isinstance(values.type, _LISTS):
         return np.ones(len(values), int), _floats(values)
     lengths = pc.list_value_length(values).fill_null(0)  # type: ignore[attr-defined]
     flat = pc.list_flatten(values)  # type: ignore[attr-defined]

@@ -5,22 +5,21 @@ from typing import Any
 
 import numpy as np
 
-# What a feature's statistics consist of, in lerobot's order.
-NAMES = ("min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99")
 _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
 
 def column_stats(values: np.ndarray) -> dict[str, Any]:
-    """Statistics of a column (rows, A), as lists of A numbers; integers keep min and max whole."""
+    """Of a column (rows,) or (rows, A), lists of A numbers; integers keep min and max whole."""
+    values = values.reshape(len(values), -1)
+    shares = list(_QUANTILES.values())
     stats = {
         "min": values.min(0),
         "max": values.max(0),
         "mean": values.mean(0, dtype=np.float64),
         "std": values.std(0, dtype=np.float64),
         "count": np.array([len(values)]),
+        **dict(zip(_QUANTILES, np.quantile(values.astype(float), shares, axis=0), strict=True)),
     }
-    for name, share in _QUANTILES.items():
-        stats[name] = np.quantile(values.astype(np.float64), share, axis=0)
     return {name: value.tolist() for name, value in stats.items()}
 
 
@@ -35,9 +34,9 @@ def count_colours(frames: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def image_stats(counts: np.ndarray, num_frames: int) -> dict[str, Any]:
-    """Statistics of pictures from their histogram (3, 256), as (3, 1, 1) lists in [0, 1]."""
+    """Of pictures, from their histogram (3, 256), (3, 1, 1) lists in [0, 1]."""
     values = np.arange(256) / 255
-    total = counts.sum(1)
+    total, cumulated = counts.sum(1), counts.cumsum(1)
     mean = counts @ values / total
     stats = {
         "min": values[(counts > 0).argmax(1)],
@@ -45,9 +44,7 @@ def image_stats(counts: np.ndarray, num_frames: int) -> dict[str, Any]:
         "mean": mean,
         "std": np.sqrt((counts @ values**2 / total - mean**2).clip(0)),
     }
-    cumulated = counts.cumsum(1)
     for name, share in _QUANTILES.items():
         stats[name] = values[(cumulated >= share * total[:, None]).argmax(1)]
-    lists: dict[str, Any] = {name: value[:, None, None].tolist() for name, value in stats.items()}
-    lists["count"] = [num_frames]
-    return {name: lists[name] for name in NAMES}
+    lists = {name: value[:, None, None].tolist() for name, value in stats.items()}
+    return {**lists, "count": [num_frames]}

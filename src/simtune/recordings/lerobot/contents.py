@@ -1,0 +1,86 @@
+"""What goes into a LeRobotDataset v3.0, but for its frames."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from simtune.recordings.lerobot.layout import IMAGES_PREFIX
+from simtune.recordings.lerobot.stats import count_colours
+from simtune.trajectory import Trajectory
+
+# Of the table of rows.
+COLUMNS = {
+    "action": "float32",
+    "timestamp": "float32",
+    "frame_index": "int64",
+    "episode_index": "int64",
+    "index": "int64",
+    "task_index": "int64",
+}
+CAMERA = f"{IMAGES_PREFIX}camera0"
+FIRST = {"chunk_index": 0, "file_index": 0}  # what is written goes into the first file of its kind
+
+
+def first_file(folder: Path, template: str, **names: str) -> Path:
+    """Where it is to be written, by a path of the layout; its folder is made."""
+    path = folder / template.format(**FIRST, **names)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+@dataclass(kw_only=True)
+class Contents:
+    """Gathered an episode at a time."""
+
+    step_s: float
+    image_size: tuple[int, int]  # (height, width), pixels
+    action_names: tuple[str, ...]
+    robot_type: str
+    task: str
+    columns: list[dict[str, np.ndarray]] = field(default_factory=list)  # an episode's rows
+    colours: list[np.ndarray] = field(default_factory=list)  # an episode's histogram (3, 256)
+
+    @property
+    def fps(self) -> float:
+        """Rows a second; an int where it is whole, as lerobot wants it."""
+        fps = 1 / self.step_s
+        return round(fps) if abs(fps - round(fps)) < 1e-6 * fps else fps
+
+    @property
+    def num_rows(self) -> int:
+        return sum(len(columns["index"]) for columns in self.columns)
+
+    def all_rows(self) -> dict[str, np.ndarray]:
+        """The columns of all episodes, one after the other."""
+        return {name: np.concatenate([rows[name] for rows in self.columns]) for name in COLUMNS}
+
+    def add(self, trajectory: Trajectory) -> None:
+        """Note an episode's rows and colours. Raises ValueError where it does not fit in."""
+        self._check(trajectory)
+        frame_index = np.arange(len(trajectory) + 1)
+        columns = {
+            "action": np.concatenate([trajectory.actions, trajectory.actions[-1:]]),
+            "timestamp": frame_index / self.fps,
+            "frame_index": frame_index,
+            "episode_index": np.full_like(frame_index, len(self.columns)),
+            "index": frame_index + self.num_rows,
+            "task_index": np.zeros_like(frame_index),
+        }
+        self.columns.append({name: columns[name].astype(kind) for name, kind in COLUMNS.items()})
+        self.colours.append(count_colours(trajectory.frames))
+
+    def _check(self, trajectory: Trajectory) -> None:
+        actions, size = trajectory.actions, trajectory.frames.shape[1:3]
+        where, num_actions = f"trajectory {len(self.columns)}", len(self.action_names)
+        if len(trajectory) == 0 or actions.shape[1] != num_actions:
+            raise ValueError(
+                f"{where}: expected actions (T, {num_actions}), T >= 1, got {actions.shape}"
+            )
+        if not np.isfinite(actions).all():
+            raise ValueError(f"{where}: actions are not all finite")
+        if size != self.image_size or trajectory.step_s != self.step_s:
+            raise ValueError(
+                f"{where}: expected frames of {self.image_size} pixels every {self.step_s} s as in "
+                f"the first one, got {size} every {trajectory.step_s} s"
+            )
