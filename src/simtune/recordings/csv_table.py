@@ -1,6 +1,7 @@
 """A CSV file of numbers under a header of names."""
 
 import csv
+import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -40,9 +41,7 @@ def is_time(name: str) -> bool:
 def read_rows(path: Path, num_columns: int) -> np.ndarray:
     """(rows, columns) of all that follows the header."""
     rows: list[np.ndarray] = []
-    lines = _lines(path)
-    next(lines)
-    for line in lines:
+    for line in itertools.islice(_lines(path), 1, None):
         where = f"{path}: row {len(rows)}"
         if len(line) != num_columns:
             raise InputError(f"{where}: expected {num_columns} numbers, got {len(line)}")

@@ -61,23 +61,10 @@ class Dataset:
         self._own_rate = control_hz is None
         self.step_s = 1 / (control_hz or source.fps)
         self._seen: dict[int, _Seen] = {}
-
-    @property
-    def where(self) -> str:
-        return str(self._source.path)
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        return tuple(self._source.action_names[column] for column in self._columns)
-
-    @property
-    def episodes(self) -> Sequence[str]:
-        """What each is called."""
-        return self._source.episodes
-
-    @property
-    def num_episodes(self) -> int:
-        return len(self.episodes)
+        self.where = str(source.path)
+        self.action_names = tuple(source.action_names[column] for column in self._columns)
+        self.episodes = source.episodes  # what each is called
+        self.num_episodes = len(source.episodes)
 
     @functools.cached_property
     def content_hash(self) -> str:
@@ -140,7 +127,7 @@ class Dataset:
 
     def _steps(self, episode: int) -> tuple[np.ndarray, np.ndarray]:
         """(K + 1,) seconds of an episode's frames, and (K, A) float32 actions between them."""
-        name, rows = self._source.episodes[episode], self._source.rows(episode)
+        name, rows = self.episodes[episode], self._source.rows(episode)
         if self._own_rate:
             self._check_rate(name, rows)
         actions = rows.actions[:, self._columns]
@@ -178,7 +165,7 @@ class Dataset:
         self, episode: int, times_s: np.ndarray, actions: np.ndarray
     ) -> Iterator[np.ndarray]:
         """An episode's frames (H, W, 3) as recorded; what there is to note of it is noted."""
-        name, errors_s = self._source.episodes[episode], []
+        name, errors_s = self.episodes[episode], []
         size: tuple[int, int] | None = None
         pictures = self._source.pictures(episode, times_s)
         for time_s in times_s:

@@ -1,6 +1,6 @@
 """A folder of pairs: NAME.mp4 or .mov, and NAME.csv with a row a control step (docs/recordings.md).
 
-Or of videos alone, of what nobody acts on.
+Or of videos alone, of what moves without any action.
 """
 
 import re
@@ -35,11 +35,11 @@ class PairsSource:
         self._videos = _by_name(path for path in seen if path.suffix.lower() in VIDEOS)
         self._tables = _by_name(path for path in seen if path.suffix.lower() == TABLE)
         videos, tables = self._videos.keys(), self._tables.keys()
-        for name in sorted(videos ^ tables if tables else ()):
-            is_video = name in videos
-            there, missing = (self._videos, "csv") if is_video else (self._tables, "mp4 or .mov")
+        if tables and (lone := sorted(videos ^ tables)):
+            name, missing = lone[0], "csv" if lone[0] in videos else "mp4 or .mov"
+            there = (self._videos | self._tables)[name].name
             raise InputError(
-                f"{folder}: {there[name].name} has no {name}.{missing} beside it; expected pairs "
+                f"{folder}: {there} has no {name}.{missing} beside it; expected pairs "
                 "of a video and its actions, see docs/recordings.md"
             )
         self.episodes: Sequence[str] = sorted(videos, key=_natural)

@@ -125,7 +125,7 @@ class RobomimicSource:
                 f"{self.path}: no pictures (T, H, W, 3) uint8 in /data/{self.episodes[0]}/obs; "
                 f"there are: {short(_keys(observed))}"
             )
-        return choose_camera(self.path, cameras, camera, lambda name: f"{name}_image")
+        return choose_camera(self.path, cameras, camera, "{}_image")
 
 
 def _open(path: Path) -> Any:

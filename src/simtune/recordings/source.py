@@ -1,6 +1,6 @@
 """What each kind of recordings has to tell; what all of them share is in `dataset.py`."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeGuard
@@ -51,7 +51,7 @@ class Source(Protocol):
         ...
 
 
-# Nobody records longer in one piece: more is a damaged number, and is not to fill the memory.
+# No recording is longer in one piece: more is a damaged number, and must not fill the memory.
 MOST_ROWS = 100_000  # of an episode: an hour at 30 Hz
 MOST_ACTIONS = 1_000
 LEAST_FPS, MOST_FPS = 0.01, 1_000
@@ -65,24 +65,19 @@ def is_rate(fps: object) -> TypeGuard[int | float]:
 
 
 def short(names: Sequence[str], most: int = 12) -> str:
-    """At most so many names, for a message that stays one line."""
+    """At most `most` of the names, for a message that stays one line."""
     return ", ".join(names if len(names) <= most else [*names[:most], "..."])
 
 
-def choose_camera(
-    where: Path, cameras: Sequence[str], asked: str | None, longer: Callable[[str], str]
-) -> str:
-    """The asked one of `cameras`, by its name or what is `longer`; the only one, if none was.
+def choose_camera(where: Path, cameras: Sequence[str], asked: str | None, full_name: str) -> str:
+    """The asked one of `cameras`, as "front" or by its `full_name` of it, such as "{}_image".
 
-    Raises InputError where there is no such one.
+    The only one, if none was asked for. Raises InputError where there is no such one.
     """
-    if asked is None:
-        if len(cameras) > 1:
-            raise InputError(
-                f"{where}: has several cameras, choose one by --camera: {short(cameras)}"
-            )
-        return cameras[0]
-    for key in (asked, longer(asked)):
+    keys = cameras if asked is None else (asked, full_name.format(asked))
+    if asked is None and len(cameras) > 1:
+        raise InputError(f"{where}: has several cameras, choose one by --camera: {short(cameras)}")
+    for key in keys:
         if key in cameras:
             return key
     raise InputError(f"{where}: no camera {asked!r}; there are: {short(cameras)}")

@@ -83,33 +83,18 @@ def frames_at(
             shown within `tolerance_s` (exclusive) of a time.
     """
     assert all(a <= b for a, b in itertools.pairwise(times_s)), "times must rise"
-    wanted = iter(times_s)
-    time_s = next(wanted, None)
-    nearest: tuple[float, av.VideoFrame] | None = None  # the latest frame seen so far
-
-    def shown(time_s: float) -> tuple[float, np.ndarray]:
+    frames = _decode(path, next(iter(times_s), 0.0) - tolerance_s)
+    nearest, following = next(frames, None), next(frames, None)
+    for time_s in times_s:
+        # Shown times rise, so a frame is the nearest once the following one is farther.
+        while nearest and following and abs(following[0] - time_s) < abs(nearest[0] - time_s):
+            nearest, following = following, next(frames, None)
         if nearest is None or abs(nearest[0] - time_s) >= tolerance_s:
             raise InputError(
                 f"{path}: no frame is shown within {tolerance_s:.3g} s of {time_s:g} s; "
                 "the video is truncated or lacks frames, copy the file again"
             )
-        return nearest[0], _to_rgb(nearest[1])
-
-    for shown_s, frame in _decode(path, (time_s or 0.0) - tolerance_s):
-        # Shown times rise, so the latest frame is the nearest once the next one is farther.
-        while (
-            time_s is not None
-            and nearest is not None
-            and abs(nearest[0] - time_s) <= abs(shown_s - time_s)
-        ):
-            yield shown(time_s)
-            time_s = next(wanted, None)
-        if time_s is None:
-            return
-        nearest = (shown_s, frame)
-    while time_s is not None:
-        yield shown(time_s)
-        time_s = next(wanted, None)
+        yield nearest[0], _to_rgb(nearest[1])
 
 
 def _decode(path: str | Path, from_s: float = 0.0) -> Iterator[tuple[float, av.VideoFrame]]:

@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import av
 import av.video.stream
@@ -33,13 +33,9 @@ class VideoWriter:
         self._options = {"crf": str(crf)}
         if keyframe_interval is not None:
             self._options["g"] = str(keyframe_interval)
-        self._shape: tuple[int, ...] | None = None
-        self._container = av.open(
-            str(self._unfinished),
-            "w",
-            format="mp4",
-            options={"movflags": "faststart"},  # a browser may start before it has all
-        )
+        self._shape: tuple[int, ...] = ()
+        options = {"movflags": "faststart"}  # a browser may start before it has all
+        self._container = av.open(str(self._unfinished), "w", format="mp4", options=options)
         self._stream: av.video.stream.VideoStream | None = None
 
     def __enter__(self) -> Self:
@@ -59,16 +55,13 @@ class VideoWriter:
             raise ValueError(
                 f"a frame must be uint8 (H, W, 3), got {frame.dtype} {tuple(frame.shape)}"
             )
-        if self._shape is None:
-            self._shape = frame.shape
-            self._stream = self._add_stream(frame.shape[0], frame.shape[1])
-        elif frame.shape != self._shape:
+        if self._stream is None:
+            self._shape, self._stream = frame.shape, self._add_stream(*frame.shape[:2])
+        if frame.shape != self._shape:
             raise ValueError(f"frame {self.num_frames} is {frame.shape}, the first {self._shape}")
-        assert self._stream is not None
-        if frame.shape[0] % 2 or frame.shape[1] % 2:
-            frame = np.pad(
-                frame, ((0, frame.shape[0] % 2), (0, frame.shape[1] % 2), (0, 0)), mode="edge"
-            )
+        height, width, _ = frame.shape
+        if height % 2 or width % 2:
+            frame = np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
         picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")
         picture.pts = self.num_frames
         picture.time_base = 1 / self._rate
@@ -89,18 +82,11 @@ class VideoWriter:
         return stream
 
 
-def write_video(
-    path: str | Path,
-    frames: Iterable[np.ndarray],
-    fps: float,
-    *,
-    crf: int = 18,
-    keyframe_interval: int | None = None,
-) -> None:
+def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float, **options: Any) -> None:
     """Write frames, (T, H, W, 3) uint8 or an iterable of (H, W, 3), as an h264 mp4.
 
     The file appears whole or not at all. See `VideoWriter` for the options.
     """
-    with VideoWriter(path, fps, crf=crf, keyframe_interval=keyframe_interval) as video:
+    with VideoWriter(path, fps, **options) as video:
         for frame in frames:
             video.write(frame)

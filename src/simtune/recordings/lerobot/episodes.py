@@ -9,12 +9,12 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from simtune.errors import InputError
-from simtune.recordings.lerobot.layout import DATA_PATH, INFO_PATH, VIDEO_PATH
+from simtune.recordings.lerobot.layout import DATA_PATH, VIDEO_PATH, unexpected
 from simtune.recordings.lerobot.parquet import read_table
 from simtune.recordings.source import MOST_ROWS
 from simtune.validate import is_number
 
-# No other fields, widths or attributes: a template comes from whoever made the dataset.
+# No other fields, widths or attributes: a template comes from someone else.
 _TEMPLATE = re.compile(r"([^{}]|\{video_key\}|\{(chunk|file)_index(:0?\d?d)?\})+")
 
 
@@ -24,7 +24,7 @@ class Episode:
 
     index: int
     num_rows: int
-    first_index: int | None  # of its rows among those of the dataset, where that is told
+    first_index: int | None  # of its rows among those of the dataset, None: not said
     data_file: Path
     video_file: Path
     from_s: float  # where it starts in its video file, seconds
@@ -67,7 +67,7 @@ def _check_overlaps(episodes: Iterable[Episode], fps: float) -> None:
 
 
 def _rows(folder: Path, camera: str) -> Iterator[tuple[Path, dict[str, int | float]]]:
-    """Numbers of each episode, and the file that says them."""
+    """The file that lists each episode, and the numbers there."""
     paths = sorted((folder / "meta" / "episodes").rglob("*.parquet"))
     if not paths:
         raise InputError(
@@ -125,9 +125,7 @@ def _template(folder: Path, info: dict[str, Any], key: str, default: str) -> str
     """A path template of info.json."""
     template = info.get(key) or default
     if not isinstance(template, str) or not _TEMPLATE.fullmatch(template):
-        raise InputError(
-            f"{folder / INFO_PATH}: expected a {key} like {default!r}, got {reprlib.repr(template)}"
-        )
+        raise unexpected(folder, f"a {key} like {default!r}", template)
     return template
 
 

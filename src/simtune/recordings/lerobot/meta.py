@@ -8,7 +8,7 @@ from typing import Any
 
 from simtune.errors import InputError
 from simtune.recordings.lerobot.episodes import Episode, read_episodes
-from simtune.recordings.lerobot.layout import IMAGES_PREFIX, INFO_PATH
+from simtune.recordings.lerobot.layout import IMAGES_PREFIX, INFO_PATH, unexpected
 from simtune.recordings.source import (
     LEAST_FPS,
     MOST_ACTIONS,
@@ -25,7 +25,6 @@ _MOST_BYTES = 100_000_000  # of a JSON file, which is read whole
 class DatasetMeta:
     """A dataset's description, as read by `read_meta`."""
 
-    folder: Path
     fps: float
     camera: str  # key of the chosen camera
     action_names: tuple[str, ...]
@@ -44,22 +43,14 @@ def read_meta(folder: Path, camera: str | None = None) -> DatasetMeta:
             why and what to do.
     """
     info = _read_info(folder / INFO_PATH)
-    fps = info.get("fps")
+    fps, features, robot_type = (info.get(key) for key in ("fps", "features", "robot_type"))
     if not is_rate(fps):
-        raise InputError(
-            f"{folder / INFO_PATH}: expected fps as a number from {LEAST_FPS} to {MOST_FPS}, "
-            f"got {reprlib.repr(fps)}"
-        )
-    features = info.get("features")
+        raise unexpected(folder, f"fps as a number from {LEAST_FPS} to {MOST_FPS}", fps)
     if not isinstance(features, dict):
-        raise InputError(
-            f"{folder / INFO_PATH}: expected an object 'features', got {reprlib.repr(features)}"
-        )
+        raise unexpected(folder, "an object 'features'", features)
     action_names = _action_names(folder, features)
     camera = _choose_camera(folder, features, camera)
-    robot_type = info.get("robot_type")
     return DatasetMeta(
-        folder=folder,
         fps=float(fps),
         camera=camera,
         action_names=action_names,
@@ -98,32 +89,20 @@ def _action_names(folder: Path, features: dict[str, Any]) -> tuple[str, ...]:
             f"there are: {short(list(features))}"
         )
     feature = features["action"] if isinstance(features["action"], dict) else {}
-    shape = feature.get("shape")
-    if not (
-        isinstance(shape, list)
-        and len(shape) == 1
-        and isinstance(shape[0], int)
-        and not isinstance(shape[0], bool)
-        and 0 < shape[0] <= MOST_ACTIONS
-    ):
-        raise InputError(
-            f"{folder / INFO_PATH}: expected a shape [A] of 'action' with A from 1 to "
-            f"{MOST_ACTIONS}, got {reprlib.repr(shape)}"
-        )
+    shape = _as_list(feature.get("shape"))
+    if len(shape) != 1 or type(shape[0]) is not int or not 0 < shape[0] <= MOST_ACTIONS:
+        expected = f"a shape [A] of 'action' with A from 1 to {MOST_ACTIONS}"
+        raise unexpected(folder, expected, feature.get("shape"))
     names = feature.get("names")
     if isinstance(names, dict):  # {"motors": [...]}, as older recordings have it
         names = [name for group in names.values() for name in _as_list(group)]
     names = tuple(str(name) for name in _as_list(names))
-    if len(names) != shape[0]:
-        names = tuple(f"action_{index}" for index in range(shape[0]))
-    return names
+    return names if len(names) == shape[0] else tuple(f"action_{i}" for i in range(shape[0]))
 
 
 def _choose_camera(folder: Path, features: dict[str, Any], camera: str | None) -> str:
     """The chosen camera's key."""
-    dtypes = {
-        key: feature.get("dtype") for key, feature in features.items() if isinstance(feature, dict)
-    }
+    dtypes = {key: f.get("dtype") for key, f in features.items() if isinstance(f, dict)}
     cameras = [key for key, dtype in dtypes.items() if dtype == "video"]
     if not cameras and "image" in dtypes.values():
         raise InputError(
@@ -135,7 +114,7 @@ def _choose_camera(folder: Path, features: dict[str, Any], camera: str | None) -
             f"{folder}: no camera, that is no feature of dtype 'video'; "
             f"there are: {short(list(features))}"
         )
-    return choose_camera(folder, cameras, camera, lambda name: IMAGES_PREFIX + name)
+    return choose_camera(folder, cameras, camera, IMAGES_PREFIX + "{}")
 
 
 def _as_list(value: object) -> list[Any]:

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -101,13 +102,15 @@ def _write_video(
 
 def _write_data(folder: Path, contents: Contents) -> None:
     num_actions = len(contents.action_names)
-    features = {name: {"dtype": dtype, "_type": "Value"} for name, dtype in COLUMNS.items()}
+    features: dict[str, Any] = {
+        name: {"dtype": dtype, "_type": "Value"} for name, dtype in COLUMNS.items()
+    }
     arrays = {name: pa.array(values.ravel()) for name, values in contents.all_rows().items()}
     if num_actions > 1:  # lerobot stores features of one number as plain numbers
         values = pa.list_(pa.field("element", pa.float32()), num_actions)
         arrays["action"] = pa.FixedSizeListArray.from_arrays(arrays["action"], type=values)
-        scalar = features["action"]
-        features["action"] = {"feature": scalar, "length": num_actions, "_type": "List"}
+        feature = {"feature": features["action"], "length": num_actions, "_type": "List"}
+        features["action"] = feature
     # Hugging Face's `datasets` reads the features from here.
     metadata = {"huggingface": json.dumps({"info": {"features": features}})}
     table = pa.table(arrays).replace_schema_metadata(metadata)
