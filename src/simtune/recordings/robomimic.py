@@ -10,14 +10,7 @@ from typing import Any
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.recordings.source import (
-    MOST_ACTIONS,
-    MOST_ROWS,
-    Rows,
-    choose_camera,
-    is_rate,
-    short,
-)
+from simtune.recordings.source import MOST_ACTIONS, MOST_ROWS, Rows, choose_camera, is_rate, short
 from simtune.recordings.video import MOST_PIXELS
 
 _BLOCK_BYTES = 1 << 24  # of pictures read at once: compressed ones are stored several together

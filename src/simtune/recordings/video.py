@@ -1,5 +1,6 @@
 """Video files in: every frame, or the frames at given times."""
 
+import contextlib
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -31,8 +32,7 @@ class VideoFacts:
 
 def probe(path: str | Path) -> VideoFacts:
     """What the file's first video stream says of itself; InputError where there is none."""
-    with _open(path) as container:
-        stream = _video_stream(container, path)
+    with _open(path) as (_, stream):
         return VideoFacts(
             codec=stream.codec_context.name,
             height=stream.codec_context.height,
@@ -58,8 +58,7 @@ def frame_times(path: str | Path) -> np.ndarray:
     Raises:
         InputError: the file is missing or is no video, or its content is damaged.
     """
-    with _open(path) as container:
-        stream = _video_stream(container, path)
+    with _open(path) as (container, stream):
         try:
             packets = (p for p in container.demux(stream) if p.size and not p.is_discard)
             shown = sorted(packet.pts for packet in packets if packet.pts is not None)
@@ -103,8 +102,7 @@ def _decode(path: str | Path, from_s: float = 0.0) -> Iterator[tuple[float, av.V
     Frames before `from_s` are left out as far as the file's keyframes allow.
     """
     reached_s = 0.0
-    with _open(path) as container:
-        stream = _video_stream(container, path)
+    with _open(path) as (container, stream):
         stream.thread_type = "AUTO"
         try:
             frames = container.decode(stream)
@@ -153,9 +151,13 @@ def _to_rgb(frame: av.VideoFrame) -> np.ndarray:
     return np.rot90(pixels, round(frame.rotation / 90))  # counterclockwise, as the file counts
 
 
-def _open(path: str | Path) -> av.container.InputContainer:
+@contextlib.contextmanager
+def _open(
+    path: str | Path,
+) -> Iterator[tuple[av.container.InputContainer, av.video.stream.VideoStream]]:
+    """The file and its first video stream; raises InputError where it has none."""
     try:
-        return av.open(str(path))
+        container = av.open(str(path))
     except (av.error.FFmpegError, OSError) as error:
         if not Path(path).exists():
             raise InputError(f"{path}: no such video") from None
@@ -163,20 +165,16 @@ def _open(path: str | Path) -> av.container.InputContainer:
             f"{path}: not a readable video ({error.strerror}); it may be truncated, "
             "copy the file again"
         ) from None
-
-
-def _video_stream(
-    container: av.container.InputContainer, path: str | Path
-) -> av.video.stream.VideoStream:
-    if not container.streams.video:
-        raise InputError(f"{path}: holds no video stream")
-    stream = container.streams.video[0]
-    width, height = stream.codec_context.width, stream.codec_context.height
-    if width * height > MOST_PIXELS:
-        raise InputError(
-            f"{path}: pictures of {width}×{height} pixels; expected at most 7680×4320, "
-            "make the video smaller"
-        )
-    # What the file says of its pictures need not be what comes out of them.
-    stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
-    return stream
+    with container:
+        if not container.streams.video:
+            raise InputError(f"{path}: holds no video stream")
+        stream = container.streams.video[0]
+        width, height = stream.codec_context.width, stream.codec_context.height
+        if width * height > MOST_PIXELS:
+            raise InputError(
+                f"{path}: pictures of {width}×{height} pixels; expected at most 7680×4320, "
+                "make the video smaller"
+            )
+        # What the file says of its pictures need not be what comes out of them.
+        stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
+        yield container, stream

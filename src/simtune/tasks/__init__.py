@@ -4,15 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from simtune.errors import InputError, UnknownName
-from simtune.tasks import (
-    ball_in_cup,
-    cabinet_slide,
-    cartpole,
-    cheetah,
-    finger,
-    rope_peg,
-    walker,
-)
+from simtune.tasks import ball_in_cup, cabinet_slide, cartpole, cheetah, finger, rope_peg, walker
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
 from simtune.tasks.tuning_file import load_tuning_file

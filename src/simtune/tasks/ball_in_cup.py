@@ -1,12 +1,11 @@
 """Ball in cup, catch: swing a ball on a string into the cup (dm_control's task)."""
 
-import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.parameters import ParameterSpace, colour, dynamics
+from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import computed, draw_without_contact, reset_to_default
-from simtune.tasks.suite_model import load_suite_spec
+from simtune.tasks.suite import load_suite_spec, suite_task
 from simtune.tasks.task import Task
 
 _BALL_X_M = (-0.2, 0.2)  # initial positions, relative to the ball's at rest
@@ -15,7 +14,7 @@ _CUP_GEOMS = tuple(f"cup_part_{i}" for i in range(5))
 
 
 def catch() -> Task:
-    model = _load_spec().compile()
+    model = load_suite_spec("ball_in_cup").compile()
     ball_mass_kg = float(model.body("ball").mass[0])
     parameters = [
         dynamics("ball_mass", "body_mass", ("ball",), nominal=ball_mass_kg, unit="kg"),
@@ -23,11 +22,10 @@ def catch() -> Task:
         *colour("ball", ("ball",), (0.7, 0.4, 0.2)),
         *colour("ground", ("ground",), (1, 1, 1)),
     ]
-    return Task(
-        name="ball_in_cup",
+    return suite_task(
+        "ball_in_cup",
+        parameters,
         description="swing a ball on a string into the cup",
-        load_spec=_load_spec,
-        parameters=ParameterSpace(parameters, where="ball_in_cup"),
         camera="cam0",
         control_timestep_s=0.02,
         action_repeat=4,
@@ -35,10 +33,6 @@ def catch() -> Task:
         reward=_reward,
         policy_steps=96_000,
     )
-
-
-def _load_spec() -> mujoco.MjSpec:
-    return load_suite_spec("ball_in_cup.xml")
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:

@@ -1,13 +1,11 @@
 """Cartpole, balance: keep a pole upright on a cart (dm_control's task, smooth reward)."""
 
-import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.parameters import ParameterSpace, colour, dynamics
+from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import reset_to_default
-from simtune.tasks.rewards import tolerance
-from simtune.tasks.suite_model import load_suite_spec
+from simtune.tasks.suite import load_suite_spec, suite_task, tolerance
 from simtune.tasks.task import Task
 
 _MAX_POSITION_M = 0.1  # initial states: uniform within, the velocities normal
@@ -16,7 +14,7 @@ _VELOCITY_STD = 0.01  # m/s and rad/s
 
 
 def balance() -> Task:
-    model = _load_spec().compile()
+    model = load_suite_spec("cartpole").compile()
     pole_mass_kg = float(model.body("pole_1").mass[0])
     gain = float(model.actuator("slide").gainprm[0])
     parameters = [
@@ -27,11 +25,10 @@ def balance() -> Task:
         *colour("body", ("cart", "pole_1"), (0.7, 0.5, 0.3)),
         *colour("ground", ("floor",), (1, 1, 1)),
     ]
-    return Task(
-        name="cartpole",
+    return suite_task(
+        "cartpole",
+        parameters,
         description="keep the pole on the cart upright",
-        load_spec=_load_spec,
-        parameters=ParameterSpace(parameters, where="cartpole"),
         camera="fixed",
         control_timestep_s=0.01,
         action_repeat=8,
@@ -39,10 +36,6 @@ def balance() -> Task:
         reward=_reward,
         policy_steps=48_000,
     )
-
-
-def _load_spec() -> mujoco.MjSpec:
-    return load_suite_spec("cartpole.xml")
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:

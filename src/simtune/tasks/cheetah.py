@@ -4,10 +4,9 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.parameters import ParameterSpace, colour, dynamics
+from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import computed, reset_to_default
-from simtune.tasks.rewards import tolerance
-from simtune.tasks.suite_model import load_suite_spec
+from simtune.tasks.suite import load_suite_spec, suite_task, tolerance
 from simtune.tasks.task import Task
 
 _RUN_SPEED_M_S = 10.0
@@ -23,11 +22,11 @@ def run() -> Task:
         *colour("body", _GEOMS, (0.7, 0.5, 0.3)),
         *colour("ground", ("ground",), (1, 1, 1)),
     ]
-    return Task(
-        name="cheetah",
+    return suite_task(
+        "cheetah",
+        parameters,
+        _load_spec,
         description="run forward as fast as 10 m/s",
-        load_spec=_load_spec,
-        parameters=ParameterSpace(parameters, where="cheetah"),
         camera="side",
         control_timestep_s=0.01,
         action_repeat=4,
@@ -44,7 +43,7 @@ def _load_spec() -> mujoco.MjSpec:
     The file leaves that to the compiler's settotalmass, which would undo a tuned mass in an
     exported model, and is deprecated.
     """
-    spec = load_suite_spec("cheetah.xml")
+    spec = load_suite_spec("cheetah")
     spec.compiler.settotalmass = -1
     ratio = _TOTAL_MASS_KG / spec.compile().body_mass.sum()
     for geom in spec.geoms:

@@ -9,7 +9,7 @@ from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
 from simtune.simulation import EnvironmentSimulator
 from simtune.simulation.environment import BoxActions
-from simtune.tasks.content_hash import content_hash
+from simtune.tasks.task import content_hash
 
 _SLACK = 0.01  # by which the recordings' step may differ from the environment's
 

@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.parameters import ParameterSpace, colour, dynamics
+from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import draw_without_contact, randomize_joints, reset_to_default
-from simtune.tasks.suite_model import load_suite_spec
+from simtune.tasks.suite import load_suite_spec, suite_task
 from simtune.tasks.task import Task
 
 _SPIN_SPEED_RAD_S = 15.0
@@ -26,11 +26,11 @@ def spin() -> Task:
         *colour("spinner", ("cap1", "cap2"), (0.7, 0.5, 0.3)),
         *colour("ground", ("ground",), (1, 1, 1)),
     ]
-    return Task(
-        name="finger",
+    return suite_task(
+        "finger",
+        parameters,
+        _load_spec,
         description="flick a free spinner so that it turns faster than 15 rad/s",
-        load_spec=_load_spec,
-        parameters=ParameterSpace(parameters, where="finger"),
         camera="cam0",
         control_timestep_s=0.02,
         action_repeat=2,
@@ -43,7 +43,7 @@ def spin() -> Task:
 
 def _load_spec() -> mujoco.MjSpec:
     """The suite's finger as its spin task has it: an easy hinge, and no target to be seen."""
-    spec = load_suite_spec("finger.xml")
+    spec = load_suite_spec("finger")
     spec.joint("hinge").damping[0] = _SPINNER_DAMPING
     for name in ("target", "tip"):
         spec.site(name).rgba[3] = 0

@@ -10,13 +10,7 @@ from mujoco.batch import Batch
 
 from simtune.parameters import Parameter, colour, dynamics
 from simtune.tasks.task import Task
-from simtune.tasks.xarm7.scene import (
-    arm_task,
-    lighting,
-    place_of,
-    start_arm,
-    towards,
-)
+from simtune.tasks.xarm7.scene import arm_task, lighting, place_of, start_arm, towards
 
 _WORKSPACE_M = [[-0.25, 0.25], [0.196, 0.546], [0.8, 1.02]]  # of the hand
 _UP = np.array([0.0, 0.0, 1.0])

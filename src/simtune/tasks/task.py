@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from hashlib import sha256
 
 import mujoco
 import numpy as np
@@ -21,7 +22,15 @@ from simtune.simulation import (
     Simulator,
     remember_controls,
 )
-from simtune.tasks.content_hash import content_hash
+
+
+def content_hash(*parts: bytes | str) -> str:
+    """Short hexadecimal digits by which a run notices that any of the parts is another one."""
+    digest = sha256()
+    for part in parts:
+        content = part.encode() if isinstance(part, str) else part
+        digest.update(len(content).to_bytes(8, "little") + content)
+    return digest.hexdigest()[:16]
 
 
 @dataclass(frozen=True, kw_only=True)

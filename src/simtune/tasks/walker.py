@@ -1,27 +1,18 @@
 """Walker, walk: a planar two-legged walker at 1 m/s (dm_control's task)."""
 
-import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.parameters import ParameterSpace, colour, dynamics
+from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import computed, randomize_joints, reset_to_default
-from simtune.tasks.rewards import tolerance
-from simtune.tasks.suite_model import load_suite_spec
+from simtune.tasks.suite import suite_task, tolerance
 from simtune.tasks.task import Task
 
 _STAND_HEIGHT_M = 1.2  # of the torso
 _WALK_SPEED_M_S = 1.0
 # Each body has one geom, of the same name.
-_BODIES = (
-    "torso",
-    "right_thigh",
-    "right_leg",
-    "right_foot",
-    "left_thigh",
-    "left_leg",
-    "left_foot",
-)
+_LEGS = [f"{side}_{part}" for side in ("right", "left") for part in ("thigh", "leg", "foot")]
+_BODIES = ("torso", *_LEGS)
 
 
 def walk() -> Task:
@@ -30,11 +21,10 @@ def walk() -> Task:
         *colour("body", _BODIES, (0.7, 0.5, 0.3)),
         *colour("ground", ("floor",), (1, 1, 1)),
     ]
-    return Task(
-        name="walker",
+    return suite_task(
+        "walker",
+        parameters,
         description="walk upright on two legs at 1 m/s",
-        load_spec=_load_spec,
-        parameters=ParameterSpace(parameters, where="walker"),
         camera="side",
         control_timestep_s=0.025,
         action_repeat=2,
@@ -43,10 +33,6 @@ def walk() -> Task:
         policy_steps=160_000,
         free_joints=("rootx",),
     )
-
-
-def _load_spec() -> mujoco.MjSpec:
-    return load_suite_spec("walker.xml")
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:

@@ -23,12 +23,11 @@ def read_initial_state(table: TomlTable, model: mujoco.MjModel) -> Start:
         raise table.error(f'joints go with kind = "distribution" only, got "{kind}"', "joints")
     keyframe = _keyframe(table, model, is_needed=kind == "keyframe")
     pose = model.qpos0 if keyframe < 0 else model.key_qpos[keyframe]
+    drawn: dict[str, list[Spread]] = {}
     if kind == "recording":
         drawn = _as_wide_as_joints_go(model, pose)
     elif kind == "distribution":
         drawn = _declared(table, model)
-    else:
-        drawn = {}
     may_touch = table.flag("may_touch", default=False)
     return Start(where=table.where(), keyframe=keyframe, may_touch=may_touch, **drawn)
 
@@ -46,7 +45,7 @@ def _keyframe(table: TomlTable, model: mujoco.MjModel, is_needed: bool) -> int:
     return known.index(name)
 
 
-def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, tuple[Spread, ...]]:
+def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, list[Spread]]:
     """For recordings that say nothing of their start: what a fit can find it among."""
     near = _NEAR * model.stat.extent
     positions, turns, tied = [], [], _tied(model)
@@ -62,7 +61,7 @@ def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, 
         elif kind == _FREE:  # lies or stands somewhere: only its height is kept
             positions += [Spread(i, pose[i] - near, pose[i] + near) for i in (at, at + 1)]
             turns.append(Spread(at + 3, -np.pi, np.pi))
-    return {"positions": tuple(positions), "turns": tuple(turns)}
+    return {"positions": positions, "turns": turns}
 
 
 def _tied(model: mujoco.MjModel) -> set[int]:
@@ -91,7 +90,7 @@ def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
     return found
 
 
-def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, tuple[Spread, ...]]:
+def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, list[Spread]]:
     joints = table.table("joints")
     known = {model.joint(i).name: i for i in range(model.njnt) if model.joint(i).name}
     positions, turns, velocities = [], [], []
@@ -116,11 +115,7 @@ def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, tuple[Spread
                 velocities.append(Spread(velocity_at, *given.pair("velocity")))
         else:
             raise joints.error(f"{name} is a ball joint, which cannot be drawn: leave it out", name)
-    return {
-        "positions": tuple(positions),
-        "turns": tuple(turns),
-        "velocities": tuple(velocities),
-    }
+    return {"positions": positions, "turns": turns, "velocities": velocities}
 
 
 def _within_limits(given: TomlTable, model: mujoco.MjModel, joint: int) -> tuple[float, float]:

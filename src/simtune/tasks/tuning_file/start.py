@@ -1,5 +1,6 @@
 """Where episodes of a user's own model start: a pose, and what is drawn around it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -32,10 +33,10 @@ class Start:
 
     where: str  # in the user's file, for messages
     keyframe: int = -1  # -1: the model's default state
-    positions: tuple[Spread, ...] = ()
+    positions: Sequence[Spread] = ()
     # By what free joints are turned about the world's z, rad; the index is their quaternion's.
-    turns: tuple[Spread, ...] = ()
-    velocities: tuple[Spread, ...] = ()
+    turns: Sequence[Spread] = ()
+    velocities: Sequence[Spread] = ()
     may_touch: bool = False
 
     def __call__(self, batch: Batch, rng: np.random.Generator) -> None:
