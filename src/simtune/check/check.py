@@ -6,17 +6,19 @@ import numpy as np
 
 from simtune.check.conclusions import conclude
 from simtune.check.recording_warnings import warnings
-from simtune.check.soundness import look_through
 from simtune.config import CheckConfig
+from simtune.errors import InputError
 from simtune.fit.sensitivity import analyze
 from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import open_recordings
 from simtune.real.recorded import how_many
+from simtune.recordings import Dataset
 from simtune.tasks import load_task
 from simtune.tuning import needed_image_size
 
 _EPISODES = 5
+_MOST_NAMED = 5  # of unsound episodes
 
 
 def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
@@ -50,3 +52,23 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     information = analyze(simulator, task.camera, actions, config.seed, observation)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return facts | conclude(space, information)
+
+
+def look_through(dataset: Dataset, say: ReportProgress) -> list[np.ndarray]:
+    """Actions (T, A) of all episodes, each of whose frames was looked at and none kept.
+
+    Raises InputError, after the last episode, where one is unsound; which others are is said too.
+    """
+    actions, faults = [], {}
+    for episode, name in enumerate(dataset.episodes):
+        say("reading the recordings", episode / len(dataset.episodes))
+        try:
+            actions.append(dataset.skim(episode))
+        except InputError as error:
+            faults[name] = str(error)
+    if faults:
+        first, *others = faults
+        more = ", ".join(others[:_MOST_NAMED]) + ", ..." * (len(others) > _MOST_NAMED)
+        also = f"; {len(others)} more of {dataset.num_episodes} are unsound: {more}"
+        raise InputError(faults[first] + also * bool(others))
+    return actions

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-_HEAD = ("parameter", "value", "tried", "picture", "of pixels", "motion", "at most", "told to")
+_PREDICTED = ("motion", "at most", "told to")
+_HEAD = ("parameter", "value", "tried", "picture", "of pixels", *_PREDICTED, "verdict")
 
 
 def table(result: dict[str, Any]) -> list[str]:
@@ -14,7 +15,10 @@ def table(result: dict[str, Any]) -> list[str]:
     ]
     lines += _of_recordings(result["recordings"]) if "recordings" in result else []
     lines += [f"warning: {warning}" for warning in result.get("warnings", ())]
-    return [*lines, "", *_rows(result["parameters"]), "", *_said(result["pairs"]), *_LEGEND]
+    lines += ["", *_rows(result["parameters"]), ""]
+    if pairs := result["pairs"]:
+        lines += [*(pair["says"] for pair in pairs), ""]
+    return [*lines, *_LEGEND]
 
 
 _LEGEND = (
@@ -26,19 +30,13 @@ _LEGEND = (
 
 def _rows(parameters: dict[str, dict[str, Any]]) -> list[str]:
     """A line a parameter, columns below each other, numbers to the right."""
-    cells = [_HEAD, *(_cells(name, p) for name, p in parameters.items())]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    rows = [_HEAD, *(_cells(name, p) for name, p in parameters.items())]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
-    for (name, *numbers), end in zip(
-        cells, ["verdict", *map(_end, parameters.values())], strict=True
-    ):
-        columns = [f"{number:>{width}s}" for number, width in zip(numbers, widths[1:], strict=True)]
-        lines.append("  ".join([f"{name:{widths[0]}s}", *columns, end]))
+    for name, *numbers, verdict in rows:
+        columns = [f"{n:>{width}s}" for n, width in zip(numbers, widths[1:-1], strict=True)]
+        lines.append("  ".join([f"{name:{widths[0]}s}", *columns, verdict]))
     return lines
-
-
-def _said(pairs: list[dict[str, Any]]) -> list[str]:
-    return [*(pair["says"] for pair in pairs), ""] if pairs else []
 
 
 def _of_recordings(facts: dict[str, Any]) -> list[str]:
@@ -66,17 +64,12 @@ def _cells(name: str, p: dict[str, Any]) -> tuple[str, ...]:
         f"{100 * p['picture_share']:.2g} %" if changes else "–",
         f"{p['motion_rms_px']:.2g} px" if moves else "–",
         f"{p['motion_largest_px']:.2g} px" if moves else "–",
-        _told(p, unit),
+        _predicted(p, unit),
+        f"{p['verdict']}; {p['note']}" if p["note"] else p["verdict"],
     )
 
 
-def _told(p: dict[str, Any], unit: str) -> str:
+def _predicted(p: dict[str, Any], unit: str) -> str:
     if not p["motion_largest_px"]:
         return "visible" if p["picture_share"] else "–"
-    if "std_percent" in p:
-        return f"{p['std_percent']:.2g} %"
-    return f"{p['std']:.2g}{unit}"
-
-
-def _end(p: dict[str, Any]) -> str:
-    return f"{p['verdict']}; {p['note']}" if p["note"] else p["verdict"]
+    return f"{p['std_percent']:.2g} %" if "std_percent" in p else f"{p['std']:.2g}{unit}"

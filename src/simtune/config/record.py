@@ -1,4 +1,4 @@
-"""The options of `simtune record`."""
+"""The options of `simtune record` and `simtune export`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,3 +44,16 @@ class RecordConfig:
                 f"--image-size must be an even number from 16 to {_LARGEST_PX}, "
                 f"got {self.image_size}"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportConfig:
+    """Take what a run found along: the tuned MJCF, its numbers, and Python that applies them.
+
+    Writes model.xml, with the files that it refers to, parameters.json and apply.py into OUT.
+    """
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
+    """A folder that `simtune tune` or `simtune train` wrote."""
+    out: Path
+    """The folder to write, which must not be there yet, or be empty."""

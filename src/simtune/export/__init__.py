@@ -1,6 +1,5 @@
 """`simtune export`: what a run found, as files that need no simtune."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +9,13 @@ from simtune.config import ExportConfig
 from simtune.errors import InputError
 from simtune.export.mjcf import tuned_model, write_mjcf
 from simtune.export.script import apply_script
-from simtune.parameters import Parameter, ParameterSpace
+from simtune.parameters import ParameterSpace
 from simtune.report.data import RunData, read_run
 from simtune.run import write_atomically, write_json
 from simtune.tasks import load_task
 
 _PROVENANCE = ("command", "method", "search", "seed", "real", "real_episodes", "recordings")
-_DOUBTS = ("warnings", "correlations")
+_MODEL_CHECKS = ("warnings", "correlations")
 
 
 def export(config: ExportConfig) -> Path:
@@ -38,28 +37,26 @@ def export(config: ExportConfig) -> Path:
     spec, model, writer = tuned_model(task, mean, run.result.get("step_s"))
     write_mjcf(spec, model, writer, out)
     write_atomically(out / "apply.py", apply_script(writer, model).encode())
-    write_json(out / "parameters.json", _told(run, task.parameters))
+    write_json(out / "parameters.json", _content(run, task.parameters))
     return out
 
 
-def _told(run: RunData, space: ParameterSpace) -> dict[str, Any]:
-    """The content of parameters.json."""
-    found = run.result["parameters"]
+def _content(run: RunData, space: ParameterSpace) -> dict[str, Any]:
+    """The content of parameters.json: with what each number is in the model, and its bounds."""
+    parameters = {
+        p.name: run.result["parameters"][p.name]
+        | {key: getattr(p, key) for key in ("field", "objects", "component", "scale")}
+        | {"bounds": [p.low, p.high]}
+        for p in space
+    }
     provenance = {key: run.result[key] for key in _PROVENANCE if key in run.result}
     provenance |= {key: run.stored[key] for key in ("versions", "created") if key in run.stored}
     return {
         "task": run.result["task"],
-        "parameters": {p.name: found[p.name] | _where(p) for p in space},
-        **{key: run.result[key] for key in _DOUBTS if key in run.result},
+        "parameters": parameters,
+        **{key: run.result[key] for key in _MODEL_CHECKS if key in run.result},
         "provenance": provenance | {"run": str(run.path.resolve())},
     }
-
-
-def _where(parameter: Parameter) -> dict[str, Any]:
-    """What the number is in the model, and the bounds that it was searched within."""
-    declared = asdict(parameter)
-    where = {key: declared[key] for key in ("field", "objects", "component", "scale")}
-    return where | {"bounds": [parameter.low, parameter.high]}
 
 
 def _new_folder(path: Path) -> Path:

@@ -1,7 +1,6 @@
 """`environment = ...` in a tuning file: a gymnasium environment instead of a model."""
 
-from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 from simtune.errors import InputError
@@ -18,8 +17,10 @@ def read_environment_task(file: TomlTable) -> EnvironmentTask:
     """The task that a file declares. Raises InputError "FILE:LINE: ..."."""
     file.allow(*_KEYS)
     path, named = file.file, file.text("environment")
+    make, source = partial(_registered, named), ""
     with file.at("environment"):
-        make, source = _factory(path.parent, named)
+        if is_in_file(named):  # FILE.py:NAME is called, anything else is an id of gymnasium's
+            make, source = load_user_code(path.parent, named)
     entries = file.tables("parameters")
     if not entries:
         raise file.error("nothing to tune: declare parameters, each after a line [[parameters]]")
@@ -47,16 +48,6 @@ def _read(entry: TomlTable) -> Parameter:
             scale=entry.choice("scale", ("log", "linear"), "log" if low > 0 else "linear"),
             unit=entry.text("unit", "1"),
         )
-
-
-def _factory(folder: Path, named: str) -> tuple[Callable[[], Any], str]:
-    """What makes the environment: FILE.py:NAME is called, anything else is an id of gymnasium's.
-
-    And the file's text. Raises InputError where there is none, or the file cannot be run.
-    """
-    if is_in_file(named):
-        return load_user_code(folder, named)
-    return lambda: _registered(named), ""
 
 
 def _registered(named: str) -> Any:
