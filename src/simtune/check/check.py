@@ -22,7 +22,7 @@ _MOST_NAMED = 5  # of unsound episodes
 
 
 def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
-    """What each parameter changes, how well it can be told, facts of the recordings; JSON.
+    """What each parameter changes, how well it can be found, facts of the recordings; JSON.
 
     Raises InputError for what cannot be used.
     """

@@ -40,8 +40,8 @@ def _shows(share: float) -> Shows:
     """By the 90 % interval's share of the first range searched, as a search's verdict is.
 
     That range is a factor of 3 up and down, or all of a linear scale's bounds. "Clearly" is what
-    tuning can call identified, "weakly" what it can call weak: at best, since no real fit has more
-    than is told.
+    tuning can call identified, "weakly" what it can call weak: at best, since no real fit knows
+    more than this.
     """
     limits = RangeUpdateConfig()
     if share <= limits.identified_share:

@@ -55,7 +55,7 @@ def warnings_of(
 
 
 def _of_lengths(lengths: list[int]) -> list[str]:
-    """Of episodes of so many steps."""
+    """Of episodes of these numbers of steps."""
     found = []
     unused = sum(lengths) - len(lengths) * min(lengths)
     if unused:

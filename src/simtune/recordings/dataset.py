@@ -127,37 +127,37 @@ class Dataset:
 
     def _steps(self, episode: int) -> tuple[np.ndarray, np.ndarray]:
         """(K + 1,) seconds of an episode's frames, and (K, A) float32 actions between them."""
-        name, rows = self.episodes[episode], self._source.rows(episode)
+        where, rows = f"{self.where}: {self.episodes[episode]}", self._source.rows(episode)
         if self._own_rate:
-            self._check_rate(name, rows)
+            self._check_rate(where, rows)
         actions = rows.actions[:, self._columns]
         finite = np.isfinite(actions).all(1)
         if not finite.all():
             row = int(finite.argmin())
             raise InputError(
-                f"{self.where}: {name}, row {row}: action is not finite: "
+                f"{where}, row {row}: action is not finite: "
                 f"[{short([f'{value:g}' for value in actions[row]])}]; drop or repair the episode"
             )
         lasts_s = rows.until_s - rows.times_s[0]
         if lasts_s > MOST_ROWS * self.step_s:
             raise InputError(
-                f"{self.where}: {name} lasts {lasts_s:.3g} s, by its time stamps; expected at most "
-                f"{MOST_ROWS} steps of {self.step_s:.3g} s; mend them, or split the episode"
+                f"{where} lasts {lasts_s:.3g} s, by its time stamps; expected at most {MOST_ROWS} "
+                f"steps of {self.step_s:.3g} s; mend them, or split the episode"
             )
         times_s = step_times(rows, self.step_s)
         if len(times_s) < 2:
             raise InputError(
-                f"{self.where}: {name} lasts {lasts_s:.3g} s; expected at least one step of "
+                f"{where} lasts {lasts_s:.3g} s; expected at least one step of "
                 f"{self.step_s:.3g} s, a frame before and a frame after an action"
             )
         chosen = Rows(actions, rows.times_s, rows.until_s)
         return times_s, step_actions(chosen, times_s).astype(np.float32)
 
-    def _check_rate(self, name: str, rows: Rows) -> None:
+    def _check_rate(self, where: str, rows: Rows) -> None:
         own_hz = 1 / typical_step_s(rows.times_s) if len(rows) > 1 else 1 / self.step_s
         if abs(own_hz * self.step_s - 1) > 0.01:
             raise InputError(
-                f"{self.where}: {name} has {own_hz:.4g} actions/s, the first episode "
+                f"{where} has {own_hz:.4g} actions/s, the first episode "
                 f"{1 / self.step_s:.4g}; give one rate for all as --control-hz"
             )
 

@@ -70,43 +70,41 @@ class RobomimicSource:
             yield row / self.fps, block[row - first]
 
     def _actions(self, episode: int) -> Any:
-        stored = self._dataset(episode, "actions")
+        where, stored = self._dataset(episode, "actions")
         if stored.ndim != 2 or len(stored) > MOST_ROWS or not 0 < stored.shape[1] <= MOST_ACTIONS:
             raise InputError(
-                f"{self.path}: {self.episodes[episode]}: expected actions (T, A) with T up to "
-                f"{MOST_ROWS} and A from 1 to {MOST_ACTIONS}, got {stored.shape}"
+                f"{where}: expected actions (T, A) with T up to {MOST_ROWS} and A from 1 to "
+                f"{MOST_ACTIONS}, got {stored.shape}"
             )
         return stored
 
     def _pictures(self, episode: int) -> Any:
-        stored = self._dataset(episode, f"obs/{self.camera}")
+        where, stored = self._dataset(episode, f"obs/{self.camera}")
         if not _is_pictures(stored) or math.prod(stored.shape[1:3]) > MOST_PIXELS:
             raise InputError(
-                f"{self.path}: {self.episodes[episode]}: expected obs/{self.camera} as "
-                f"(T, H, W, 3) uint8, got {stored.shape} {stored.dtype}"
+                f"{where}: expected obs/{self.camera} as (T, H, W, 3) uint8, "
+                f"got {stored.shape} {stored.dtype}"
             )
         return stored
 
-    def _dataset(self, episode: int, key: str) -> Any:
-        """An HDF5 dataset that lies in this file, of a size that can be read."""
-        demo = self.episodes[episode]
-        with _sound(f"{self.path}: {demo}"):
-            group = self._file["data"][demo]
+    def _dataset(self, episode: int, key: str) -> tuple[str, Any]:
+        """How messages call an episode, and its HDF5 dataset: in this file, of a size to read."""
+        where = f"{self.path}: {self.episodes[episode]}"
+        with _sound(where):
+            group = self._file["data"][self.episodes[episode]]
             stored: Any = group.get(key) if _keys(group) else None
             if not hasattr(stored, "shape"):
-                raise InputError(
-                    f"{self.path}: {demo} has no {key}; there are: {short(_keys(group))}"
-                )
+                raise InputError(f"{where} has no {key}; there are: {short(_keys(group))}")
             # An HDF5 file can borrow from any file that its reader may read.
             if stored.file.filename != self._file.filename or stored.external or stored.is_virtual:
-                raise InputError(f"{self.path}: {demo}: {key} leads out of the file")
+                raise InputError(f"{where}: {key} leads out of the file")
             chunk_bytes = math.prod(stored.chunks or ()) * stored.dtype.itemsize
             if chunk_bytes > _MOST_CHUNK_BYTES:
                 raise InputError(
-                    f"{self.path}: {demo}: {key} is stored in chunks of {chunk_bytes / 1e6:.0f} "
-                    "MB; expected some pictures each, write the file anew"
+                    f"{where}: {key} is stored in chunks of {chunk_bytes / 1e6:.0f} MB; "
+                    "expected some pictures each, write the file anew"
                 )
-            return stored
+            return where, stored
 
     def _choose_camera(self, camera: str | None) -> str:
         """The key of the chosen camera's pictures, by what the first episode holds."""

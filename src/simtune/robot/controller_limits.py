@@ -48,7 +48,7 @@ def check_controller(arm: Any, limits: Limits, collision_sensitivity: int) -> No
     }
     deadline_s = time.monotonic() + _REPORTED_WITHIN_S
     while arm.collision_sensitivity != collision_sensitivity and time.monotonic() < deadline_s:
-        time.sleep(0.02)  # it is told in reports only, five a second
+        time.sleep(0.02)  # only reports say it, five a second
     expected["collision sensitivity"] = (collision_sensitivity, arm.collision_sensitivity)
     for what, (wanted, found) in expected.items():
         if found != wanted:

@@ -42,7 +42,7 @@ class Displacements:
     def target(self, action: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """The (D,) place that an action (A,) asks for; beyond its range it is cut off.
 
-        Raises RobotError for an action that is not finite numbers (A,): whoever made it is ill.
+        Raises RobotError for an action that is not finite numbers (A,).
         """
         action = np.asarray(action)
         if action.shape != self.axes.shape or action.dtype.kind not in "fiu":

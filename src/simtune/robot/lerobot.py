@@ -64,7 +64,7 @@ class LeRobot:
 
 
 class Unwatched:
-    """A `Pulse` that nobody listens to: LeRobot's robots take one connection, and it is in use."""
+    """A `Pulse` without a listener: LeRobot's robots take one connection, and it is in use."""
 
     def beat(self) -> None: ...
 

@@ -13,17 +13,15 @@ class Picture(NamedTuple):
 
 
 class Pulse(Protocol):
-    """What has to be told again and again that all is well: else it stops the robot itself."""
+    """Needs a beat again and again while all is well: without it, it stops the robot itself."""
 
     def beat(self) -> None: ...
 
     def rest(self) -> None:
         """The robot stands still and needs no watching, until the next beat."""
-        ...
 
     def close(self) -> None:
         """While the robot moves, this stops it."""
-        ...
 
 
 class Robot(Protocol):
@@ -33,7 +31,6 @@ class Robot(Protocol):
 
     def connect(self) -> None:
         """Ask, and change nothing."""
-        ...
 
     def allow_motion(self, limits: Limits) -> Pulse:
         """Make it ready to move, with limits of its own set as well where it has any."""

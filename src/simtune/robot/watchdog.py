@@ -1,4 +1,4 @@
-"""A process of its own that stops an xArm when whoever moves it stalls or dies.
+"""A process of its own that stops an xArm when the process that moves it stalls or dies.
 
 It listens to a pipe: "a", all is well and the arm moves; "r", the arm rests. Without an "a" for
 TIMEOUT_S, or where the pipe ends before an "r", it tells the controller, over a connection of its
@@ -18,7 +18,7 @@ from simtune.errors import RobotError
 from simtune.robot.latch import Latch
 from simtune.robot.xarm_sdk import open_arm
 
-TIMEOUT_S = 0.15  # of the 200 ms within which the arm is told to stop
+TIMEOUT_S = 0.15  # of the 200 ms within which the order to stop must come
 _READY = b"watching\n"
 _MOVING, _RESTING = b"a", b"r"
 _STOPPED_STATE = 4
@@ -69,14 +69,14 @@ def watch(ip: str, latch: Latch) -> None:
     """Listen to stdin until it ends or falls silent while the arm moves."""
     arm = open_arm(ip, reports=False)
     os.write(1, _READY)
-    moving, told_s = False, time.monotonic()
+    moving, heard_s = False, time.monotonic()
     while arm.connected:
-        left_s = told_s + TIMEOUT_S - time.monotonic() if moving else 1.0
+        left_s = heard_s + TIMEOUT_S - time.monotonic() if moving else 1.0
         if select.select([0], [], [], max(left_s, 0))[0]:
             said = os.read(0, 4096)
             if not said:
                 return _stop(arm, latch, "the process that moved it died") if moving else None
-            moving, told_s = said.endswith(_MOVING), time.monotonic()
+            moving, heard_s = said.endswith(_MOVING), time.monotonic()
         elif moving:
             return _stop(arm, latch, f"the process that moved it stalled for {TIMEOUT_S} s")
     # It can watch no longer: as it ends, so does the pipe, and the moving process stops.

@@ -16,7 +16,7 @@ from simtune.robot.xarm_sdk import open_arm
 # A new target takes the place of the one before, and the controller plans a path of limited speed
 # and acceleration to it. If everything else dies, the arm comes to rest at the latest target.
 _ONLINE_MODE = 7
-_FIRST_FIRMWARE = (1, 11, 100)  # since then, lines are told in one way and this mode is there
+_FIRST_FIRMWARE = (1, 11, 100)  # the first with this mode, and with one command for lines
 _CAN_MOVE = (0, 1, 2)  # ready, moving, resting
 _STOPPED = 4
 _ENABLED_WITHIN_S = 3.0

@@ -19,7 +19,7 @@ _KEYS = (*_GOALS, "steps", "free_joints", "symmetric_hinges")
 
 
 class WorldsData:
-    """What a user's reward is told: MjData of n worlds at once, and `model`.
+    """What a user's reward sees: MjData of n worlds at once, and `model`.
 
     Each field has the worlds as its first axis: `qpos` is (n, nq), `xpos` is (n, nbody, 3).
     """
@@ -37,39 +37,35 @@ class WorldsData:
 
 
 def read_policy(table: TomlTable, model: mujoco.MjModel) -> dict[str, Any]:
-    """What a `Task` is told of it; nothing of an empty table.
+    """What a `Task` has of it; nothing for an empty table.
 
     Raises InputError for what is wrong with it, or does not go with the model.
     """
     table.allow(*_KEYS)
     if table.is_empty:
         return {}
-    told: dict[str, Any] = {"declared_policy": table.content()}
+    policy: dict[str, Any] = {"declared_policy": table.content()}
     worlds = _some_worlds(model)
     for goal in _GOALS:
         if goal == "reward" or goal in table:
             named = table.text(goal)
             with table.at(goal):
                 function, source = load_user_code(table.file.parent, named)
-                told[goal] = _of_worlds(named, function)
-                if not np.isfinite(told[goal](worlds)).all():
+                policy[goal] = _of_worlds(named, function)
+                if not np.isfinite(policy[goal](worlds)).all():
                     raise InputError(f"{named} gives no finite number where the model starts")
-            told["declared_policy"] += source
+            policy["declared_policy"] += source
     if "steps" in table:
-        told["policy_steps"] = table.whole("steps")
-    told["free_joints"] = table.names("free_joints", ())
+        policy["policy_steps"] = table.whole("steps")
+    policy["free_joints"] = table.names("free_joints", ())
     hinges = table.table("symmetric_hinges")
-    told["symmetric_hinges"] = {name: hinges.whole(name, least=2) for name in hinges}
-    for where, names in ((table, told["free_joints"]), (hinges, told["symmetric_hinges"])):
-        for name in names:
-            _check_joint(where, model, name)
-    return told
-
-
-def _check_joint(table: TomlTable, model: mujoco.MjModel, name: str) -> None:
+    policy["symmetric_hinges"] = {name: hinges.whole(name, least=2) for name in hinges}
     known = [model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] in HINGE_OR_SLIDE]
-    if name not in known:
-        raise table.error(UnknownName("hinge or slide", name, "the model", known))
+    for where, names in ((table, policy["free_joints"]), (hinges, policy["symmetric_hinges"])):
+        for name in names:
+            if name not in known:
+                raise where.error(UnknownName("hinge or slide", name, "the model", known))
+    return policy
 
 
 def _of_worlds(named: str, function: Callable[..., Any]) -> Callable[[Batch], np.ndarray]:

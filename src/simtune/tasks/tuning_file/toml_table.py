@@ -1,4 +1,4 @@
-"""A TOML file read with care: what is wrong is told with its line and the nearest valid name."""
+"""A TOML file read with care: what is wrong is said with its line and the nearest valid name."""
 
 import json
 import math
@@ -122,7 +122,7 @@ class TomlTable:
         return (value,) if isinstance(value, str) else value and tuple(value)
 
     def numbers(self, key: str, count: int, default: Any = _REQUIRED) -> Any:
-        """A tuple of so many."""
+        """A tuple of `count` numbers."""
         return self._checked(key, f"{count} finite numbers", default, lambda v: _are(v, count))
 
     def pair(self, key: str) -> tuple[float, float]:
