@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from simtune.check.check import look_through
-from simtune.config.recordings import RecordingsConfig
+from simtune.config import RecordingsConfig
 from simtune.errors import InputError
 from simtune.recordings import Dataset, decode, open_dataset, write_dataset, write_video
 from simtune.recordings.fingerprint import fingerprint

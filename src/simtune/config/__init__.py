@@ -1,8 +1,7 @@
 """The options of commands that run for long, one dataclass each."""
 
-from simtune.config.real import ROBOTS, RealConfig
+from simtune.config.real import ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.record import ExportConfig, RecordConfig
-from simtune.config.recordings import RecordingsConfig
 from simtune.config.train import UNTUNED, EvaluateConfig, Method, TrainConfig
 from simtune.config.tune import CheckConfig, TuneConfig
 

@@ -7,8 +7,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from simtune.config.checks import at_least, check_seed
-from simtune.config.real import RealConfig
-from simtune.config.recordings import RecordingsConfig
+from simtune.config.real import RealConfig, RecordingsConfig
 from simtune.errors import InputError
 from simtune.names import SearchName
 

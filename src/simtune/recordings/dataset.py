@@ -11,7 +11,7 @@ from simtune.errors import InputError
 from simtune.pictures import middle_square, resize
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.resample import step_actions, step_times, typical_step_s
-from simtune.recordings.source import MOST_ROWS, Rows, Source, choose_actions, short
+from simtune.recordings.source import MOST_ROWS, Rows, Source, choose_actions, first_wrong, short
 from simtune.trajectory import Trajectory
 
 
@@ -131,9 +131,7 @@ class Dataset:
         if self._own_rate:
             self._check_rate(where, rows)
         actions = rows.actions[:, self._columns]
-        finite = np.isfinite(actions).all(1)
-        if not finite.all():
-            row = int(finite.argmin())
+        if (row := first_wrong((~np.isfinite(actions)).any(1))) is not None:
             raise InputError(
                 f"{where}, row {row}: action is not finite: "
                 f"[{short([f'{value:g}' for value in actions[row]])}]; drop or repair the episode"

@@ -13,7 +13,7 @@ from simtune.errors import InputError
 from simtune.recordings import video
 from simtune.recordings.csv_table import is_time, read_header, read_rows
 from simtune.recordings.resample import typical_step_s
-from simtune.recordings.source import Rows, is_rate, short
+from simtune.recordings.source import Rows, first_wrong, is_rate, short
 
 VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # in any case of letters
 
@@ -104,9 +104,7 @@ class PairsSource:
     ) -> Rows:
         """Rows that say themselves when they began."""
         path = self._table(episode)
-        wrong = ~(np.diff(times_s, prepend=-1e-9) > 0)
-        if wrong.any():
-            row = int(wrong.argmax())
+        if (row := first_wrong(~(np.diff(times_s, prepend=-1e-9) > 0))) is not None:
             raise InputError(
                 f"{path}: row {row}: expected rising seconds since the video's first frame, "
                 f"got {times_s[row]:g}"

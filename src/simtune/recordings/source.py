@@ -64,6 +64,11 @@ def is_rate(fps: object) -> TypeGuard[int | float]:
     return LEAST_FPS <= fps <= MOST_FPS
 
 
+def first_wrong(wrong: np.ndarray) -> int | None:
+    """The first of (T,) rows, some of which may be `wrong`; None: none is."""
+    return int(wrong.argmax()) if wrong.any() else None
+
+
 def short(names: Sequence[str], most: int = 12) -> str:
     """At most `most` of the names, for a message that stays one line."""
     return ", ".join(names if len(names) <= most else [*names[:most], "..."])

@@ -13,7 +13,7 @@ from simtune.recordings import video
 from simtune.recordings.lerobot.episodes import Episode
 from simtune.recordings.lerobot.meta import read_meta
 from simtune.recordings.lerobot.parquet import lists, numbers, read_table
-from simtune.recordings.source import Rows
+from simtune.recordings.source import Rows, first_wrong
 
 
 class LeRobotSource:
@@ -63,9 +63,7 @@ class LeRobotSource:
     def _check_order(self, rows: pa.Table, where: Episode) -> None:
         """Rows must be the frames 0, 1, 2, ..., and those that meta/ calls this episode."""
         frame_index = rows["frame_index"].to_numpy()
-        wrong = frame_index != np.arange(len(rows))
-        if wrong.any():
-            row = int(wrong.argmax())
+        if (row := first_wrong(frame_index != np.arange(len(rows)))) is not None:
             raise InputError(
                 f"{self.path}: episode {where.index}: expected frame_index {row}, "
                 f"got {frame_index[row]:g}; rows are missing or doubled"
@@ -82,9 +80,8 @@ class LeRobotSource:
     def _check_times(self, timestamp_s: np.ndarray, where: Episode) -> None:
         """Rows must be 1/fps seconds from one to the next."""
         expected_s = np.arange(len(timestamp_s)) / self.fps
-        late = ~(np.abs(timestamp_s - timestamp_s[0] - expected_s) < 0.5 / self.fps)
-        if late.any():
-            row = int(late.argmax())
+        is_late = ~(np.abs(timestamp_s - timestamp_s[0] - expected_s) < 0.5 / self.fps)
+        if (row := first_wrong(is_late)) is not None:
             raise InputError(
                 f"{self.path}: episode {where.index}, row {row}: expected timestamp "
                 f"{expected_s[row]:g} s at {self.fps:g} frames/s, got {timestamp_s[row]:g} s; "
@@ -94,9 +91,7 @@ class LeRobotSource:
     def _actions(self, column: pa.ChunkedArray, where: Episode) -> np.ndarray:
         """(T, A)."""
         lengths, flat = lists(column)
-        wrong = lengths != len(self.action_names)
-        if wrong.any():
-            row = int(wrong.argmax())
+        if (row := first_wrong(lengths != len(self.action_names))) is not None:
             raise InputError(
                 f"{self.path}: episode {where.index}, row {row}: expected "
                 f"{len(self.action_names)} actions as meta/info.json says, got {lengths[row]}"
