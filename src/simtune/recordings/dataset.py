@@ -131,7 +131,7 @@ class Dataset:
         if self._own_rate:
             self._check_rate(where, rows)
         actions = rows.actions[:, self._columns]
-        if (row := first_wrong((~np.isfinite(actions)).any(1))) is not None:
+        if (row := first_wrong(np.any(~np.isfinite(actions), axis=1))) is not None:
             raise InputError(
                 f"{where}, row {row}: action is not finite: "
                 f"[{short([f'{value:g}' for value in actions[row]])}]; drop or repair the episode"
