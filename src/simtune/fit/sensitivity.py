@@ -13,7 +13,7 @@ from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
-from simtune.simulation import Rollouts, Simulator
+from simtune.simulation import Points, Rollouts, Simulator
 from simtune.vision.image_noise import ImageNoise
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints, find_keypoints
@@ -131,7 +131,7 @@ def picture_changes(
 
 
 def motion_changes(
-    simulator: Simulator, keypoints: Keypoints, episodes: Rollouts, changed: np.ndarray
+    simulator: Simulator, keypoints: Keypoints | Points, episodes: Rollouts, changed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(G,) pixels by which keypoints are elsewhere with (G, N) parameters: root mean square, most.
 
@@ -166,7 +166,7 @@ def windows(episodes: Rollouts) -> tuple[np.ndarray, np.ndarray]:
 
 
 def motion_covariance(
-    simulator: Simulator, keypoints: Keypoints, episodes: Rollouts, fitted: np.ndarray
+    simulator: Simulator, keypoints: Keypoints | Points, episodes: Rollouts, fitted: np.ndarray
 ) -> np.ndarray:
     """(P, P) covariance in unit coordinates of the `fitted` parameters, at best."""
     physics = Physics(simulator, keypoints.observe, episodes.states[0, 0])

@@ -144,7 +144,7 @@ class Shooting:
             windows.episode,
             windows.step,
             -evidence.log_likelihood(predicted[0]) / (num_frames * evidence.num_observations),
-            tuple(evidence.distances(predicted[0])),
+            evidence.distances(predicted[0]),
         )
 
     def _step(

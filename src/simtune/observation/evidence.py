@@ -1,6 +1,6 @@
 """What a sensor measured, as a fit asks it: residuals, weights, likelihoods."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
@@ -60,8 +60,6 @@ class AllEvidence:
 
     parts: tuple[Evidence, ...]
 
-    name, unit = "all", ""
-
     @property
     def scale(self) -> np.ndarray:
         return np.concatenate([part.scale for part in self.parts])
@@ -78,25 +76,19 @@ class AllEvidence:
         return AllEvidence(tuple(part.at(index) for part in self.parts))
 
     def log_likelihood(self, predicted: np.ndarray, blur: float = 1.0) -> np.ndarray:
-        pairs = zip(self.parts, self.split(predicted), strict=True)
+        pairs = self._split(predicted)
         return np.sum([part.log_likelihood(its, blur) for part, its in pairs], axis=0)
 
     def linearize(self, predicted: np.ndarray, blur: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-        pairs = zip(self.parts, self.split(predicted), strict=True)
-        residuals, weights = zip(*(part.linearize(its, blur) for part, its in pairs), strict=True)
+        both = (part.linearize(its, blur) for part, its in self._split(predicted))
+        residuals, weights = zip(*both, strict=True)
         return np.concatenate(residuals, -1), np.concatenate(weights, -1)
 
-    def typical_distance(self, predicted: np.ndarray) -> float:
-        """That of the only sensor; of several there is none in common: ask `distances`."""
-        distances = self.distances(predicted)
-        return distances[0] if len(distances) == 1 else float("nan")
-
-    def distances(self, predicted: np.ndarray) -> list[float]:
+    def distances(self, predicted: np.ndarray) -> tuple[float, ...]:
         """Each sensor's typical distance."""
-        pairs = zip(self.parts, self.split(predicted), strict=True)
-        return [part.typical_distance(its) for part, its in pairs]
+        return tuple(part.typical_distance(its) for part, its in self._split(predicted))
 
-    def split(self, predicted: np.ndarray) -> Sequence[np.ndarray]:
-        """Each sensor's columns of (..., D) predictions."""
+    def _split(self, predicted: np.ndarray) -> Iterator[tuple[Evidence, np.ndarray]]:
+        """Each sensor with its columns of (..., D) predictions."""
         ends = np.cumsum([len(part.scale) for part in self.parts])
-        return np.split(predicted, ends[:-1], axis=-1)
+        return zip(self.parts, np.split(predicted, ends[:-1], axis=-1), strict=True)

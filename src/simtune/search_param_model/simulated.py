@@ -69,16 +69,13 @@ def simulate(
         raise RuntimeError("nearly every world diverged; check the timestep and the bounds")
     num_worlds, num_filmed = len(whole), min(num_filmed, steps + 1)
     start = rng.integers(0, steps + 2 - num_filmed, num_worlds)
-    states = rollouts.states[whole[:, :1], start[:, None] + np.arange(num_filmed)]
+    at = start[:, None] + np.arange(num_filmed)
+    states = rollouts.states[whole[:, :1], at]
     kept = rollouts.parameters[whole[:, 0]]
-    frames = simulator.render(
-        states.reshape(num_worlds * num_filmed, -1), np.repeat(kept, num_filmed, axis=0)
-    )
-    frames = frames.reshape(num_worlds, num_filmed, *frames.shape[1:])
+    frames = simulator.film(replace(rollouts, parameters=kept, states=states))
     if noise := observation.camera.image_noise:
         noise.apply(frames, rng)
     points, measured = np.split(rollouts.observed[whole], [2 * len(keypoints)], axis=-1)
-    at = start[:, None] + np.arange(num_filmed)
     with_frames = measured[np.arange(num_worlds)[:, None], 0, at]
     return SimulatedWorlds(
         kept,

@@ -6,7 +6,6 @@ together fix all others, for any model with a camera and without naming a joint.
 """
 
 from dataclasses import dataclass, replace
-from typing import overload
 
 import mujoco
 import numpy as np
@@ -115,14 +114,6 @@ def choose_keypoints(seen: np.ndarray, at_most: int = 16, tolerance_px: float = 
     return chosen
 
 
-@overload
-def find_keypoints(
-    simulator: Simulator, camera: str, distribution: Distribution, seed: int
-) -> Keypoints: ...
-@overload
-def find_keypoints(
-    simulator: AnySimulator, camera: str, distribution: Distribution, seed: int
-) -> Keypoints | Points: ...
 def find_keypoints(
     simulator: AnySimulator, camera: str, distribution: Distribution, seed: int
 ) -> Keypoints | Points:
