@@ -54,7 +54,7 @@ class FakeReplayFit:
         """`find(start)`: a `FitResult` for the (N,) parameters where a fit begins."""
         self.find, self.starts = find, []
 
-    def fit(self, observed, start: PointEstimate, latency_steps: int, extend_horizon: bool):
+    def fit(self, observed, start: PointEstimate, latencies: tuple[int], extend_horizon: bool):
         self.starts.append(SPACE.to_unit(start.parameters))
         return self.find(start.parameters)
 

@@ -92,7 +92,7 @@ def run_bootstrap(
             continue
         begin = space.from_unit(truth + away * rng.normal(size=len(unit)))
         refit = replay_fit.fit(
-            observed, PointEstimate(begin, start.std), fit.latency_steps, extend_horizon
+            observed, PointEstimate(begin, start.std), (fit.latency_steps,), extend_horizon
         )
         misfits.append(refit.misfit)
         errors.append((space.to_unit(refit.parameters) - truth) / refit.claimed_std)

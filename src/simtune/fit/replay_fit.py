@@ -1,5 +1,6 @@
 """From a rough estimate to a fine one: guess states, fit the physics, fit the pictures."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,6 @@ _UNSEEN = 0.5  # of a sensor's noise: what changes a prediction by less is not o
 _SIDESTEP = (0.01, 0.1)  # at least, at most, from a start, in unit coordinates
 _PARTICLE_STD = (0.02, 0.1)  # of their parameters: at least, at most, in unit coordinates
 _PRIOR_STDS = 3.0  # as far as a first guess may be off, in terms of its usual error
-_MAX_LATENCY_STEPS = 2
 _CLEARLY_BETTER = 0.05  # by so much a latency has to lower −log likelihood to be believed
 
 
@@ -49,16 +49,17 @@ class ReplayFit:
         self,
         observed: Observed,
         start: PointEstimate,
-        latency_steps: int | None = 0,
+        latencies: Sequence[int] = (0,),
         extend_horizon: bool = True,
     ) -> FitResult:
         """Fit E episodes. With three or more the last one is kept to test the fit on.
 
-        `latency_steps` is that of the actions; None: find it. `extend_horizon`: to longer windows
-        where short ones do not tell enough, which takes time.
+        `latencies`: by how many steps the actions may take effect late, the usual one first.
+        `extend_horizon`: to longer windows where short ones do not tell enough, which takes time.
         """
-        if latency_steps is None:
-            latency_steps = self._find_latency(observed, start.parameters)
+        latency_steps = latencies[0]
+        if len(latencies) > 1:
+            latency_steps = self._find_latency(observed, start.parameters, latencies)
         observed = observed.delayed(latency_steps)
         num, kept = len(observed), num_fitted(len(observed))
         fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
@@ -128,18 +129,20 @@ class ReplayFit:
         one, other = (fit.unit for fit in fits)
         return replace(better, unit=(one + other) / 2), np.abs(one - other) / 2
 
-    def _find_latency(self, observed: Observed, parameters: np.ndarray) -> int:
-        """The latency of the actions, in steps, with which the motion fits best."""
+    def _find_latency(
+        self, observed: Observed, parameters: np.ndarray, latencies: Sequence[int]
+    ) -> int:
+        """The latency of the actions, in steps, with which the motion fits clearly best."""
         stages = (Stage(4, 3, 3.0), Stage(8, 3))
         num_windows = max(12, self._config.shooting.num_windows // 3)
         quick = ShootingConfig(stages=stages, num_windows=num_windows)
         misfits = []
-        for steps in range(_MAX_LATENCY_STEPS + 1):
+        for steps in latencies:
             late = observed.delayed(steps)
             fit = self._shooting(self._moving, quick).fit(late, self._estimator(late), parameters)
             misfits.append(float(np.median(fit.misfit)))
         best = int(np.argmin(misfits))
-        return best if misfits[best] < misfits[0] - _CLEARLY_BETTER else 0
+        return latencies[best if misfits[best] < misfits[0] - _CLEARLY_BETTER else 0]
 
     def _fit_pictures(
         self, motion: ShootingFit, observed: Observed, parameters: np.ndarray

@@ -130,9 +130,9 @@ class FitStage:
 
     def fit(self, observed: Observed, start: PointEstimate, extend_horizon: bool) -> FitResult:
         """See `ReplayFit.fit`; a latency is looked for where there may be one."""
-        may_be_late = self._context.observation.max_latency_steps > 0
-        latency = None if may_be_late and not self._replay_fit.space.is_delay.any() else 0
-        return self._replay_fit.fit(observed, start, latency, extend_horizon)
+        is_tuned = self._replay_fit.space.is_delay.any()
+        most = 0 if is_tuned else self._context.observation.max_latency_steps
+        return self._replay_fit.fit(observed, start, range(most + 1), extend_horizon)
 
     def bootstrap(
         self,
