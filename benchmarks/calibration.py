@@ -1,8 +1,8 @@
 """Do 90 % intervals hold the truth 90 % of the time? Simulation-based calibration.
 
 A search tunes to one random world, as `simtune tune` does: in the first range only, or in a
-narrowed one after that. Then worlds are drawn from the range that its last iteration searched,
-filmed, and looked at by the detector, judge and fit of that iteration, just as the real world was; the
+narrowed one after that. Then worlds are drawn from the range that its last round searched, filmed,
+and estimated by the detector, posterior network and fit of that round, as the real world was; the
 rank of each truth in its own curve is uniform where intervals can be trusted (Talts et al. 2018).
 A fit has less time than in `simtune tune`, since there are many. What one search got wrong all its
 worlds share, so every so many of them another one begins, with another random world.
@@ -22,7 +22,9 @@ import numpy as np
 import tyro
 from baselines.one_run import true_parameters
 from common import QUICK, machine, record_figures
+from searching import context_of
 
+from simtune.budget import Budget
 from simtune.real.truth import Truth
 from simtune.tasks import TASKS, Task, load_task
 from simtune.trajectory import Trajectory
@@ -67,7 +69,7 @@ def main(
         for name in tasks:
             task = load_task(name)
             for label, shares in _SEARCHES.items():
-                asked = replace(config, iterations=len(shares), time_shares=shares)
+                asked = replace(config, num_rounds=len(shares), time_shares=shares)
                 ranks = _Ranks(out / f"{name}-{label}.jsonl", task, asked, real_episodes)
                 for number in range(-(-worlds // worlds_per_search)):
                     until = min(worlds, (number + 1) * worlds_per_search)
@@ -113,10 +115,11 @@ class _Ranks:
         task, space = self._task, self._task.parameters
         known = Truth(space, space.from_dict(true_parameters(task.name, space, number)))
         start = known.wrong_start(number)
-        search = PosteriorSearch(self._simulator, task.camera, start, self._config, seed=number)
-        real, end_s = self._film(known, number), time.monotonic() + 60 * minutes
+        context = context_of(task, self._simulator, start, number)
+        search = PosteriorSearch(context, self._config)
+        real, budget = self._film(known, number), Budget(60 * minutes)
         while not search.finished:
-            search.iterate(real, end_s)
+            search.run_round(real, budget)
         return search
 
     def _film(self, truth: Truth, seed: int) -> list[Trajectory]:
@@ -129,11 +132,10 @@ def ranks_of(
     search: PosteriorSearch, trajectories: list[Trajectory], truth: np.ndarray
 ) -> np.ndarray:
     """(N,) probabilities, by a world's curves, of being below its truth."""
-    _, prob_higher = search.detect(trajectories)
-    at = 2 * search.searched.to_local(truth) - 1
-    grid = candidate_grid()
-    curves = zip(at, prob_higher, strict=True)
-    return np.array([1 - np.interp(place, grid, curve) for place, curve in curves])
+    _, prob_higher = search.estimate(trajectories)
+    grid, in_range = candidate_grid(), search.searched.to_range_unit(truth)
+    curves = zip(in_range, prob_higher, strict=True)
+    return np.array([1 - np.interp(at, grid, curve) for at, curve in curves])
 
 
 def summary(path: Path) -> dict[str, object]:

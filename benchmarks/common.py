@@ -14,20 +14,22 @@ from typing import Any
 
 import torch
 
-from simtune.fit import ParticleConfig, ShootingConfig, Stage
+from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 # A search in seconds that finds nothing, to see that all of a benchmark runs.
 QUICK = PosteriorSearchConfig(
     num_worlds=32,
-    unseen_worlds=16,
+    held_out_worlds=16,
     detector_updates=(10,),
     posterior_updates=10,
     state_updates=10,
     least_updates=2,
-    replicas=(1, 1),
-    particles=ParticleConfig(num=8, steps=4),
-    shooting=ShootingConfig(stages=(Stage(4, 1, 2.0), Stage(8, 1)), longer=(), num_windows=6),
+    num_refits=(1, 1),
+    fit=FitConfig(
+        particles=ParticleConfig(num=8, steps=4),
+        shooting=ShootingConfig(stages=(Stage(4, 1, 2.0), Stage(8, 1)), longer=(), num_windows=6),
+    ),
 )
 
 _ROOT = Path(__file__).parents[1]

@@ -32,7 +32,9 @@ import mujoco
 import numpy as np
 import tyro
 from common import QUICK, machine, record_figures
+from searching import context_of
 
+from simtune.budget import Budget
 from simtune.parameters import Parameter, ParameterSpace, dynamics
 from simtune.real.truth import Truth
 from simtune.run.files import read_json, write_json
@@ -152,15 +154,16 @@ def tuned(
     seed: int,
 ) -> dict[str, Any]:
     """What a search makes of videos of `filmed`, its parameters nominal, by tuning `task`."""
-    truth, began_s = Truth(filmed.parameters, filmed.parameters.nominal), time.monotonic()
+    truth, budget = Truth(filmed.parameters, filmed.parameters.nominal), Budget(60 * minutes)
+    began_s = time.monotonic()
     world = truth.make_real(
         filmed.simulator(image_size=64), episode_steps=filmed.episode_steps, seed=seed
     )
     real, simulator = world.collect(real_episodes), task.simulator(image_size=64)
     start = truth.wrong_start(seed)
-    search = PosteriorSearch(simulator, task.camera, start, config, seed=seed)
+    search = PosteriorSearch(context_of(task, simulator, start, seed), config)
     while True:
-        estimate, _, _ = search.iterate(real, began_s + 60 * minutes)
+        estimate, _, _ = search.run_round(real, budget)
         if search.finished:
             break
     real, errors = truth.score(estimate.mean)

@@ -18,15 +18,16 @@ import numpy as np
 import torch
 import tyro
 from common import machine, record_figures
+from searching import context_of
 
+from simtune.budget import Budget
 from simtune.config import RealConfig
-from simtune.progress import Say
+from simtune.names import SearchName
+from simtune.progress import ReportProgress
 from simtune.real.choose import choose_real
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import TASKS, load_task
-from simtune.tuning import needed_image_size
-from simtune.tuning.paper import PaperSearch
-from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning import make_search, needed_image_size
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _TARGET_PERCENT = 10.0
@@ -49,7 +50,7 @@ _QUICK_PAPER = PaperConfig(
     max_moves=2,
 )
 _QUICK_POSTERIOR = PosteriorSearchConfig(
-    num_worlds=32, filmed_steps=16, iterations=1, detector_updates=(40,), posterior_updates=20
+    num_worlds=32, filmed_steps=16, num_rounds=1, detector_updates=(40,), posterior_updates=20
 )
 
 Config = PosteriorSearchConfig | PaperConfig
@@ -60,26 +61,21 @@ def follow(
 ) -> tuple[list[tuple[float, float]], dict[str, float]]:
     """Search until it is finished or the time is over.
 
-    Returns (seconds, mean percent error) at the start and after each iteration, and the last
+    Returns (seconds, mean percent error) at the start and after each round, and the last
     percent error of each parameter.
     """
-    name = "paper" if isinstance(config, PaperConfig) else "posterior"
-    began_s = time.monotonic()
-    deadline_s = began_s + 60 * minutes
+    name: SearchName = "paper" if isinstance(config, PaperConfig) else "posterior"
+    began_s, budget = time.monotonic(), Budget(60 * minutes, _report_on_stderr(name))
     task, image_size = load_task(task_name), needed_image_size(name)
     real, start, truth = choose_real(RealConfig(seed=seed), task, image_size)
     assert truth is not None
     trajectories = real.collect(real_episodes)
     simulator = task.simulator(image_size=image_size, step_s=real.step_s)
-    say = _say_on_stderr(name)
-    if isinstance(config, PaperConfig):
-        search = PaperSearch(simulator, start, config, seed=seed)
-    else:
-        search = PosteriorSearch(simulator, task.camera, start, config, seed=seed, say=say)
+    search = make_search(name, context_of(task, simulator, start, seed), config)
     _, errors = truth.score(start)
     errors_over_time = [(0.0, float(errors.mean()))]
-    while not search.finished and time.monotonic() < deadline_s:
-        estimate, _, _ = search.iterate(trajectories, deadline_s)
+    while not (search.finished or budget.is_over):
+        estimate, _, _ = search.run_round(trajectories, budget)
         seconds = time.monotonic() - began_s
         _, errors = truth.score(estimate.mean)
         errors_over_time.append((seconds, float(errors.mean())))
@@ -87,16 +83,16 @@ def follow(
     return errors_over_time, task.parameters.to_dict(errors)
 
 
-def _say_on_stderr(name: str) -> Say:
-    said = ""
+def _report_on_stderr(name: str) -> ReportProgress:
+    last = ""
 
-    def say(doing: str, done: float) -> None:
-        nonlocal said
-        if doing != said:
+    def report(doing: str, done: float) -> None:
+        nonlocal last
+        if doing != last:
             print(f"{name}: {doing}", file=sys.stderr)
-            said = doing
+            last = doing
 
-    return say
+    return report
 
 
 def seconds_to_target(errors_over_time: list[tuple[float, float]]) -> float | None:

@@ -17,11 +17,12 @@ from simtune.fit.sensitivity import (
     WINDOW_STEPS,
     analyze,
     motion_changes,
+    motion_covariance,
     one_by_one,
     picture_changes,
-    told_by_motion,
     windows,
 )
+from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, colour, delay, dynamics
 from simtune.recordings import write_dataset
 from simtune.simulation import Rollouts, Simulator, random_actions
@@ -119,8 +120,10 @@ class Scene:
         )
 
     def conclude(self) -> dict:
-        information = analyze(self.simulator, self.task.camera, self.actions, 0)
-        return conclude(self.task.parameters, information)
+        sensitivity = analyze(
+            self.simulator, self.task.camera, self.actions, 0, ObservationModel.of_simulator()
+        )
+        return conclude(self.task.parameters, sensitivity)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +139,7 @@ def sliding() -> Scene:
 # --- what shows ---------------------------------------------------------------------------
 
 
-def test_what_shows_and_what_does_not(swinging):
+def test_check_tells_what_shows_from_what_does_not(swinging):
     said = swinging.conclude()["parameters"]
     assert said["damping"]["verdict"] == "shows clearly"
     assert 0 < said["damping"]["std_percent"] < 10
@@ -154,7 +157,7 @@ def test_what_shows_and_what_does_not(swinging):
     assert said["damping"]["changed_to"] == pytest.approx(0.24)
 
 
-def test_mass_and_gain_show_only_in_their_ratio(sliding):
+def test_mass_and_gain_of_a_slider_show_only_in_their_ratio(sliding):
     said = sliding.conclude()
     (pair,) = said["pairs"]
     assert pair["parameters"] == ["mass", "gain"]
@@ -167,12 +170,14 @@ def test_mass_and_gain_show_only_in_their_ratio(sliding):
     json.dumps(said)
 
 
-def test_a_single_one_of_the_two_shows(sliding):
-    told = told_by_motion(sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0]))
-    assert np.sqrt(told[0, 0]) < 0.02
+def test_mass_of_a_slider_shows_where_its_gain_is_known(sliding):
+    covariance = motion_covariance(
+        sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0])
+    )
+    assert np.sqrt(covariance[0, 0]) < 0.02
 
 
-def test_a_delay_of_nothing_is_looked_at_where_it_is_some():
+def test_delay_of_zero_is_analyzed_at_a_tenth_of_its_bound():
     space = ParameterSpace([slider().parameters["gain"], delay("lag", ("push",), 0.2)])
     scene = Scene(replace(slider(), parameters=space))
     lag = scene.conclude()["parameters"]["lag"]
@@ -182,9 +187,10 @@ def test_a_delay_of_nothing_is_looked_at_where_it_is_some():
     assert lag["std"] < 0.04
 
 
-def test_a_real_camera_tells_colours_less_well(swinging):
+def test_colours_are_less_sure_through_a_real_camera(swinging):
     arguments = (swinging.simulator, "front", swinging.actions, 0)
-    at_best, filmed = (analyze(*arguments, looks_alike=alike) for alike in (True, False))
+    models = ObservationModel.of_simulator(), ObservationModel.of_reality()
+    at_best, filmed = (analyze(*arguments, observation) for observation in models)
     arm = swinging.task.parameters.index("arm_g")
     assert filmed.picture_std[arm] > 3 * at_best.picture_std[arm]
     np.testing.assert_array_equal(filmed.motion_std, at_best.motion_std)
@@ -193,7 +199,7 @@ def test_a_real_camera_tells_colours_less_well(swinging):
 # --- numbers ------------------------------------------------------------------------------
 
 
-def test_motion_is_that_of_a_plain_loop(swinging):
+def test_motion_changes_equal_a_plain_loop(swinging):
     space, model = swinging.task.parameters, swinging.task.load_model()
     changed = one_by_one(space, space.nominal)[[1]]
     rms, largest = motion_changes(
@@ -219,7 +225,7 @@ def test_motion_is_that_of_a_plain_loop(swinging):
     np.testing.assert_allclose(largest, np.max(distances), rtol=1e-3)
 
 
-def test_picture_is_that_of_a_plain_loop(swinging):
+def test_picture_changes_equal_a_plain_loop(swinging):
     space, episodes = swinging.task.parameters, swinging.episodes
     changed = one_by_one(space, space.nominal)[[space.index("arm_g")]]
     levels, share = picture_changes(swinging.simulator, episodes, changed)
@@ -238,13 +244,15 @@ def test_picture_is_that_of_a_plain_loop(swinging):
     np.testing.assert_allclose(share, len(changes) / num_pixels)
 
 
-def test_what_motion_tells_is_fishers_information(sliding):
+def test_motion_covariance_is_the_inverse_fisher_information(sliding):
     """x(t) = x0 + v0 t + s(t) / mass: all derivatives are known."""
-    told = told_by_motion(sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0]))
+    covariance = motion_covariance(
+        sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0])
+    )
     assert 0 < sliding.episodes.observed.min() < sliding.episodes.observed.max() < SIZE - 1
     times_s = np.arange(WINDOW_STEPS + 1) * sliding.simulator.step_s
     px_per_m = FOCAL_PX / DEPTH_M / 0.5  # in units of the detector's noise
-    sure = 0.98 * 0.99
+    sure = 0.98
     all_of_it = 1.05 * sure + 0.003 * (1 - sure)  # with wide tails, and anywhere
     weight = (1 + 0.05 / 16) * sure / all_of_it
     states = sliding.episodes.states
@@ -261,7 +269,7 @@ def test_what_motion_tells_is_fishers_information(sliding):
             cross = count * by_state.T @ by_mass
             information = count * by_mass @ by_mass - cross @ np.linalg.solve(hessian, cross)
             total += information / (1 + 0.02**2 * information)
-    np.testing.assert_allclose(told, [[1 / total]], rtol=0.03)
+    np.testing.assert_allclose(covariance, [[1 / total]], rtol=0.03)
 
 
 # --- recordings ---------------------------------------------------------------------------

@@ -421,7 +421,8 @@ def test_detectors_estimates_are_compared_in_coordinates_of_the_range():
     detections = Detections(found, np.zeros((4, 2, 2, 2)), np.zeros((4, 2, 2)), visible)
     errors = model.detector_errors(worlds, detections, distribution)
     np.testing.assert_allclose(errors.visible, [[0, 0.3], [0, -0.1]], atol=1e-6)
-    np.testing.assert_allclose(errors.keypoints, np.zeros((2, 2, 2, 2)) + [1, -2], atol=1e-5)
+    expected = np.broadcast_to([1.0, -2.0], (2, 2, 2, 2))
+    np.testing.assert_allclose(errors.keypoints, expected, atol=1e-5)
 
 
 def test_posterior_batches_have_the_errors_of_one_world_in_each_set():

@@ -14,6 +14,7 @@ from simtune.algorithm import train
 from simtune.check import check
 from simtune.config import CheckConfig, RecordConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.record import record
 from simtune.run import read_json
@@ -21,7 +22,6 @@ from simtune.search_param_model.simulated import simulate
 from simtune.simulation import EnvironmentSimulator, random_actions
 from simtune.tasks import load_any_task
 from simtune.tune import tune
-from simtune.vision.image_noise import ImageNoise
 from simtune.vision.keypoints import find_keypoints
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "bouncing_ball"
@@ -161,14 +161,15 @@ def test_worlds_that_end_before_their_time_are_left_out(ball):
     assert simulator.film(rollouts).shape == (len(rollouts), 21, SIZE, SIZE, 3)
 
 
-def test_worlds_to_learn_from_are_made_as_of_a_model():
+def test_worlds_of_an_environment_are_simulated_as_those_of_a_model():
     simulator = TASK.simulator(image_size=SIZE)
     first = Distribution.first(SPACE, SPACE.nominal)
     points = find_keypoints(simulator, TASK.camera, first, seed=0)
     assert len(points) == 1
     rng = np.random.default_rng(0)
     actions = random_actions(12, 20, simulator.action_mapping, rng).reshape(6, 2, 20, 1)
-    worlds = simulate(simulator, points, first.sample(6, rng), actions, 4, rng, ImageNoise())
+    observation = ObservationModel.of_reality()
+    worlds = simulate(simulator, points, first.sample(6, rng), actions, 4, rng, observation)
     assert worlds.frames.shape == (6, 4, SIZE, SIZE, 3)
     assert worlds.filmed_keypoints().shape == (6, 4, 1, 2)
 
