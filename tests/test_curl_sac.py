@@ -16,8 +16,8 @@ from simtune.agents.pixel_networks import (
     TwinQ,
     initialize,
     move_towards,
+    sample_squashed,
 )
-from simtune.agents.squashed import sample_squashed
 from simtune.networks import PixelConvolutions, PixelEncoder
 from simtune.replay import Transitions
 

@@ -20,8 +20,7 @@ from simtune.simulation import (
     random_actions,
 )
 from simtune.simulation.primitives import Primitives
-from simtune.simulation.raycaster import Raycaster
-from simtune.simulation.sky import smooth_sky
+from simtune.simulation.raycaster import Raycaster, smooth_sky
 from simtune.tasks import TASKS, load_task
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION

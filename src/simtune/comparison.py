@@ -115,9 +115,7 @@ def _film(
     simulator: AnySimulator, actions: np.ndarray, parameters: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
     rng = np.random.default_rng(0)  # unused: the start is given
-    rollouts = simulator.roll_out(
-        parameters[None], actions[None].astype(float), rng, starts=start[None]
-    )
-    if not len(rollouts):  # it diverged: show the start alone
-        return simulator.render(start[None], parameters[None])
-    return simulator.film(rollouts)[0]
+    world, starts = parameters[None], start[None]
+    rollouts = simulator.roll_out(world, actions[None].astype(float), rng, starts=starts)
+    # Where it diverged: the start alone
+    return simulator.film(rollouts)[0] if len(rollouts) else simulator.render(starts, world)

@@ -14,7 +14,7 @@ from simtune.tasks import AnyTask, Task
 from simtune.tuning.search import Estimate, Search
 
 _IN_RESULT = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
-_KEPT = ("verdict", *_IN_RESULT, "start", "latency_steps")
+_ARRAYS = ("mean", "low", "high")
 
 
 def run_config(
@@ -102,15 +102,13 @@ def curves(estimate: Estimate) -> dict[str, dict[str, Any]]:
 
 def to_json(estimate: Estimate) -> dict[str, Any]:
     """An estimate as a checkpoint holds it."""
-    arrays = {key: getattr(estimate, key).tolist() for key in ("mean", "low", "high")}
+    arrays = {key: getattr(estimate, key).tolist() for key in _ARRAYS}
     pairs = {name: (c.tolist(), p.tolist()) for name, (c, p) in estimate.curves.items()}
-    kept = {key: getattr(estimate, key) for key in _KEPT}
-    return {**arrays, **kept, "curves": pairs}
+    return {**vars(estimate), **arrays, "curves": pairs}
 
 
 def from_json(saved: Mapping[str, Any]) -> Estimate:
     """The inverse of `to_json`."""
-    arrays = {key: np.array(saved[key]) for key in ("mean", "low", "high")}
+    arrays = {key: np.array(saved[key]) for key in _ARRAYS}
     pairs = {name: (np.array(c), np.array(p)) for name, (c, p) in saved["curves"].items()}
-    kept = {key: saved[key] for key in _KEPT}
-    return Estimate(**arrays, **kept, curves=pairs)
+    return Estimate(**{**saved, **arrays, "curves": pairs})

@@ -1,6 +1,6 @@
 """`simtune record`: film a task's world into a LeRobotDataset v3."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from simtune.simulation import (
     OPENGL_DM_CONTROL,
     Act,
     FrameStacker,
+    Rollouts,
     Simulator,
     on_pictures,
     random_actions,
@@ -41,11 +42,15 @@ def record(config: RecordConfig, report: ReportProgress = silent) -> Path:
         # OpenGL is there to look unlike the simulator, so it draws all that it can.
         quality=OPENGL_DM_CONTROL,
     )
-    rng = np.random.default_rng(config.seed)
-    actor = _Actor(config.policy, trained, task.episode_steps, simulator, rng)
+    rng, world, num_steps = np.random.default_rng(config.seed), parameters[None], task.episode_steps
+
+    def play() -> Rollouts:
+        act = _actor(config.policy, trained, simulator, world, num_steps, rng)
+        return simulator.play(world, act, num_steps, rng)
+
     write_dataset(
         config.out,
-        _film(config, simulator, task, parameters[None], actor, report),
+        _film(config.episodes, simulator, play, report),
         action_names=simulator.action_mapping.names,
         robot_type=task.name,
         task=task.description,
@@ -57,22 +62,14 @@ _ATTEMPTS = 10
 
 
 def _film(
-    config: RecordConfig,
-    simulator: Simulator,
-    task: Task,
-    world: np.ndarray,
-    actor: "_Actor",
-    report: ReportProgress,
+    num_episodes: int, simulator: Simulator, play: Callable[[], Rollouts], report: ReportProgress
 ) -> Iterator[Trajectory]:
     """Episodes one after the other; one that diverges is played again from another start."""
-    for done in range(config.episodes):
-        report("filming", done / config.episodes)
-        for _ in range(_ATTEMPTS):
-            act = actor.begin(world)
-            rollouts = simulator.play(world, act, task.episode_steps, actor.rng)
-            if rollouts.lengths[0] == task.episode_steps:
-                break
-        else:
+    for done in range(num_episodes):
+        report("filming", done / num_episodes)
+        attempts = (play().finished() for _ in range(_ATTEMPTS))
+        rollouts = next(filter(len, attempts), None)
+        if rollouts is None:
             raise RuntimeError(f"the physics diverged {_ATTEMPTS} times; see the parameters")
         frames = simulator.film(rollouts)[0]
         yield Trajectory(frames, rollouts.actions[0].astype(np.float32), simulator.step_s)
@@ -92,29 +89,23 @@ def _trained(policy: str, task: Task) -> TrainingExperiment | None:
     return trained
 
 
-class _Actor:
-    """Random actions, the task's script, or a trained policy, which sees pictures of its own."""
+def _actor(
+    policy: str,
+    trained: TrainingExperiment | None,
+    simulator: Simulator,
+    world: np.ndarray,
+    num_steps: int,
+    rng: np.random.Generator,
+) -> Act:
+    """What acts in the next episode of a (1, N) world: at random, the script, or a policy.
 
-    def __init__(
-        self,
-        policy: str,
-        trained: TrainingExperiment | None,
-        num_steps: int,
-        simulator: Simulator,
-        rng: np.random.Generator,
-    ):
-        self.rng = rng
-        self._steps, self._simulator, self._trained = num_steps, simulator, trained
-        self._is_scripted = policy == "scripted"
-
-    def begin(self, world: np.ndarray) -> Act:
-        """What acts in the next episode of a (1, N) world."""
-        if self._is_scripted:
-            return self._simulator.follow_script(len(world))
-        if self._trained is None:
-            mapping = self._simulator.action_mapping
-            actions = random_actions(1, self._steps, mapping, self.rng)
-            return lambda t, _: actions[:, t]
-        agent, stacked = self._trained.agent, self._trained.schedule.num_stacked
-        stacker = FrameStacker(self._trained.environment.simulator, world, self._steps, stacked)
-        return on_pictures(self._simulator, stacker, agent.act)
+    A policy sees pictures of its own.
+    """
+    if policy == "scripted":
+        return simulator.follow_script(1)
+    if trained is None:
+        actions = random_actions(1, num_steps, simulator.action_mapping, rng)
+        return lambda t, _: actions[:, t]
+    own = trained.environment.simulator
+    stacker = FrameStacker(own, world, num_steps, trained.schedule.num_stacked)
+    return on_pictures(simulator, stacker, trained.agent.act)

@@ -22,11 +22,7 @@ class Environment:
     """
 
     def __init__(
-        self,
-        task: Task,
-        simulator: Simulator,
-        num_stacked: int,
-        keypoints: Keypoints | None = None,
+        self, task: Task, simulator: Simulator, num_stacked: int, keypoints: Keypoints | None = None
     ):
         """`keypoints`: whose pixels filmed episodes hold besides. Raises ValueError: no reward."""
         if task.reward is None:
@@ -56,11 +52,7 @@ class Environment:
         return self._space.features(known).astype(np.float32)
 
     def play(
-        self,
-        policy: Policy,
-        parameters: np.ndarray,
-        rng: np.random.Generator,
-        film: bool = True,
+        self, policy: Policy, parameters: np.ndarray, rng: np.random.Generator, film: bool = True
     ) -> Episodes:
         """An episode in each of n worlds of (n, N) parameters; without `film` nothing is drawn.
 

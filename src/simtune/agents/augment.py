@@ -9,18 +9,18 @@ import torch
 
 def random_crop(frames: torch.Tensor, size: int, generator: torch.Generator) -> torch.Tensor:
     """(B, K, H, W, 3) uint8 to (B, K, size, size, 3), cut out at random places (RAD)."""
-    batch, _, height, width, _ = frames.shape
-    _check(height, width, size)
-    top = _places(batch, height - size, generator, frames.device)
-    left = _places(batch, width - size, generator, frames.device)
+    _check(frames, size)
+    top, left = (
+        torch.randint(side - size + 1, frames.shape[:1], generator=generator, device=frames.device)
+        for side in frames.shape[2:4]
+    )
     return crop(frames, top, left, size)
 
 
 def centre_crop(frames: torch.Tensor, size: int) -> torch.Tensor:
     """(B, K, H, W, 3) to (B, K, size, size, 3), a view: what an agent sees when it acts."""
-    height, width = frames.shape[2:4]
-    _check(height, width, size)
-    top, left = (height - size) // 2, (width - size) // 2
+    _check(frames, size)
+    top, left = ((side - size) // 2 for side in frames.shape[2:4])
     return frames[:, :, top : top + size, left : left + size]
 
 
@@ -42,9 +42,11 @@ def crop(frames: torch.Tensor, top: torch.Tensor, left: torch.Tensor, size: int)
     if frames.stride()[2:] != (width * channels, channels, 1):
         frames = frames.contiguous()
     of_stack, of_frame, of_row, of_pixel, _ = frames.stride()
-    corner = _arange(frames, batch) * of_stack + top * of_row + left * of_pixel  # (B,)
-    frame = _arange(frames, num_stacked) * of_frame
-    row = _arange(frames, size) * of_row
+    stack, frame, row = (
+        torch.arange(end, device=frames.device) * stride
+        for end, stride in ((batch, of_stack), (num_stacked, of_frame), (size, of_row))
+    )
+    corner = stack + top * of_row + left * of_pixel  # (B,)
     start = corner[:, None, None] + frame[:, None] + row  # (B, K, size)
     run = size * channels
     span = (batch - 1) * of_stack + (num_stacked - 1) * of_frame + height * of_row
@@ -52,16 +54,7 @@ def crop(frames: torch.Tensor, top: torch.Tensor, left: torch.Tensor, size: int)
     return runs.index_select(0, start.flatten()).view(batch, num_stacked, size, size, channels)
 
 
-def _arange(frames: torch.Tensor, end: int) -> torch.Tensor:
-    return torch.arange(end, device=frames.device)
-
-
-def _places(
-    batch: int, largest: int, generator: torch.Generator, device: torch.device
-) -> torch.Tensor:
-    return torch.randint(largest + 1, (batch,), generator=generator, device=device)
-
-
-def _check(height: int, width: int, size: int) -> None:
+def _check(frames: torch.Tensor, size: int) -> None:
+    height, width = frames.shape[2:4]
     if size > min(height, width):
         raise ValueError(f"frames of {height} × {width} pixels have no crop of {size}")

@@ -28,19 +28,14 @@ class GraphedStep:
 
     def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
         """What `step` returns, in memory that the next call may write over."""
-        with torch.cuda.device(self._generator.device):  # streams are of the current device
-            return self._call(*inputs)
-
-    def _call(self, *inputs: torch.Tensor) -> torch.Tensor:
         self._calls += 1
-        if self._calls <= _WARM_UP:
-            return self._warm_up(*inputs)
-        if self._graph is None:
-            self._capture(*inputs)
-        for buffer, value in zip(self._inputs, inputs, strict=True):
-            buffer.copy_(value)
-        assert self._graph is not None
-        self._graph.replay()
+        with torch.cuda.device(self._generator.device):  # streams are of the current device
+            if self._calls <= _WARM_UP:
+                return self._warm_up(*inputs)
+            graph = self._graph = self._graph or self._capture(*inputs)
+            for buffer, value in zip(self._inputs, inputs, strict=True):
+                buffer.copy_(value)
+            graph.replay()
         return self._output
 
     def _warm_up(self, *inputs: torch.Tensor) -> torch.Tensor:
@@ -52,11 +47,11 @@ class GraphedStep:
         usual.wait_stream(side)
         return output
 
-    def _capture(self, *inputs: torch.Tensor) -> None:
+    def _capture(self, *inputs: torch.Tensor) -> torch.cuda.CUDAGraph:
         """Record the step without running it."""
         self._inputs = [value.clone(memory_format=torch.contiguous_format) for value in inputs]
         graph = torch.cuda.CUDAGraph()
         graph.register_generator_state(self._generator)  # newer versions of torch do so alone
         with torch.cuda.graph(graph):
             self._output = self._step(*self._inputs)
-        self._graph = graph
+        return graph

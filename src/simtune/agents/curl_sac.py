@@ -23,7 +23,7 @@ from torch import nn
 
 from simtune.agents.augment import centre_crop, random_crop
 from simtune.agents.cuda_graph import GraphedStep
-from simtune.agents.pixel_agent import PixelAgent
+from simtune.agents.pixel_agent import PixelAgent, PixelAgentConfig
 from simtune.agents.pixel_networks import (
     Contrast,
     GaussianActor,
@@ -31,36 +31,32 @@ from simtune.agents.pixel_networks import (
     descend,
     initialize,
     move_towards,
+    sample_squashed,
 )
 from simtune.agents.saving import Stateful
-from simtune.agents.squashed import sample_squashed
 from simtune.networks import PixelEncoder, autocast, seeded
 from simtune.replay import Transitions
 
 
 @dataclass(frozen=True, kw_only=True)
-class CurlSacConfig:
+class CurlSacConfig(PixelAgentConfig):
     """RAD's settings (Laskin et al. 2020, appendix E), but for the paper's own batch size."""
 
     # observations
     image_size: int = 100  # pixels, drawn
     crop_size: int = 84  # pixels, cut out of them
-    num_stacked: int = 3
     # networks
-    hidden_size: int = 1024
     log_std: tuple[float, float] = (-10.0, 2.0)
     # learning
     batch_size: int = 128  # the paper's appendix
-    random_steps: int = 1000  # before the first update
-    update_every: int = 1  # steps
-    discount: float = 0.99
+    random_steps: int = 1000
+    update_every: int = 1
     learning_rate: float = 1e-3
     beta1: float = 0.9
     init_temperature: float = 0.1
     temperature_learning_rate: float = 1e-4
     temperature_beta1: float = 0.5
-    critic_rate: float = 0.01  # τ of the critics' target
-    encoder_rate: float = 0.05  # τ of the encoder's
+    encoder_rate: float = 0.05  # τ of the encoder's target
     slow_every: int = 2  # updates: what the actor, the temperature and the targets wait for
 
     def __post_init__(self) -> None:

@@ -15,7 +15,7 @@ from torch import nn
 
 from simtune.agents.augment import random_shift
 from simtune.agents.noise import disturbed, falling
-from simtune.agents.pixel_agent import PixelAgent
+from simtune.agents.pixel_agent import PixelAgent, PixelAgentConfig
 from simtune.agents.pixel_networks import TwinQ, descend, initialize, move_towards
 from simtune.agents.saving import Stateful
 from simtune.networks import PixelConvolutions, autocast, feature_head, mlp, seeded
@@ -23,22 +23,17 @@ from simtune.replay import Transitions
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrqV2Config:
+class DrqV2Config(PixelAgentConfig):
     """Their table of settings, for tasks of medium difficulty."""
 
     # observations
     image_size: int = 84  # pixels
-    num_stacked: int = 3
     pad: int = 4  # pixels that a shift may move
-    # networks
-    hidden_size: int = 1024
     # learning
     batch_size: int = 256
     random_steps: int = 2000  # their 4,000 frames, of which a step is two
-    update_every: int = 2  # steps
-    discount: float = 0.99
+    update_every: int = 2
     learning_rate: float = 1e-4
-    critic_rate: float = 0.01  # τ
     # exploring
     noise: tuple[float, float] = (1.0, 0.1)  # standard deviation, at first and at last
     noise_steps: int = 500_000  # from one to the other

@@ -2,35 +2,58 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, Protocol
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 
 from simtune.agents.agent import Observation
-from simtune.agents.counting import Counter
 from simtune.agents.noise import uniform_actions
 from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
 from simtune.replay import Replay, Transitions
 
 
-class Learning(Protocol):
-    """Those of an agent's settings that say when it learns, and from how much at once."""
+@dataclass(frozen=True, kw_only=True)
+class PixelAgentConfig:
+    """The settings that these agents share."""
 
-    @property
-    def batch_size(self) -> int:
-        """Transitions of an update."""
-        ...
+    num_stacked: int = 3
+    hidden_size: int = 1024
+    batch_size: int  # transitions of an update
+    random_steps: int  # before the first update
+    update_every: int  # steps
+    discount: float = 0.99
+    critic_rate: float = 0.01  # τ of the critics' target
 
-    @property
-    def random_steps(self) -> int:
-        """Before the first update."""
-        ...
 
-    @property
-    def update_every(self) -> int:
-        """Steps."""
-        ...
+@dataclass(kw_only=True)
+class Counter:
+    """How far an agent is. Steps are those of all worlds together.
+
+    The first `random_steps` are for random actions, an update is due `update_every` of the others.
+    """
+
+    random_steps: int
+    update_every: int
+    num_explored: int = 0
+    num_collected: int = 0
+    num_updates: int = 0
+
+    def explore(self, num_worlds: int) -> bool:
+        """Count a step in each world; whether it is to be a random one."""
+        is_random = self.num_explored < self.random_steps
+        self.num_explored += num_worlds
+        return is_random
+
+    def collect(self, num_steps: int) -> int:
+        """Count new steps; the number of updates that are due for them."""
+        before = self._num_due()
+        self.num_collected += num_steps
+        return self._num_due() - before
+
+    def _num_due(self) -> int:
+        return max(self.num_collected - self.random_steps, 0) // self.update_every
 
 
 class PixelAgent(ABC):
@@ -39,13 +62,13 @@ class PixelAgent(ABC):
     wants_frames = True
     losses: ClassVar[tuple[str, ...]]  # names of what `learn` returns
 
-    def __init__(self, num_actions: int, learning: Learning, seed: int, device: torch.device | str):
-        self.num_actions, self._batch_size = num_actions, learning.batch_size
+    def __init__(
+        self, num_actions: int, config: PixelAgentConfig, seed: int, device: torch.device | str
+    ):
+        self.num_actions, self._batch_size = num_actions, config.batch_size
         self.device = torch.device(device)
         self._generator = torch.Generator(self.device).manual_seed(seed)
-        self._counter = Counter(
-            random_steps=learning.random_steps, update_every=learning.update_every
-        )
+        self._counter = Counter(random_steps=config.random_steps, update_every=config.update_every)
 
     @property
     def can_act(self) -> bool:
@@ -88,9 +111,9 @@ class PixelAgent(ABC):
 
     def state(self) -> dict[str, Any]:
         """See `Agent`."""
-        return self._counter.state()
+        return asdict(self._counter)
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         """See `Agent`."""
         scatter_tensors(self._stateful(), self._generator, tensors)
-        self._counter.load(state)
+        self._counter = Counter(**state)

@@ -1,12 +1,12 @@
 """What pixel agents are made of: heads on top of `PixelConvolutions`."""
 
+import math
 from typing import cast
 
 import torch
 from torch import nn
 from torch.nn import functional
 
-from simtune.agents.squashed import bounded_log_std
 from simtune.networks import feature_head, mlp
 
 
@@ -25,6 +25,28 @@ class GaussianActor(nn.Module):
         """(B, F) to (B, A) each, float32."""
         mean, spread = finely(self.layers, self.head(maps)).chunk(2, -1)
         return mean, bounded_log_std(spread, self.log_std)
+
+
+def sample_squashed(
+    mean: torch.Tensor, log_std: torch.Tensor, generator: torch.Generator | None = None
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(B, A) means and log standard deviations to (B, A) actions and their (B,) log-densities.
+
+    Actions are squashed into (−1, 1) by tanh (Haarnoja et al. 2018, app. C). Differentiable with
+    respect to both.
+    """
+    noise = torch.randn(mean.shape, generator=generator, device=mean.device)
+    before = mean + noise * log_std.exp()
+    gaussian = -0.5 * noise.square() - log_std - 0.5 * math.log(2 * math.pi)
+    # log(1 − tanh²) in a form that does not lose small numbers
+    squeeze = 2 * (math.log(2) - before - functional.softplus(-2 * before))
+    return before.tanh(), (gaussian - squeeze).sum(-1)
+
+
+def bounded_log_std(spread: torch.Tensor, bounds: tuple[float, float]) -> torch.Tensor:
+    """A network's output to log standard deviations within bounds, as smoothly as tanh."""
+    low, high = bounds
+    return low + (high - low) / 2 * (spread.tanh() + 1)
 
 
 class TwinQ(nn.Module):

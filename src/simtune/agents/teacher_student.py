@@ -100,12 +100,9 @@ class TeacherStudent:
         self.num_steps += num_steps
         self._num_filmed += num_steps if filmed else 0
         none = dict.fromkeys(("critic", "actor", "detector", "imitation"), torch.tensor(torch.nan))
-        losses = (
-            self._train_student(replay, num_steps)
-            if filmed
-            else self._train_teacher(replay, num_steps)
-        )
-        return {f"loss/{name}": float(loss) for name, loss in (none | losses).items()}
+        train = self._train_student if filmed else self._train_teacher
+        losses = none | train(replay, num_steps)
+        return {f"loss/{name}": float(loss) for name, loss in losses.items()}
 
     def _train_teacher(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
         self.teacher.normalize_by(self._sample(replay, 4096).states)

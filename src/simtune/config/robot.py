@@ -1,5 +1,6 @@
 """What a robot's file says, to go with `--real xarm` and `--real lerobot`."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -55,46 +56,39 @@ class RobotConfig:
         for axis in self.moved:
             if axis.removeprefix("-") not in self.workspace:
                 raise UnknownName("axis", axis, f"the workspace of {self.file}", self.axes)
+        if problem := next(self._problems(), None):
+            raise InputError(f"{self.file}: {problem}")
+
+    def _problems(self) -> Iterator[str]:
         if len({axis.removeprefix("-") for axis in self.moved}) < len(self.moved):
-            raise InputError(f"{self.file}: two actions move one axis: {', '.join(self.moved)}")
-        for axis, (low, high), start in zip(
-            self.workspace, self.workspace.values(), self.start, strict=True
-        ):
+            yield f"two actions move one axis: {', '.join(self.moved)}"
+        for (axis, (low, high)), start in zip(self.workspace.items(), self.start, strict=True):
             if not low <= start <= high:
-                raise InputError(
-                    f"{self.file}: the start {axis} = {start:g} lies outside of the workspace, "
+                yield (
+                    f"the start {axis} = {start:g} lies outside of the workspace, "
                     f"{low:g} to {high:g}"
                 )
-        narrowest = min(high - low for low, high in self.workspace.values())
-        if not self.tolerance <= _MOST_TOLERANCE * narrowest:
-            raise InputError(
-                f"{self.file}: tolerance must be at most a tenth of the workspace's narrowest "
-                f"axis, {_MOST_TOLERANCE * narrowest:g}, got {self.tolerance:g}"
+        largest = _MOST_TOLERANCE * min(high - low for low, high in self.workspace.values())
+        if not self.tolerance <= largest:
+            yield (
+                "tolerance must be at most a tenth of the workspace's narrowest axis, "
+                f"{largest:g}, got {self.tolerance:g}"
             )
         if self.driver == "xarm":
-            self._check_xarm()
+            yield from self._xarm_problems()
 
-    def _check_xarm(self) -> None:
+    def _xarm_problems(self) -> Iterator[str]:
         if self.axes != ("x", "y", "z"):
-            raise InputError(
-                f"{self.file}: an xArm's workspace has x, y and z, got {', '.join(self.axes)}"
-            )
+            yield f"an xArm's workspace has x, y and z, got {', '.join(self.axes)}"
         if not self.speed <= FASTEST_MM_S:
-            raise InputError(
-                f"{self.file}: speed must be at most {FASTEST_MM_S:g} mm/s, got {self.speed:g}"
-            )
+            yield f"speed must be at most {FASTEST_MM_S:g} mm/s, got {self.speed:g}"
         if not self.acceleration <= FASTEST_MM_S2:
-            raise InputError(
-                f"{self.file}: acceleration must be at most {FASTEST_MM_S2:g} mm/s², "
-                f"got {self.acceleration:g}"
-            )
+            most = f"{FASTEST_MM_S2:g} mm/s²"
+            yield f"acceleration must be at most {most}, got {self.acceleration:g}"
         if not all(abs(end) <= FARTHEST_MM for ends in self.workspace.values() for end in ends):
-            raise InputError(
-                f"{self.file}: the workspace reaches more than {FARTHEST_MM:g} mm from the base, "
+            yield (
+                f"the workspace reaches more than {FARTHEST_MM:g} mm from the base, "
                 "farther than any xArm; expected mm of its base frame"
             )
         if not 1 <= self.collision_sensitivity <= 5:
-            raise InputError(
-                f"{self.file}: collision_sensitivity must be 1 to 5, "
-                f"got {self.collision_sensitivity}"
-            )
+            yield f"collision_sensitivity must be 1 to 5, got {self.collision_sensitivity}"

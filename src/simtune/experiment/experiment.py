@@ -18,9 +18,8 @@ from simtune.presets import choose_search_settings
 from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.real import RealWorld
-from simtune.real.choose import choose_real, simulator_for
-from simtune.real.closed import ClosedReal
-from simtune.real.recorded import RecordedReal
+from simtune.real.choose import choose_real
+from simtune.real.recorded import ClosedReal, RecordedReal
 from simtune.real.truth import Truth
 from simtune.run.folder import stored_state
 from simtune.simulation import AnySimulator, Points
@@ -136,7 +135,11 @@ def build_world(
     is_read = tunes or (num_recorded != 0 and isinstance(real, RecordedReal))
     recordings = real.collect(num_recorded) if is_read else []
     run_config = outcome.run_config(config, task, start, real.facts, truth)
-    simulator = simulator_for(real, task, image_size)
+    simulator = task.simulator(  # as the real world: actions last as long, pictures are alike
+        image_size=image_size,
+        step_s=real.step_s,
+        supersampling=real.observation.camera.supersampling,
+    )
     state = trained or stored_state(config.out, run_config)  # of the run that goes on there
     context = SearchContext(
         simulator=simulator,

@@ -9,10 +9,7 @@ _WITHIN_M, _WITHIN_RAD, _WITHIN_DEG = (
 
 
 def colour(
-    name: str,
-    objects: tuple[str, ...],
-    rgb: tuple[float, float, float],
-    field: str = "geom_rgba",
+    name: str, objects: tuple[str, ...], rgb: tuple[float, float, float], field: str = "geom_rgba"
 ) -> list[Parameter]:
     """The three parameters NAME_r, NAME_g, NAME_b of the colour of geoms, or of another field."""
     return [
@@ -66,27 +63,21 @@ def camera_pose(
     The rotations, of at most `within_rad` either way, are about the camera's own x (pitch, up),
     y (yaw, to the left) and z (roll).
     """
-    positions = [
-        _around(f"{name}_{axis}", "cam_pos", camera, position_m[index], within_m, index)
-        for index, axis in enumerate("xyz")
+    moved = [(axis, "cam_pos", i, position_m[i], within_m) for i, axis in enumerate("xyz")]
+    angles = ("pitch", "yaw", "roll")
+    moved += [(angle, "cam_quat", i, 0.0, within_rad) for i, angle in enumerate(angles)]
+    return [
+        _linear(f"{name}_{what}", field, (camera,), nominal, (nominal - most, nominal + most), i)
+        for what, field, i, nominal, most in moved
     ]
-    rotations = [
-        _around(f"{name}_{rotation}", "cam_quat", camera, 0.0, within_rad, index)
-        for index, rotation in enumerate(("pitch", "yaw", "roll"))
-    ]
-    return [*positions, *rotations]
 
 
 def field_of_view(
     name: str, camera: str, nominal_deg: float, *, within_deg: float = _WITHIN_DEG
 ) -> Parameter:
     """The camera's vertical field of view, degrees."""
-    return _around(name, "cam_fovy", camera, nominal_deg, within_deg)
-
-
-def _around(name, field, camera, nominal, within, component=None) -> Parameter:
-    bounds = (nominal - within, nominal + within)
-    return _linear(name, field, (camera,), nominal, bounds, component)
+    bounds = (nominal_deg - within_deg, nominal_deg + within_deg)
+    return _linear(name, "cam_fovy", (camera,), nominal_deg, bounds)
 
 
 def _linear(

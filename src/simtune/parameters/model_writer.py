@@ -108,11 +108,9 @@ def _write_one(fields, parameter: Parameter, index: tuple, nominal, values: np.n
     shaped = values.reshape(-1, *[1] * before.ndim)
     if parameter.is_sum:
         shaped = shaped / parameter.nominal
-    after = (
-        before * shaped
-        if parameter.is_factor
-        else np.broadcast_to(shaped, (len(values), *before.shape))
-    )
+    if parameter.is_factor:
+        shaped = before * shaped
+    after = np.broadcast_to(shaped, (len(values), *before.shape))
     fields[parameter.field][(slice(None), *index)] = after
     if info.carries:
         _carry(fields, parameter, index[0], nominal, after / np.where(before > 0, before, 1))

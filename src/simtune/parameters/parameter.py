@@ -1,5 +1,6 @@
 """A parameter: one number of the simulator, by field and object name."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -34,31 +35,27 @@ class Parameter:
     is_sum: bool = False  # of several objects: a rope's length, for one, is its pieces'
 
     def __post_init__(self) -> None:
+        if problem := next(self._problems(), None):
+            raise InputError(f"{self.name}: {problem}")
+
+    def _problems(self) -> Iterator[str]:
         if self.scale not in ("log", "linear"):
-            raise InputError(f"{self.name}: scale must be 'log' or 'linear', got {self.scale!r}")
+            yield f"scale must be 'log' or 'linear', got {self.scale!r}"
         if not np.all(np.isfinite([self.nominal, self.low, self.high])):
-            raise InputError(f"{self.name}: nominal, low and high must be finite numbers")
+            yield "nominal, low and high must be finite numbers"
         if not self.low < self.high:
-            raise InputError(f"{self.name}: low must be below high, got {self.low} and {self.high}")
+            yield f"low must be below high, got {self.low} and {self.high}"
         if not self.low <= self.nominal <= self.high:
-            raise InputError(
-                f"{self.name}: nominal {self.nominal} lies outside [{self.low}, {self.high}]"
-            )
+            yield f"nominal {self.nominal} lies outside [{self.low}, {self.high}]"
         if self.scale == "log" and self.low <= 0:
-            raise InputError(f"{self.name}: a log scale needs low > 0, got {self.low}")
+            yield f"a log scale needs low > 0, got {self.low}"
         if self.is_rotation and self.component not in (0, 1, 2):
-            raise InputError(
-                f"{self.name}: {self.field} needs a component, the axis to turn about: "
-                f"0, 1 or 2, got {self.component}"
-            )
+            wanted = "a component, the axis to turn about: 0, 1 or 2"
+            yield f"{self.field} needs {wanted}, got {self.component}"
         if self.field_info.is_never_negative and self.low < 0:
-            raise InputError(
-                f"{self.name}: {self.field} cannot be negative, got low = {self.low:g}"
-            )
+            yield f"{self.field} cannot be negative, got low = {self.low:g}"
         if self.is_delay and self.high > _LONGEST_DELAY_S:
-            raise InputError(
-                f"{self.name}: a delay is at most {_LONGEST_DELAY_S:g} s, got high = {self.high:g}"
-            )
+            yield f"a delay is at most {_LONGEST_DELAY_S:g} s, got high = {self.high:g}"
 
     @cached_property
     def field_info(self) -> Field:

@@ -10,20 +10,13 @@ from simtune.trajectory import Trajectory
 class RealWorld(Protocol):
     """What tuning may ask of the real system: no reward, no state, no parameters."""
 
-    @property
-    def step_s(self) -> float:
-        """Seconds for which an action is applied."""
-        ...
-
-    @property
-    def observation(self) -> ObservationModel:
-        """What is observed of it, and how that differs from what a simulator draws."""
-        ...
+    step_s: float  # for which an action is applied
+    observation: ObservationModel  # what is seen of it, and how that differs from a simulator's
 
     @property
     def facts(self) -> dict[str, Any]:
         """What to note down of where its pictures come from; JSON. Empty where nothing is known."""
-        ...
+        return {}
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
         """Trajectories of `num_episodes` episodes; None: of a few."""
@@ -33,7 +26,7 @@ class RealWorld(Protocol):
         self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
     ) -> list[Trajectory]:
         """Trajectories of a policy that sees the latest frames; none where it cannot act."""
-        ...
+        return []
 
 
 __all__ = ["RealWorld"]

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from simtune.real.robot_file import read_robot
 from simtune.real.truth import Truth
 from simtune.recordings import Dataset, open_dataset
 from simtune.run.config import FILMED, stored_config
-from simtune.simulation import AnySimulator, Simulator
 from simtune.tasks import AnyTask, Task
 
 
@@ -72,12 +71,7 @@ def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None)
     robot = read_robot(config.robot, driver)
     stored_config(out)  # refuses what cannot be a run's folder, before anything moves
     real = RobotReal(
-        robot,
-        task,
-        image_size=image_size,
-        seed=config.seed,
-        folder=out / FILMED,
-        move=config.move,
+        robot, task, image_size=image_size, seed=config.seed, folder=out / FILMED, move=config.move
     )
     if not config.move and not real.num_filmed:
         raise InputError(f"dry run: {real.dry_run()}; give --move to let it move")
@@ -96,16 +90,6 @@ def open_recordings(
         actions=config.action_names,
         control_hz=config.control_hz,
     )
-
-
-@overload
-def simulator_for(real: RealWorld, task: Task, image_size: int) -> Simulator: ...
-@overload
-def simulator_for(real: RealWorld, task: AnyTask, image_size: int) -> AnySimulator: ...
-def simulator_for(real: RealWorld, task: AnyTask, image_size: int) -> AnySimulator:
-    """Worlds of `task` to compare with a real one: actions last as long, pictures are alike."""
-    supersampling = real.observation.camera.supersampling
-    return task.simulator(image_size=image_size, step_s=real.step_s, supersampling=supersampling)
 
 
 def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:

@@ -1,17 +1,17 @@
 """A simulated world that plays the real one."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from simtune.observation import ObservationModel
+from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
 from simtune.simulation import AnySimulator, FrameStacker, PixelPolicy, on_pictures
 from simtune.trajectory import Trajectory
 
 
-class PseudoReal:
+class PseudoReal(RealWorld):
     """A world of fixed parameters; see `RealWorld`.
 
     The parameters are kept out of reach: a search gets frames and actions, as from a robot.
@@ -45,11 +45,6 @@ class PseudoReal:
             return _film_policy(simulator, worlds, stacker, policy, rng)
 
         self._film, self._run_policy, self._seed = film, run_policy, seed
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """None."""
-        return {}
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
         """Film exploring episodes, by default 5. Worlds that diverge yield fewer."""

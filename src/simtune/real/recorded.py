@@ -4,26 +4,21 @@ from typing import Any
 
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
+from simtune.real import RealWorld
 from simtune.recordings import Dataset
-from simtune.simulation import PixelPolicy
 from simtune.trajectory import Trajectory
 
 _A_FEW = 10  # episodes taken where no number is asked for: more would mostly cost memory
 
 
-class RecordedReal:
+class RecordedReal(RealWorld):
     """A dataset in the place of a robot. Episodes are read when first asked for, and kept."""
 
     observation = ObservationModel.of_reality()  # a camera filmed it, as far as is known
 
     def __init__(self, dataset: Dataset):
-        self._dataset = dataset
+        self._dataset, self.step_s = dataset, dataset.step_s
         self._collected: list[Trajectory] = []
-
-    @property
-    def step_s(self) -> float:
-        """Seconds from one frame to the next."""
-        return self._dataset.step_s
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -41,10 +36,17 @@ class RecordedReal:
             self._collected.append(self._dataset.read(episode))
         return self._collected[:num_episodes]
 
-    def run_policy(
-        self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
-    ) -> list[Trajectory]:
-        """Nothing: what was filmed is all there will ever be."""
+
+class ClosedReal(RealWorld):
+    """The real world of a training that is over: a camera filmed it, nothing can be asked of it."""
+
+    observation = ObservationModel.of_reality()
+
+    def __init__(self, step_s: float):
+        self.step_s = step_s
+
+    def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
+        """None: recordings may be gone, and no robot moves."""
         return []
 
 

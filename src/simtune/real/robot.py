@@ -13,6 +13,7 @@ from simtune.config.robot import RobotConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
 from simtune.pictures import resize
+from simtune.real import RealWorld
 from simtune.real.archive import RecordingArchive, RecordingSession
 from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
 from simtune.robot.displacements import Displacements
@@ -30,7 +31,7 @@ _A_FEW = 5  # episodes filmed where no number is asked for
 _SHORTEST_STEP_S = 0.1  # three pictures' time
 
 
-class RobotReal:
+class RobotReal(RealWorld):
     """A robot in the place of a simulated world; see docs/robot.md for what keeps it safe.
 
     Making one connects to nothing. All that is filmed is kept in `folder`, and read back from

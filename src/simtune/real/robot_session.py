@@ -75,18 +75,10 @@ class Session:
                 if time.monotonic() > begun_s + (t + 1) * self._step_s:
                     raise RobotError(f"step {t} came late, by more than its {self._step_s:g} s")
                 sent = self._arm.send(self._actions.target(asked, measured), measured)
-                sent_actions.append(self._actions.action(sent, measured))
-                note(
-                    {
-                        "step": t,
-                        "frame_s": taken_s,
-                        "sent_s": time.time(),
-                        "asked": asked,
-                        "measured": measured,
-                        "sent": sent,
-                        "action": sent_actions[-1],
-                    }
-                )
+                step = {"step": t, "frame_s": taken_s, "sent_s": time.time()}
+                action = self._actions.action(sent, measured)
+                note(step | {"asked": asked, "measured": measured, "sent": sent, "action": action})
+                sent_actions.append(action)
                 self._arm.wait_until(begun_s + (t + 1) * self._step_s)
             frame, taken_s = self._look()
             note({"step": num_steps, "frame_s": taken_s})

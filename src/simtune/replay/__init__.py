@@ -1,8 +1,7 @@
 """What was simulated, each frame stored once: agents read transitions of it, an SPM windows."""
 
 from simtune.replay.episodes import Episodes
-from simtune.replay.replay import Replay
+from simtune.replay.replay import Replay, Transitions
 from simtune.replay.store import EpisodeStore, Film
-from simtune.replay.transitions import Transitions
 
 __all__ = ["EpisodeStore", "Episodes", "Film", "Replay", "Transitions"]

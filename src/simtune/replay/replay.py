@@ -1,31 +1,32 @@
 """D_policy: the stored episodes as an agent learns from them, in single steps."""
 
+from dataclasses import dataclass
+
 import torch
 
-from simtune.parameters import ParameterSpace
 from simtune.replay.store import EpisodeStore
-from simtune.replay.transitions import Transitions
 
 
+@dataclass(frozen=True)
+class Transitions:
+    """B single steps of simulated worlds, drawn from all stored episodes."""
+
+    states: torch.Tensor  # (B, D) float32 of `Environment.observe`: known in simulation only
+    actions: torch.Tensor  # (B, A) float32 in [−1, 1]
+    rewards: torch.Tensor  # (B,) float32
+    discounts: torch.Tensor  # (B,) float32: 0 where the task ended, 1 where only the time did
+    next_states: torch.Tensor  # (B, D)
+    parameters: torch.Tensor  # (B, N) float32 of their worlds, as coordinates in [0, 1]
+    # (B, K, H, W, 3) uint8, the oldest first; before an episode's first frame that one is repeated
+    frames: torch.Tensor | None = None
+    next_frames: torch.Tensor | None = None
+
+
+@dataclass(eq=False, kw_only=True)
 class Replay(EpisodeStore):
     """A store whose steps can be sampled, with stacks of the `num_stacked` latest frames."""
 
-    def __init__(
-        self,
-        space: ParameterSpace,
-        *,
-        filmed_capacity: int,
-        unfilmed_capacity: int = 0,
-        num_stacked: int = 3,  # appendix
-        device: torch.device | str = "cpu",
-    ):
-        super().__init__(
-            space,
-            filmed_capacity=filmed_capacity,
-            unfilmed_capacity=unfilmed_capacity,
-            device=device,
-        )
-        self.num_stacked = num_stacked
+    num_stacked: int = 3  # appendix
 
     def sample(self, batch_size: int, generator: torch.Generator, with_frames: bool) -> Transitions:
         """Steps drawn uniformly from all that are stored, or from those that were filmed.

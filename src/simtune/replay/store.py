@@ -1,7 +1,7 @@
 """The latest simulated episodes, each frame stored once: what agents and an SPM learn from."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ from simtune.replay.episodes import Episodes
 Film = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 _OF_ALL = ("parameters", "lengths", "terminated", "states", "actions", "rewards")
-_OF_FILMED = ("full_states", "keypoints", "frames")
+_OF_FILMED = ("full_states", "keypoints")  # and frames, which can be drawn anew from these
+_CAPACITIES = ("filmed_capacity", "unfilmed_capacity")
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class StepIndex:
     coordinates: torch.Tensor  # (slots, N) float32 parameters in [0, 1]
 
 
+@dataclass(eq=False)
 class EpisodeStore:
     """Slots for whole episodes; a new one takes an empty slot, or else that of the oldest.
 
@@ -39,20 +41,18 @@ class EpisodeStore:
     memory is taken when it is first filled.
     """
 
-    def __init__(
-        self,
-        space: ParameterSpace,
-        *,
-        filmed_capacity: int,
-        unfilmed_capacity: int = 0,
-        device: torch.device | str = "cpu",
-    ):
-        self.space, self.device = space, torch.device(device)
-        self.filmed_capacity, self.unfilmed_capacity = filmed_capacity, unfilmed_capacity
+    space: ParameterSpace
+    _: KW_ONLY
+    filmed_capacity: int
+    unfilmed_capacity: int = 0
+    device: torch.device | str = "cpu"
+
+    def __post_init__(self) -> None:
         self.num_added = 0
-        slots = filmed_capacity + unfilmed_capacity
+        filmed_capacity, slots = self.filmed_capacity, self.filmed_capacity + self.unfilmed_capacity
         self._numbers = torch.full((slots,), -1)  # which of all that were added; −1: empty
-        self.parameters = torch.as_tensor(np.tile(space.nominal, (slots, 1)))  # (slots, N) float64
+        nominal = np.tile(self.space.nominal, (slots, 1))
+        self.parameters = torch.as_tensor(nominal)  # (slots, N) float64
         self.lengths = torch.zeros(slots, dtype=torch.int64)  # 0 where a slot is empty
         self.terminated = torch.zeros(slots, dtype=torch.bool)
         # Without a size until the first episodes, or the first filmed ones, bring it.
@@ -92,7 +92,7 @@ class EpisodeStore:
         episodes = episodes.take(not_empty[-capacity:])
         by_age = self._numbers[first : first + capacity].argsort(stable=True)
         slots = first + by_age[: len(episodes)]
-        names = _OF_ALL if episodes.frames is None else (*_OF_ALL, *_OF_FILMED)
+        names = _OF_ALL if episodes.frames is None else (*_OF_ALL, *_OF_FILMED, "frames")
         arrays = {name: getattr(episodes, name) for name in names}
         self._write(slots, {k: torch.as_tensor(a) for k, a in arrays.items() if a is not None})
         self.num_added += len(not_empty)
@@ -115,24 +115,20 @@ class EpisodeStore:
         return numbers.argsort()[len(numbers) - some :]
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        """All that is stored but the frames, which can be drawn anew from the full states."""
+        """All that is stored but the frames."""
         slots = self.lengths.nonzero()[:, 0]
         if not len(slots):
             return {}
-        arrays = {name: getattr(self, name) for name in _OF_ALL}
-        kept = {name: array[slots.to(array.device)] for name, array in arrays.items()}
+        stored = {"slots": slots, "numbers": self._numbers[slots]}
         filmed = slots[slots < self.filmed_capacity]
-        kept |= {"rows": self.full_states[filmed]}  # as earlier versions called them
-        kept |= {"keypoints": self.keypoints[filmed.to(self.device)]}
-        return {"slots": slots, "numbers": self._numbers[slots], **kept}
+        for names, kept in ((_OF_ALL, slots), (_OF_FILMED, filmed)):
+            arrays = {name: getattr(self, name) for name in names}
+            stored |= {name: array[kept.to(array.device)] for name, array in arrays.items()}
+        return stored
 
     def state(self) -> dict[str, Any]:
         """The rest of what `load` needs; JSON."""
-        return {
-            "num_added": self.num_added,
-            "filmed_capacity": self.filmed_capacity,
-            "unfilmed_capacity": self.unfilmed_capacity,
-        }
+        return {name: getattr(self, name) for name in ("num_added", *_CAPACITIES)}
 
     def load(
         self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any], film: Film
@@ -141,7 +137,7 @@ class EpisodeStore:
 
         Raises ValueError for one of other capacities.
         """
-        for name in ("filmed_capacity", "unfilmed_capacity"):
+        for name in _CAPACITIES:
             if state[name] != getattr(self, name):
                 raise ValueError(f"saved with {name}={state[name]}, got {getattr(self, name)}")
         self.num_added = state["num_added"]
@@ -151,8 +147,7 @@ class EpisodeStore:
             self._numbers[slots] = tensors["numbers"]
             self._write(slots, {name: tensors[name] for name in _OF_ALL})
             filmed = slots[slots < self.filmed_capacity]
-            of_filmed = {"full_states": tensors["rows"], "keypoints": tensors["keypoints"]}
-            self._write(filmed, of_filmed)
+            self._write(filmed, {name: tensors[name] for name in _OF_FILMED})
             for slot in filmed:  # one at a time: pictures are large
                 self._film(slot, film)
         self._steps = self._locate_steps()
@@ -180,7 +175,7 @@ class EpisodeStore:
             for slot, value in zip(slots.tolist(), values, strict=True):
                 array[slot] = value
 
-    def _locate_steps(self) -> "StepIndex":
+    def _locate_steps(self) -> StepIndex:
         """Of what is stored now."""
         ends = self.lengths.cumsum(0)
         terminals = torch.where(self.terminated, ends - 1, -1)

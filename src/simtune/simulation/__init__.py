@@ -41,8 +41,14 @@ from simtune.simulation.any_simulator import Act, AnySimulator, Rollouts, random
 from simtune.simulation.delays import count_substeps, remember_controls
 from simtune.simulation.environment import EnvironmentSimulator, Points
 from simtune.simulation.mocap import MocapActions
-from simtune.simulation.quality import OPENGL_DM_CONTROL, OPENGL_FAST, OpenGLQuality
-from simtune.simulation.renderer import Renderer, RendererName, make_renderer
+from simtune.simulation.renderer import (
+    OPENGL_DM_CONTROL,
+    OPENGL_FAST,
+    OpenGLQuality,
+    Renderer,
+    RendererName,
+    make_renderer,
+)
 from simtune.simulation.scene import Drawing, Scene, Script
 from simtune.simulation.simulator import Simulator
 from simtune.simulation.states import StateSpace

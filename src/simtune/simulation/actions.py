@@ -32,11 +32,10 @@ class ActionSpace(Protocol):
 class ActionMapping(ActionSpace, Protocol):
     """(n, A) actions to what moves n worlds."""
 
-    is_relative: bool  # to where what it moves is at the time
+    is_relative: bool = False  # to where what it moves is at the time
 
     def settle(self, batch: Batch) -> None:
-        """Put what the actions move to where fresh starts have it."""
-        ...
+        """Put what the actions move to where fresh starts have it; controls need no start."""
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """The (n, nu) controls for the next policy step; what is no control is moved at once."""
@@ -46,33 +45,24 @@ class ActionMapping(ActionSpace, Protocol):
 MapActions = Callable[[mujoco.MjModel], ActionMapping]
 
 
-class DirectActions:
+class DirectActions(ActionMapping):
     """An action is a control."""
-
-    is_relative = False
 
     def __init__(self, model: mujoco.MjModel, *, actuators: Sequence[str] | None = None):
         """`actuators`: whose controls, in the actions' order; None: all, in the model's order.
 
         The other actuators keep the control that they start with. Raises UnknownName, InputError.
         """
-        self._chosen = None if actuators is None else _actuator_ids(model, actuators)
-        ids = np.arange(model.nu) if self._chosen is None else self._chosen
-        self.names = _actuator_names(model, ids)
-        self.range, self.is_limited = _control_range(model, ids)
-
-    def settle(self, batch: Batch) -> None:
-        """Controls need no start."""
+        self._ids, self.names = _actuators(model, actuators)
+        self.range, self.is_limited = _control_range(model, self._ids)
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """See `ActionMapping`."""
-        return actions if self._chosen is None else _among_others(batch, self._chosen, actions)
+        return _among_others(batch, self._ids, actions)
 
 
-class ScaledActions:
+class ScaledActions(ActionMapping):
     """A control is offset + gain · action; without a gain, actions' ranges cover the controls'."""
-
-    is_relative = False
 
     def __init__(
         self,
@@ -88,12 +78,12 @@ class ScaledActions:
         By default the range is [−1, 1], or, with a gain, what covers the control's range if that
         is limited. Raises UnknownName, InputError.
         """
-        ids = np.arange(model.nu) if actuators is None else _actuator_ids(model, actuators)
-        self._ids, self.names = ids, _actuator_names(model, ids)
+        ids, self.names = _actuators(model, actuators)
+        self._ids = ids
         controls, limited = _control_range(model, ids)
         if gain is None:
             if not limited.all():
-                name = self.names[int(np.flatnonzero(~limited)[0])]
+                name = self.names[limited.argmin()]
                 raise InputError(f"{name} has no ctrlrange for the actions to cover: give a gain")
             self.range = finite_range(action_range, len(ids))
             self._gain = np.ptp(controls, axis=1) / np.ptp(self.range, axis=1)
@@ -109,15 +99,12 @@ class ScaledActions:
             self.range = finite_range(action_range, len(ids)) if is_given else usual
             self.is_limited = limited & (not is_given)
 
-    def settle(self, batch: Batch) -> None:
-        """Controls need no start."""
-
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """See `ActionMapping`."""
         return _among_others(batch, self._ids, self._offset + self._gain * actions)
 
 
-class JointActions:
+class JointActions(ActionMapping):
     """An action displaces a joint from where it really is: the target of the joint's servo.
 
     As a real robot does that is sent to where it is measured to be, and a little farther.
@@ -138,8 +125,8 @@ class JointActions:
         Raises UnknownName, InputError, also for an actuator that moves no hinge and no slide, or
         that is no servo of positions.
         """
-        ids = np.arange(model.nu) if actuators is None else _actuator_ids(model, actuators)
-        self._ids, self.names = ids, _actuator_names(model, ids)
+        ids, self.names = _actuators(model, actuators)
+        self._ids = ids
         joints = model.actuator_trnid[ids, 0]
         for name, kind, joint in zip(self.names, model.actuator_trntype[ids], joints, strict=True):
             if kind != _JOINT or model.jnt_type[joint] not in HINGE_OR_SLIDE:
@@ -156,9 +143,6 @@ class JointActions:
         self.range = finite_range(action_range, len(ids))
         self.is_limited = np.full(len(ids), True)
 
-    def settle(self, batch: Batch) -> None:
-        """Controls need no start."""
-
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """See `ActionMapping`; only a displacement in range is applied."""
         wanted = self._per_unit * np.clip(actions, *self.range.T)
@@ -167,19 +151,22 @@ class JointActions:
         return _among_others(batch, self._ids, targets)
 
 
-def _actuator_ids(model: mujoco.MjModel, names: Sequence[str]) -> np.ndarray:
-    """(A,) ids. Raises UnknownName for one that the model lacks, InputError for one named twice."""
+def _actuators(
+    model: mujoco.MjModel, chosen: Sequence[str] | None
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """(A,) ids and names of the chosen ones; None: of all.
+
+    Raises UnknownName for one that the model lacks, InputError for one named twice.
+    """
     known = [model.actuator(i).name for i in range(model.nu)]
+    names = chosen or ()
     for i, name in enumerate(names):
         if name not in known:
             raise UnknownName("actuator", name, "the model", [k for k in known if k])
         if name in names[:i]:
             raise InputError(f"actuator {name!r} is named twice")
-    return np.array([known.index(name) for name in names], int)
-
-
-def _actuator_names(model: mujoco.MjModel, ids: np.ndarray) -> tuple[str, ...]:
-    return tuple(model.actuator(i).name or f"actuator {i}" for i in ids)
+    ids = range(model.nu) if chosen is None else [known.index(name) for name in names]
+    return np.array(ids, int), tuple(known[i] or f"actuator {i}" for i in ids)
 
 
 def _control_range(model: mujoco.MjModel, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

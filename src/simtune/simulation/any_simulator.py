@@ -44,8 +44,8 @@ class AnySimulator(ABC):
     step_s: float  # for which an action is held
     image_size: int  # pixels a side
     supersampling: int  # k × k points of each pixel are averaged
-    num_steps: int  # policy steps simulated so far
-    num_diverged: int  # worlds that ended before their time
+    num_steps: int = 0  # policy steps simulated so far
+    num_diverged: int = 0  # worlds that ended before their time
 
     @property
     @abstractmethod

@@ -12,7 +12,7 @@ Beside gymnasium's usual, an environment has to provide:
 Pictures that are not square are cut to the square in their middle.
 """
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,9 +39,8 @@ class Points:
     def observe(self, points: np.ndarray) -> np.ndarray:
         """(n, all, 2) shares of the picture to (n, L · 2) float32 pixels; cf. `Keypoints`."""
         pixels = points[:, self.chosen] * self.image_size - 0.5
-        edge = _MARGIN_PX
-        seen = np.clip(pixels, -edge, self.image_size - 1 + edge).astype(np.float32)
-        return seen.reshape(len(points), -1)
+        seen = np.clip(pixels, -_MARGIN_PX, self.image_size - 1 + _MARGIN_PX)
+        return seen.astype(np.float32).reshape(len(points), -1)
 
     def select(self, indices: list[int]) -> "Points":
         """Those of the chosen points at these indices."""
@@ -82,7 +81,6 @@ class EnvironmentSimulator(AnySimulator):
         """`env`: a gymnasium.Env, or what acts like one. Raises InputError for other actions."""
         self.space, self.step_s, self.image_size = space, step_s, image_size
         self._actions = BoxActions(env.action_space)
-        self.num_diverged = self.num_steps = 0
         self._env = env
         self._shape: tuple[int, ...] | None = None  # (H, W) of its pictures
         self._episodes: list[tuple[int, np.ndarray]] = []  # seed and actions of each
@@ -118,8 +116,11 @@ class EnvironmentSimulator(AnySimulator):
         states, lengths = np.empty((n, num_steps + 1, 2)), np.empty(n, int)
         observed = []
         for i, world in enumerate(parameters):
-            seed = int(rng.integers(2**31)) if starts is None else self._seed_of(starts[i])
-            infos = self._play(seed, world, actions[i])
+            if starts is None:
+                seed = int(rng.integers(2**31))
+            else:
+                seed, _ = self._episodes[int(starts[i, 0])]
+            infos = list(self._play(seed, world, actions[i]))
             lengths[i] = len(infos) - 1
             states[i, :, 0] = len(self._episodes)
             states[i, :, 1] = np.minimum(np.arange(num_steps + 1), lengths[i])
@@ -140,44 +141,31 @@ class EnvironmentSimulator(AnySimulator):
         for episode in np.unique(states[:, 0]):
             (mine,) = np.nonzero(states[:, 0] == episode)
             seed, actions = self._episodes[int(episode)]
-            steps, last = states[mine, 1].astype(int), int(states[mine, 1].max())
-            drawn = {}
-
-            def draw(t: int, steps=steps, drawn=drawn) -> None:
-                if t in steps:
-                    drawn[t] = resize(middle_square(self._picture()), size)
-
-            self._play(seed, parameters[mine[0]], actions[:last], draw)
+            steps = states[mine, 1].astype(int)
+            played = self._play(seed, parameters[mine[0]], actions[: steps.max()])
+            drawn = {
+                t: resize(middle_square(self._picture()), size)
+                for t, _ in enumerate(played)
+                if t in steps
+            }
             frames[mine] = [drawn[t] for t in steps]
         return frames
 
-    def _play(
-        self,
-        seed: int,
-        world: np.ndarray,
-        actions: np.ndarray,
-        draw: Callable[[int], None] = lambda t: None,
-    ) -> list[dict[str, Any]]:
-        """What the environment said of each state, until its time or its end."""
-        infos = [self._begin(seed, world)]
-        draw(0)
-        for t, action in enumerate(actions.astype(np.float32), start=1):
+    def _play(self, seed: int, world: np.ndarray, actions: np.ndarray) -> Iterator[dict[str, Any]]:
+        """What the environment says of each state, in turn, until its time or its end."""
+        yield self._begin(seed, world)
+        for action in actions.astype(np.float32):
             with blame("the environment's step() failed"):
                 _, _, terminated, _, info = self._env.step(action)
             if terminated:
-                break
-            infos.append(info)
-            draw(t)
-        return infos
+                return
+            yield info
 
     def _begin(self, seed: int, world: np.ndarray) -> dict[str, Any]:
         options = {"parameters": dict(zip(self.space.names, world.tolist(), strict=True))}
         with blame("the environment's reset() failed"):
             _, info = self._env.reset(seed=seed, options=options)
         return info
-
-    def _seed_of(self, state: np.ndarray) -> int:
-        return self._episodes[int(state[0])][0]
 
     def _picture(self) -> np.ndarray:
         """The present picture as the environment draws it."""

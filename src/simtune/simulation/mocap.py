@@ -8,14 +8,14 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName
-from simtune.simulation.actions import checked_range, finite_range
+from simtune.simulation.actions import ActionMapping, checked_range, finite_range
 
 _AXES = "xyz"
 _WELD, _CONNECT = mujoco.mjtEq.mjEQ_WELD.value, mujoco.mjtEq.mjEQ_CONNECT.value
 _SITE = mujoco.mjtObj.mjOBJ_SITE.value
 
 
-class MocapActions:
+class MocapActions(ActionMapping):
     """An action displaces a mocap body that something is welded to, such as a robot's hand.
 
     The target is where the welded body really is, plus the displacement, within the workspace; the
@@ -48,9 +48,8 @@ class MocapActions:
         self.names = tuple(f"{body} {axis}" for axis in axes)
         self.range = finite_range(action_range, len(axes))
         self.is_limited = np.full(len(axes), True)
-        unlimited = np.tile([-np.inf, np.inf], (len(axes), 1))
-        given = workspace_m is not None
-        self._workspace = checked_range(workspace_m, len(axes)) if given else unlimited
+        given = (-np.inf, np.inf) if workspace_m is None else workspace_m
+        self._workspace = checked_range(given, len(axes))
 
     def settle(self, batch: Batch) -> None:
         """The mocap body to what it holds, which would be pulled away from its start otherwise."""

@@ -12,9 +12,10 @@ import numpy as np
 
 from simtune.errors import InputError
 from simtune.parameters import ModelWriter, ParameterSpace
-from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality
 
 _MAX_GEOMS = 10_000  # as mujoco.Renderer has it
+_ALL, _FULL_STATE = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class OpenGLRenderer:
@@ -54,23 +55,16 @@ class OpenGLRenderer:
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """(n, S) states, (n, N) parameters to (n, H, W, 3) uint8 RGB."""
+        model, data, scene = self._model, self._data, self._scene
         frames = np.empty((len(states), self.image_size, self.image_size, 3), np.uint8)
         for frame, state, values in zip(frames, states, parameters, strict=True):
             if self._written is None or not np.array_equal(self._written, values):
-                self._writer.write(self._model, values)
+                self._writer.write(model, values)
                 self._written = np.array(values)
-            mujoco.mj_setState(self._model, self._data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-            mujoco.mj_fwdPosition(self._model, self._data)
-            mujoco.mjv_updateScene(
-                self._model,
-                self._data,
-                self._option,
-                None,
-                self._view,
-                mujoco.mjtCatBit.mjCAT_ALL.value,
-                self._scene,
-            )
-            self._canvas.draw(self._scene, frame)
+            mujoco.mj_setState(model, data, state, _FULL_STATE)
+            mujoco.mj_fwdPosition(model, data)
+            mujoco.mjv_updateScene(model, data, self._option, None, self._view, _ALL, scene)
+            self._canvas.draw(scene, frame)
         return frames
 
     def __del__(self) -> None:

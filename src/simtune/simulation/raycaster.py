@@ -15,7 +15,6 @@ from mujoco.batch import Batch
 
 from simtune.parameters import ModelWriter, ParameterSpace, field_of
 from simtune.simulation.primitives import Primitives
-from simtune.simulation.sky import smooth_sky
 from simtune.simulation.worlds import no_printed_warnings
 
 _CHUNK = 64  # pictures a launch: small enough to stay in the cache, large enough to amortise it
@@ -131,9 +130,7 @@ class _Context:
 
     def _write(self, parameters: np.ndarray) -> None:
         """Write (n, N) parameters, unless they are those of the chunk before."""
-        padded = np.concatenate(
-            [parameters, np.tile(parameters[:1], (_CHUNK - len(parameters), 1))]
-        )
+        padded = parameters[np.arange(_CHUNK) % len(parameters)]
         if self._written is not None and np.array_equal(self._written, padded):
             return
         self._writer.write_batch(self._worlds, padded)
@@ -213,3 +210,31 @@ def _constant_sky(model: mujoco.MjModel, camera: str, image_size: int) -> np.nda
     )
     pixels = _draw(mujoco_warp.put_model(model), mujoco_warp.put_data(model, data), context)
     return pixels.reshape(image_size, image_size).copy()
+
+
+def smooth_sky(model: mujoco.MjModel, pixel_deg: float) -> mujoco.MjModel:
+    """A copy of the model with its skyboxes averaged over squares of about a pixel's angle.
+
+    Stars smaller than pixels would sparkle as the camera turns.
+    """
+    model = copy.copy(model)
+    for texture in np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX.value):
+        width, height = model.tex_width[texture], model.tex_height[texture]
+        side = round(width * pixel_deg / 90) if height == 6 * width else 0  # six faces of 90°
+        if side > 1:
+            start = model.tex_adr[texture]
+            texels = slice(start, start + height * width * model.tex_nchannel[texture])
+            faces = model.tex_data[texels].reshape(6, width, width, -1)
+            model.tex_data[texels] = _average_squares(faces, side).ravel()
+    return model
+
+
+def _average_squares(faces: np.ndarray, side: int) -> np.ndarray:
+    """(n, W, W, channels) uint8, each square of `side` texels in its mean colour."""
+    width = faces.shape[1]
+    starts = np.arange(0, width, side)  # the last squares may be smaller
+    sizes = np.diff(starts, append=width)
+    sums = np.add.reduceat(faces.astype(float), starts, axis=1)
+    sums = np.add.reduceat(sums, starts, axis=2)
+    means = np.rint(sums / np.outer(sizes, sizes)[..., None]).astype(np.uint8)
+    return means.repeat(sizes, axis=1).repeat(sizes, axis=2)

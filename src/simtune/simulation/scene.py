@@ -9,8 +9,7 @@ from mujoco.batch import Batch
 
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import DirectActions, MapActions
-from simtune.simulation.quality import OPENGL_FAST, OpenGLQuality
-from simtune.simulation.renderer import RendererName
+from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality, RendererName
 
 Script = Callable[[Batch], np.ndarray]  # worlds in their present state to (n, A) actions
 

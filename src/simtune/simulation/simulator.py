@@ -27,14 +27,9 @@ class Simulator(AnySimulator):
         self.model = _with_timestep(scene.model, scene.step_s / self.num_substeps)
         self.space, self.step_s, self.script = scene.space, scene.step_s, scene.script
         self.image_size, self.supersampling = drawing.image_size, drawing.supersampling
-        self.num_diverged = self.num_steps = 0
+        size = self.image_size * self.supersampling
         self.renderer = make_renderer(
-            drawing.renderer,
-            self.model,
-            self.space,
-            scene.camera,
-            self.image_size * self.supersampling,
-            drawing.quality,
+            drawing.renderer, self.model, self.space, scene.camera, size, drawing.quality
         )
         self._mapping, self._state_space = scene.map_actions(self.model), StateSpace(self.model)
         self._initialize = scene.initialize
@@ -98,10 +93,11 @@ class Simulator(AnySimulator):
         """Worlds of (n, N) parameters in their first states."""
         worlds = self._worlds_for(len(parameters))
         observe(worlds.batch)  # binds the fields it reads, so that they are computed
-        if starts is None:
-            worlds.reset(parameters, self._initialize, rng)
-        else:
-            worlds.start_from(parameters, starts)
+
+        def put(batch: Batch, _: np.random.Generator) -> None:
+            batch.state[...] = starts
+
+        worlds.reset(parameters, self._initialize if starts is None else put, rng)
         self.action_mapping.settle(worlds.batch)
         return worlds
 

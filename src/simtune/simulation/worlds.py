@@ -1,7 +1,7 @@
 """Many worlds of one model, each with its own parameters, stepped at once (mujoco.batch)."""
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import mujoco
@@ -17,6 +17,9 @@ _DIVERGENCE = [  # counters of MuJoCo's warnings
 ]
 
 
+_WITH_VELOCITIES = mujoco.mjtStage.mjSTAGE_VEL.value
+
+
 class Worlds:
     """`num_worlds` simulations of `model`, each with a vector of `space`'s parameters.
 
@@ -24,12 +27,10 @@ class Worlds:
     silent reset is off, and `alive` says which worlds may be used.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, space: ParameterSpace, num_worlds: int, num_threads: int = 0
-    ):
+    def __init__(self, model: mujoco.MjModel, space: ParameterSpace, num_worlds: int):
         model = copy.copy(model)
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        self.batch = Batch(model, num_worlds, num_threads)
+        self.batch = Batch(model, num_worlds)
         self._writer = ModelWriter(space, model)
 
     @property
@@ -45,33 +46,19 @@ class Worlds:
 
     def reset(self, parameters: np.ndarray, initialize, rng: np.random.Generator) -> None:
         """Write (num_worlds, N) parameters and start anew by `initialize(batch, rng)`."""
-        self._begin(parameters, lambda: initialize(self.batch, rng))
-
-    def start_from(self, parameters: np.ndarray, states: np.ndarray) -> None:
-        """Write (num_worlds, N) parameters and start anew in (num_worlds, S) states."""
-
-        def put() -> None:
-            self.batch.state[...] = states
-
-        self._begin(parameters, put)
-
-    def _begin(self, parameters: np.ndarray, start: Callable[[], None]) -> None:
         self._writer.write_batch(self.batch, parameters)
         with no_printed_warnings():
             self.batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-            start()
-            self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+            initialize(self.batch, rng)
+            self.batch.forward(stage=_WITH_VELOCITIES)
 
     def step(self, controls: np.ndarray, num_substeps: int) -> None:
         """Hold (num_worlds, nu) controls for a number of physics steps."""
         alive = self.alive
         self.batch.ctrl[...] = controls
         with no_printed_warnings():
-            self.batch.step(
-                ids=None if alive.all() else alive,
-                nstep=num_substeps,
-                stage=mujoco.mjtStage.mjSTAGE_VEL.value,
-            )
+            ids = None if alive.all() else alive
+            self.batch.step(ids=ids, nstep=num_substeps, stage=_WITH_VELOCITIES)
 
 
 @contextmanager
