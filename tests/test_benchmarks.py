@@ -141,6 +141,6 @@ def test_of_a_correlated_pair_the_ratio_or_the_product_is_told():
     import honesty
 
     ratios = {"a": 1.2, "b": 1.2, "c": 1 / 1.2}
-    assert honesty._told("a, b", 0.9, ratios) == 0
-    assert honesty._told("a, c", -0.9, ratios) == 0
-    assert honesty._told("a, b", -0.9, ratios) == 44
+    assert honesty.percent_error_together("a, b", 0.9, ratios) == 0
+    assert honesty.percent_error_together("a, c", -0.9, ratios) == 0
+    assert honesty.percent_error_together("a, b", -0.9, ratios) == 44

@@ -64,7 +64,7 @@ def test_a_crop_has_to_fit_into_the_picture():
 def test_target_q_by_hand(agent, monkeypatch):
     """γ = .99, α = .1; the second step ended the task, the third was cut off by time."""
     log_prob = torch.tensor([-2.0, 0.5, 3.0])
-    monkeypatch.setattr(agent, "_draw", lambda maps: (torch.zeros(3, 2), log_prob))
+    monkeypatch.setattr(agent, "draw", lambda maps: (torch.zeros(3, 2), log_prob))
     values = torch.tensor([[3.0, 5.0, -1.0], [4.0, 1.0, -2.0]])
     monkeypatch.setattr(agent.target.q, "forward", lambda features, actions: values)
     target_q = agent.target_q(
@@ -87,10 +87,10 @@ def test_the_critics_loss_is_the_sum_of_both_mean_squares(agent, monkeypatch):
 @pytest.mark.parametrize(("log_prob", "sign"), [(5.0, 1), (-5.0, -1)])
 def test_the_temperature_rises_where_entropy_is_too_low(agent, monkeypatch, log_prob, sign):
     """The entropy wanted is −2, for two actions; Adam's first step is the learning rate."""
-    draw = agent._draw
-    monkeypatch.setattr(agent, "_draw", lambda c: (draw(c)[0], 0 * draw(c)[1] + log_prob))
+    draw = agent.draw
+    monkeypatch.setattr(agent, "draw", lambda c: (draw(c)[0], 0 * draw(c)[1] + log_prob))
     before = agent.temperature.log.item()
-    _, entropy, temperature = agent._learn_policy(
+    _, entropy, temperature = agent.learn_policy(
         torch.rand(3, agent.critic.encoder.convolutions.num_outputs), torch.rand(3, 50)
     )
     assert agent.temperature.log.item() == pytest.approx(before + sign * 1e-4, abs=1e-6)
@@ -151,7 +151,7 @@ def test_the_actors_gradient_reaches_the_actor_alone(agent):
     seen = agent.target.encoder.convolutions(as_frames(3))
     assert not seen.requires_grad
     of_actor = weights(agent.actor)
-    agent._learn_policy(seen, torch.rand(3, 50))
+    agent.learn_policy(seen, torch.rand(3, 50))
     assert not same(of_actor, weights(agent.actor))
     for module, old in zip(others, before, strict=True):
         assert same(old, weights(module))
@@ -323,8 +323,9 @@ def test_a_graph_is_the_step_that_it_was_made_of():
 @pytest.mark.gpu
 def test_graphs_learn_as_the_plain_steps_do():
     config = CurlSacConfig(**vars(SMALL) | {"crop_size": 18, "log_std": (-10.0, -9.99)})
-    graphed, plain = (CurlSac(2, config, seed=0, device="cuda") for _ in range(2))
-    plain._steps = [step._step for step in plain._steps]
+    graphed, plain = (
+        CurlSac(2, config, seed=0, device="cuda", use_graphs=use) for use in (True, False)
+    )
     batch = Transitions(
         **{name: t.cuda() for name, t in vars(pixel_batch(SMALL.image_size)).items()}
     )

@@ -158,7 +158,7 @@ def test_a_checkpoint_of_another_kind_of_device_is_gone_on_with(make):
     tensors = agent.tensors() | {"generator": torch.arange(16, dtype=torch.uint8)}  # a GPU's
     for resumed in (agent, other):
         resumed.load(tensors, agent.state())
-    drawn = [a._generator.get_state() for a in (agent, other)]
+    drawn = [a.tensors()["generator"] for a in (agent, other)]
     assert torch.equal(*drawn), "from the same numbers, at least"
 
 

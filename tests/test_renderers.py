@@ -5,6 +5,7 @@ import functools
 import sys
 
 import mujoco
+import mujoco_warp
 import numpy as np
 import pytest
 
@@ -161,15 +162,14 @@ def test_one_thread_draws_what_many_draw(scene):
     np.testing.assert_array_equal(one.render(states, parameters), three.render(states, parameters))
 
 
-def test_the_constant_sky_is_the_ray_casters_own(scene, monkeypatch):
-    monkeypatch.setattr("simtune.simulation.raycaster._SKY_SAMPLES", 1)
+def test_the_sky_of_a_fixed_camera_is_the_one_drawn_for_a_camera_that_may_turn(scene):
     states, parameters = states_of(scene, [0.0, 0.3]), painted((RED, BLUE), (GREY, RED))
-    shortcut = Raycaster(scene, SPACE, "above", SIZE, num_threads=1)
-    monkeypatch.setattr("simtune.simulation.raycaster._can_turn", lambda *_: True)
-    own = Raycaster(scene, SPACE, "above", SIZE, num_threads=1)
-    frames = own.render(states, parameters)
+    fixed = Raycaster(scene, SPACE, "above", SIZE, num_threads=1, sky_samples=1)
+    turning = ParameterSpace([*SPACE, *camera_pose("camera", "above", (0, -1, 1))])
+    own = Raycaster(scene, turning, "above", SIZE, num_threads=1)
+    frames = own.render(states, np.hstack([parameters, np.tile(turning.nominal[6:], (2, 1))]))
     assert len(np.unique(frames[0, :8].reshape(-1, 3), axis=0)) > 5  # there is a gradient
-    np.testing.assert_array_equal(shortcut.render(states, parameters), frames)
+    np.testing.assert_array_equal(fixed.render(states, parameters), frames)
 
 
 @functools.cache
@@ -303,7 +303,7 @@ def test_a_camera_of_other_pose_and_view_is_drawn_by_us_as_by_mujoco_warp(monkey
     """All in one: moved, turned and zoomed, with a sky that turns and a remembering model."""
     simulator, states, parameters = filmed_otherwise("walker")
     with monkeypatch.context() as patch:
-        patch.setattr("simtune.simulation.raycaster._draw", lambda *_: pytest.fail("not by us"))
+        patch.setattr(mujoco_warp, "render", lambda *_: pytest.fail("not by us"))
         frames = simulator.render(states, parameters)
     expected = mujoco_warps_own(monkeypatch, simulator.model, simulator.space, "side", 84)
     assert_nearly_same_pictures(frames, expected.render(states, parameters))

@@ -110,7 +110,7 @@ def test_its_noise_falls_over_a_share_of_the_training_however_early_the_student_
     noises = []
     for num_steps in (0, 2.5, 5, 8):
         agent.num_steps = round(num_steps * WORLDS * STEPS)
-        noises.append(agent._teacher_noise)
+        noises.append(agent.teacher_noise)
     assert noises == pytest.approx([first, (first + last) / 2, last, last])
 
 

@@ -458,7 +458,7 @@ def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_re
     rng = np.random.default_rng(0)
     start = simulator.roll_out(SPACE.nominal[None], np.zeros((1, 1, 1)), rng).states[0, 0]
     start[2] = np.nan
-    frames = comparison._film(simulator, np.zeros((3, 1), np.float32), SPACE.nominal, start)
+    frames = comparison.film_from(simulator, np.zeros((3, 1), np.float32), SPACE.nominal, start)
     assert frames.shape == (1, 64, 64, 3)
 
 
