@@ -4,6 +4,8 @@ import ctypes
 import gc
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from ctypes.util import find_library
 from dataclasses import replace
 from functools import partial
@@ -20,6 +22,7 @@ from simtune.agents.teacher import TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
 from simtune.algorithm import train
 from simtune.comparison import StartSearchConfig
+from simtune.evaluate import evaluate
 from simtune.experiment.settings import Settings
 from simtune.robot.latch import Latch
 from simtune.robot.safe_arm import SafeArm
@@ -78,10 +81,9 @@ def one_renderer_each():
         yield
 
 
-@pytest.fixture
-def quick(monkeypatch, tiny, one_renderer_each) -> Settings:
-    """Runs with these settings take seconds and find nothing; cartpole's episodes are short."""
-    monkeypatch.setitem(TASKS, "cartpole", lambda: replace(cartpole.balance(), episode_steps=24))
+@pytest.fixture(scope="session")
+def quick_settings(tiny, one_renderer_each) -> Settings:
+    """Runs with these settings take seconds and find nothing."""
     early = TeacherStudentConfig(
         teacher=TeacherConfig(hidden_size=16, batch_size=8),
         student=StudentConfig(
@@ -102,11 +104,39 @@ def quick(monkeypatch, tiny, one_renderer_each) -> Settings:
     return Settings(search=tiny, comparison=comparison, make_agent=make_early_agent)
 
 
+@contextmanager
+def short_episodes():
+    """Those of cartpole take 24 steps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(TASKS, "cartpole", lambda: replace(cartpole.balance(), episode_steps=24))
+        yield
+
+
+@pytest.fixture
+def quick(quick_settings) -> Iterator[Settings]:
+    """Runs with these settings take seconds and find nothing; cartpole's episodes are short."""
+    with short_episodes():
+        yield quick_settings
+
+
+@pytest.fixture(scope="module")
+def quickly(quick_settings):
+    """What `quick` is for one test, for fixtures of a module: a context in which to make runs."""
+
+    @contextmanager
+    def settings():
+        with short_episodes():
+            yield quick_settings
+
+    return settings
+
+
 @pytest.fixture
 def quick_commands(monkeypatch, quick):
     """Makes `simtune tune` and `simtune train` quick: no option asks for such settings."""
     monkeypatch.setattr("simtune.tune.tune", partial(tune, settings=quick))
     monkeypatch.setattr("simtune.algorithm.train", partial(train, settings=quick))
+    monkeypatch.setattr("simtune.evaluate.evaluate", partial(evaluate, settings=quick))
 
 
 @pytest.fixture

@@ -29,13 +29,13 @@ def agent() -> DrqV2:
     return DrqV2(2, SMALL, seed=0)
 
 
-def test_the_papers_sizes():
+def test_default_networks_have_the_papers_shapes():
     agent = DrqV2(6, seed=0)
     of_actor = [tuple(p.shape) for p in agent.actor.parameters() if p.ndim > 1]
     assert of_actor == [(50, 32 * 35 * 35), (1024, 50), (1024, 1024), (6, 1024)]
 
 
-def test_target_q_by_hand(agent, monkeypatch):
+def test_target_q_equals_hand_calculation(agent, monkeypatch):
     values = torch.tensor([[3.0, 5.0, -1.0], [4.0, 1.0, -2.0]])
     monkeypatch.setattr(agent.target, "forward", lambda obs, actions: values)
     target_q = agent.target_q(
@@ -66,7 +66,7 @@ def test_noise_falls_with_the_steps_collected_until_its_last_value():
     assert noises == pytest.approx([1.0, 0.775, 0.55, 0.1, 0.1])
 
 
-def test_the_actor_moves_nothing_but_itself(agent, monkeypatch):
+def test_the_actors_loss_has_no_gradient_in_the_encoder(agent, monkeypatch):
     agent.learn(pixel_batch(SMALL.image_size))
     for module in (agent.encoder, agent.critic, agent.target):
         module.zero_grad(set_to_none=True)

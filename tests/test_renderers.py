@@ -57,7 +57,19 @@ THINGS = {  # that a parameter paints; elsewhere "body"
     "rope_peg": "box",
     "cabinet_slide": "cabinet",
 }
+# A fixed camera, a tracking one, and a mocap body; the others in the slow tests.
+ALL_TASKS = [
+    pytest.param(n, marks=() if n in ("ball_in_cup", "walker", "rope_peg") else pytest.mark.slow)
+    for n in TASKS
+]
 RED, GREY, BLUE = (0.8, 0.1, 0.1), (0.5, 0.5, 0.5), (0.1, 0.1, 0.8)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _simulators_given_back():
+    yield
+    simulator_of.cache_clear()
+    filmed_otherwise.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +184,7 @@ def test_the_sky_of_a_fixed_camera_is_the_one_drawn_for_a_camera_that_may_turn(s
     np.testing.assert_array_equal(fixed.render(states, parameters), frames)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=2)
 def simulator_of(name: str) -> Simulator:
     return load_task(name).simulator(image_size=84)
 
@@ -190,7 +202,7 @@ def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
     assert len(np.unique(frames.reshape(-1, 3), axis=0)) > 100  # it is no empty picture
 
 
-@pytest.mark.parametrize("name", list(TASKS))
+@pytest.mark.parametrize("name", ALL_TASKS)
 def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(name, monkeypatch):
     task, simulator = load_task(name), simulator_of(name)
     rng = np.random.default_rng(2)
@@ -284,7 +296,7 @@ def camera_space(name: str) -> ParameterSpace:
     )
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1)
 def filmed_otherwise(name: str) -> tuple[Simulator, np.ndarray, np.ndarray]:
     """A simulator, and 8 states of worlds with parameters: cameras all over their ranges."""
     task, space = load_task(name), camera_space(name)
@@ -367,7 +379,10 @@ def test_a_turning_cameras_sky_has_no_stars_smaller_than_pixels():
 
 
 @pytest.mark.opengl
-@pytest.mark.parametrize("name", ["ball_in_cup", "walker", "cartpole"])
+@pytest.mark.parametrize(
+    "name",
+    ["walker", *(pytest.param(n, marks=pytest.mark.slow) for n in ("ball_in_cup", "cartpole"))],
+)
 def test_both_renderers_see_through_a_camera_of_other_pose_and_view(name):
     """Fixed and tracking cameras. Measured: 2.1 to 5.3 of 255, much of it in the sky's stars."""
     simulator, states, parameters = filmed_otherwise(name)
@@ -413,12 +428,12 @@ FLEX = """
 
 
 @pytest.mark.parametrize("xml", [MESH, FLEX], ids=["mesh", "flex"])
-def test_what_is_no_primitive_is_left_to_mujoco_warp(xml, monkeypatch):
+def test_models_with_meshes_or_flexes_are_drawn_by_mujoco_warp(xml, monkeypatch):
     monkeypatch.setattr(Primitives, "__init__", lambda *_: pytest.fail("it is drawn by us"))
     Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, "above", SIZE)
 
 
-def test_a_flex_is_drawn_where_it_is():
+def test_a_flex_is_drawn_at_its_place_in_the_picture():
     model = mujoco.MjModel.from_xml_string(FLEX)
     renderer = Raycaster(model, BALL, "above", SIZE, num_threads=1)
     frame = renderer.render(initial_state(model), BALL.nominal[None])[0]
@@ -428,7 +443,7 @@ def test_a_flex_is_drawn_where_it_is():
 
 
 @pytest.mark.opengl
-@pytest.mark.parametrize("name", list(TASKS))
+@pytest.mark.parametrize("name", ALL_TASKS)
 def test_both_renderers_draw_the_same_pictures_of_every_task(name):
     """Measured: 1.7 to 3.5 of 255 with shadows, 2.0 to 4.0 as dm_control draws.
 
@@ -450,7 +465,7 @@ def test_both_renderers_draw_the_same_pictures_of_every_task(name):
 
 
 @pytest.mark.opengl
-@pytest.mark.parametrize("name", list(TASKS))
+@pytest.mark.parametrize("name", ALL_TASKS)
 def test_both_renderers_put_the_robot_at_the_same_pixels(name):
     """The silhouette of what a parameter paints: the pixels that its colour changes."""
     task, simulator = load_task(name), simulator_of(name)
@@ -503,7 +518,7 @@ def test_opengl_renderers_do_not_disturb_one_another(scene):
     np.testing.assert_array_equal(draw_one(first, scene, RED, BLUE), before)
 
 
-def test_without_opengl_one_line_says_what_to_do(scene, monkeypatch):
+def test_opengl_that_is_not_installed_is_refused_with_what_to_install(scene, monkeypatch):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(opengl, "find_library", lambda name: None)
