@@ -249,6 +249,7 @@ def test_a_camera_is_one_of_the_recordings(simtune, tmp_path, dataset):
     simtune.refuses("tune", "cartpole", *arguments, message="--camera goes with recordings only")
 
 
+@pytest.mark.thorough
 def test_episodes_too_short_leave_no_folder(simtune, tmp_path, one_renderer_each):
     frames = np.zeros((6, 32, 32, 3), np.uint8)
     trajectory = Trajectory(frames, np.zeros((5, 1), np.float32), 0.08)
@@ -320,6 +321,7 @@ def test_tasks_lists_every_parameter(simtune):
     assert "kg" in out
 
 
+@pytest.mark.thorough
 def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands):
     out = tmp_path / "run"
     command = ("tune", "cartpole", "--out", out, "--real-episodes", 1, "--budget-minutes", "1e-5")
@@ -341,6 +343,7 @@ def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands):
     simtune.refuses(*command, "--seed", 9, message="seed = 0, now = 9")
 
 
+@pytest.mark.thorough
 def test_a_training_that_searches_for_nothing_prints_its_warnings_alone(
     simtune, tmp_path, quick_commands
 ):

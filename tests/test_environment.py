@@ -177,6 +177,7 @@ def test_worlds_of_an_environment_are_simulated_as_those_of_a_model():
 # --- tuned --------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_tune_takes_an_environment_and_resumes(tmp_path, quick):
     example = shutil.copytree(EXAMPLE, tmp_path / "example")
     file = example / "tune.toml"

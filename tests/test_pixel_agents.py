@@ -100,6 +100,7 @@ def error(agent) -> float:
     return float(np.abs(agent.act(frames) - goals).mean())
 
 
+@pytest.mark.thorough
 def test_an_agent_learns_to_act_on_what_it_sees(make):
     agent, replay = make(), a_replay()
     assert error(agent) > 0.3

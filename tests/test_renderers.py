@@ -378,6 +378,7 @@ def test_a_turning_cameras_sky_has_no_stars_smaller_than_pixels():
     np.testing.assert_array_equal(sky_faces(smooth_sky(model, 1e-3)), before)
 
 
+@pytest.mark.thorough
 @pytest.mark.opengl
 @pytest.mark.parametrize(
     "name",
@@ -442,6 +443,7 @@ def test_a_flex_is_drawn_at_its_place_in_the_picture():
     assert columns[: SIZE // 2].any()
 
 
+@pytest.mark.thorough
 @pytest.mark.opengl
 @pytest.mark.parametrize("name", ALL_TASKS)
 def test_both_renderers_draw_the_same_pictures_of_every_task(name):
@@ -464,6 +466,7 @@ def test_both_renderers_draw_the_same_pictures_of_every_task(name):
         assert np.abs(difference.mean(axis=(0, 1, 2))).max() < 3  # no brighter, no other tint
 
 
+@pytest.mark.thorough
 @pytest.mark.opengl
 @pytest.mark.parametrize("name", ALL_TASKS)
 def test_both_renderers_put_the_robot_at_the_same_pixels(name):

@@ -114,6 +114,7 @@ def test_teachers_noise_falls_over_its_share_of_the_training_whenever_the_studen
     assert noises == pytest.approx([first, (first + last) / 2, last, last])
 
 
+@pytest.mark.thorough
 def test_a_teacher_learns_the_best_actions_of_a_bandit():
     """A bandit: the reward is −(a − ½·s)², so the best action is half the state."""
     teacher, generator = make_teacher(discount=0.0), torch.Generator().manual_seed(0)
@@ -160,6 +161,7 @@ def dots(num: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
     return torch.from_numpy(frames), torch.from_numpy(places)
 
 
+@pytest.mark.thorough
 def test_a_student_learns_to_detect_dots_and_their_heights():
     student, generator = small_student(), torch.Generator().manual_seed(0)
     frames, places = dots(512)

@@ -51,6 +51,15 @@ def config_of(out: Path, **changes) -> TrainConfig:
     return dataclasses.replace(config, **changes)
 
 
+@pytest.fixture(scope="module")
+def autotuned(tmp_path_factory, quickly) -> tuple[Path, dict]:
+    """A finished training's folder, with a checkpoint of every round, and its result."""
+    out = tmp_path_factory.mktemp("autotuned") / "run"
+    with quickly() as quick:
+        settings = dataclasses.replace(quick, checkpoint_every_s=0.0)
+        return out, train(config_of(out), settings=settings)
+
+
 # --- the order of Algorithm 1 -------------------------------------------------------------
 
 
@@ -231,13 +240,27 @@ def test_recordings_that_are_too_short_are_refused_before_anything_is_written(tm
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("method", ["autotune", "regression", "dr", "oracle"])
-def test_a_finished_training_has_the_files_and_fields_that_are_documented(method, tmp_path, quick):
+@pytest.mark.parametrize(
+    "method",
+    [
+        "dr",
+        *(
+            pytest.param(m, marks=pytest.mark.thorough)
+            for m in ("autotune", "regression", "oracle")
+        ),
+    ],
+)
+def test_a_finished_training_has_the_files_and_fields_that_are_documented(
+    method, tmp_path, quick, request
+):
     out = tmp_path / "run"
     config, settings = config_of(out, method=method), quick
     if method == "regression":  # a few small steps, not forty
         settings = dataclasses.replace(quick, search=FEW_WINDOWS, schedule=one_round(config))
-    result = train(config, settings=settings)
+    if method == "autotune":
+        out, result = request.getfixturevalue("autotuned")
+    else:
+        result = train(config, settings=settings)
     assert result["method"] == method
     assert result["policy_steps"] == 4 * 16 * STEPS
     assert set(result["return"]) == {"mean", "std", "episodes"}
@@ -275,6 +298,7 @@ def one_round(config: TrainConfig) -> Schedule:
     return dataclasses.replace(schedule, searches=(1, 1))
 
 
+@pytest.mark.thorough
 def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
     """By a reward of the user's own; the example's grows with the bob's height."""
     example = Path(__file__).parent.parent / "examples" / "cart_pendulum"
@@ -294,6 +318,7 @@ def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
         evaluate(again, settings=quick)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("agent", ["curl_sac", "drqv2"])
 def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick):
     few = {"hidden_size": 8, "batch_size": 2, "random_steps": 16 * STEPS, "update_every": 4 * STEPS}
@@ -312,6 +337,7 @@ def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick):
     assert np.isfinite(last["critic_loss"])
 
 
+@pytest.mark.thorough
 def test_training_ranges_are_those_asked_for(tmp_path, quick):
     ranges = {"range_policy": 0.02, "range_dr": 0.3, "range_spm": 0.4, "step_size": 0.07}
 
@@ -337,6 +363,7 @@ def test_training_ranges_are_those_asked_for(tmp_path, quick):
     assert (config.step_size, config.range_spm) == (0.07, 0.4)
 
 
+@pytest.mark.thorough
 def test_scored_episodes_start_elsewhere_than_all_others(tmp_path):
     """Every episode begins elsewhere: looked at, tried out, scored."""
     config = config_of(tmp_path, task="ball_in_cup", method="oracle")
@@ -407,6 +434,7 @@ def test_a_search_simulates_episodes_as_long_as_the_real_ones(task, tmp_path):
     assert search.config.episode_steps == load_task(task).episode_steps
 
 
+@pytest.mark.thorough
 def test_schedules_of_the_presets_equal_hand_calculation(tmp_path):
     """By hand: what is tried out when, and the paper's phases in its own numbers."""
     assert fast(48_000, 5, many_searches=False).first_tried == 24_000
@@ -429,6 +457,7 @@ def test_schedules_of_the_presets_equal_hand_calculation(tmp_path):
     assert short.episodes_per_iteration * short.episode_steps == pytest.approx(2000, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_a_real_world_with_changed_parameters_is_refused(tmp_path, quick):
     truth = tmp_path / "real.json"
     truth.write_text('{"body_r": 0.6}')  # twice or half of either is 1, or hardly differs
@@ -470,9 +499,9 @@ def assert_same(one: Path, other: Path) -> None:
     assert state == other_state
 
 
-def test_a_stopped_run_resumes_to_the_same_result(tmp_path, quick):
+@pytest.mark.thorough
+def test_a_stopped_run_resumes_to_the_same_result(autotuned, tmp_path, quick):
     settings = dataclasses.replace(quick, checkpoint_every_s=0.0)
-    train(config_of(tmp_path / "straight"), settings=settings)
     interrupted_at = []
 
     def interrupt(doing: str, done: float) -> None:
@@ -486,7 +515,7 @@ def test_a_stopped_run_resumes_to_the_same_result(tmp_path, quick):
         with pytest.raises(KeyboardInterrupt):
             train(config_of(out), interrupt, settings)
     train(config_of(out), interrupt, settings)
-    assert_same(tmp_path / "straight", out)
+    assert_same(autotuned[0], out)
 
     # And what `evaluate` makes of it, from the checkpoint alone: on the same episodes the same.
     again = evaluate(
@@ -535,10 +564,12 @@ def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, qu
     assert num_keypoints == [len(experiment.keypoints)]
 
 
-def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(tmp_path, quick, monkeypatch):
+@pytest.mark.thorough
+def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(
+    autotuned, tmp_path, quick, monkeypatch
+):
     """Where `find_keypoints` would choose others, as it may on another machine."""
-    config = config_of(tmp_path / "run", policy_steps=2 * 16 * STEPS)
-    train(config, settings=quick)
+    config = config_of(shutil.copytree(autotuned[0], tmp_path / "run"))
     begun = load(newest(config.out / "checkpoints"))[1]["keypoints"]
     monkeypatch.setattr("simtune.experiment.experiment.find_keypoints", find_others)
     new = build_training(config_of(tmp_path / "new"), settings=quick)
@@ -551,6 +582,7 @@ def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(tmp_path, quic
         assert experiment.search.context.keypoints.state() == begun
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kills", [1, pytest.param(50, marks=pytest.mark.slow)])
 def test_a_run_killed_at_random_moments_loses_nothing(kills, tmp_path):
     """SIGKILL, which nothing can catch, in a process of its own, whenever it has got on."""

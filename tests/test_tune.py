@@ -179,6 +179,7 @@ def write_recordings(folder: Path, num: int, seed: int) -> list[Trajectory]:
     return trajectories
 
 
+@pytest.mark.thorough
 def test_a_run_on_recordings_replays_them_and_refuses_changed_ones(tmp_path, quick, monkeypatch):
     trajectories = write_recordings(tmp_path / "dataset", num=3, seed=0)
     played = []
@@ -220,6 +221,7 @@ def without_time(lines: list[dict]) -> list[dict]:
     return [{k: v for k, v in line.items() if k != "wall_s"} for line in lines]
 
 
+@pytest.mark.thorough
 def test_an_interrupted_run_resumes_to_the_same_result(finished, tmp_path, truth_file, quick):
     straight = finished.returned
 
@@ -248,6 +250,7 @@ def test_an_interrupted_run_resumes_to_the_same_result(finished, tmp_path, truth
     assert len(read_jsonl(out / "metrics.jsonl")) == 2
 
 
+@pytest.mark.thorough
 def test_another_configuration_is_refused_in_the_same_folder(one_round, truth_file, quick):
     out = one_round
     before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
@@ -262,6 +265,7 @@ def test_another_configuration_is_refused_in_the_same_folder(one_round, truth_fi
     assert before == after
 
 
+@pytest.mark.thorough
 def test_a_run_whose_time_is_over_ends_after_one_round_and_goes_on_with_more(
     one_round, tmp_path, quick
 ):
@@ -275,6 +279,7 @@ def test_a_run_whose_time_is_over_ends_after_one_round_and_goes_on_with_more(
     assert len(read_jsonl(out / "metrics.jsonl")) == 2
 
 
+@pytest.mark.thorough
 def test_a_resumed_search_keeps_the_keypoints_it_was_trained_with(
     one_round, tmp_path, quick, monkeypatch
 ):
@@ -291,6 +296,7 @@ def test_a_resumed_search_keeps_the_keypoints_it_was_trained_with(
 # --- the truth ----------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_the_truth_is_not_there_during_the_search_and_lies_in_scoring_change_nothing_else(
     finished, tmp_path, truth_file, quick, monkeypatch
 ):
@@ -434,6 +440,7 @@ def test_estimates_survive_json():
         np.testing.assert_array_equal(got, expected)
 
 
+@pytest.mark.thorough
 def test_the_start_of_an_episode_is_found_in_its_pictures(one_renderer_each):
     config = StartSearchConfig(num_starts=192)
     task = load_task("ball_in_cup")
