@@ -12,7 +12,10 @@ PYTHON ?= $(shell for python in python3.11 python3 python3.12 python3.13; do \
 # Threads that wait for each other by spinning are five times slower on a machine in use.
 export OMP_WAIT_POLICY ?= PASSIVE
 
-.PHONY: install demo test check test-all bench
+# Two processes of one thread each; a test file's own fixtures are made once by each of them.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist worksteal
+
+.PHONY: install demo test test-quick check test-all bench
 
 install: $(READY)
 
@@ -28,8 +31,12 @@ demo: $(READY)
 	$(BIN)/simtune tune ball_in_cup --real pseudo --real-episodes 10 --budget-minutes 8 --out runs/demo
 	@echo "the report: runs/demo/report.html"
 
+# Without those of about a second and more; `make test` before a change is handed on.
+test-quick: $(READY)
+	$(PYTEST) -m "not slow and not gpu and not thorough"
+
 test: $(READY)
-	$(BIN)/python -m pytest -m "not slow and not gpu"
+	$(PYTEST) -m "not slow and not gpu"
 
 check: $(READY)
 	$(BIN)/ruff check
@@ -38,7 +45,7 @@ check: $(READY)
 
 # Also the slow tests, and those of a GPU where there is one.
 test-all: $(READY)
-	$(BIN)/python -m pytest -m ""
+	$(PYTEST) -m ""
 
 # The last line of each benchmark is one JSON object.
 bench: $(READY)

@@ -175,7 +175,7 @@ def tuned(
         "correlations": {
             pair: {
                 "correlation": value,
-                "percent_error_together": _told(pair, value, ratios),
+                "percent_error_together": percent_error_together(pair, value, ratios),
             }
             for pair, value in estimate.correlations.items()
         },
@@ -206,7 +206,7 @@ def row(name: str, found: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _told(pair: str, correlation: float, ratios: dict[str, float]) -> float:
+def percent_error_together(pair: str, correlation: float, ratios: dict[str, float]) -> float:
     """How far off is a pair's ratio or product, in percent; `ratios` are found to true."""
     one, other = (ratios[name] for name in pair.split(", "))
     return round(100 * abs(one * other ** -np.sign(correlation) - 1), 2)

@@ -1,5 +1,12 @@
 """What all tests share."""
 
+import ctypes
+import gc
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from ctypes.util import find_library
 from dataclasses import replace
 from functools import partial
 
@@ -10,9 +17,12 @@ from robot_limits import LIMITS, STEP_S
 from tiny_search import TINY_SEARCH
 
 from simtune.agents import Agent, AgentSpec, make_agent
+from simtune.agents.student import StudentConfig
+from simtune.agents.teacher import TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
 from simtune.algorithm import train
 from simtune.comparison import StartSearchConfig
+from simtune.evaluate import evaluate
 from simtune.experiment.settings import Settings
 from simtune.robot.latch import Latch
 from simtune.robot.safe_arm import SafeArm
@@ -21,15 +31,30 @@ from simtune.simulation import make_renderer
 from simtune.tasks import TASKS, cartpole
 from simtune.tune import tune
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.vision.detector import DetectorConfig
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _one_torch_thread():
-    """The networks here are tiny: threads would only wait for each other."""
+def _one_thread():
+    """Networks and pictures here are tiny: threads would only wait, and each takes memory."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    yield
+    with pytest.MonkeyPatch.context() as patch:
+        if hasattr(os, "sched_getaffinity"):  # by which renderers count the cores
+            patch.setattr(os, "sched_getaffinity", lambda process: {0})
+        yield
     torch.set_num_threads(threads)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _memory_given_back():
+    """What a file's tests held, such as its renderers, is not held while the next file's run."""
+    yield
+    gc.collect()
+    if sys.platform == "linux" and (library := find_library("c")):
+        trim = getattr(ctypes.CDLL(library), "malloc_trim", None)  # glibc has it
+        if trim:
+            trim(0)
 
 
 @pytest.fixture(scope="session")
@@ -41,12 +66,14 @@ def tiny() -> PosteriorSearchConfig:
 @pytest.fixture(scope="session")
 def one_renderer_each():
     """Renderers by what they draw: each takes a second to make, and none keeps anything."""
-    renderers = {}
+    renderers = {}  # the latest few, each of 100 MB
 
     def make_once(name, model, space, camera, image_size, *rest):
         key = (name, model.names, space.names, camera, image_size, *rest)
-        if key not in renderers:
-            renderers[key] = make_renderer(name, model, space, camera, image_size, *rest)
+        renderer = renderers.pop(key, None)
+        renderers[key] = renderer or make_renderer(name, model, space, camera, image_size, *rest)
+        if len(renderers) > 4:
+            del renderers[next(iter(renderers))]
         return renderers[key]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -54,11 +81,18 @@ def one_renderer_each():
         yield
 
 
-@pytest.fixture
-def quick(monkeypatch, tiny, one_renderer_each) -> Settings:
-    """Runs with these settings take seconds and find nothing; cartpole's episodes are short."""
-    monkeypatch.setitem(TASKS, "cartpole", lambda: replace(cartpole.balance(), episode_steps=24))
-    early = TeacherStudentConfig(teacher_share=0.2, random_steps=24, trusting_share=0.05)
+@pytest.fixture(scope="session")
+def quick_settings(tiny, one_renderer_each) -> Settings:
+    """Runs with these settings take seconds and find nothing."""
+    early = TeacherStudentConfig(
+        teacher=TeacherConfig(hidden_size=16, batch_size=8),
+        student=StudentConfig(
+            detector=DetectorConfig(channels=4, free_maps=2, hidden=16, batch_size=8)
+        ),
+        teacher_share=0.2,
+        random_steps=24,
+        trusting_share=0.05,
+    )
 
     def make_early_agent(name: str, spec: AgentSpec) -> Agent:
         """One that begins to act on pictures within a few rounds."""
@@ -70,11 +104,39 @@ def quick(monkeypatch, tiny, one_renderer_each) -> Settings:
     return Settings(search=tiny, comparison=comparison, make_agent=make_early_agent)
 
 
+@contextmanager
+def short_episodes():
+    """Those of cartpole take 24 steps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(TASKS, "cartpole", lambda: replace(cartpole.balance(), episode_steps=24))
+        yield
+
+
+@pytest.fixture
+def quick(quick_settings) -> Iterator[Settings]:
+    """Runs with these settings take seconds and find nothing; cartpole's episodes are short."""
+    with short_episodes():
+        yield quick_settings
+
+
+@pytest.fixture(scope="module")
+def quickly(quick_settings):
+    """What `quick` is for one test, for fixtures of a module: a context in which to make runs."""
+
+    @contextmanager
+    def settings():
+        with short_episodes():
+            yield quick_settings
+
+    return settings
+
+
 @pytest.fixture
 def quick_commands(monkeypatch, quick):
     """Makes `simtune tune` and `simtune train` quick: no option asks for such settings."""
     monkeypatch.setattr("simtune.tune.tune", partial(tune, settings=quick))
     monkeypatch.setattr("simtune.algorithm.train", partial(train, settings=quick))
+    monkeypatch.setattr("simtune.evaluate.evaluate", partial(evaluate, settings=quick))
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from simtune.simulation import (
     Simulator,
     random_actions,
 )
+from simtune.simulation.mocap import find_held
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 ARM = """
@@ -230,7 +231,7 @@ class TestControls:
             mapping(mujoco.MjModel.from_xml_string(ARM))
 
 
-def test_what_moves_no_joint_displaces_none():
+def test_joint_actions_refuse_an_actuator_that_moves_a_tendon():
     model = mujoco.MjModel.from_xml_string(
         ARM.replace(
             "</worldbody>",
@@ -249,7 +250,7 @@ class TestMocap:
         mapping = partial(MocapActions, body="target", metres_per_unit=0.02)
         xml = HAND.format(weld=WELDS[weld]).replace("<option", '<option gravity="0 0 0"')
         simulator = simulator_of(xml, mapping, step_s=0.4)
-        held = simulator.action_mapping._held
+        held = find_held(simulator.model, "target")
         actions = np.array([[[1.0, 0, 0], [0, 0, 0]], [[0.5, -1, 0.25], [-0.5, 0, 1]]])
         places = simulator.roll_out(
             np.full((2, 1), 0.01), actions, np.random.default_rng(0), held.place

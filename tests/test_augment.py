@@ -29,7 +29,7 @@ def test_a_crop_is_a_slice_of_each_stack():
 
 
 @pytest.mark.parametrize("of", ["overlapping", "permuted", "whole"])
-def test_frames_may_lie_in_memory_as_they_like(of):
+def test_crops_of_frames_in_any_memory_layout_are_the_same(of):
     seen = stacks(4, 4, 9)
     frames = {
         "overlapping": seen[:, 1:],  # as a replay's next frames
@@ -40,7 +40,7 @@ def test_frames_may_lie_in_memory_as_they_like(of):
     torch.testing.assert_close(crop(frames, top, left, 7), sliced(frames, top, left, 7))
 
 
-def test_random_crops_are_the_generators():
+def test_random_crops_are_repeated_by_a_generator_of_the_same_seed():
     frames = stacks(6, 2, 12)
     top, left = (torch.randint(5, (6,), generator=g) for g in [generator()] * 2)
     before = torch.get_rng_state()
@@ -49,7 +49,7 @@ def test_random_crops_are_the_generators():
     assert torch.equal(torch.get_rng_state(), before)
 
 
-def test_random_crops_reach_every_place_and_no_other():
+def test_random_crops_reach_every_place_within_the_picture_and_no_other():
     frames = torch.arange(7 * 7, dtype=torch.uint8).reshape(1, 1, 7, 7, 1).repeat(800, 1, 1, 1, 3)
     corners = random_crop(frames, 5, generator())[:, 0, 0, 0, 0]
     places, counts = corners.unique(return_counts=True)
@@ -58,7 +58,7 @@ def test_random_crops_reach_every_place_and_no_other():
 
 
 @pytest.mark.parametrize(("size", "cut"), [(6, slice(2, 8)), (5, slice(2, 7)), (10, slice(0, 10))])
-def test_the_centre(size, cut):
+def test_a_centre_crop_is_the_middle_of_the_picture(size, cut):
     frames = stacks(2, 3, 10)
     torch.testing.assert_close(centre_crop(frames, size), frames[:, :, cut, cut])
 
@@ -74,13 +74,13 @@ def test_a_shift_is_a_crop_of_what_was_padded_with_its_edge():
 @pytest.mark.parametrize(
     "cut", [lambda f: random_crop(f, 9, generator()), lambda f: centre_crop(f, 9)]
 )
-def test_a_crop_has_to_fit(cut):
+def test_a_crop_that_does_not_fit_is_refused(cut):
     with pytest.raises(ValueError, match="frames of 8 × 8 pixels have no crop of 9"):
         cut(stacks(1, 1, 8))
 
 
 @pytest.mark.gpu
-def test_a_gpu_crops_alike():
+def test_crops_on_a_gpu_are_those_on_a_cpu():
     frames, top, left = stacks(4, 4, 9), torch.tensor([2, 0, 1, 2]), torch.tensor([1, 2, 0, 2])
     cropped = crop(frames.cuda()[:, 1:], top.cuda(), left.cuda(), 7)
     torch.testing.assert_close(cropped.cpu(), sliced(frames[:, 1:], top, left, 7))

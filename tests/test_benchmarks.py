@@ -42,7 +42,7 @@ def test_another_task_has_other_truths():
     assert true_parameters("walker", walker, 0) != true_parameters("cheetah", cheetah, 0)
 
 
-def test_a_far_start():
+def test_a_far_start_is_four_times_or_a_quarter_of_the_truth():
     space = load_task("cartpole").parameters
     truth = Truth(space, space.nominal)
     ratios = truth.wrong_start(0, factor=4.0) / space.nominal
@@ -88,7 +88,7 @@ def test_scores_are_medians_over_worlds():
     assert score("paper", results, space)["coverage"] is None, "its range is no interval"
 
 
-def test_the_table_and_the_picture_are_of_what_is_there(tmp_path):
+def test_the_accuracy_table_and_picture_leave_out_missing_results(tmp_path):
     from baselines.picture import draw
     from baselines.scores import read_results, score_all, table
 
@@ -115,7 +115,7 @@ def test_the_table_and_the_picture_are_of_what_is_there(tmp_path):
     assert (tmp_path / "accuracy.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_worlds_that_videos_cannot_tell_are_what_they_are_called():
+def test_honesty_cases_differ_from_the_filmed_world_as_they_are_called():
     import honesty
 
     worlds = {case.__name__: case(load_task(name)) for case, name in honesty.CASES.items()}
@@ -137,10 +137,10 @@ def test_worlds_that_videos_cannot_tell_are_what_they_are_called():
     assert sorted(together) == sorted(whole.objects), "each link once"
 
 
-def test_of_a_correlated_pair_the_ratio_or_the_product_is_told():
+def test_error_of_a_correlated_pair_is_that_of_its_ratio_or_product():
     import honesty
 
     ratios = {"a": 1.2, "b": 1.2, "c": 1 / 1.2}
-    assert honesty._told("a, b", 0.9, ratios) == 0
-    assert honesty._told("a, c", -0.9, ratios) == 0
-    assert honesty._told("a, b", -0.9, ratios) == 44
+    assert honesty.percent_error_together("a, b", 0.9, ratios) == 0
+    assert honesty.percent_error_together("a, c", -0.9, ratios) == 0
+    assert honesty.percent_error_together("a, b", -0.9, ratios) == 44

@@ -146,7 +146,7 @@ def dataset(recorded, tmp_path) -> Path:
         (["report", "NOWHERE"], "is no run: there is no such folder"),
     ],
 )
-def test_unusable_arguments(simtune, tmp_path, arguments, message):
+def test_unusable_arguments_exit_with_2_and_one_line(simtune, tmp_path, arguments, message):
     places = {"OUT": str(tmp_path / "out"), "NOWHERE": str(tmp_path / "nowhere")}
     simtune.refuses(*(places.get(a, a) for a in arguments), message=message)
 
@@ -166,7 +166,7 @@ def test_unusable_arguments(simtune, tmp_path, arguments, message):
         (None, "cannot read .*: No such file"),
     ],
 )
-def test_unusable_real_parameters(simtune, tmp_path, content, message):
+def test_unusable_real_parameters_are_refused(simtune, tmp_path, content, message):
     path = tmp_path / "real.json"
     if content is not None:
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
@@ -215,13 +215,13 @@ def empty_it(folder: Path) -> None:
         (lambda folder: set_first_action(folder, [0.1, 0.2]), "expected 1 actions.*got 2"),
     ],
 )
-def test_unsound_recordings(simtune, tmp_path, dataset, spoil, message):
+def test_unsound_recordings_are_refused_in_one_line(simtune, tmp_path, dataset, spoil, message):
     spoil(dataset)
     arguments = ("tune", "cartpole", "--out", tmp_path / "out", "--real", dataset)
     simtune.refuses(*arguments, "--real-episodes", 2, message=message)
 
 
-def test_a_training_says_so_before_it_writes_anything(simtune, tmp_path, dataset):
+def test_train_refuses_unsound_recordings_before_it_writes_anything(simtune, tmp_path, dataset):
     truncate_video(dataset)
     arguments = ("train", "cartpole", "--out", tmp_path / "out", "--real", dataset)
     simtune.refuses(*arguments, "--real-episodes", 2, message="copy the file again")
@@ -235,7 +235,7 @@ def test_chosen_actions(simtune, tmp_path, dataset):
     simtune.refuses(*arguments, "--actions", "slide,slide", message=message)
 
 
-def test_recordings_that_do_not_fit(simtune, tmp_path, dataset):
+def test_recordings_of_other_actions_or_too_few_episodes_are_refused(simtune, tmp_path, dataset):
     arguments = ("--out", tmp_path / "out", "--real", dataset)
     message = "takes 2 actions, the recording has 1"
     simtune.refuses("tune", "ball_in_cup", *arguments, message=message)
@@ -249,6 +249,7 @@ def test_a_camera_is_one_of_the_recordings(simtune, tmp_path, dataset):
     simtune.refuses("tune", "cartpole", *arguments, message="--camera goes with recordings only")
 
 
+@pytest.mark.thorough
 def test_episodes_too_short_leave_no_folder(simtune, tmp_path, one_renderer_each):
     frames = np.zeros((6, 32, 32, 3), np.uint8)
     trajectory = Trajectory(frames, np.zeros((5, 1), np.float32), 0.08)
@@ -320,6 +321,7 @@ def test_tasks_lists_every_parameter(simtune):
     assert "kg" in out
 
 
+@pytest.mark.thorough
 def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands):
     out = tmp_path / "run"
     command = ("tune", "cartpole", "--out", out, "--real-episodes", 1, "--budget-minutes", "1e-5")
@@ -341,6 +343,7 @@ def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands):
     simtune.refuses(*command, "--seed", 9, message="seed = 0, now = 9")
 
 
+@pytest.mark.thorough
 def test_a_training_that_searches_for_nothing_prints_its_warnings_alone(
     simtune, tmp_path, quick_commands
 ):
@@ -373,7 +376,7 @@ def test_a_closed_pipe_causes_no_traceback():
 
 
 @pytest.mark.parametrize("command", ["", "tune", "tasks", "report", "doctor"])
-def test_help(simtune, command):
+def test_help_prints_the_usage_and_the_options_of_tune(simtune, command):
     status, out, err = simtune(*command.split(), "--help")
     assert (status, err) == (0, "")
     assert "usage: simtune" in out

@@ -43,7 +43,7 @@ def as_frames(n: int) -> torch.Tensor:
     return torch.zeros(n, 2, 16, 16, 3, dtype=torch.uint8)
 
 
-def test_the_papers_settings():
+def test_default_networks_have_the_papers_shapes():
     config = CurlSacConfig()
     assert (config.image_size, config.crop_size, config.num_stacked) == (100, 84, 3)
     agent = CurlSac(6, config, seed=0)
@@ -56,15 +56,15 @@ def test_the_papers_settings():
     assert agent.temperature().item() == pytest.approx(0.1)
 
 
-def test_a_crop_has_to_fit_into_the_picture():
+def test_a_crop_larger_than_the_picture_is_refused():
     with pytest.raises(ValueError, match="no crop of 84 fits into 64 pixels"):
         CurlSacConfig(image_size=64)
 
 
-def test_target_q_by_hand(agent, monkeypatch):
+def test_target_q_equals_hand_calculation(agent, monkeypatch):
     """γ = .99, α = .1; the second step ended the task, the third was cut off by time."""
     log_prob = torch.tensor([-2.0, 0.5, 3.0])
-    monkeypatch.setattr(agent, "_draw", lambda maps: (torch.zeros(3, 2), log_prob))
+    monkeypatch.setattr(agent, "draw", lambda maps: (torch.zeros(3, 2), log_prob))
     values = torch.tensor([[3.0, 5.0, -1.0], [4.0, 1.0, -2.0]])
     monkeypatch.setattr(agent.target.q, "forward", lambda features, actions: values)
     target_q = agent.target_q(
@@ -87,10 +87,10 @@ def test_the_critics_loss_is_the_sum_of_both_mean_squares(agent, monkeypatch):
 @pytest.mark.parametrize(("log_prob", "sign"), [(5.0, 1), (-5.0, -1)])
 def test_the_temperature_rises_where_entropy_is_too_low(agent, monkeypatch, log_prob, sign):
     """The entropy wanted is −2, for two actions; Adam's first step is the learning rate."""
-    draw = agent._draw
-    monkeypatch.setattr(agent, "_draw", lambda c: (draw(c)[0], 0 * draw(c)[1] + log_prob))
+    draw = agent.draw
+    monkeypatch.setattr(agent, "draw", lambda c: (draw(c)[0], 0 * draw(c)[1] + log_prob))
     before = agent.temperature.log.item()
-    _, entropy, temperature = agent._learn_policy(
+    _, entropy, temperature = agent.learn_policy(
         torch.rand(3, agent.critic.encoder.convolutions.num_outputs), torch.rand(3, 50)
     )
     assert agent.temperature.log.item() == pytest.approx(before + sign * 1e-4, abs=1e-6)
@@ -98,7 +98,7 @@ def test_the_temperature_rises_where_entropy_is_too_low(agent, monkeypatch, log_
     assert temperature.item() == pytest.approx(0.1)
 
 
-def test_contrast_is_a_plain_loop():
+def test_contrastive_loss_equals_a_plain_loop():
     torch.manual_seed(0)
     contrast, queries, keys = Contrast(5), torch.randn(4, 5), torch.randn(4, 5)
     loss = 0.0
@@ -129,7 +129,7 @@ def test_the_encoders_target_moves_faster_than_the_critics(agent):
             torch.testing.assert_close(now, (1 - share) * was + share * other)
 
 
-def test_actor_temperature_and_targets_wait_for_every_second_update(agent):
+def test_actor_temperature_and_targets_are_updated_every_second_time(agent):
     slow = (agent.actor, agent.temperature, agent.target)
     fast = (agent.critic.encoder, agent.critic.q, agent.contrast)
     for update in range(4):
@@ -151,7 +151,7 @@ def test_the_actors_gradient_reaches_the_actor_alone(agent):
     seen = agent.target.encoder.convolutions(as_frames(3))
     assert not seen.requires_grad
     of_actor = weights(agent.actor)
-    agent._learn_policy(seen, torch.rand(3, 50))
+    agent.learn_policy(seen, torch.rand(3, 50))
     assert not same(of_actor, weights(agent.actor))
     for module, old in zip(others, before, strict=True):
         assert same(old, weights(module))
@@ -223,7 +223,7 @@ def test_values_are_not_rounded_where_bfloat16_is_used_for_speed():
     torch.testing.assert_close(values, twin(features, actions), rtol=0, atol=0.02)
 
 
-def test_first_weights_keep_lengths():
+def test_initial_weights_are_orthogonal():
     module = torch.nn.Sequential(torch.nn.Conv2d(3, 8, 3), torch.nn.Linear(9, 4))
     initialize(module)
     convolution, linear = (part.weight.detach() for part in module)
@@ -235,7 +235,7 @@ def test_first_weights_keep_lengths():
 
 
 @pytest.mark.parametrize("num_stacked", [1, 3, 10])
-def test_the_convolutions_are_torchs(num_stacked):
+def test_convolutions_equal_torchs_own_layers(num_stacked):
     torch.manual_seed(0)
     frames = torch.randint(256, (18, num_stacked, 17, 17, 3), dtype=torch.uint8)
     convolutions = PixelConvolutions(3 * num_stacked, 17)
@@ -257,7 +257,7 @@ def test_the_encoder_is_its_convolutions_and_its_head():
     torch.testing.assert_close(encoder(frames), encoder.head(encoder.convolutions(frames)))
 
 
-def test_it_acts_on_the_centre(agent):
+def test_the_agent_acts_on_the_centre_of_its_pictures(agent):
     frames = torch.randint(256, (3, 2, 18, 18, 3), dtype=torch.uint8).numpy()
     others = frames.copy()
     others[:, :, [0, -1]] = 255 - others[:, :, [0, -1]]
@@ -267,7 +267,7 @@ def test_it_acts_on_the_centre(agent):
     assert not np.array_equal(agent.act(frames), agent.act(others))
 
 
-def test_the_benchmarks_baseline_is_the_same_agent(agent, monkeypatch):
+def test_the_benchmarks_baseline_computes_what_the_agent_does(agent, monkeypatch):
     """With the same weights it says the same of the same pictures."""
     monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
     from baselines.eager_curl_sac import EagerCurlSac
@@ -301,7 +301,7 @@ def test_the_benchmarks_baseline_is_the_same_agent(agent, monkeypatch):
 
 
 @pytest.mark.gpu
-def test_a_graph_is_the_step_that_it_was_made_of():
+def test_a_cuda_graph_repeats_the_step_it_was_captured_from():
     draw = torch.Generator("cuda").manual_seed(0)
     total = torch.zeros(3, device="cuda")
 
@@ -321,10 +321,11 @@ def test_a_graph_is_the_step_that_it_was_made_of():
 
 
 @pytest.mark.gpu
-def test_graphs_learn_as_the_plain_steps_do():
+def test_updates_by_cuda_graphs_equal_plain_updates():
     config = CurlSacConfig(**vars(SMALL) | {"crop_size": 18, "log_std": (-10.0, -9.99)})
-    graphed, plain = (CurlSac(2, config, seed=0, device="cuda") for _ in range(2))
-    plain._steps = [step._step for step in plain._steps]
+    graphed, plain = (
+        CurlSac(2, config, seed=0, device="cuda", use_graphs=use) for use in (True, False)
+    )
     batch = Transitions(
         **{name: t.cuda() for name, t in vars(pixel_batch(SMALL.image_size)).items()}
     )

@@ -142,6 +142,7 @@ def dots(num: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return (np.repeat(picture[..., None], 3, -1) * 255).astype(np.uint8), place, grey
 
 
+@pytest.mark.thorough
 def test_detector_learns_to_find_a_dot_and_a_grey():
     space = ParameterSpace([a_parameter("grey", "geom_rgba"), a_parameter("mass", "body_mass")])
     distribution = Distribution(space, np.full(2, 0.25), np.zeros(2), np.array([0.5, 1.0]))
@@ -331,6 +332,7 @@ def net_of_a_known_posterior() -> PosteriorNet:
     return posterior_net
 
 
+@pytest.mark.thorough
 @torch.no_grad()
 @pytest.mark.parametrize("episodes", [1, 4])
 def test_trained_posterior_net_gives_the_analytic_posterior(net_of_a_known_posterior, episodes):

@@ -1,11 +1,15 @@
 """DrQ-v2: its target values and noise by hand, and what its actor may not move."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from batches import pixel_batch
 
 from simtune.agents.drqv2 import DrqV2, DrqV2Config
+from simtune.replay import Replay
+from simtune.tasks import load_task
 
 SMALL = DrqV2Config(
     image_size=16,
@@ -17,6 +21,7 @@ SMALL = DrqV2Config(
     update_every=1,
     noise_steps=1000,
 )
+SPACE = load_task("cartpole").parameters
 
 
 @pytest.fixture
@@ -24,13 +29,13 @@ def agent() -> DrqV2:
     return DrqV2(2, SMALL, seed=0)
 
 
-def test_the_papers_sizes():
+def test_default_networks_have_the_papers_shapes():
     agent = DrqV2(6, seed=0)
     of_actor = [tuple(p.shape) for p in agent.actor.parameters() if p.ndim > 1]
     assert of_actor == [(50, 32 * 35 * 35), (1024, 50), (1024, 1024), (6, 1024)]
 
 
-def test_target_q_by_hand(agent, monkeypatch):
+def test_target_q_equals_hand_calculation(agent, monkeypatch):
     values = torch.tensor([[3.0, 5.0, -1.0], [4.0, 1.0, -2.0]])
     monkeypatch.setattr(agent.target, "forward", lambda obs, actions: values)
     target_q = agent.target_q(
@@ -51,15 +56,17 @@ def test_target_q_is_of_the_actors_actions_with_clipped_noise(agent, monkeypatch
     assert ((off.abs() - 0.3).abs() < 1e-6).float().mean() > 0.5  # noise of 1 is mostly clipped
 
 
-def test_noise_falls_as_scheduled(agent):
+def test_noise_falls_with_the_steps_collected_until_its_last_value():
+    agent = DrqV2(2, replace(SMALL, update_every=100_000), seed=0)
+    replay = Replay(SPACE, filmed_capacity=1)  # left alone: no update is due yet
     noises = [agent.noise]
     for num_steps in (250, 250, 500, 10_000):
-        agent._counter.collect(num_steps)
+        agent.update(replay, num_steps)
         noises.append(agent.noise)
     assert noises == pytest.approx([1.0, 0.775, 0.55, 0.1, 0.1])
 
 
-def test_the_actor_moves_nothing_but_itself(agent, monkeypatch):
+def test_the_actors_loss_has_no_gradient_in_the_encoder(agent, monkeypatch):
     agent.learn(pixel_batch(SMALL.image_size))
     for module in (agent.encoder, agent.critic, agent.target):
         module.zero_grad(set_to_none=True)

@@ -112,7 +112,7 @@ class Letterbox(gymnasium.Wrapper):
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_of_a_picture_that_is_no_square_the_middle_is_looked_at(ball, axis):
+def test_pictures_that_are_not_square_are_cut_to_their_middle(ball, axis):
     parameters, actions, _ = some_worlds(2, 6)
     plain, boxed = (
         EnvironmentSimulator(env, SPACE, step_s=0.05, image_size=SIZE)
@@ -177,6 +177,7 @@ def test_worlds_of_an_environment_are_simulated_as_those_of_a_model():
 # --- tuned --------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_tune_takes_an_environment_and_resumes(tmp_path, quick):
     example = shutil.copytree(EXAMPLE, tmp_path / "example")
     file = example / "tune.toml"
@@ -198,7 +199,7 @@ def test_tune_takes_an_environment_and_resumes(tmp_path, quick):
 
 
 @pytest.mark.slow
-def test_a_known_world_is_found(tmp_path):
+def test_tune_finds_the_parameters_of_a_known_environment(tmp_path):
     truth = {"gravity": 7.0, "bounce": 0.75, "push": 3.0, "ball_g": 0.3}
     (tmp_path / "truth.json").write_text(json.dumps(truth))
     result = tune(
@@ -242,7 +243,7 @@ def test_a_file_may_have_dataclasses_and_helpers_beside_it(tmp_path):
     assert load_any_task(str(tmp_path / "tune.toml")).simulator(image_size=32).num_actions >= 0
 
 
-def test_files_that_name_no_environment_say_so(tmp_path):
+def test_files_that_name_no_environment_are_refused(tmp_path):
     text = (EXAMPLE / "tune.toml").read_text()
     (tmp_path / "env.py").write_text((EXAMPLE / "env.py").read_text())
     assert "tune.toml:1: there is no file" in refused(text.replace("env.py", "enf.py"), tmp_path)
@@ -278,14 +279,14 @@ def test_files_that_name_no_environment_say_so(tmp_path):
         ("1 - self._place[1]]", "0, 0]", "from the top, got (1, 3)"),
     ],
 )
-def test_environments_that_lack_something_say_what(before, after, said, tmp_path):
+def test_environments_that_lack_something_are_refused_by_its_name(before, after, said, tmp_path):
     code = (EXAMPLE / "env.py").read_text()
     assert before in code
     (tmp_path / "env.py").write_text(code.replace(before, after, 1))
     assert said in refused((EXAMPLE / "tune.toml").read_text(), tmp_path)
 
 
-def test_what_needs_a_model_says_so(tmp_path):
+def test_commands_that_need_a_model_refuse_an_environment(tmp_path):
     out = tmp_path / "out"
     for asked in (
         lambda: train(TrainConfig(task=FILE, out=out)),

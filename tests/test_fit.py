@@ -107,6 +107,7 @@ def test_state_features_give_the_state_back():
     np.testing.assert_allclose(space.features(turned), space.features(states), atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_shooting_recovers_mass_and_gain_from_noisy_keypoints(simulator, played):
     keypoints, truth, rollouts = played
     rng = np.random.default_rng(2)
@@ -124,6 +125,7 @@ def test_shooting_recovers_mass_and_gain_from_noisy_keypoints(simulator, played)
     assert (np.abs(found.unit - SPACE.to_unit(truth)[MOVING]) < 4 * deviation + 0.002).all()
 
 
+@pytest.mark.thorough
 def test_shooting_fits_worse_with_a_wrong_pole_length(simulator, played):
     keypoints, truth, rollouts = played
     rng = np.random.default_rng(3)

@@ -79,6 +79,7 @@ SERVOS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [*CASES, *SERVOS])
 def test_window_with_replayed_actuators_moves_as_its_episode(name):
     make, truth = (CASES | SERVOS)[name]
@@ -95,6 +96,7 @@ def test_window_with_replayed_actuators_moves_as_its_episode(name):
     assert np.abs(physics.states(forgetful) - states[:, at : at + length + 1]).max() > 0.01
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_fit_recovers_delay_and_gain_from_windows_inside_episodes(name):
     make, truth = CASES[name]

@@ -60,6 +60,7 @@ class Swings:
         return float(self.space.from_unit(unit)[LENGTH])
 
 
+@pytest.mark.thorough
 def test_horizon_extends_for_a_slow_swing_and_recovers_its_length(pendulum):
     swings = Swings(pendulum, 0)
     short, long = swings.fit()
@@ -69,6 +70,7 @@ def test_horizon_extends_for_a_slow_swing_and_recovers_its_length(pendulum):
     assert abs(swings.found_length(long) / swings.length - 1) < 0.01
 
 
+@pytest.mark.thorough
 def test_horizon_stays_where_longer_windows_are_not_explained(pendulum):
     swings = Swings(pendulum, 1, noise_px=1.5)
     mixed = np.arange(STEPS + 1) // 12 % 2 == 1  # every other window shows another episode

@@ -6,7 +6,7 @@ import torch
 from simtune.agents.noise import disturbed
 
 
-def test_noise_is_what_was_asked_for_and_gradients_pass_where_it_was_clipped():
+def test_noise_has_the_std_asked_for_and_gradients_pass_where_it_is_clipped():
     actions = torch.full((4000, 2), 0.2, requires_grad=True)
     noisy = disturbed(actions.detach(), 0.1, torch.Generator().manual_seed(0))
     assert float(noisy.std()) == pytest.approx(0.1, rel=0.05)

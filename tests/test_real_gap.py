@@ -112,7 +112,7 @@ def test_only_the_simulators_own_pictures_look_like_it(simulator):
         assert real.observation.same_renderer is (gap is None)
 
 
-def test_there_is_still_no_way_to_the_parameters(simulator):
+def test_a_world_behind_a_gap_does_not_give_its_parameters_away(simulator):
     real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=STILL)
     public = {name for name in dir(real) if not name.startswith("_")}
     can = {"collect", "run_policy", "step_s", "observation"}
@@ -135,7 +135,7 @@ def test_another_renderer_draws_what_is_behind_the_gap():
         np.testing.assert_array_equal(seen.actions, clean.actions)
 
 
-def test_without_opengl_the_renderer_says_so(monkeypatch):
+def test_a_gap_without_opengl_is_refused_in_one_line(monkeypatch):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setattr(opengl, "find_library", lambda name: None)

@@ -87,7 +87,7 @@ def test_a_camera_that_falls_silent_is_noticed(recording):
         camera.close()
 
 
-def test_where_there_is_no_camera_it_says_so(tmp_path):
+def test_a_missing_camera_is_refused(tmp_path):
     with pytest.raises(RobotError, match="no RealSense 123 is connected; there are: "):
         RealSense(serial="123").connect()
 

@@ -35,7 +35,7 @@ def read(folder: Path, size: int = 64):
     return RecordedReal(open_dataset(folder, image_size=size, num_actions=1)).collect()
 
 
-def test_what_was_filmed_comes_back(tmp_path):
+def test_a_recorded_dataset_is_read_back_as_it_was_filmed(tmp_path):
     trajectories = read(record(asked(tmp_path / "dataset")))
     assert [len(trajectory) for trajectory in trajectories] == [STEPS, STEPS]
     assert trajectories[0].step_s == pytest.approx(TASK.step_s)
@@ -70,11 +70,12 @@ def test_a_trained_policy_can_be_filmed(tmp_path, quick):
     steps = 2 * 16 * STEPS
     settings = {"policy_steps": steps, "real_episodes": 1, "scored_episodes": 1}
     train(TrainConfig(task="cartpole", out=run, method="oracle", **settings), settings=quick)
-    (trajectory,) = read(record(asked(tmp_path / "dataset", episodes=1, policy=str(run))))
+    asked_for = asked(tmp_path / "dataset", episodes=1, policy=str(run))
+    (trajectory,) = read(record(asked_for, settings=quick))
     held = trajectory.actions.reshape(-1, 4)
     assert (np.ptp(held, axis=1) > 0).any()  # random actions are held for four steps
     with pytest.raises(InputError, match="was trained for cartpole, not for walker"):
-        record(asked(tmp_path / "walker", task="walker", policy=str(run)))
+        record(asked(tmp_path / "walker", task="walker", policy=str(run)), settings=quick)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +94,7 @@ def test_wrong_input_is_refused_and_nothing_is_written(changes, message, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_holds_something_is_left_alone(tmp_path):
+def test_record_refuses_a_folder_that_is_not_empty(tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match="exists already and is not empty"):
         record(asked(tmp_path))

@@ -5,6 +5,7 @@ import functools
 import sys
 
 import mujoco
+import mujoco_warp
 import numpy as np
 import pytest
 
@@ -55,7 +56,19 @@ THINGS = {  # that a parameter paints; elsewhere "body"
     "rope_peg": "box",
     "cabinet_slide": "cabinet",
 }
+# A fixed camera, a tracking one, and a mocap body; the others in the slow tests.
+ALL_TASKS = [
+    pytest.param(n, marks=() if n in ("ball_in_cup", "walker", "rope_peg") else pytest.mark.slow)
+    for n in TASKS
+]
 RED, GREY, BLUE = (0.8, 0.1, 0.1), (0.5, 0.5, 0.5), (0.1, 0.1, 0.8)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _simulators_given_back():
+    yield
+    simulator_of.cache_clear()
+    filmed_otherwise.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -160,18 +173,17 @@ def test_one_thread_draws_what_many_draw(scene):
     np.testing.assert_array_equal(one.render(states, parameters), three.render(states, parameters))
 
 
-def test_the_constant_sky_is_the_ray_casters_own(scene, monkeypatch):
-    monkeypatch.setattr("simtune.simulation.raycaster._SKY_SAMPLES", 1)
+def test_the_sky_of_a_fixed_camera_is_the_one_drawn_for_a_camera_that_may_turn(scene):
     states, parameters = states_of(scene, [0.0, 0.3]), painted((RED, BLUE), (GREY, RED))
-    shortcut = Raycaster(scene, SPACE, "above", SIZE, num_threads=1)
-    monkeypatch.setattr("simtune.simulation.raycaster._can_turn", lambda *_: True)
-    own = Raycaster(scene, SPACE, "above", SIZE, num_threads=1)
-    frames = own.render(states, parameters)
+    fixed = Raycaster(scene, SPACE, "above", SIZE, num_threads=1, sky_samples=1)
+    turning = ParameterSpace([*SPACE, *camera_pose("camera", "above", (0, -1, 1))])
+    own = Raycaster(scene, turning, "above", SIZE, num_threads=1)
+    frames = own.render(states, np.hstack([parameters, np.tile(turning.nominal[6:], (2, 1))]))
     assert len(np.unique(frames[0, :8].reshape(-1, 3), axis=0)) > 5  # there is a gradient
-    np.testing.assert_array_equal(shortcut.render(states, parameters), frames)
+    np.testing.assert_array_equal(fixed.render(states, parameters), frames)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=2)
 def simulator_of(name: str) -> Simulator:
     return load_task(name).simulator(image_size=84)
 
@@ -189,7 +201,7 @@ def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
     assert len(np.unique(frames.reshape(-1, 3), axis=0)) > 100  # it is no empty picture
 
 
-@pytest.mark.parametrize("name", list(TASKS))
+@pytest.mark.parametrize("name", ALL_TASKS)
 def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(name, monkeypatch):
     task, simulator = load_task(name), simulator_of(name)
     rng = np.random.default_rng(2)
@@ -283,7 +295,7 @@ def camera_space(name: str) -> ParameterSpace:
     )
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1)
 def filmed_otherwise(name: str) -> tuple[Simulator, np.ndarray, np.ndarray]:
     """A simulator, and 8 states of worlds with parameters: cameras all over their ranges."""
     task, space = load_task(name), camera_space(name)
@@ -302,7 +314,7 @@ def test_a_camera_of_other_pose_and_view_is_drawn_by_us_as_by_mujoco_warp(monkey
     """All in one: moved, turned and zoomed, with a sky that turns and a remembering model."""
     simulator, states, parameters = filmed_otherwise("walker")
     with monkeypatch.context() as patch:
-        patch.setattr("simtune.simulation.raycaster._draw", lambda *_: pytest.fail("not by us"))
+        patch.setattr(mujoco_warp, "render", lambda *_: pytest.fail("not by us"))
         frames = simulator.render(states, parameters)
     expected = mujoco_warps_own(monkeypatch, simulator.model, simulator.space, "side", 84)
     assert_nearly_same_pictures(frames, expected.render(states, parameters))
@@ -365,8 +377,12 @@ def test_a_turning_cameras_sky_has_no_stars_smaller_than_pixels():
     np.testing.assert_array_equal(sky_faces(smooth_sky(model, 1e-3)), before)
 
 
+@pytest.mark.thorough
 @pytest.mark.opengl
-@pytest.mark.parametrize("name", ["ball_in_cup", "walker", "cartpole"])
+@pytest.mark.parametrize(
+    "name",
+    ["walker", *(pytest.param(n, marks=pytest.mark.slow) for n in ("ball_in_cup", "cartpole"))],
+)
 def test_both_renderers_see_through_a_camera_of_other_pose_and_view(name):
     """Fixed and tracking cameras. Measured: 2.1 to 5.3 of 255, much of it in the sky's stars."""
     simulator, states, parameters = filmed_otherwise(name)
@@ -412,12 +428,12 @@ FLEX = """
 
 
 @pytest.mark.parametrize("xml", [MESH, FLEX], ids=["mesh", "flex"])
-def test_what_is_no_primitive_is_left_to_mujoco_warp(xml, monkeypatch):
+def test_models_with_meshes_or_flexes_are_drawn_by_mujoco_warp(xml, monkeypatch):
     monkeypatch.setattr(Primitives, "__init__", lambda *_: pytest.fail("it is drawn by us"))
     Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, "above", SIZE)
 
 
-def test_a_flex_is_drawn_where_it_is():
+def test_a_flex_is_drawn_at_its_place_in_the_picture():
     model = mujoco.MjModel.from_xml_string(FLEX)
     renderer = Raycaster(model, BALL, "above", SIZE, num_threads=1)
     frame = renderer.render(initial_state(model), BALL.nominal[None])[0]
@@ -426,8 +442,9 @@ def test_a_flex_is_drawn_where_it_is():
     assert columns[: SIZE // 2].any()
 
 
+@pytest.mark.thorough
 @pytest.mark.opengl
-@pytest.mark.parametrize("name", list(TASKS))
+@pytest.mark.parametrize("name", ALL_TASKS)
 def test_both_renderers_draw_the_same_pictures_of_every_task(name):
     """Measured: 1.7 to 3.5 of 255 with shadows, 2.0 to 4.0 as dm_control draws.
 
@@ -448,8 +465,9 @@ def test_both_renderers_draw_the_same_pictures_of_every_task(name):
         assert np.abs(difference.mean(axis=(0, 1, 2))).max() < 3  # no brighter, no other tint
 
 
+@pytest.mark.thorough
 @pytest.mark.opengl
-@pytest.mark.parametrize("name", list(TASKS))
+@pytest.mark.parametrize("name", ALL_TASKS)
 def test_both_renderers_put_the_robot_at_the_same_pixels(name):
     """The silhouette of what a parameter paints: the pixels that its colour changes."""
     task, simulator = load_task(name), simulator_of(name)
@@ -502,7 +520,7 @@ def test_opengl_renderers_do_not_disturb_one_another(scene):
     np.testing.assert_array_equal(draw_one(first, scene, RED, BLUE), before)
 
 
-def test_without_opengl_one_line_says_what_to_do(scene, monkeypatch):
+def test_opengl_that_is_not_installed_is_refused_with_what_to_install(scene, monkeypatch):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(opengl, "find_library", lambda name: None)

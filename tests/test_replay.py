@@ -165,7 +165,7 @@ def test_stacks_stay_within_their_episode(num_stacked):
         assert torch.equal(frames[..., 0, 0, 0].int(), expected.int())
 
 
-def test_only_what_ends_the_task_has_no_future():
+def test_discount_is_zero_only_where_the_task_ended():
     replay = Replay(SPACE, filmed_capacity=0, unfilmed_capacity=4)
     episodes = some([7, 4, 7, 4], filmed=False)  # a short one that did not end has diverged
     episodes.rewards[...] = np.arange(28).reshape(4, 7)
@@ -190,7 +190,7 @@ def test_every_step_is_as_likely_as_any_other():
         assert (counts - 2000).abs().max() < 5 * 2000**0.5
 
 
-def test_what_is_far_is_dropped_and_its_slots_are_used_first():
+def test_episodes_out_of_range_are_dropped_and_their_slots_used_first():
     replay = Replay(SPACE, filmed_capacity=3, unfilmed_capacity=2)
     near, far = np.array([1.0, 0.5]), np.array([1.0, 0.9])
     for filmed, parameters in ((True, [near, far, near]), (False, [near, far])):
@@ -209,7 +209,7 @@ def test_what_is_far_is_dropped_and_its_slots_are_used_first():
     assert len(replay) == replay.num_steps == 0
 
 
-def test_diverged_at_once_is_not_stored_and_of_too_many_the_last_ones_are():
+def test_empty_episodes_are_not_stored_and_of_too_many_only_the_last():
     replay = Replay(SPACE, filmed_capacity=3)
     episodes = some([7, 0, 6, 5, 4])
     replay.add(episodes)
@@ -220,7 +220,7 @@ def test_diverged_at_once_is_not_stored_and_of_too_many_the_last_ones_are():
     assert (replay.num_added, len(replay)) == (4, 3)
 
 
-def test_goes_on_from_a_checkpoint_bit_for_bit(tmp_path):
+def test_a_replay_resumed_from_a_checkpoint_repeats_its_batches_bit_for_bit(tmp_path):
     def start() -> Replay:
         return Replay(SPACE, filmed_capacity=5, unfilmed_capacity=4)
 
@@ -365,7 +365,7 @@ def test_rollouts_become_episodes_without_rewards():
     assert episodes.lengths.tolist() == [STEPS, STEPS]
 
 
-def test_messages_about_episodes():
+def test_episodes_that_do_not_fit_together_are_refused():
     episodes = some([7, 3])
     with pytest.raises(ValueError, match=r"2 episodes of 7 steps .* states of shape \(2, 8, D\)"):
         replace(episodes, states=episodes.states[:, 1:])
@@ -379,7 +379,7 @@ def test_messages_about_episodes():
         replace(episodes, lengths=np.array([7, 8]))
 
 
-def test_messages_about_what_is_stored():
+def test_a_replay_refuses_what_it_cannot_store_or_sample():
     replay = Replay(SPACE, filmed_capacity=2)
     with pytest.raises(ValueError, match="no episode is stored; add some"):
         replay.sample(3, generator(), with_frames=False)

@@ -216,7 +216,7 @@ def test_report_without_truth(run_path):
     assert "class='truth'" not in html
 
 
-def test_known_worlds_say_how_far_to_trust_intervals(run_path):
+def test_report_with_known_worlds_shows_how_far_to_trust_intervals(run_path):
     html, page = _report(run_path)
     assert "How far to trust this" in page.text
     words = "3 known worlds, filmed and fitted in the same way: 27 of 30 of the 90 % intervals held"
@@ -248,7 +248,7 @@ def test_band_of_uniform_ranks():
         (0.9, (-1, 1.5), "neither is told well alone (correlation 0.90)"),
     ],
 )
-def test_what_is_told_of_parameters_that_go_together(run_path, correlation, mass, said):
+def test_report_names_correlated_parameters_by_product_or_ratio(run_path, correlation, mass, said):
     def spread(result):
         result["correlations"] = {"ball_mass, cup_r": correlation}
         for name, (low, high) in (("ball_mass", mass), ("cup_r", (0.4, 0.6))):
@@ -316,12 +316,12 @@ def test_report_copes_with_unknown_figures(run_path):
     assert "nan" not in page.text
 
 
-def test_no_run(tmp_path):
+def test_report_refuses_a_folder_without_a_run(tmp_path):
     with pytest.raises(InputError, match=r"is no run: it has no config\.json"):
         write_report(tmp_path)
 
 
-def test_damaged_result(run_path):
+def test_report_refuses_a_damaged_result(run_path):
     (run_path / "result.json").write_text('{"task": "ball')
     with pytest.raises(InputError, match=r"result\.json is damaged"):
         write_report(run_path)
@@ -353,7 +353,7 @@ def test_a_trained_policy_is_shown_with_its_score_and_how_it_learnt(tmp_path):
 
 
 @pytest.mark.parametrize("method", ["dr", "oracle"])
-def test_of_methods_that_tune_nothing_no_verdict_is_shown(method, tmp_path):
+def test_report_of_methods_that_tune_nothing_shows_no_verdict(method, tmp_path):
     path = make_run(tmp_path / "run")
     result = json.loads((path / "result.json").read_text())
     untuned = {"method": method, "ranks": {}, "correlations": {}}
@@ -377,7 +377,7 @@ def test_each_verdict_says_what_to_take(tmp_path):
     assert "these videos do not tell" in words
 
 
-def test_the_recordings_are_told_and_everything_can_be_downloaded(tmp_path):
+def test_report_names_the_recordings_and_links_every_file(tmp_path):
     path = make_run(tmp_path / "run")
     shutil.copy(path / "videos" / "after.mp4", path / "videos" / "overlay.mp4")
     result = json.loads((path / "result.json").read_text())
@@ -410,7 +410,7 @@ def test_an_overlay_is_grey_where_both_are_alike():
     np.testing.assert_array_equal(seen[2, 0, 0], [100, 200, 200])
 
 
-def test_what_is_called_like_a_colour_need_not_be_one(tmp_path):
+def test_report_shows_a_parameter_named_like_a_colour_as_a_number(tmp_path):
     """Gears of three motors, say: drawn as numbers, and not as a swatch."""
     path = make_run(tmp_path / "run")
     for name in ("config.json", "result.json", "metrics.jsonl", "curves.json"):

@@ -29,12 +29,12 @@ def read(path: Path) -> dict:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def test_the_page_is_made_of_the_claims():
+def test_the_results_page_is_the_one_made_from_the_claims():
     assert (ROOT / "docs" / "results.md").read_text(encoding="utf-8") == MADE["page"]()
 
 
 @pytest.mark.parametrize("path", CLAIMS, ids=lambda path: path.stem)
-def test_every_row_says_where_it_is_from(path):
+def test_every_row_of_a_claim_has_its_command_commit_date_and_hardware(path):
     claim = read(path)
     assert {"title", "claim", "note", "key", "columns", "rows"} <= set(claim)
     for row in claim["rows"]:

@@ -81,14 +81,14 @@ def test_tensorboard_mirrors_the_scalars(path):
         ),
     ],
 )
-def test_refused_paths(path, prepare, message):
+def test_unusable_run_folders_are_refused(path, prepare, message):
     prepare(path)
     with pytest.raises(InputError, match=message) as caught:
         _create(path)
     assert "\n" not in str(caught.value)
 
 
-def test_read_only_folder(path, monkeypatch):
+def test_a_read_only_folder_is_refused(path, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied")
 
@@ -230,7 +230,7 @@ def test_without_a_checkpoint_the_logs_start_anew(path):
         assert _steps(run) == []
 
 
-def test_kill_between_writing_and_renaming(path, monkeypatch):
+def test_a_kill_between_writing_and_renaming_keeps_the_former_files(path, monkeypatch):
     """Whatever the moment, the old file and the old checkpoint stay whole."""
 
     def killed(*_):
@@ -254,7 +254,7 @@ def test_kill_between_writing_and_renaming(path, monkeypatch):
         assert sorted(p.name for p in (path / "checkpoints").iterdir()) == ["000001", "000002"]
 
 
-def test_killed_before_its_first_config(path):
+def test_a_run_killed_before_its_first_config_can_begin_anew(path):
     path.mkdir(parents=True)
     (path / ".config.json.tmp").write_text("{")
     with _create(path) as run:
@@ -267,7 +267,7 @@ def test_write_atomically_replaces(tmp_path):
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("x", "new")]
 
 
-def test_a_damaged_film_of_the_real_world_is_said_to_be_damaged(tmp_path):
+def test_a_damaged_film_of_the_real_world_is_refused_as_damaged(tmp_path):
     with RunFolder.create(tmp_path / "run", {}) as run:
         film = Trajectory(np.zeros((3, 8, 8, 3), np.uint8), np.zeros((2, 1), np.float32), 0.1)
         run.write_real(0, [film])

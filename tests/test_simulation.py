@@ -77,7 +77,7 @@ def test_rollouts_have_the_shapes_that_renderers_and_learners_expect(cartpole):
 
 
 @pytest.mark.parametrize("speed", [np.nan, np.inf, 1e15])
-def test_a_diverged_world_is_dead_and_the_others_do_not_notice(
+def test_a_diverged_world_stops_and_the_others_go_on_unchanged(
     cartpole, speed, tmp_path, monkeypatch, capfd
 ):
     monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
@@ -233,7 +233,7 @@ def test_every_world_follows_its_controls_as_late_as_its_parameter_says(name):
 
 
 @pytest.mark.parametrize(("integrator", "early_steps"), [("Euler", 0.0), ("RK4", 0.5)])
-def test_runge_kutta_is_half_a_step_early(integrator, early_steps):
+def test_delays_under_runge_kutta_end_half_a_step_early(integrator, early_steps):
     """It looks half a step and a step ahead. Here: by when a constant push has made its speed."""
     xml = f"""<mujoco><option timestep="0.01" gravity="0 0 0" integrator="{integrator}"/>
       <worldbody><body><joint name="x" type="slide"/><geom size="1" mass="1"/></body></worldbody>
@@ -282,7 +282,7 @@ def test_only_delayed_actuators_remember(walker):
     assert model.actuator_history[:, 0].sum() == 20
 
 
-def test_nothing_here_knows_what_commands_are_asked():
+def test_the_simulation_package_imports_nothing_of_commands():
     folder = Path(simtune.simulation.__file__).parent
     for file in folder.glob("*.py"):
         assert "simtune.config" not in file.read_text(encoding="utf-8"), file.name

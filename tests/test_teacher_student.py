@@ -66,7 +66,7 @@ def make_teacher(**changes) -> Teacher:
 # --- the teacher --------------------------------------------------------------------------
 
 
-def test_targets_by_hand():
+def test_teachers_target_q_equals_hand_calculation():
     teacher = make_teacher(discount=0.9, noise_clip=0.3)
     batch = transitions(2, discounts=torch.tensor([1.0, 0.0]))
     found = teacher.target_q(batch, batch.next_states, 0.5, torch.Generator().manual_seed(7))
@@ -80,7 +80,7 @@ def test_targets_by_hand():
     torch.testing.assert_close(found, expected)
 
 
-def test_targets_follow_slowly():
+def test_target_critics_are_moving_averages():
     teacher = make_teacher(target_rate=0.25)
     slow = [p.clone() for p in teacher.targets.parameters()]
     teacher.update(transitions(16), 0.1, torch.Generator().manual_seed(0))
@@ -90,7 +90,7 @@ def test_targets_follow_slowly():
         torch.testing.assert_close(now, 0.75 * old + 0.25 * fast)
 
 
-def test_its_losses_move_each_what_is_its_own():
+def test_critics_are_updated_alike_whatever_the_actor_is():
     """Critics learn from rewards alone, and the actor by nothing but what critics think of it."""
     batch, teacher, other = transitions(16), make_teacher(), make_teacher()
     with torch.no_grad():
@@ -104,17 +104,18 @@ def test_its_losses_move_each_what_is_its_own():
 
 
 @pytest.mark.parametrize("rounds", [2, 10])
-def test_its_noise_falls_over_a_share_of_the_training_however_early_the_student_begins(rounds):
+def test_teachers_noise_falls_over_its_share_of_the_training_whenever_the_student_begins(rounds):
     agent = make_agent(rounds * WORLDS * STEPS, noise_share=0.5)  # of 10 · WORLDS · STEPS
     first, last = agent.config.teacher.noise
     noises = []
     for num_steps in (0, 2.5, 5, 8):
         agent.num_steps = round(num_steps * WORLDS * STEPS)
-        noises.append(agent._teacher_noise)
+        noises.append(agent.teacher_noise)
     assert noises == pytest.approx([first, (first + last) / 2, last, last])
 
 
-def test_a_teacher_learns_what_pays():
+@pytest.mark.thorough
+def test_a_teacher_learns_the_best_actions_of_a_bandit():
     """A bandit: the reward is −(a − ½·s)², so the best action is half the state."""
     teacher, generator = make_teacher(discount=0.0), torch.Generator().manual_seed(0)
     for i in range(1000):
@@ -126,7 +127,7 @@ def test_a_teacher_learns_what_pays():
 
 
 @pytest.mark.parametrize(("cost", "returns"), [(0.0, False), (0.01, True)])
-def test_what_went_where_the_tanh_is_flat_comes_back_by_its_cost_alone(cost, returns):
+def test_a_saturated_actor_returns_only_with_a_saturation_cost(cost, returns):
     teacher = make_teacher(saturation_cost=cost)
     bias = teacher.actor[-1].bias
     torch.nn.init.constant_(bias, 20.0)
@@ -134,7 +135,7 @@ def test_what_went_where_the_tanh_is_flat_comes_back_by_its_cost_alone(cost, ret
     assert bool((bias < 20).all()) == returns
 
 
-def test_its_actions_know_no_parameters():
+def test_the_teachers_actor_takes_no_parameters_and_its_critics_do():
     teacher, batch = make_teacher(), transitions(4)
     assert teacher.actor[0].in_features == batch.states.shape[1]
     assert teacher.critics.weights[0].shape[1] == 3 + 1 + 2
@@ -160,7 +161,8 @@ def dots(num: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
     return torch.from_numpy(frames), torch.from_numpy(places)
 
 
-def test_a_student_learns_to_see():
+@pytest.mark.thorough
+def test_a_student_learns_to_detect_dots_and_their_heights():
     student, generator = small_student(), torch.Generator().manual_seed(0)
     frames, places = dots(512)
     for i in range(150):
@@ -174,7 +176,7 @@ def test_a_student_learns_to_see():
     assert (seen[:, -1] - (truth[:, 0, 0] - 16) / 6).abs().median() < 0.3
 
 
-def test_what_is_remembered_is_what_would_be_seen():
+def test_a_student_that_remembers_pictures_acts_as_one_that_sees_them_anew():
     student = small_student()
     film = dots(40)[0].reshape(4, 10, SIZE, SIZE, 3)
     for t in range(8):
@@ -233,7 +235,7 @@ def test_the_teacher_is_first_and_then_they_take_turns():
 
 
 @pytest.mark.parametrize("rounds", [1.5, 2, 2.5, 4, 5, 5.2, 10])
-def test_its_student_has_begun_whenever_it_is_tried_out(rounds):
+def test_the_student_can_act_by_the_first_real_episode(rounds):
     first_tried = round(rounds * WORLDS * STEPS)
     agent, replay = make_agent(first_tried), make_replay()
     while agent.num_steps < first_tried:
@@ -254,7 +256,7 @@ def test_the_teacher_acts_until_the_student_can():
         np.testing.assert_allclose(agent.explore(seen), expected, atol=1e-6)
 
 
-def test_losses_are_told_under_the_same_names_always():
+def test_losses_have_the_same_names_in_every_round():
     taught, studied = make_agent(teacher_share=0.1), make_replay()
     losses = go_on(taught, studied, range(4))
     names = {"loss/critic", "loss/actor", "loss/detector", "loss/imitation"}
@@ -264,7 +266,7 @@ def test_losses_are_told_under_the_same_names_always():
     assert math.isfinite(losses[-1]["loss/imitation"])
 
 
-def test_what_acts_sees_pixels_alone():
+def test_the_policy_acts_without_the_teachers_networks():
     agent, replay = make_agent(), make_replay()
     go_on(agent, replay, range(6))
     frames = episodes(9, True).frames[:, :3]
@@ -276,7 +278,7 @@ def test_what_acts_sees_pixels_alone():
     assert np.ptp(agent.act(episodes(10, True).frames[:, :3]) - acted) > 0
 
 
-def test_in_simulation_it_may_explore_by_the_state():
+def test_exploring_without_pictures_acts_on_the_state():
     agent = make_agent(random_steps=0)
     states = np.random.default_rng(0).normal(size=(WORLDS, 3)).astype(np.float32)
     acted = agent.explore(Observation(states, None))
@@ -284,14 +286,14 @@ def test_in_simulation_it_may_explore_by_the_state():
     assert (np.abs(acted) <= 1).all()
 
 
-def test_a_checkpoint_of_other_networks_is_said_to_be_one():
+def test_a_checkpoint_of_other_network_sizes_is_refused():
     wider = make_agent(teacher=TeacherConfig(hidden_size=17, batch_size=8))
     with pytest.raises(InputError, match="another teacher than this version"):
         make_agent().load(wider.tensors(), wider.state())
 
 
 @pytest.mark.parametrize("before", [2, 6])
-def test_it_goes_on_bit_for_bit(before):
+def test_a_resumed_agent_repeats_a_straight_one_bit_for_bit(before):
     straight, interrupted = make_agent(), make_agent()
     replay, other = make_replay(), make_replay()
     go_on(straight, replay, range(before))

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import torch
 from other_keypoints import find_others
+from slow_training import train_slowly
 
 from simtune.agents import Agent, AgentSpec, Observation, make_agent
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
@@ -48,6 +49,15 @@ def config_of(out: Path, **changes) -> TrainConfig:
         task="cartpole", out=out, policy_steps=4 * 16 * STEPS, real_episodes=2, scored_episodes=2
     )
     return dataclasses.replace(config, **changes)
+
+
+@pytest.fixture(scope="module")
+def autotuned(tmp_path_factory, quickly) -> tuple[Path, dict]:
+    """A finished training's folder, with a checkpoint of every round, and its result."""
+    out = tmp_path_factory.mktemp("autotuned") / "run"
+    with quickly() as quick:
+        settings = dataclasses.replace(quick, checkpoint_every_s=0.0)
+        return out, train(config_of(out), settings=settings)
 
 
 # --- the order of Algorithm 1 -------------------------------------------------------------
@@ -230,13 +240,27 @@ def test_recordings_that_are_too_short_are_refused_before_anything_is_written(tm
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("method", ["autotune", "regression", "dr", "oracle"])
-def test_a_run_folder_keeps_its_contract(method, tmp_path, quick):
+@pytest.mark.parametrize(
+    "method",
+    [
+        "dr",
+        *(
+            pytest.param(m, marks=pytest.mark.thorough)
+            for m in ("autotune", "regression", "oracle")
+        ),
+    ],
+)
+def test_a_finished_training_has_the_files_and_fields_that_are_documented(
+    method, tmp_path, quick, request
+):
     out = tmp_path / "run"
     config, settings = config_of(out, method=method), quick
     if method == "regression":  # a few small steps, not forty
         settings = dataclasses.replace(quick, search=FEW_WINDOWS, schedule=one_round(config))
-    result = train(config, settings=settings)
+    if method == "autotune":
+        out, result = request.getfixturevalue("autotuned")
+    else:
+        result = train(config, settings=settings)
     assert result["method"] == method
     assert result["policy_steps"] == 4 * 16 * STEPS
     assert set(result["return"]) == {"mean", "std", "episodes"}
@@ -274,6 +298,7 @@ def one_round(config: TrainConfig) -> Schedule:
     return dataclasses.replace(schedule, searches=(1, 1))
 
 
+@pytest.mark.thorough
 def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
     """By a reward of the user's own; the example's grows with the bob's height."""
     example = Path(__file__).parent.parent / "examples" / "cart_pendulum"
@@ -286,13 +311,14 @@ def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
     result = train(config, settings=quick)
     assert 0 < result["return"]["mean"] < STEPS
     again = EvaluateConfig(run_folder=out, episodes=2, seed=0)
-    assert evaluate(again) == result["return"]
+    assert evaluate(again, settings=quick) == result["return"]
     code = (tmp_path / "policy.py").read_text()
     (tmp_path / "policy.py").write_text(code.replace("/ 2", "* 50"))
     with pytest.raises(InputError, match=r"is not what .* was trained with: bring it back"):
-        evaluate(again)
+        evaluate(again, settings=quick)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("agent", ["curl_sac", "drqv2"])
 def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick):
     few = {"hidden_size": 8, "batch_size": 2, "random_steps": 16 * STEPS, "update_every": 4 * STEPS}
@@ -311,7 +337,8 @@ def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick):
     assert np.isfinite(last["critic_loss"])
 
 
-def test_ranges_are_those_asked_for(tmp_path, quick):
+@pytest.mark.thorough
+def test_training_ranges_are_those_asked_for(tmp_path, quick):
     ranges = {"range_policy": 0.02, "range_dr": 0.3, "range_spm": 0.4, "step_size": 0.07}
 
     def training(**changes) -> Training:
@@ -336,6 +363,7 @@ def test_ranges_are_those_asked_for(tmp_path, quick):
     assert (config.step_size, config.range_spm) == (0.07, 0.4)
 
 
+@pytest.mark.thorough
 def test_scored_episodes_start_elsewhere_than_all_others(tmp_path):
     """Every episode begins elsewhere: looked at, tried out, scored."""
     config = config_of(tmp_path, task="ball_in_cup", method="oracle")
@@ -367,7 +395,7 @@ def test_all_recordings_are_taken_where_no_number_is_asked_for(tmp_path, quick):
         build_training(dataclasses.replace(config, real_episodes=5), settings=quick)
 
 
-def test_a_policy_that_begins_to_learn_too_late_is_warned_of(tmp_path, quick):
+def test_a_policy_that_begins_to_learn_too_late_gives_a_warning(tmp_path, quick):
     experiment = build_training(config_of(tmp_path, method="dr"), settings=quick)
     too_few = "the policy had not begun to learn: give more --policy-steps"
     assert experiment.policy_warnings(0) == [too_few]
@@ -406,7 +434,8 @@ def test_a_search_simulates_episodes_as_long_as_the_real_ones(task, tmp_path):
     assert search.config.episode_steps == load_task(task).episode_steps
 
 
-def test_the_presets_schedules(tmp_path):
+@pytest.mark.thorough
+def test_schedules_of_the_presets_equal_hand_calculation(tmp_path):
     """By hand: what is tried out when, and the paper's phases in its own numbers."""
     assert fast(48_000, 5, many_searches=False).first_tried == 24_000
     assert fast(48_000, 5, pretrain_steps=16_000, many_searches=False).first_tried == 16_000
@@ -428,19 +457,20 @@ def test_the_presets_schedules(tmp_path):
     assert short.episodes_per_iteration * short.episode_steps == pytest.approx(2000, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_a_real_world_with_changed_parameters_is_refused(tmp_path, quick):
     truth = tmp_path / "real.json"
     truth.write_text('{"body_r": 0.6}')  # twice or half of either is 1, or hardly differs
     config = config_of(tmp_path / "run", method="dr", real_parameters=truth)
     train(config, settings=quick)
-    scores = evaluate(EvaluateConfig(run_folder=config.out, episodes=2))
+    scores = evaluate(EvaluateConfig(run_folder=config.out, episodes=2), settings=quick)
     truth.write_text('{"body_r": 0.8}')
     with pytest.raises(InputError, match="has other values now"):
-        evaluate(EvaluateConfig(run_folder=config.out, episodes=2))
+        evaluate(EvaluateConfig(run_folder=config.out, episodes=2), settings=quick)
     with pytest.raises(InputError, match="truth"):
         train(config, settings=quick)
     truth.write_text('{"body_r": 0.6}')
-    assert evaluate(EvaluateConfig(run_folder=config.out, episodes=2)) == scores
+    assert evaluate(EvaluateConfig(run_folder=config.out, episodes=2), settings=quick) == scores
 
 
 # --- killed and resumed -------------------------------------------------------------------
@@ -469,9 +499,9 @@ def assert_same(one: Path, other: Path) -> None:
     assert state == other_state
 
 
-def test_a_stopped_run_resumes_to_the_same_result(tmp_path, quick):
+@pytest.mark.thorough
+def test_a_stopped_run_resumes_to_the_same_result(autotuned, tmp_path, quick):
     settings = dataclasses.replace(quick, checkpoint_every_s=0.0)
-    train(config_of(tmp_path / "straight"), settings=settings)
     interrupted_at = []
 
     def interrupt(doing: str, done: float) -> None:
@@ -485,28 +515,30 @@ def test_a_stopped_run_resumes_to_the_same_result(tmp_path, quick):
         with pytest.raises(KeyboardInterrupt):
             train(config_of(out), interrupt, settings)
     train(config_of(out), interrupt, settings)
-    assert_same(tmp_path / "straight", out)
+    assert_same(autotuned[0], out)
 
     # And what `evaluate` makes of it, from the checkpoint alone: on the same episodes the same.
-    again = evaluate(EvaluateConfig(run_folder=out, episodes=2, seed=config_of(out).seed))
+    again = evaluate(
+        EvaluateConfig(run_folder=out, episodes=2, seed=config_of(out).seed), settings=quick
+    )
     assert again == read_json(out / "result.json")["return"]
     with pytest.raises(InputError, match=r"is no folder that `simtune train` wrote"):
-        evaluate(EvaluateConfig(run_folder=tmp_path / "nowhere"))
+        evaluate(EvaluateConfig(run_folder=tmp_path / "nowhere"), settings=quick)
 
     # A training of a robot is loaded without asking the robot, here one without its file.
     stored = read_json(out / "config.json")
     stored["config"] |= {"real": "xarm", "robot": "gone.toml", "truth": None}
     (out / "config.json").write_text(json.dumps(stored))
-    trained = load_trained(out)
+    trained = load_trained(out, settings=quick)
     assert trained.agent.can_act
     assert trained.simulator.step_s == TASK.step_s
     assert trained.simulator.supersampling == 2  # as for what a camera films
     assert trained.truth is None
     with pytest.raises(InputError, match="is of the real world, where no return is known"):
-        evaluate(EvaluateConfig(run_folder=out))
+        evaluate(EvaluateConfig(run_folder=out), settings=quick)
     (tmp_path / "world.json").write_text("{}")
     world = EvaluateConfig(run_folder=out, parameters=tmp_path / "world.json", episodes=2, seed=0)
-    assert evaluate(world)["mean"] > 0
+    assert evaluate(world, settings=quick)["mean"] > 0
 
 
 def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, quick, monkeypatch):
@@ -532,10 +564,12 @@ def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, qu
     assert num_keypoints == [len(experiment.keypoints)]
 
 
-def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(tmp_path, quick, monkeypatch):
+@pytest.mark.thorough
+def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(
+    autotuned, tmp_path, quick, monkeypatch
+):
     """Where `find_keypoints` would choose others, as it may on another machine."""
-    config = config_of(tmp_path / "run", policy_steps=2 * 16 * STEPS)
-    train(config, settings=quick)
+    config = config_of(shutil.copytree(autotuned[0], tmp_path / "run"))
     begun = load(newest(config.out / "checkpoints"))[1]["keypoints"]
     monkeypatch.setattr("simtune.experiment.experiment.find_keypoints", find_others)
     new = build_training(config_of(tmp_path / "new"), settings=quick)
@@ -543,36 +577,34 @@ def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(tmp_path, quic
     resumed = build_training(config, settings=quick)
     with Run(resumed) as run:
         run.resume()
-    for experiment in (resumed, load_trained(config.out)):
+    for experiment in (resumed, load_trained(config.out, settings=quick)):
         assert experiment.environment.keypoints.state() == begun
         assert experiment.search.context.keypoints.state() == begun
 
 
-@pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("kills", [1, pytest.param(50, marks=pytest.mark.slow)])
 def test_a_run_killed_at_random_moments_loses_nothing(kills, tmp_path):
     """SIGKILL, which nothing can catch, in a process of its own, whenever it has got on."""
     rng, rounds = random.Random(0), 3 + 2 * kills
-
-    def start(name: str) -> subprocess.Popen:
-        script = str(Path(__file__).with_name("train_slowly.py"))
-        return subprocess.Popen([sys.executable, script, str(tmp_path / name), str(rounds)])
-
-    assert start("straight").wait() == 0
+    train_slowly(tmp_path / "straight", rounds)
     metrics, num_killed = tmp_path / "killed" / "metrics.jsonl", 0
     while num_killed < kills:
-        process, before = start("killed"), len(read_jsonl(metrics))
+        script = str(Path(__file__).with_name("slow_training.py"))
+        command = [sys.executable, script, str(tmp_path / "killed"), str(rounds)]
+        process, before = subprocess.Popen(command), len(read_jsonl(metrics))
         while process.poll() is None and len(read_jsonl(metrics)) <= before:
             time.sleep(0.01)
         time.sleep(rng.uniform(0, 1))
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL, "it was done before it could be killed"
         num_killed += 1
-    assert start("killed").wait() == 0
+    train_slowly(tmp_path / "killed", rounds)
     assert_same(tmp_path / "straight", tmp_path / "killed")
 
 
 @pytest.mark.parametrize("name", ["teacher_student", "curl_sac", "drqv2"])
-def test_agents_plug_in_by_name(name):
+def test_an_agent_made_by_name_acts_and_is_stored_and_loaded(name):
     """Each acts on pictures of the size that it was made for, and can be stored and loaded."""
 
     def make(seed: int, total_steps: int = 100_000) -> Agent:

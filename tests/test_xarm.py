@@ -1,10 +1,11 @@
 """The unmodified xArm SDK, against a controller on loopback."""
 
 import signal
+from contextlib import closing
 
 import numpy as np
 import pytest
-from fake_xarm import TOLD_WITHIN_S, stopped_while_moving
+from fake_xarm import stopped_while_moving
 from robot_limits import ACTIONS, HIGH, LIMITS, LOW, START, STEP_S, strange_action
 
 from simtune.errors import InputError, RobotError
@@ -17,13 +18,13 @@ SENSITIVITY, REDUCED_SPEED, GET_POSE = 37, 47, 41
 CHANGES = {11, SET_STATE, 16, 19, *range(21, 41), REDUCED_SPEED, 48, REDUCED, BOUNDARY, 58, FENCE}
 
 
-def test_asking_changes_nothing(controller, xarm, capfd):
+def test_measuring_an_arm_changes_nothing_in_its_controller(controller, xarm, capfd):
     np.testing.assert_allclose(xarm.measure(), [300, 0, 200])
     assert not CHANGES & set(controller.registers)
     assert capfd.readouterr().out == ""  # the SDK would print
 
 
-def test_it_goes_where_it_is_sent(controller, safe_xarm, xarm):
+def test_an_arm_goes_where_it_is_sent_in_lines_within_its_limits(controller, safe_xarm, xarm):
     safe_xarm.go_to(np.array([350.0, 20.0, 210.0]))
     np.testing.assert_allclose(xarm.measure(), [350, 20, 210], atol=3)
     for _, line in controller.moves:
@@ -50,36 +51,38 @@ DEAF = {
 }
 
 
-def test_limits_that_are_not_in_force_keep_it_still(controller, xarm, latch, monkeypatch):
-    monkeypatch.setattr("simtune.robot.controller_limits._REPORTED_WITHIN_S", 0.2)
-    controller.deaf = set(DEAF)
-    for register, message in DEAF.items():
-        with pytest.raises(RobotError, match=message):
-            SafeArm(xarm, LIMITS, STEP_S, latch)
-        controller.deaf.remove(register)
+def test_an_arm_whose_limits_are_not_in_force_is_not_moved(controller, latch):
+    settings = {"acceleration": 1000.0, "collision_sensitivity": 4, "reported_within_s": 0.2}
+    with closing(XArm(controller.ip, **settings, latch=latch)) as xarm:
+        xarm.connect()
+        controller.deaf = set(DEAF)
+        for register, message in DEAF.items():
+            with pytest.raises(RobotError, match=message):
+                SafeArm(xarm, LIMITS, STEP_S, latch)
+            controller.deaf.remove(register)
     assert not controller.moves
 
 
-def test_a_place_outside_of_the_workspace_keeps_it_still(controller, xarm, latch):
+def test_an_arm_outside_of_its_workspace_is_not_moved(controller, xarm, latch):
     controller.place = np.array([300.0, 0.0, 40.0])
     with pytest.raises(RobotError, match=r"at \(300.0, 0.0, 40.0\), outside of its workspace"):
         SafeArm(xarm, LIMITS, STEP_S, latch)
     assert not CHANGES & set(controller.registers)
 
 
-def test_a_tool_that_does_not_point_down_keeps_it_still(controller, xarm):
+def test_measuring_fails_where_the_tool_does_not_point_down(controller, xarm):
     controller.angles = np.array([2.8, 0.0, 0.0])
     with pytest.raises(RobotError, match="roll is 160° and pitch 0°"):
         xarm.measure()
 
 
-def test_a_place_that_is_no_number_is_not_taken_for_the_one_before(controller, xarm):
+def test_measuring_fails_where_the_controller_tells_a_nan_place(controller, xarm):
     controller.lies[GET_POSE] = np.full(6, np.nan, "<f4").tobytes()
     with pytest.raises(RobotError, match="does not tell where it is"):
         xarm.measure()
 
 
-def test_an_error_is_for_a_person_to_clear(controller, xarm, latch):
+def test_an_arm_with_an_error_is_refused_and_the_error_not_cleared(controller, xarm, latch):
     controller.error = 31
     with pytest.raises(RobotError, match=r"error 31 \(.*[Cc]ollision.*\)"):
         SafeArm(xarm, LIMITS, STEP_S, latch)
@@ -87,37 +90,32 @@ def test_an_error_is_for_a_person_to_clear(controller, xarm, latch):
     assert not CHANGES & set(controller.registers)
 
 
-def test_an_error_on_the_way_stops_it_and_latches(controller, safe_xarm, latch):
-    after_s, why = stopped_while_moving(
-        controller, safe_xarm, lambda: setattr(controller, "error", 22)
-    )
-    assert after_s < TOLD_WITHIN_S
+def test_an_error_during_a_motion_stops_the_arm_and_closes_the_latch(controller, safe_xarm, latch):
+    why = stopped_while_moving(controller, safe_xarm, lambda: setattr(controller, "error", 22))
     assert "error 22" in why
     with pytest.raises(InputError, match="error 22"):
         latch.check()
 
 
-def test_a_stop_by_somebody_else_ends_the_episode(controller, safe_xarm, latch):
-    _, why = stopped_while_moving(controller, safe_xarm, lambda: setattr(controller, "state", 4))
+def test_a_stop_by_somebody_else_ends_the_motion_and_closes_the_latch(controller, safe_xarm, latch):
+    why = stopped_while_moving(controller, safe_xarm, lambda: setattr(controller, "state", 4))
     assert "stopped or taken over: state 4" in why
     assert latch.file.exists()
 
 
-def test_an_arm_that_is_dragged_away_is_stopped(controller, safe_xarm):
+def test_an_arm_that_something_else_moves_is_stopped(controller, safe_xarm):
     def drag():
         controller.place = controller.place - np.array([0.0, 100.0, 0.0])
 
-    after_s, why = stopped_while_moving(controller, safe_xarm, drag)
-    assert after_s < TOLD_WITHIN_S
+    why = stopped_while_moving(controller, safe_xarm, drag)
     assert "something else moves it" in why
 
 
-def test_ill_actions_stop_it(controller, safe_xarm, latch):
+def test_an_action_of_nan_stops_the_arm_and_closes_the_latch(controller, safe_xarm, latch):
     def act():
         safe_xarm.send(ACTIONS.target([np.nan, 0.0], START), START)
 
-    after_s, _ = stopped_while_moving(controller, safe_xarm, act)
-    assert after_s < TOLD_WITHIN_S
+    stopped_while_moving(controller, safe_xarm, act)
     assert "must be finite" in latch.file.read_text()
 
 
@@ -131,7 +129,7 @@ def interruptible():
 
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("fails", [KeyboardInterrupt, ValueError])
-def test_a_second_interrupt_does_not_undo_the_first(
+def test_a_second_interrupt_during_a_stop_is_ignored_and_the_arm_stopped(
     controller, safe_xarm, xarm, latch, monkeypatch, fails
 ):
     def stop():
@@ -152,14 +150,14 @@ def test_a_second_interrupt_does_not_undo_the_first(
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_after_a_stop_nothing_moves_until_a_person_has_been_there(controller, xarm, latch):
+def test_a_closed_latch_keeps_the_arm_still(controller, xarm, latch):
     latch.close("error 31")
     with pytest.raises(InputError, match="see to it, then remove"):
         SafeArm(xarm, LIMITS, STEP_S, latch)
     assert not CHANGES & set(controller.registers)
 
 
-def test_where_there_is_no_controller_it_says_so(latch):
+def test_connecting_without_a_controller_names_the_address(latch):
     robot = XArm("127.0.0.1", acceleration=1000.0, collision_sensitivity=3, latch=latch)
     with pytest.raises(RobotError, match=r"no xArm answers at 127\.0\.0\.1"):
         robot.connect()
@@ -191,10 +189,12 @@ def fuzz_the_wire(controller, safe_xarm, num: int) -> int:
     return sent
 
 
-def test_strange_actions_do_not_reach_the_wire(controller, safe_xarm):
-    assert 1500 < fuzz_the_wire(controller, safe_xarm, 4000) < 4000
+def test_strange_actions_reach_the_controller_within_limits_or_not_at_all(controller, safe_xarm):
+    assert 375 < fuzz_the_wire(controller, safe_xarm, 1000) < 1000
 
 
 @pytest.mark.slow
-def test_a_million_strange_actions_do_not_reach_the_wire(controller, safe_xarm):
+def test_a_million_strange_actions_reach_the_controller_within_limits_or_not_at_all(
+    controller, safe_xarm
+):
     assert 400_000 < fuzz_the_wire(controller, safe_xarm, 1_000_000) < 1_000_000

@@ -49,7 +49,7 @@ def write_comparison(
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
     for name, parameters in (("before", before), ("after", after)):
-        frames = _film(simulator, late.actions, parameters, start)
+        frames = film_from(simulator, late.actions, parameters, start)
         write_video(folder / f"{name}.mp4", frames, fps)
     write_video(folder / "overlay.mp4", overlay(trajectory.frames, frames), fps)
 
@@ -111,7 +111,7 @@ def _compare(
     return rollouts.states[:, 0], np.square(difference).mean((1, 2, 3, 4))
 
 
-def _film(
+def film_from(
     simulator: AnySimulator, actions: np.ndarray, parameters: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
     rng = np.random.default_rng(0)  # unused: the start is given

@@ -6,6 +6,7 @@ from typing import Any
 
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
+from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.outcome import summary
 from simtune.progress import ReportProgress, silent
@@ -17,7 +18,9 @@ _OPTIONS = [field.name for field in fields(TrainConfig)]
 _PATHS = ("robot", "real_parameters")  # options that config.json holds as text
 
 
-def evaluate(config: EvaluateConfig, report: ReportProgress = silent) -> dict[str, Any]:
+def evaluate(
+    config: EvaluateConfig, report: ReportProgress = silent, settings: Settings | None = None
+) -> dict[str, Any]:
     """Returns of the policy of a run that `train` wrote, in a simulated world; goals by name.
 
     Nothing is written. Raises InputError where there is no policy, or no world to score it in.
@@ -28,7 +31,7 @@ def evaluate(config: EvaluateConfig, report: ReportProgress = silent) -> dict[st
             f"{config.run_folder} is of the real world, where no return is known; give "
             "--parameters of a simulated one"
         )
-    trained = load_trained(config.run_folder, report)
+    trained = load_trained(config.run_folder, report, settings)
     if config.parameters is not None:
         world = read_parameters(config.parameters, trained.space)
     else:
@@ -40,7 +43,9 @@ def evaluate(config: EvaluateConfig, report: ReportProgress = silent) -> dict[st
     return returns | {goal: summary(reached) for goal, reached in scores.items()}
 
 
-def load_trained(run_folder: Path, report: ReportProgress = silent) -> TrainingExperiment:
+def load_trained(
+    run_folder: Path, report: ReportProgress = silent, settings: Settings | None = None
+) -> TrainingExperiment:
     """A training whose agent is as its newest checkpoint has it.
 
     Nothing else is loaded: what it learnt from need not be drawn anew, no robot is asked, no
@@ -54,7 +59,7 @@ def load_trained(run_folder: Path, report: ReportProgress = silent) -> TrainingE
     options = {name: run_config[name] for name in _OPTIONS}
     options |= {name: Path(options[name]) for name in _PATHS if options[name] is not None}
     options |= {"out": run_folder, "device": "auto"}  # where it is now, and this machine's
-    trained = build_training(TrainConfig(**options), report, trained=state)
+    trained = build_training(TrainConfig(**options), report, settings, trained=state)
     _check_unchanged(trained, run_config, run_folder)
     trained.load_agent(tensors, state)
     if not trained.agent.can_act:

@@ -8,6 +8,7 @@ import numpy as np
 from simtune.config import RecordConfig
 from simtune.errors import InputError
 from simtune.evaluate import load_trained
+from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import read_parameters
@@ -25,7 +26,9 @@ from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
 
 
-def record(config: RecordConfig, report: ReportProgress = silent) -> Path:
+def record(
+    config: RecordConfig, report: ReportProgress = silent, settings: Settings | None = None
+) -> Path:
     """Film episodes of one world, and of what acts in it; returns the folder.
 
     One episode is in memory at a time. Raises InputError for what cannot be used, with nothing
@@ -34,7 +37,7 @@ def record(config: RecordConfig, report: ReportProgress = silent) -> Path:
     config.check()
     task = load_task(config.task)
     parameters = read_parameters(config.parameters, task.parameters)
-    trained = _trained(config.policy, task)
+    trained = _trained(config.policy, task, settings)
     simulator = task.simulator(
         image_size=config.image_size,
         step_s=trained.environment.simulator.step_s if trained else None,
@@ -75,13 +78,13 @@ def _film(
         yield Trajectory(frames, rollouts.actions[0].astype(np.float32), simulator.step_s)
 
 
-def _trained(policy: str, task: Task) -> TrainingExperiment | None:
+def _trained(policy: str, task: Task, settings: Settings | None) -> TrainingExperiment | None:
     """The training of a policy that is one. Raises InputError where `task` has no such policy."""
     if policy == "scripted" and task.script is None:
         raise InputError(f"{task.name} has no script to act by: --policy random or a run")
     if policy in ("random", "scripted"):
         return None
-    trained = load_trained(Path(policy))
+    trained = load_trained(Path(policy), settings=settings)
     if trained.task.content_hash != task.content_hash:
         raise InputError(
             f"--policy {policy} was trained for {trained.task.name}, not for {task.name}"

@@ -97,7 +97,9 @@ class CurlSac(PixelAgent):
         *,
         seed: int,
         device: torch.device | str = "cpu",
+        use_graphs: bool = True,
     ):
+        """`use_graphs`: updates on CUDA are captured as graphs, which is faster."""
         self.config = config = config or CurlSacConfig()
         super().__init__(num_actions, config, seed, device)
         with seeded(seed):
@@ -120,12 +122,13 @@ class CurlSac(PixelAgent):
             lr=config.temperature_learning_rate,
             betas=(config.temperature_beta1, 0.999),
         )
+        self._use_graphs = use_graphs and self.device.type == "cuda"
         self._steps = self._make_steps()
 
     def _make_steps(self) -> Sequence[Callable[..., torch.Tensor]]:
-        """The update without and with what is done every other time; graphs of both on CUDA."""
+        """The update without and with what is done every other time; graphs of both where used."""
         steps = [partial(self._learn, slow=slow) for slow in (False, True)]
-        if self.device.type == "cuda":
+        if self._use_graphs:
             return [GraphedStep(step, self._generator) for step in steps]
         return steps
 
@@ -134,7 +137,7 @@ class CurlSac(PixelAgent):
         with torch.inference_mode(), autocast(self.device):
             seen = centre_crop(torch.as_tensor(frames).to(self.device), self.config.crop_size)
             maps = self.target.encoder.convolutions(seen)
-            actions = self._draw(maps)[0] if sample else self.actor(maps)[0].tanh()
+            actions = self.draw(maps)[0] if sample else self.actor(maps)[0].tanh()
             return actions.cpu().numpy()
 
     def learn(self, batch: Transitions) -> torch.Tensor:
@@ -171,7 +174,7 @@ class CurlSac(PixelAgent):
 
         losses = [critic_loss, contrast_loss, values.mean()]
         if slow:
-            losses += self._learn_policy(maps, features.detach())
+            losses += self.learn_policy(maps, features.detach())
             move_towards(self.target.encoder, self.critic.encoder, self.config.encoder_rate)
             move_towards(self.target.q, self.critic.q, self.config.critic_rate)
         else:
@@ -183,15 +186,15 @@ class CurlSac(PixelAgent):
     ) -> torch.Tensor:
         """(B,) r + γ·d·(min Q'(o', a') − α·log π(a'|o')), a' drawn from the policy; cropped o'."""
         maps = self.target.encoder.convolutions(next_obs)
-        actions, log_prob = self._draw(maps)
+        actions, log_prob = self.draw(maps)
         values = self.target.q(self.target.encoder.head(maps), actions).amin(0)
         soft = values - self.temperature() * log_prob
         return rewards + self.config.discount * discounts * soft
 
-    def _learn_policy(self, maps: torch.Tensor, features: torch.Tensor) -> list[torch.Tensor]:
+    def learn_policy(self, maps: torch.Tensor, features: torch.Tensor) -> list[torch.Tensor]:
         """The actor by (B, F) feature maps and the critics' (B, 50) features; the temperature."""
         with autocast(self.device):
-            actions, log_prob = self._draw(maps)
+            actions, log_prob = self.draw(maps)
             values = self.critic.q(features, actions).amin(0)
         actor_loss = (self.temperature().detach() * log_prob - values).mean()
         descend(actor_loss, self._actor_optimizer)
@@ -200,7 +203,7 @@ class CurlSac(PixelAgent):
         descend(temperature * (entropy + self.num_actions), self._temperature_optimizer)
         return [actor_loss, entropy, temperature]
 
-    def _draw(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def draw(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, F) feature maps to actions (B, A) of the policy and their log-probabilities (B,)."""
         mean, log_std = self.actor(maps)
         return sample_squashed(mean, log_std, self._generator)

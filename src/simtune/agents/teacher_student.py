@@ -84,7 +84,7 @@ class TeacherStudent:
         if self.num_steps < self.config.random_steps:
             actions = uniform_actions(len(states), self._num_actions, self._generator)
         elif observation.frames is None:
-            actions = self._disturbed(self.teacher.act(states), self._teacher_noise)
+            actions = self._disturbed(self.teacher.act(states), self.teacher_noise)
         else:
             trusting_steps = self.config.trusting_share * self._total_steps
             acts_itself = self._uniform(len(states), 1) * trusting_steps < self._num_filmed
@@ -109,7 +109,7 @@ class TeacherStudent:
         losses = {}
         for _ in range(round(num_steps * self.config.teacher_updates_per_step)):
             batch = self._sample(replay, self.config.teacher.batch_size)
-            losses = self.teacher.update(batch, self._teacher_noise, self._generator)
+            losses = self.teacher.update(batch, self.teacher_noise, self._generator)
         return losses
 
     def _train_student(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
@@ -150,7 +150,8 @@ class TeacherStudent:
         return disturbed(actions, noise, self._generator)
 
     @property
-    def _teacher_noise(self) -> float:
+    def teacher_noise(self) -> float:
+        """The standard deviation by which the teacher explores now."""
         falls_over = self.config.noise_share * self._total_steps
         return falling(self.config.teacher.noise, self.num_steps / falls_over)
 

@@ -9,10 +9,10 @@ import numpy as np
 from simtune.errors import RobotError
 from simtune.robot.limits import Limits
 
-_REPORTED_WITHIN_S = 2.0
 
-
-def limit_controller(arm: Any, limits: Limits, collision_sensitivity: int) -> None:
+def limit_controller(
+    arm: Any, limits: Limits, collision_sensitivity: int, reported_within_s: float
+) -> None:
     """Reduced mode with its speed and boundary, the fence, and how light a touch stops the arm.
 
     Raises RobotError where the controller refuses one of them, or says afterwards that another is
@@ -31,10 +31,12 @@ def limit_controller(arm: Any, limits: Limits, collision_sensitivity: int) -> No
         code = answer[0] if isinstance(answer, list) else answer
         if code != 0:
             raise RobotError(f"the controller does not set its {what} (code {code})")
-    check_controller(arm, limits, collision_sensitivity)
+    check_controller(arm, limits, collision_sensitivity, reported_within_s)
 
 
-def check_controller(arm: Any, limits: Limits, collision_sensitivity: int) -> None:
+def check_controller(
+    arm: Any, limits: Limits, collision_sensitivity: int, reported_within_s: float
+) -> None:
     """Raises RobotError where these limits are not in force."""
     code, states = arm.get_reduced_states()
     if code != 0 or len(states) < 7:
@@ -46,7 +48,7 @@ def check_controller(arm: Any, limits: Limits, collision_sensitivity: int) -> No
         "maximum speed": (np.float32(limits.speed), np.float32(speed)),
         "fence": (1, is_fenced),
     }
-    deadline_s = time.monotonic() + _REPORTED_WITHIN_S
+    deadline_s = time.monotonic() + reported_within_s
     while arm.collision_sensitivity != collision_sensitivity and time.monotonic() < deadline_s:
         time.sleep(0.02)  # only reports say it, five a second
     expected["collision sensitivity"] = (collision_sensitivity, arm.collision_sensitivity)

@@ -31,20 +31,20 @@ class Watchdog:
 
     def __init__(self, ip: str, latch: Latch):
         """Raises RobotError where it cannot be started."""
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             [sys.executable, "-m", "simtune.robot.watchdog", ip, str(latch.file)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             start_new_session=True,  # what interrupts this process must not end that one
         )
-        assert self._process.stdin
-        assert self._process.stdout
-        self._pipe, says = self._process.stdin.fileno(), self._process.stdout
+        assert self.process.stdin
+        assert self.process.stdout
+        self._pipe, says = self.process.stdin.fileno(), self.process.stdout
         is_there = select.select([says], [], [], _STARTED_WITHIN_S)[0]
         if not is_there or says.readline() != _READY:
-            self._process.kill()
-            self._process.wait()
+            self.process.kill()
+            self.process.wait()
             raise RobotError(f"the watchdog could not reach the xArm at {ip}: nothing may move")
 
     def beat(self) -> None:
@@ -54,9 +54,9 @@ class Watchdog:
         self._tell(_RESTING)
 
     def close(self) -> None:
-        assert self._process.stdin
-        self._process.stdin.close()
-        self._process.wait()
+        assert self.process.stdin
+        self.process.stdin.close()
+        self.process.wait()
 
     def _tell(self, what: bytes) -> None:
         try:

@@ -28,10 +28,22 @@ class XArm:
 
     axes: tuple[str, ...] = ("x", "y", "z")
 
-    def __init__(self, ip: str, *, acceleration: float, collision_sensitivity: int, latch: Latch):
-        """`acceleration` in mm/s²; `collision_sensitivity` from 1 to 5, the most sensitive."""
+    def __init__(
+        self,
+        ip: str,
+        *,
+        acceleration: float,
+        collision_sensitivity: int,
+        latch: Latch,
+        reported_within_s: float = 2.0,
+    ):
+        """`acceleration` in mm/s²; `collision_sensitivity` from 1 to 5, the most sensitive.
+
+        `reported_within_s`: how long the controller may take to tell the limits that were set.
+        """
         self._ip, self._acceleration, self._latch = ip, acceleration, latch
         self._collision_sensitivity = collision_sensitivity
+        self._reported_within_s = reported_within_s
         self._arm: Any = None
         self._is_woken = False
         self._limits: Limits | None = None  # once it may move
@@ -49,7 +61,8 @@ class XArm:
         self._yaw_deg = self._pose()[5]
         self._is_woken = True
         self.stop()  # whatever may still be queued
-        limit_controller(self._arm, limits, self._collision_sensitivity)
+        demanded = (limits, self._collision_sensitivity, self._reported_within_s)
+        limit_controller(self._arm, *demanded)
         self._demand("enable its motors", self._arm.motion_enable(True))
         self._demand("change its mode", self._arm.set_mode(_ONLINE_MODE))
         self._demand("get ready", self._arm.set_state(0))
@@ -60,7 +73,7 @@ class XArm:
                     f"the xArm is in mode {self._arm.mode} and state {self._arm.state}, not ready"
                 )
             time.sleep(0.02)
-        check_controller(self._arm, limits, self._collision_sensitivity)
+        check_controller(self._arm, *demanded)
         self._limits = limits
         return Watchdog(self._ip, self._latch)
 

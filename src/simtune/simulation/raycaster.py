@@ -18,7 +18,6 @@ from simtune.simulation.primitives import Primitives
 from simtune.simulation.worlds import no_printed_warnings
 
 _CHUNK = 64  # pictures a launch: small enough to stay in the cache, large enough to amortise it
-_SKY_SAMPLES = 4  # a pixel and axis: the suite's stars are smaller than pixels and would sparkle
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 _COMPILING = Lock()  # Warp builds modules one at a time
 _NOTHING = 0  # packed pixel where the ray hits nothing; drawn ones are opaque, so never 0
@@ -40,7 +39,9 @@ class Raycaster:
         camera: str,
         image_size: int,
         num_threads: int = 0,
+        sky_samples: int = 4,
     ):
+        """`sky_samples` a pixel and axis: stars are smaller than pixels and would sparkle."""
         _init_warp()
         self.image_size = image_size
         self._num_threads = num_threads or _num_cores()
@@ -48,7 +49,7 @@ class Raycaster:
         if _can_turn(model, space, model.camera(camera).id):
             model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / image_size)
         else:
-            sky = _constant_sky(model, camera, image_size)
+            sky = _constant_sky(model, camera, image_size, sky_samples)
         self._idle: SimpleQueue[_Context] = SimpleQueue()
         for _ in range(self._num_threads):
             self._idle.put(_Context(model, space, camera, image_size, sky))
@@ -199,14 +200,14 @@ def _can_turn(model: mujoco.MjModel, space: ParameterSpace, camera: int) -> bool
     return model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0
 
 
-def _constant_sky(model: mujoco.MjModel, camera: str, image_size: int) -> np.ndarray:
+def _constant_sky(model: mujoco.MjModel, camera: str, image_size: int, samples: int) -> np.ndarray:
     """(H, W) packed pixels behind everything."""
     model = copy.copy(model)
     model.geom_rgba[:] = model.flex_rgba[:] = 0
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     context = _make_context(
-        model, camera, image_size, render_skybox=True, samples_per_pixel=_SKY_SAMPLES
+        model, camera, image_size, render_skybox=True, samples_per_pixel=samples
     )
     pixels = _draw(mujoco_warp.put_model(model), mujoco_warp.put_data(model, data), context)
     return pixels.reshape(image_size, image_size).copy()
