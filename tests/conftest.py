@@ -72,7 +72,7 @@ def one_renderer_each():
         key = (name, model.names, space.names, camera, image_size, *rest)
         renderer = renderers.pop(key, None)
         renderers[key] = renderer or make_renderer(name, model, space, camera, image_size, *rest)
-        if len(renderers) > 4:
+        if len(renderers) > 2:
             del renderers[next(iter(renderers))]
         return renderers[key]
 

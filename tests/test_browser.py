@@ -54,6 +54,7 @@ def test_the_script_runs_and_nothing_overflows(width, tmp_path):
     assert int(said["playing"]) == 3
 
 
+@pytest.mark.thorough
 def test_the_report_can_be_drawn_by_a_browser(tmp_path):
     page, picture = write_report(make_run(tmp_path / "run")), tmp_path / "page.png"
     browse(page, tmp_path, "--window-size=1100,1500", f"--screenshot={picture}")

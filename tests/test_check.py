@@ -187,6 +187,7 @@ def test_delay_of_zero_is_analyzed_at_a_tenth_of_its_bound():
     assert lag["std"] < 0.04
 
 
+@pytest.mark.thorough
 def test_colours_are_less_sure_through_a_real_camera(swinging):
     arguments = (swinging.simulator, "front", swinging.actions, 0)
     models = ObservationModel.of_simulator(), ObservationModel.of_reality()

@@ -260,6 +260,7 @@ def test_episodes_too_short_leave_no_folder(simtune, tmp_path, one_renderer_each
     simtune.refuses("tune", "cartpole", *arguments, message="at least 21 steps, got one of 5")
 
 
+@pytest.mark.thorough
 def test_an_out_that_cannot_be_used_is_refused(simtune, tmp_path, quick_commands):
     (tmp_path / "file").write_text("x")
     (tmp_path / "full").mkdir()

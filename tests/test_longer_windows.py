@@ -85,6 +85,7 @@ def test_horizon_stays_where_longer_windows_are_not_explained(pendulum):
     assert long is short
 
 
+@pytest.mark.thorough
 def test_horizon_stays_where_short_windows_tell_enough(pendulum):
     short, long = Swings(pendulum, 0, noise_px=0.05, fitted=(LENGTH,)).fit()
     assert np.sqrt(short.covariance[0, 0]) < 0.01

@@ -220,6 +220,7 @@ def fit_errors(simulator, keypoints, observation: ObservationModel) -> np.ndarra
     return np.abs(errors)
 
 
+@pytest.mark.thorough
 def test_fit_recovers_mass_and_gain_from_a_sensor_where_keypoints_tell_nothing(
     simulator, keypoints
 ):
@@ -251,6 +252,7 @@ class CountingSensor(PositionSensor):
         return super().evidence(readings)
 
 
+@pytest.mark.thorough
 def test_search_round_uses_readings_of_the_real_world_and_of_its_refits(tiny):
     simulator = CARTPOLE.simulator(image_size=SIZE)
     space, rng, sensor = simulator.space, np.random.default_rng(2), CountingSensor()
@@ -272,6 +274,7 @@ def test_search_round_uses_readings_of_the_real_world_and_of_its_refits(tiny):
     assert sensor.explained == [(6, 8, 2), (3, STEPS + 1, 2), *refits]
 
 
+@pytest.mark.thorough
 def test_search_needs_the_readings_of_every_sensor(tiny):
     simulator = CARTPOLE.simulator(image_size=SIZE)
     context = replace(context_of(simulator), observation=BOTH)

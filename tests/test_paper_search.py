@@ -232,6 +232,7 @@ def test_candidates_at_once_equal_the_plain_loop(monkeypatch):
             np.testing.assert_allclose(logits[b, c], plain[0], atol=2e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["paper", "regression"])
 def test_paper_search_finds_the_truth_of_a_tiny_world(method):
     truth, start = np.array([0.4, 1.0]), np.array([0.8, 0.5])  # ×2 and ×½
@@ -277,6 +278,7 @@ def test_round_out_of_time_collects_once_and_makes_one_update():
     assert len(simulator.played) == 10  # once for the first collection, and once for the round
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["paper", "regression"])
 def test_resumed_paper_search_repeats_a_straight_one_bit_for_bit(method):
     real = real_of(np.array([0.4, 1.0]))

@@ -53,6 +53,7 @@ def first_steps(observed: Observed, steps: int) -> Observed:
     return Observed(evidence, observed.actions[:, :steps])
 
 
+@pytest.mark.thorough
 def test_particles_find_states_and_gain_from_rough_guesses(scene):
     _, _, truth, rollouts, observed = scene
     rng, space = np.random.default_rng(1), StateSpace(scene[0].model)

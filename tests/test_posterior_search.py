@@ -38,6 +38,7 @@ def start(simulator: Simulator, config: PosteriorSearchConfig, seed: int = 0) ->
     return PosteriorSearch(context_of(simulator, seed=seed), config)
 
 
+@pytest.mark.thorough
 def test_rounds_give_estimates_and_ranges_within_bounds(simulator, real, tiny):
     search = start(simulator, tiny)
     np.testing.assert_array_equal(search.distribution.mean, START)
@@ -71,6 +72,7 @@ def test_loaded_search_has_to_run_a_round_before_it_estimates(simulator, real, t
         start(simulator, tiny).estimate(real)
 
 
+@pytest.mark.thorough
 def test_estimate_of_the_same_episodes_is_that_of_the_round(simulator, real, tiny):
     search = start(simulator, replace(tiny, num_rounds=1))
     estimate, _, _ = search.run_round(real, Budget())

@@ -65,6 +65,7 @@ def test_a_world_has_the_parameters_of_the_file(tmp_path):
     assert abs(changed[..., 0].mean()) < 3
 
 
+@pytest.mark.thorough
 def test_a_trained_policy_can_be_filmed(tmp_path, quick):
     run = tmp_path / "run"
     steps = 2 * 16 * STEPS

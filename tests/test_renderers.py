@@ -358,9 +358,10 @@ def sky_faces(model: mujoco.MjModel) -> np.ndarray:
     texture = int(np.flatnonzero(is_sky)[0])
     width = model.tex_width[texture]
     texels = model.tex_data[model.tex_adr[texture] :][: 6 * width * width * 3]
-    return texels.reshape(6, width, width, 3).astype(float)
+    return texels.reshape(6, width, width, 3).astype(np.float32)
 
 
+@pytest.mark.thorough
 def test_a_turning_cameras_sky_has_no_stars_smaller_than_pixels():
     model, pixel_deg = load_task("ball_in_cup").load_model(), 45 / 64
     before = sky_faces(model)

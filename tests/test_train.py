@@ -384,6 +384,7 @@ def test_scored_episodes_start_elsewhere_than_all_others(tmp_path):
     assert len({frame.tobytes() for frame in first}) == 3 + 3 + 4
 
 
+@pytest.mark.thorough
 def test_all_recordings_are_taken_where_no_number_is_asked_for(tmp_path, quick):
     simulator = load_task("cartpole").simulator(image_size=64)
     real = Truth(SPACE, SPACE.nominal).make_real(simulator, episode_steps=STEPS, seed=0)
