@@ -18,9 +18,10 @@ SPACE = CARTPOLE.parameters
 START = SPACE.clip(SPACE.nominal * np.where(np.arange(len(SPACE)) % 2, 2, 0.5))
 
 
-def context_of(simulator: Simulator, start: np.ndarray = START, seed: int = 0) -> SearchContext:
+def context_of(
+    simulator: Simulator, start: np.ndarray = START, seed: int = 0, camera: str = CARTPOLE.camera
+) -> SearchContext:
     """A search that begins at `start`, of what a simulator films."""
-    camera = CARTPOLE.camera
     first = Distribution.first(simulator.space, start)
     return SearchContext(
         simulator=simulator,

@@ -403,7 +403,7 @@ def test_a_policy_that_begins_to_learn_too_late_gives_a_warning(tmp_path, quick)
     ready = dataclasses.replace(experiment, agent=SimpleNamespace(can_act=True))
     assert ready.policy_warnings(0) == []
     assert "when the real world was to see it" in ready.policy_warnings(1)[0]
-    of_recordings = RecordedReal(dataset=None)  # where no policy can act
+    of_recordings = RecordedReal(SimpleNamespace(step_s=0.05))  # where no policy can act
     assert dataclasses.replace(ready, real=of_recordings).policy_warnings(1) == []
 
 

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from mujoco.batch import Batch
+from search_context import context_of
 
 from simtune.check import check
 from simtune.check.recording_warnings import warnings
@@ -1028,9 +1029,9 @@ def test_where_nothing_moves_no_motion_can_be_tuned(load, folder):
     (folder / "scene.xml").write_text(resting)
     start = '[initial_state]\nkind = "keyframe"\nkeyframe = "home"\n'
     task = load(HEAD + start + MASS)
-    simulator = task.simulator(image_size=32)
+    context = context_of(task.simulator(image_size=32), task.parameters.nominal, camera=task.camera)
     with pytest.raises(InputError, match="m shows in motion only, and nothing moves"):
-        PosteriorSearch(simulator, task.camera, task.parameters.nominal, seed=0)
+        PosteriorSearch(context)
 
 
 def test_a_mark_in_front_of_the_text_is_no_mistake(folder):
