@@ -34,13 +34,11 @@ def _say_devices(say: Callable[[str], None]) -> None:
 
     cpu = torch.device("cpu")
     say(f"cpu        {torch.get_num_threads()} threads, fast bfloat16: {has_fast_bf16(cpu)}")
+    gpu = "none: all runs on the CPU"
     if torch.cuda.is_available():
-        say(
-            f"cuda       {torch.cuda.get_device_name()}: draws, and trains policies; all else is "
-            "learnt on the CPU"
-        )
-    else:
-        say("cuda       none: all runs on the CPU")
+        used_for = "draws, and trains policies; all else is learnt on the CPU"
+        gpu = f"{torch.cuda.get_device_name()}: {used_for}"
+    say(f"cuda       {gpu}")
 
 
 def _try_renderer(name, say: Callable[[str], None]) -> bool:

@@ -9,7 +9,6 @@ from simtune.errors import InputError
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.outcome import summary
-from simtune.progress import ReportProgress, silent
 from simtune.real.choose import read_parameters
 from simtune.run import checkpoint
 from simtune.run.config import stored_config
@@ -18,9 +17,7 @@ _OPTIONS = [field.name for field in fields(TrainConfig)]
 _PATHS = ("robot", "real_parameters")  # options that config.json holds as text
 
 
-def evaluate(
-    config: EvaluateConfig, report: ReportProgress = silent, settings: Settings | None = None
-) -> dict[str, Any]:
+def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[str, Any]:
     """Returns of the policy of a run that `train` wrote, in a simulated world; goals by name.
 
     Nothing is written. Raises InputError where there is no policy, or no world to score it in.
@@ -31,21 +28,18 @@ def evaluate(
             f"{config.run_folder} is of the real world, where no return is known; give "
             "--parameters of a simulated one"
         )
-    trained = load_trained(config.run_folder, report, settings)
+    trained = load_trained(config.run_folder, settings)
     if config.parameters is not None:
         world = read_parameters(config.parameters, trained.space)
     else:
         assert trained.truth is not None, "of a pseudo-real world"
         world = trained.truth.for_oracle()
-    report("scoring the policy", 0.5)
     scores, _ = trained.score(world, config.episodes, config.seed)
     returns = summary(scores.pop("return"))
     return returns | {goal: summary(reached) for goal, reached in scores.items()}
 
 
-def load_trained(
-    run_folder: Path, report: ReportProgress = silent, settings: Settings | None = None
-) -> TrainingExperiment:
+def load_trained(run_folder: Path, settings: Settings | None = None) -> TrainingExperiment:
     """A training whose agent is as its newest checkpoint has it.
 
     Nothing else is loaded: what it learnt from need not be drawn anew, no robot is asked, no
@@ -59,7 +53,7 @@ def load_trained(
     options = {name: run_config[name] for name in _OPTIONS}
     options |= {name: Path(options[name]) for name in _PATHS if options[name] is not None}
     options |= {"out": run_folder, "device": "auto"}  # where it is now, and this machine's
-    trained = build_training(TrainConfig(**options), report, settings, trained=state)
+    trained = build_training(TrainConfig(**options), settings=settings, trained=state)
     _check_unchanged(trained, run_config, run_folder)
     trained.load_agent(tensors, state)
     if not trained.agent.can_act:

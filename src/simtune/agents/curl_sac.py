@@ -93,14 +93,14 @@ class CurlSac(PixelAgent):
     def __init__(
         self,
         num_actions: int,
-        config: CurlSacConfig | None = None,
+        config: CurlSacConfig,
         *,
         seed: int,
         device: torch.device | str = "cpu",
         use_graphs: bool = True,
     ):
         """`use_graphs`: updates on CUDA are captured as graphs, which is faster."""
-        self.config = config = config or CurlSacConfig()
+        self.config = config
         super().__init__(num_actions, config, seed, device)
         with seeded(seed):
             self.critic = Critic(num_actions, config)

@@ -99,11 +99,9 @@ class PixelAgent(ABC):
         """All updates that are due for the steps; means of the losses, NaN without any."""
         losses = torch.full((1, len(self.losses)), math.nan)
         if due := self._counter.collect(num_steps):
-            losses = torch.stack([self.learn(self._sample(replay)) for _ in range(due)])
+            options = (self._batch_size, self._generator, True)
+            losses = torch.stack([self.learn(replay.sample(*options)) for _ in range(due)])
         return dict(zip(self.losses, losses.nanmean(0).tolist(), strict=True))
-
-    def _sample(self, replay: Replay) -> Transitions:
-        return replay.sample(self._batch_size, self._generator, with_frames=True)
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """See `Agent`."""

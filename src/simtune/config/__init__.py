@@ -2,7 +2,7 @@
 
 from simtune.config.real import ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.record import ExportConfig, RecordConfig
-from simtune.config.train import UNTUNED, EvaluateConfig, Method, TrainConfig
+from simtune.config.train import UNTUNED, EvaluateConfig, TrainConfig
 from simtune.config.tune import CheckConfig, TuneConfig
 
 __all__ = [
@@ -11,7 +11,6 @@ __all__ = [
     "CheckConfig",
     "EvaluateConfig",
     "ExportConfig",
-    "Method",
     "RealConfig",
     "RecordConfig",
     "RecordingsConfig",

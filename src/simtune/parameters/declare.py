@@ -72,11 +72,9 @@ def camera_pose(
     ]
 
 
-def field_of_view(
-    name: str, camera: str, nominal_deg: float, *, within_deg: float = _WITHIN_DEG
-) -> Parameter:
+def field_of_view(name: str, camera: str, nominal_deg: float) -> Parameter:
     """The camera's vertical field of view, degrees."""
-    bounds = (nominal_deg - within_deg, nominal_deg + within_deg)
+    bounds = (nominal_deg - _WITHIN_DEG, nominal_deg + _WITHIN_DEG)
     return _linear(name, "cam_fovy", (camera,), nominal_deg, bounds)
 
 

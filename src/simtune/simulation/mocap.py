@@ -85,9 +85,8 @@ class Held:
     def place(self, batch: Batch) -> np.ndarray:
         """(n, 3) where the mocap body would pull at nothing, as it is turned; m, of the world."""
         with np.errstate(invalid="ignore"):  # of worlds that diverged
-            return _world(batch, self.body, self.point) - _turned(
-                batch, self.mocap_body, self.mocap_point
-            )
+            held = batch.xpos[:, self.body] + _turned(batch, self.body, self.point)
+            return held - _turned(batch, self.mocap_body, self.mocap_point)
 
 
 def find_held(model: mujoco.MjModel, name: str) -> Held:
@@ -122,11 +121,6 @@ def _ends(model: mujoco.MjModel, equality: int) -> list[tuple[int, np.ndarray]]:
     if model.eq_type[equality] == _WELD:  # there the anchor, in the second body's frame, is first
         points.reverse()
     return [(int(body), point) for body, point in zip(ids, points, strict=True)]
-
-
-def _world(batch: Batch, body: int, point: np.ndarray) -> np.ndarray:
-    """(n, 3) where a body's point is."""
-    return batch.xpos[:, body] + _turned(batch, body, point)
 
 
 def _turned(batch: Batch, body: int, point: np.ndarray) -> np.ndarray:

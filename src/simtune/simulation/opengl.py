@@ -14,6 +14,7 @@ from simtune.errors import InputError
 from simtune.parameters import ModelWriter, ParameterSpace
 from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality
 
+_HEADLESS = {"egl": "EGL", "osmesa": "OSMesa"}  # libraries of the backends without a display
 _MAX_GEOMS = 10_000  # as mujoco.Renderer has it
 _ALL, _FULL_STATE = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -102,8 +103,11 @@ def _make_gl_context(image_size: int):
     """A current GLContext, by MUJOCO_GL or, on Linux, of EGL or else OSMesa."""
     backend = os.environ.get("MUJOCO_GL", "").lower().strip()
     if not backend and sys.platform == "linux":
-        backend = _headless_backend()
-    module = f"mujoco.{backend}" if backend in ("egl", "osmesa") else "mujoco.gl_context"
+        there = [name for name, library in _HEADLESS.items() if find_library(library)]
+        if not there:
+            raise InputError(_no_opengl("neither EGL nor OSMesa is installed"))
+        backend = there[0]
+    module = f"mujoco.{backend}" if backend in _HEADLESS else "mujoco.gl_context"
     try:
         # Imported only here: it fixes the backend for the whole process.
         context = importlib.import_module(module).GLContext(image_size, image_size)
@@ -111,13 +115,6 @@ def _make_gl_context(image_size: int):
     except Exception as error:  # each backend and platform fails in ways of its own
         raise InputError(_no_opengl(f"{backend or 'OpenGL'} does not start")) from error
     return context
-
-
-def _headless_backend() -> str:
-    for backend, library in (("egl", "EGL"), ("osmesa", "OSMesa")):
-        if find_library(library):
-            return backend
-    raise InputError(_no_opengl("neither EGL nor OSMesa is installed"))
 
 
 def _no_opengl(why: str) -> str:
