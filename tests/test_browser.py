@@ -41,6 +41,7 @@ def browse(page: Path, folder: Path, *flags: str) -> str:
     return done.stdout
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("width", [500, 1280])
 def test_the_script_runs_and_nothing_overflows(width, tmp_path):
     page = write_report(make_run(tmp_path / "run"))

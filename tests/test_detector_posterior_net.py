@@ -355,6 +355,7 @@ def test_trained_posterior_net_gives_the_analytic_posterior(net_of_a_known_poste
     assert 0.86 < covered < 0.95
 
 
+@pytest.mark.thorough
 @torch.no_grad()
 def test_more_episodes_than_in_training_count_as_many_as_in_training(net_of_a_known_posterior):
     seen = observe(torch.full((3, 1), 0.5), 1, 5)

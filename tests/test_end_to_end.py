@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from simtune.comparison import StartSearchConfig
 from simtune.config import TuneConfig
 from simtune.experiment.settings import Settings
@@ -82,6 +84,7 @@ SETTINGS = Settings(search=SEARCH, comparison=StartSearchConfig(num_starts=16, r
 WITHIN_PERCENT = 5.0
 
 
+@pytest.mark.thorough
 def test_tune_recovers_a_mass_and_a_colour_from_pixels(tmp_path: Path):
     (tmp_path / "scene.xml").write_text(SCENE)
     (tmp_path / "tune.toml").write_text(TUNING_FILE)

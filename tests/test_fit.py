@@ -142,6 +142,7 @@ def test_shooting_fits_worse_with_a_wrong_pole_length(simulator, played):
     assert wrong.distances[0] > 1.5 * right.distances[0]
 
 
+@pytest.mark.thorough
 def test_picture_fit_recovers_colours(simulator, played):
     _, truth, rollouts = played
     rows = rollouts.states[:, ::12].reshape(-1, rollouts.states.shape[-1])

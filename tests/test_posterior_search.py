@@ -100,6 +100,7 @@ def same_estimates(one, other) -> None:
         np.testing.assert_array_equal(prob_higher, other.curves[name][1])
 
 
+@pytest.mark.thorough
 def test_resumed_search_repeats_a_straight_one_bit_for_bit(simulator, real, tiny):
     config = replace(tiny, num_rounds=3)
     straight = start(simulator, config, seed=4)
@@ -127,6 +128,7 @@ def test_resumed_search_repeats_a_straight_one_bit_for_bit(simulator, real, tiny
     assert resumed_state == straight_state
 
 
+@pytest.mark.thorough
 def test_seed_decides_the_estimate(simulator, real, tiny):
     one, other, another = (
         start(simulator, tiny, seed).run_round(real, Budget())[0] for seed in (1, 1, 2)
@@ -143,12 +145,14 @@ def over() -> Budget:
     return budget
 
 
+@pytest.mark.thorough
 def test_round_out_of_time_makes_its_least_updates_and_still_estimates(simulator, real, tiny):
     config = replace(tiny, detector_updates=(10**9,), posterior_updates=10**9, least_updates=5)
     estimate, _, _ = start(simulator, config).run_round(real, over())  # or it would never end
     assert np.isfinite(estimate.mean).all()
 
 
+@pytest.mark.thorough
 def test_round_in_which_the_time_is_over_is_judged_by_refits(simulator, real, tiny):
     in_time, _, _ = start(simulator, tiny).run_round(real, Budget())
     assert not in_time.ranks, "what is fitted once more needs no refits"
@@ -156,6 +160,7 @@ def test_round_in_which_the_time_is_over_is_judged_by_refits(simulator, real, ti
     assert {len(ranks) for ranks in too_late.ranks.values()} == {tiny.num_refits[0]}
 
 
+@pytest.mark.thorough
 def test_progress_is_reported_and_never_goes_back(simulator, real, tiny):
     reports: list[tuple[str, float]] = []
     budget = Budget(report=lambda doing, done: reports.append((doing, done)))

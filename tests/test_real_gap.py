@@ -123,6 +123,7 @@ def test_a_world_behind_a_gap_does_not_give_its_parameters_away(simulator):
         assert not hasattr(value, "parameters")
 
 
+@pytest.mark.thorough
 @pytest.mark.opengl
 def test_another_renderer_draws_what_is_behind_the_gap():
     gapped, again = drawn_by_opengl(4), drawn_by_opengl(4)
@@ -151,6 +152,7 @@ def test_a_gap_needs_a_pseudo_real_world(tmp_path):
         config.check()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("real_gap", "supersampling"), [(False, 1), (True, 2)])
 def test_tuning_averages_over_pixels_where_the_real_camera_does(
     tmp_path, quick, monkeypatch, real_gap, supersampling

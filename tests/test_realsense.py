@@ -92,6 +92,7 @@ def test_a_missing_camera_is_refused(tmp_path):
         RealSense(serial="123").connect()
 
 
+@pytest.mark.thorough
 def test_an_xarm_filmed_by_a_realsense(controller, recording, tmp_path):
     file = tmp_path / "arm.toml"
     file.write_text(

@@ -201,6 +201,7 @@ def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
     assert len(np.unique(frames.reshape(-1, 3), axis=0)) > 100  # it is no empty picture
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ALL_TASKS)
 def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(name, monkeypatch):
     task, simulator = load_task(name), simulator_of(name)

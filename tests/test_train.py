@@ -587,7 +587,7 @@ def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(
 @pytest.mark.parametrize("kills", [1, pytest.param(50, marks=pytest.mark.slow)])
 def test_a_run_killed_at_random_moments_loses_nothing(kills, tmp_path):
     """SIGKILL, which nothing can catch, in a process of its own, whenever it has got on."""
-    rng, rounds = random.Random(0), 3 + 2 * kills
+    rng, rounds = random.Random(0), 2 + 2 * kills
     train_slowly(tmp_path / "straight", rounds)
     metrics, num_killed = tmp_path / "killed" / "metrics.jsonl", 0
     while num_killed < kills:

@@ -368,6 +368,7 @@ def told(tmp_path_factory) -> dict[tuple[str, str], dict]:
     return {(name, command): said for name, command, said in lines}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("command", ["check", "tune"])
 @pytest.mark.parametrize("name", CASES)
 def test_it_is_refused_in_one_line(told, name: str, command: str):

@@ -22,7 +22,7 @@ from simtune.robot.watchdog import TIMEOUT_S, Watchdog
 def test_the_watchdog_stops_the_arm_while_its_policy_stalls(controller, safe_xarm, latch):
     def stall():
         until_s = time.monotonic() + 10
-        while not controller.stops and time.monotonic() < until_s:
+        while not latch.file.exists() and time.monotonic() < until_s:
             time.sleep(0.005)
 
     why = stopped_while_moving(controller, safe_xarm, stall)

@@ -96,6 +96,7 @@ def slow_down(monkeypatch, simulator: Simulator, clock: Clock) -> None:
     monkeypatch.setattr(simulator, "render", slow_render)
 
 
+@pytest.mark.thorough
 def test_fewer_worlds_are_sampled_where_steps_and_pictures_are_slow(monkeypatch, simulator, real):
     context = context_of(simulator)
     slow_down(monkeypatch, simulator, Clock())

@@ -189,6 +189,7 @@ def fuzz_the_wire(controller, safe_xarm, num: int) -> int:
     return sent
 
 
+@pytest.mark.thorough
 def test_strange_actions_reach_the_controller_within_limits_or_not_at_all(controller, safe_xarm):
     assert 375 < fuzz_the_wire(controller, safe_xarm, 1000) < 1000
 
