@@ -139,6 +139,7 @@ def sliding() -> Scene:
 # --- what shows ---------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_check_tells_what_shows_from_what_does_not(swinging):
     said = swinging.conclude()["parameters"]
     assert said["damping"]["verdict"] == "shows clearly"

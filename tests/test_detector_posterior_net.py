@@ -365,6 +365,7 @@ def test_more_episodes_than_in_training_count_as_many_as_in_training(net_of_a_kn
     np.testing.assert_allclose(nine, four, rtol=1e-5)
 
 
+@pytest.mark.thorough
 @torch.no_grad()
 def test_more_episodes_narrow_the_interval(net_of_a_known_posterior):
     truth = torch.rand(400, 1, generator=generator(3)) * 0.3 + 0.35  # away from the edges

@@ -214,6 +214,7 @@ class TestBoth:
             record(RecordConfig(task="cartpole", out=tmp_path / "other", policy="scripted"))
         assert not (tmp_path / "other").exists()
 
+    @pytest.mark.thorough
     def test_keypoints_are_on_what_moves_and_can_be_seen(self, name):
         simulator, task = simulator_of(name), task_of(name)
         first = Distribution.first(task.parameters, task.parameters.nominal)

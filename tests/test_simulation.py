@@ -200,6 +200,7 @@ def late_by_hand(controls: np.ndarray, delay_s: float, timestep_s: float) -> np.
     return (1 - part) * later + part * earlier
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["walker", "ball_in_cup"])
 def test_every_world_follows_its_controls_as_late_as_its_parameter_says(name):
     """Whole steps and parts of them, none, less than one, and the longest there is."""

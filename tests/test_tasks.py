@@ -368,6 +368,7 @@ def test_what_is_said_to_be_symmetric_looks_and_moves_alike(name):
         assert np.abs(environment.observe(turned) - seen[:, 0]).max() > 0.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "hz"), [("cartpole", 20.0), ("cheetah", 15.0), ("finger", 30.0)])
 def test_a_policy_acts_as_long_as_the_search_simulates_at_any_rate(name, hz):
     """Rewards are read `action_repeat` times in a step, however its physics steps divide."""

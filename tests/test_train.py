@@ -428,6 +428,7 @@ def test_wrong_input_is_refused_and_nothing_is_written(changes, message, tmp_pat
     assert not out.exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("task", ["cartpole", "rope_peg"])
 def test_a_search_simulates_episodes_as_long_as_the_real_ones(task, tmp_path):
     config = config_of(tmp_path / "run", task=task, method="regression", real_parameters=None)
@@ -604,6 +605,7 @@ def test_a_run_killed_at_random_moments_loses_nothing(kills, tmp_path):
     assert_same(tmp_path / "straight", tmp_path / "killed")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["teacher_student", "curl_sac", "drqv2"])
 def test_an_agent_made_by_name_acts_and_is_stored_and_loaded(name):
     """Each acts on pictures of the size that it was made for, and can be stored and loaded."""

@@ -154,6 +154,7 @@ def test_whole_sets_by_hand():
     np.testing.assert_array_equal(whole_sets(index, 2), [[0, 1], [3, 4], [6, 7]])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("is_tuned", [False, True])
 def test_actions_are_late_in_half_the_real_cameras_worlds_unless_a_delay_is_tuned(
     monkeypatch, real, is_tuned
