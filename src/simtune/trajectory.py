@@ -7,9 +7,9 @@ import numpy as np
 
 
 def delayed(actions: np.ndarray, steps: int) -> np.ndarray:
-    """(..., T, A) actions, so many steps later; before, the first one.
+    """(..., T, A) actions, `steps` steps later; before, the first one.
 
-    Not zero, which for a robot that is told where to be is a place far away.
+    Not zero, which for a robot that is commanded positions is a place far away.
     """
     return actions[..., np.maximum(np.arange(actions.shape[-2]) - steps, 0), :]
 
@@ -50,7 +50,7 @@ class Trajectory:
         return len(self.actions)
 
     def first(self, steps: int) -> "Trajectory":
-        """Only its first so many steps, or all where there are fewer."""
+        """Only its first `steps` steps, or all where there are fewer."""
         readings = {name: values[: steps + 1] for name, values in self.readings.items()}
         frames, actions = self.frames[: steps + 1], self.actions[:steps]
         return replace(self, frames=frames, actions=actions, readings=readings)

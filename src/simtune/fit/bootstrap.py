@@ -105,7 +105,7 @@ def run_bootstrap(
 
 
 def _ratio(value: float, known) -> float:
-    """A misfit over the largest of the known ones; one that cannot be told (NaN) is infinite.
+    """A misfit over the largest of the known ones; an unknown one (NaN) is infinite.
 
     Unless all known ones are likewise, or there are none: then nothing can be compared.
     """

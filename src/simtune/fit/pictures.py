@@ -1,7 +1,7 @@
 """Colours and light fitted to the pixels themselves, once it is known where everything is.
 
-Sight's estimates are good to a few hundredths; drawing the fitted states and comparing pixels is
-good to a few thousandths, where the simulator draws as the real world looks.
+The detector's estimates are good to a few hundredths. Drawing the fitted states and comparing
+pixels is good to a few thousandths, where the simulator draws as the real world looks.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _LARGEST_STEP = 0.2
 _ROUNDING = 1 / 255 / 12**0.5  # standard deviation
 _SHOWN = 0.05  # of the full scale, that a pixel changes over a parameter's whole range
 _PLACES = 25  # tried for each picture
-_SQUARE_PX = 4  # neighbouring pixels tell the same: so many by so many count as one
+_SQUARE_PX = 4  # neighbouring pixels tell the same: 4 × 4 of them count as one
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ class Sensitivity:
     motion_std: np.ndarray  # (N,)
     picture_std: np.ndarray  # (N,) by its colours, as far as a camera shows them truly
     first_width: np.ndarray  # (N,) of that range
-    correlation: np.ndarray  # (N, N) of errors as told by motion, 0 for what moves nothing
+    correlation: np.ndarray  # (N, N) of errors in estimates from motion, 0 for what moves nothing
 
     @property
     def shows_nothing(self) -> np.ndarray:
@@ -197,5 +197,5 @@ def _colour_error(num_pixels: np.ndarray, observation: ObservationModel) -> np.n
 
 
 def _nominal(space: ParameterSpace) -> np.ndarray:
-    """(N,); a delay of 0 is a tenth of the longest: near 0 the motion jumps, not to be told."""
+    """(N,); a delay of 0 is a tenth of the longest: near 0 the motion changes in jumps."""
     return np.where(space.is_delay & (space.nominal == 0), _TENTH * space.high, space.nominal)

@@ -1,4 +1,4 @@
-"""Judge: from what was seen and done over several episodes to P(truth > candidate)."""
+"""The posterior network: from what was seen and done in episodes to P(truth > candidate)."""
 
 from dataclasses import dataclass
 

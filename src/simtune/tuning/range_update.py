@@ -22,12 +22,12 @@ _SMALLEST_STD = 5e-5
 @dataclass(frozen=True, kw_only=True)
 class RangeUpdateConfig:
     edge_mass: float = 0.1  # a range is widened when the truth lies beyond its edge so probably
-    margin: float = 1.6  # a narrowed range over the central 98 %, lest it cut the posterior off
+    margin: float = 1.6  # a narrowed range over the central 98 %: it must not cut off the posterior
     barely_narrowed: float = 0.85  # a range that would still be this wide, of the old, is kept
     smallest_share: float = 0.06  # of the first range: no range gets narrower than this
     identified_share: float = 0.15  # 90 % interval within the first range: verdict "identified"
     weak_share: float = 0.6  # ... and up to here "weak"
-    posterior_net_weight: float = 0.04  # beside a fit, lest all be lost where it went astray
+    posterior_net_weight: float = 0.04  # beside a fit, for where that went astray
 
 
 def candidate_grid() -> np.ndarray:
