@@ -27,7 +27,7 @@ from simtune.tasks import AnyTask, load_any_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, make_search, needed_image_size
 from simtune.tuning.search import Search
-from simtune.vision.keypoints import Keypoints, find_keypoints
+from simtune.vision.keypoints import Keypoints, every_keypoint, find_keypoints
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,9 +168,10 @@ def _choose_keypoints(
 
     Another machine may find others.
     """
+    if state is not None:
+        return every_keypoint(simulator, task.camera).with_state(state["keypoints"])
     first = Distribution.first(task.parameters, task.parameters.nominal)
-    found = find_keypoints(simulator, task.camera, first, seed)
-    return found if state is None else found.with_state(state["keypoints"])
+    return find_keypoints(simulator, task.camera, first, seed)
 
 
 def build_search(world: World, name: SearchName, settings: Settings) -> Search:

@@ -114,16 +114,19 @@ def choose_keypoints(seen: np.ndarray, at_most: int = 16, tolerance_px: float = 
     return chosen
 
 
+def every_keypoint(simulator: AnySimulator, camera: str) -> Keypoints | Points:
+    """All that a simulator has; nothing is simulated."""
+    if isinstance(simulator, Simulator):
+        return candidate_keypoints(simulator.model, camera, simulator.image_size)
+    assert isinstance(simulator, EnvironmentSimulator)
+    return simulator.points()
+
+
 def find_keypoints(
     simulator: AnySimulator, camera: str, distribution: Distribution, seed: int
 ) -> Keypoints | Points:
     """Few keypoints from which all others follow, judged by a few exploring episodes."""
-    rng = np.random.default_rng(seed)
-    if isinstance(simulator, Simulator):
-        every = candidate_keypoints(simulator.model, camera, simulator.image_size)
-    else:
-        assert isinstance(simulator, EnvironmentSimulator)
-        every = simulator.points()
+    rng, every = np.random.default_rng(seed), every_keypoint(simulator, camera)
     if not len(every):
         return every
     steps = PILOT_STEPS // _PILOTS
