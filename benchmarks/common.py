@@ -6,7 +6,7 @@ import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import date
 from importlib.metadata import version
 from pathlib import Path
@@ -45,26 +45,33 @@ def machine(*more_packages: str) -> dict[str, Any]:
     }
 
 
-def record_figures(path: Path | None, key: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
+def record_figures(
+    path: Path | None,
+    key: Sequence[str],
+    rows: Sequence[dict[str, Any]],
+    columns: Mapping[str, str] | None = None,
+) -> None:
     """Put figures into a claim's file in docs/results; nothing without a path.
 
-    Each row gets the command, commit, date and hardware. It replaces the row with the same `key`
-    fields but keeps what a benchmark does not measure, such as a goal. A new file has a plain
-    column for each field; its title and text are then written by hand.
+    Each row gets the command, commit, date and hardware, unless it names them. It replaces the row
+    with the same `key` fields but keeps what a benchmark does not measure, such as a goal. A new
+    file has `columns`, {title: text}, or a plain one for each field; its title and text are then
+    written by hand.
     """
     if path is None:
         return
     if path.exists():
         claim = json.loads(path.read_text(encoding="utf-8"))
     else:
-        columns = [{"title": name, "text": f"{{{name}}}"} for name in rows[0]] if rows else []
+        shown = columns or {name: f"{{{name}}}" for name in (rows[0] if rows else ())}
         claim = {"title": path.stem, "claim": "", "note": "", "key": list(key)}
-        claim |= {"columns": columns, "rows": []}
+        listed = [{"title": title, "text": text} for title, text in shown.items()]
+        claim |= {"columns": listed, "rows": []}
     key, origin = claim["key"], _origin()
     by_key = {tuple(row[name] for name in key): row for row in claim["rows"]}
     for row in rows:
         same = tuple(row[name] for name in key)
-        by_key[same] = by_key.get(same, {}) | row | origin
+        by_key[same] = by_key.get(same, {}) | origin | row
     claim["rows"] = list(by_key.values())
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(claim, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -75,16 +82,16 @@ def _origin() -> dict[str, str | None]:
     name = script.relative_to(_ROOT) if script.is_relative_to(_ROOT) else script.name
     return {
         "command": shlex.join(["python", str(name), *sys.argv[1:]]),
-        "commit": _commit(),
+        "commit": commit(),
         "date": date.today().isoformat(),
         "hardware": _hardware(),
     }
 
 
-def _commit() -> str | None:
-    """Dirty only by code: figures that other benchmarks have just written do not count."""
-    commit = _git("rev-parse", "--short", "HEAD")
-    return commit and commit + ("-dirty" if _git("status", "--porcelain", *_CODE) else "")
+def commit() -> str | None:
+    """Of what is measured. Dirty only by code: figures just written do not count."""
+    short = _git("rev-parse", "--short", "HEAD")
+    return short and short + ("-dirty" if _git("status", "--porcelain", *_CODE) else "")
 
 
 def _git(*arguments: str) -> str | None:
