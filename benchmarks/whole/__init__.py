@@ -5,5 +5,6 @@ variants.py  tasks that `simtune tune` does not have: `python -m whole.variants 
 run.py       one run, from its process's start to its result
 lines.py     what is kept of it, a line of JSON each
 parallel.py  runs side by side, each on cores of its own
+measure.py   carries out those that have no line yet
 summary.py   what the lines say together
 """

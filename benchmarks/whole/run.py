@@ -73,7 +73,8 @@ def carry_out(
 ) -> Ended:
     """Run it on these cores, in a new `folder` that is removed afterwards unless it is to be kept.
 
-    Raises Stopped where it was ended from outside, or `stop` is set.
+    Binds the calling thread to the cores, too. Raises Stopped where it was ended from outside, or
+    `stop` is set.
     """
     shutil.rmtree(folder, ignore_errors=True)  # a killed run's: going on with it would save time
     folder.mkdir(parents=True)
