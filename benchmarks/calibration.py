@@ -118,7 +118,7 @@ class _Ranks:
         context = context_of(task, self._simulator, start, number)
         search = PosteriorSearch(context, self._config)
         real, budget = self._film(known, number), Budget(60 * minutes)
-        while not search.finished:
+        while not search.stop_reason:
             search.run_round(real, budget)
         return search
 

@@ -164,7 +164,7 @@ def tuned(
     search = PosteriorSearch(context_of(task, simulator, start, seed), config)
     while True:
         estimate, _, _ = search.run_round(real, budget)
-        if search.finished:
+        if search.stop_reason:
             break
     real, errors = truth.score(estimate.mean)
     ratios = dict(zip(task.parameters.names, estimate.mean / real, strict=True))

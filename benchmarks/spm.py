@@ -74,7 +74,7 @@ def follow(
     search = make_search(name, context_of(task, simulator, start, seed), config)
     _, errors = truth.score(start)
     errors_over_time = [(0.0, float(errors.mean()))]
-    while not (search.finished or budget.is_over):
+    while not (search.stop_reason or budget.is_over):
         estimate, _, _ = search.run_round(trajectories, budget)
         seconds = time.monotonic() - began_s
         _, errors = truth.score(estimate.mean)

@@ -39,6 +39,10 @@ class Budget:
     def is_over(self) -> bool:
         return self.seconds_left == 0
 
+    @property
+    def is_endless(self) -> bool:
+        return math.isinf(self.seconds)
+
     def report(self, doing: str, done: float = 0.0) -> None:
         """Say what is happening, and how much of this budget's work is done, 0 to 1."""
         low, high = self._span
@@ -51,3 +55,7 @@ class Budget:
         low, high = self._span
         stretch = (low + (high - low) * span[0], low + (high - low) * span[1])
         return Budget(seconds, self._report, span=stretch, prefix=self._prefix + prefix)
+
+    def share(self, share: float, span: tuple[float, float] = (0.0, 1.0)) -> "Budget":
+        """A share of all its time, from now on; no more than is left."""
+        return self.part(min(share * self.seconds, self.seconds_left), span)

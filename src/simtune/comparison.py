@@ -1,10 +1,9 @@
 """The same actions side by side: the real episode, the simulator before and after tuning.
 
-A video does not show what state it starts from, so the start whose first pictures look most like
-the real ones is searched for: what a fit found and many random starts, then many near the best.
+A video does not show what state it starts from. A fit found it; without one, the start whose first
+pictures look most like the real ones is searched for: many random ones, then many near the best.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -45,7 +44,9 @@ def write_comparison(
     """
     late = replace(trajectory, actions=delayed(trajectory.actions, estimate.latency_steps))
     rng, after = np.random.default_rng(seed), estimate.mean
-    start = find_start(simulator, late, after, rng, estimate.start, config)
+    start = None if estimate.start is None else np.array(estimate.start)
+    if start is None:  # nothing was fitted
+        start = find_start(simulator, late, after, rng, config)
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
     for name, parameters in (("before", before), ("after", after)):
@@ -70,16 +71,12 @@ def find_start(
     trajectory: Trajectory,
     parameters: np.ndarray,
     rng: np.random.Generator,
-    near: Sequence[float] | None = None,
     config: StartSearchConfig = _USUAL,
 ) -> np.ndarray:
     """(S,) the state from which the simulator's first pictures are nearest to the real ones."""
     first, num = trajectory.first(_COMPARED_STEPS), config.num_starts
     states, distance = _compare(simulator, first, parameters, rng, num)
     space, std = simulator.state_space, states.std(0)
-    if near is not None:
-        its_state, its_distance = _compare(simulator, first, parameters, rng, 1, np.array([near]))
-        states, distance = np.append(states, its_state, 0), np.append(distance, its_distance)
     if space is None:  # worlds cannot start near other states
         return states[np.argmin(distance)]
     # What the task's own starts do not vary stays as it is.

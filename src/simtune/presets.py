@@ -18,9 +18,8 @@ _SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
 _FEW_EPISODES = 5  # real ones of the first look, as of each update of the authors'
 # Nothing here may end by the clock, or no run could be repeated: less is learnt, but all of it.
 _FAST_SEARCH = PosteriorSearchConfig(
-    num_worlds=192,
-    detector_updates=(1500, 1000),
-    posterior_updates=500,
+    num_rounds=2,
+    detector_updates=(2000, 1500),
     state_updates=400,
     num_refits=(2, 2),
 )
@@ -73,7 +72,9 @@ def choose_search_settings(
     """The search's settings; None: its usual ones. Raises InputError for too long a window."""
     is_training = isinstance(config, TrainConfig)
     if search_name == "posterior":
-        return _FAST_SEARCH if is_training and config.preset == "fast" else None
+        if isinstance(config, TuneConfig):
+            return PosteriorSearchConfig(precision=config.relative_precision)
+        return _FAST_SEARCH if config.preset == "fast" else None
     # Simulated episodes need not be longer than recorded ones.
     longest = task.episode_steps if is_training else PaperConfig.episode_steps
     episode_steps = min([longest, *map(len, recordings)])

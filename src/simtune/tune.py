@@ -1,16 +1,20 @@
 """`simtune tune`: the parameters alone, without a policy."""
 
 import logging
+import math
+import time
 from typing import Any
 
 from simtune.budget import Budget
 from simtune.config import TuneConfig
+from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.progress import ReportProgress, silent
 
 log = logging.getLogger(__name__)
+_AT_THE_END_S = 6.0  # for videos and the report
 
 
 def tune(
@@ -33,13 +37,36 @@ def tune(
         log.warning("%s", warning)
     with Run(experiment, report) as run:
         run.resume()
-        if run.num_rounds and experiment.search.finished:
+        search, real = experiment.search, experiment.recordings
+        if run.num_rounds and search.stop_reason:
             report("the search is over already; another --out searches anew", 1.0)
-        budget = Budget(60 * config.budget_minutes - run.wall_s, report)
-        while not run.num_rounds or not (experiment.search.finished or budget.is_over):
+        elif not run.num_rounds and settings is None:
+            _refuse_if_too_short(config.budget_minutes, *search.needed_s(real))
+        budget = Budget(60 * config.budget_minutes - run.wall_s - _AT_THE_END_S, report)
+        while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
             run.folder.drop_result()  # of an earlier sitting: this one goes on
-            found = experiment.search.run_round(experiment.recordings, budget)
+            began_s = time.monotonic()
+            found = search.run_round(real, budget)
+            run.round_s = time.monotonic() - began_s
             run.step = experiment.simulator.num_steps
-            run.log_round(found, len(experiment.recordings))
+            run.log_round(found, len(real))
             run.save()
-        return run.finish(experiment.recordings, {}, warnings, command)
+        stopped = {"stopped": search.stop_reason or "the time is over"}
+        return run.finish(real, stopped, warnings, command)
+
+
+def _refuse_if_too_short(minutes: float, least_s: float, whole_s: float) -> None:
+    """Raises InputError for a time in which no answer would be sound."""
+    log.info("a round takes about %.0f s here", whole_s)
+    if 60 * minutes < least_s + _AT_THE_END_S:
+        needed = math.ceil(2 * (least_s + _AT_THE_END_S) / 6) / 10
+        raise InputError(
+            f"--budget-minutes {minutes:g} is too short: the smallest round takes about "
+            f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; give it "
+            f"--budget-minutes {needed:g} or more"
+        )
+
+
+def _is_over(budget: Budget, run: Run) -> bool:
+    """Whether no other round has enough time to learn more than the last one."""
+    return budget.seconds_left < run.round_s

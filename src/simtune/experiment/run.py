@@ -27,6 +27,7 @@ class Run:
         self.folder = RunFolder.create(experiment.config.out, experiment.run_config)
         self.estimate = unsure(experiment.search.distribution, "not identifiable")
         self.num_rounds = 0  # of the search
+        self.round_s = 0.0  # that the last one took in this sitting
         self.step = 0  # simulated ones, in which logs count: all of `tune`, the policy's of `train`
         self._start_s = time.monotonic()
 

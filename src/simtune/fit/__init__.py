@@ -8,7 +8,7 @@ from simtune.fit.physics import Physics
 from simtune.fit.replay_fit import ReplayFit, num_fitted
 from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.shooting import ShootingConfig, Stage
-from simtune.fit.sizing import FitConfig, fit_to_budget
+from simtune.fit.sizing import FitConfig, count_fit_steps, fit_to_budget
 from simtune.fit.uncertainty import correlations, in_range, inflate, model_checks, ranks
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "Stage",
     "StateEstimator",
     "correlations",
+    "count_fit_steps",
     "fit_to_budget",
     "in_range",
     "inflate",

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtrit
 
+from simtune.budget import Budget
 from simtune.fit.observed import Observed
 from simtune.fit.replay_fit import ReplayFit
 from simtune.fit.result import FitResult, Misfit, PointEstimate
@@ -73,11 +74,13 @@ def run_bootstrap(
     num: int,
     rng: np.random.Generator,
     extend_horizon: bool = True,
+    budget: Budget | None = None,
 ) -> Bootstrap:
-    """Fit `num` worlds near `fit` as the real one was fitted.
+    """Fit `num` worlds near `fit` as the real one was fitted; fewer where `budget` is over before.
 
     `start` is where the real one's fit began; `extend_horizon`: see `ReplayFit.fit`.
     """
+    budget = budget or Budget()
     space = replay_fit.space
     unit, smallest = space.to_unit(fit.parameters), np.maximum(start.std, _SMALLEST_STD)
     # Not farther away than was known before: what the fit leaves open may fill the whole space.
@@ -85,7 +88,11 @@ def run_bootstrap(
     # As far as the real one's fit had to go: what begins near the truth ends there easily.
     away = np.maximum(start.std, np.abs(unit - space.to_unit(start.parameters)))
     errors, misfits, astray = [], [], []
-    for _ in range(num):
+    for number in range(num):
+        # One that would end too late is not begun.
+        if number and budget.spent * (number + 1) / number > 1:
+            break
+        budget.report("fitting known worlds for comparison", number / num)
         truth = np.clip(unit + std * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
         observed = synthesize(space.from_unit(truth), fit.latency_steps)
         if observed is None:

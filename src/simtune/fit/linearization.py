@@ -26,6 +26,14 @@ class LinearizationPoint:
     step_scale: float = 1.0  # share of a step in the parameters that is taken
 
 
+class Slopes(NamedTuple):
+    """What W windows predict at a point, and how that changes with what is unknown."""
+
+    predicted: np.ndarray  # (W, K, D)
+    by_state: np.ndarray  # (W, 2 nv, K, D)
+    by_parameter: np.ndarray  # (W, P, K, D)
+
+
 class NormalEquations(NamedTuple):
     """Of W windows with 2 nv unknown initial states each and P shared parameters."""
 
@@ -64,10 +72,8 @@ class WindowPlayer:
             predicted.reshape(*shape, *predicted.shape[1:]),
         )
 
-    def differentiate(
-        self, windows: Windows, point: LinearizationPoint
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(W, K, D) predictions, and derivatives (W, 2 nv, K, D), (W, P, K, D), in their units."""
+    def differentiate(self, windows: Windows, point: LinearizationPoint) -> Slopes:
+        """Predictions at the point, and their derivatives, in their units."""
         num_states, num_fitted = self._space.num_tangent, len(self._fitted)
         delta = np.maximum(_STATE_DELTA * self._prior_std, _SMALLEST_DELTA)
         tangents = np.zeros((1 + num_states + num_fitted, num_states))
@@ -82,14 +88,15 @@ class WindowPlayer:
         change = (predicted[1:] - predicted[0]).swapaxes(0, 1)
         by_state = change[:, :num_states] / delta[:, None, None]
         by_parameter = change[:, num_states:] / step[:, None, None]
-        return predicted[0], by_state, by_parameter
+        return Slopes(predicted[0], by_state, by_parameter)
 
     def linearize(
-        self, windows: Windows, point: LinearizationPoint, pull: np.ndarray, blur: float
+        self, windows: Windows, slopes: Slopes, pull: np.ndarray, blur: float
     ) -> tuple[NormalEquations, np.ndarray]:
         """Normal equations, and the windows' (W,) costs −log p(observed | states, parameters).
 
-        `pull`: (W, 2 nv) how far the states are from their first guesses, in terms of prior_std.
+        `slopes`: predictions at the point, and derivatives there or near by. `pull`: (W, 2 nv) how
+        far the states are from their first guesses, in terms of prior_std.
         With residuals r, weights w and noise σ of the evidence, J = ∂r/∂(states), K = ∂r/∂(unit),
         W = diag(w), S = diag(prior_std):
 
@@ -98,7 +105,7 @@ class WindowPlayer:
 
         and the states are eliminated by the Schur complement of H.
         """
-        predicted, by_state, by_parameter = self.differentiate(windows, point)
+        predicted, by_state, by_parameter = slopes
         residual, weight = windows.evidence.linearize(predicted, blur)
         scale, num = blur * windows.evidence.scale, len(residual)
         r, w = residual.reshape(num, -1), weight.reshape(num, -1)  # (W, M = K · D)

@@ -12,7 +12,7 @@ from simtune.fit.physics import Physics
 from simtune.fit.pictures import PictureFit, align_to_images, fit_pictures
 from simtune.fit.result import FitResult, Misfit, PointEstimate
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
-from simtune.fit.sizing import FitConfig
+from simtune.fit.sizing import FitConfig, fit_to_budget
 
 _NUM_PICTURES = 40
 _SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fits end sometime
@@ -44,6 +44,12 @@ class ReplayFit:
         self._discrepancy_std, self.space = discrepancy_std, physics.parameters
         appearance = self.space.is_appearance
         self._moving, self._appearance = np.flatnonzero(~appearance), np.flatnonzero(appearance)
+
+    def sized(self, num_steps: int, seconds: float) -> "ReplayFit":
+        """One that takes about so long, for episodes of `num_steps` in all; no larger than this."""
+        physics = self._physics
+        size = fit_to_budget(self._config, physics, self.space.nominal, num_steps, seconds)
+        return ReplayFit(physics, self._estimator, self._discrepancy_std, size)
 
     def fit(
         self,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE, combine, robust_weights
-from simtune.fit.linearization import LinearizationPoint, WindowPlayer, diagonal
+from simtune.fit.linearization import LinearizationPoint, Slopes, WindowPlayer, diagonal
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.windows import Windows, cut
@@ -25,6 +25,8 @@ _LARGEST_STATE_STEP = 4.0  # prior standard deviations
 _FIRST_DAMPING, _DAMPING = 1e-2, (1e-6, 1e4)
 _FULL_STEPS = 3  # iterations of a stage; later ones take half of each step in the parameters
 _EXTENDED_BLUR = 3.0
+_DERIVED_EVERY = 2  # iterations (the chord method): derivatives cost most, and change slowly
+_TRIED = 2  # worlds, with which it is seen whether a step is one for the better
 _ENOUGH = 0.01  # standard deviation of a parameter, in unit coordinates
 _AS_WELL = 1.0  # by so much −log likelihood may rise: distances half as large again, or so
 
@@ -43,10 +45,16 @@ class ShootingConfig:
     longer_iterations: int = 10  # blurred, and as many that are not
     num_windows: int = 90  # at most; spread evenly. Of longer ones fewer: as many steps in all
 
-    @property
-    def steps_per_window(self) -> int:
-        """Steps that a fit plays of each of these windows; longer ones are rare."""
-        return sum(stage.window * stage.iterations for stage in self.stages)
+    def steps_per_window(self, num_derived: int) -> int:
+        """Steps that a fit plays of each of these windows, where it derives by so many worlds.
+
+        Longer windows do not count.
+        """
+        steps = 0
+        for window, iterations, _ in self.stages:
+            derived = -(-iterations // _DERIVED_EVERY)
+            steps += window * (num_derived * derived + _TRIED * iterations)
+        return steps
 
 
 @dataclass(frozen=True)
@@ -116,7 +124,8 @@ class Shooting:
             windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE
         )
         pull = np.zeros((len(windows.states), len(self._prior_std)))
-        information = self._player.linearize(windows, point, pull, 1.0)[0].information
+        slopes = self._player.differentiate(windows, point)
+        information = self._player.linearize(windows, slopes, pull, 1.0)[0].information
         eye = np.eye(len(self.fitted))
         # As `combine` weighs windows: none tells more than the variance between them allows.
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
@@ -131,10 +140,14 @@ class Shooting:
         for stage in stages:
             windows = whole.first(stage.window)
             point = replace(point, damping=damping, step_scale=1.0)
+            slopes = None
             for iteration in range(stage.iterations):
                 share = 1.0 if iteration < _FULL_STEPS else 0.5
                 share = 0.0 if stage.blur > _STATES_ONLY else share
-                point, covariance = self._step(windows, point, share, stage.blur)
+                if slopes is None or iteration % _DERIVED_EVERY == 0:
+                    slopes = self._player.differentiate(windows, point)
+                point, covariance, predicted = self._step(windows, point, slopes, share, stage.blur)
+                slopes = slopes._replace(predicted=predicted)
         full_states, predicted = self._player.play(windows, point.states[None], point.unit[None])
         evidence, num_frames = windows.evidence, predicted.shape[2]
         return ShootingFit(
@@ -148,9 +161,16 @@ class Shooting:
         )
 
     def _step(
-        self, windows: Windows, point: LinearizationPoint, share: float, blur: float
-    ) -> tuple[LinearizationPoint, np.ndarray]:
+        self,
+        windows: Windows,
+        point: LinearizationPoint,
+        slopes: Slopes,
+        share: float,
+        blur: float,
+    ) -> tuple[LinearizationPoint, np.ndarray, np.ndarray]:
         """One step of Gauss-Newton; the point after it, and the parameters' (P, P) covariance.
+
+        Also the (W, K, D) predictions at the point after it.
 
         Over the W windows' initial states x_w and the parameters θ that all share, it minimises
 
@@ -168,7 +188,7 @@ class Shooting:
         moves, and the next step in θ is a quarter as long.
         """
         pull = self._pull(point.states, windows)  # (W, 2 nv)
-        equations, cost = self._player.linearize(windows, point, pull, blur)
+        equations, cost = self._player.linearize(windows, slopes, pull, blur)
         trust = robust_weights(cost)  # (W,)
         combined = combine(
             equations.information,
@@ -189,13 +209,15 @@ class Shooting:
         costs += 0.5 * np.square(pulls).sum(-1)
         before = cost + 0.5 * np.square(pull).sum(-1)
         if trust @ costs.min(0) > trust @ before:  # too far for a straight line
-            return replace(point, step_scale=point.step_scale / 4), combined.covariance
+            shorter = replace(point, step_scale=point.step_scale / 4)
+            return shorter, combined.covariance, slopes.predicted
         better = costs[0] < costs[1]
         states = np.where(better[:, None], moved, point.states)
         damping = np.where(better, point.damping / 4, point.damping * 8).clip(*_DAMPING)
         step_scale = min(1.0, 2 * point.step_scale)
         after = LinearizationPoint(states, unit, damping, combined.variance, step_scale)
-        return after, combined.covariance
+        its = np.where(better[:, None, None], predicted[0], predicted[1])
+        return after, combined.covariance, its
 
     def _move_states(self, point: LinearizationPoint, equations, change: np.ndarray) -> np.ndarray:
         """(W, nq + nv) states after the best step when the parameters change by (P,)."""

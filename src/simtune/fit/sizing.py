@@ -9,7 +9,6 @@ from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
 from simtune.fit.shooting import ShootingConfig
 
-_PARTICLES_SHARE = 0.6  # of the time; the rest is for windows
 _SIDES = 2  # from which windows are fitted
 _FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20
 _TRIED_WORLDS, _TRIED_STEPS = 64, 12
@@ -20,24 +19,42 @@ class FitConfig:
     particles: ParticleConfig = field(default_factory=ParticleConfig)
     shooting: ShootingConfig = field(default_factory=ShootingConfig)
 
+    def scaled(self, share: float) -> "FitConfig":
+        """With that share of the particles and windows, but never fewer than tell anything."""
+        particles, shooting = self.particles, self.shooting
+        num = max(min(_FEWEST_PARTICLES, particles.num), int(share * particles.num))
+        fewest = min(_FEWEST_WINDOWS, shooting.num_windows)
+        windows = max(fewest, int(share * shooting.num_windows))
+        return replace(
+            self,
+            particles=replace(particles, num=num),
+            shooting=replace(shooting, num_windows=windows),
+        )
+
+
+def count_fit_steps(
+    config: FitConfig, num_steps: int, num_tangent: int, num_fitted: int
+) -> tuple[int, int]:
+    """Policy steps that particles and windows play, for episodes of `num_steps` in all."""
+    shooting = config.shooting
+    windows = min(shooting.num_windows, -(-num_steps // shooting.stages[-1].window))
+    by_windows = _SIDES * windows * shooting.steps_per_window(1 + num_tangent + num_fitted)
+    return num_steps * config.particles.num, by_windows
+
 
 def fit_to_budget(
     config: FitConfig, physics: Physics, parameters: np.ndarray, num_steps: int, seconds: float
 ) -> FitConfig:
     """With as many particles and windows as `seconds` allow, for episodes of `num_steps` in all."""
+    if not np.isfinite(seconds):
+        return config
     step_s, begun_step_s = _seconds_per_step(physics, parameters)
-    each_s = begun_step_s * num_steps / config.particles.steps
-    num = int(np.clip(_PARTICLES_SHARE * seconds / each_s, _FEWEST_PARTICLES, config.particles.num))
-    # Each iteration plays every window once for all it is derived by, and a few more.
     num_fitted = int((~physics.parameters.is_appearance).sum())
-    played = 3 + physics.space.num_tangent + num_fitted
-    window_s = step_s * played * config.shooting.steps_per_window * _SIDES
-    windows = (1 - _PARTICLES_SHARE) * seconds / window_s
-    num_windows = int(np.clip(windows, _FEWEST_WINDOWS, config.shooting.num_windows))
-    return FitConfig(
-        particles=replace(config.particles, num=num),
-        shooting=replace(config.shooting, num_windows=num_windows),
+    of_particles, of_windows = count_fit_steps(
+        config, num_steps, physics.space.num_tangent, num_fitted
     )
+    needed_s = begun_step_s / config.particles.steps * of_particles + step_s * of_windows
+    return config.scaled(min(1.0, seconds / needed_s))
 
 
 def _seconds_per_step(physics: Physics, parameters: np.ndarray) -> tuple[float, float]:

@@ -92,6 +92,15 @@ class PosteriorSearchParamModel:
 
         return train_network(self.detector, draw_loss, clock, config.learning_rate)
 
+    def time_updates(self, frames: np.ndarray, num: int) -> None:
+        """As much work as `num` updates of the detector on (n, H, W, 3) frames; it stays as it is."""
+        batch = to_input(np.resize(frames, (self.config.detector.batch_size, *frames.shape[1:])))
+        for _ in range(num):
+            places = torch.zeros(len(batch), self.detector.num_keypoints, 2)
+            visible = torch.zeros(len(batch), len(self.visible))
+            self.detector.loss(batch, places, visible, torch.ones(len(self.visible))).backward()
+        self.detector.zero_grad()
+
     def detect(self, frames: np.ndarray) -> Detections:
         """In (..., H, W, 3) frames, one after the other."""
         return detect(self.detector, frames.reshape(-1, *frames.shape[-3:]))

@@ -1,5 +1,6 @@
 """What the posterior SPM learns from: simulated worlds, of which only a part is drawn."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +23,15 @@ class SimulatedWorlds:
     states: np.ndarray  # (W, F, S) full ones behind `frames`
     # {sensor: (W, F, D)} what was measured with `frames`
     readings: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @classmethod
+    def joined(cls, parts: Sequence["SimulatedWorlds"]) -> "SimulatedWorlds":
+        """All worlds of several."""
+        fields = {name: [vars(part)[name] for part in parts] for name in vars(parts[0])}
+        readings = fields.pop("readings")
+        arrays = {name: np.concatenate(its) for name, its in fields.items()}
+        by_sensor = {name: np.concatenate([its[name] for its in readings]) for name in readings[0]}
+        return cls(**arrays, readings=by_sensor)
 
     def filmed_keypoints(self) -> np.ndarray:
         """(W, F, L, 2) the true keypoints in `frames`."""

@@ -17,7 +17,6 @@ from simtune.fit import (
     ReplayFit,
     StateEstimator,
     correlations,
-    fit_to_budget,
     in_range,
     inflate,
     model_checks,
@@ -80,13 +79,9 @@ class FitStage:
         model: PosteriorSearchParamModel,
         held_out: HeldOut,
         config: PosteriorSearchConfig,
-        num_steps: int,
         budget: Budget,
     ) -> "FitStage":
-        """Measure the detector's noise in held-out worlds and learn to guess states there.
-
-        `num_steps`: of all real episodes together, which decides how large a fit can be.
-        """
+        """Measure the detector's noise in held-out worlds and learn to guess states there."""
         worlds, simulator = held_out.worlds, context.simulator
         assert isinstance(simulator, Simulator), "see can_fit"
         episodes = held_out.detections.episodes(len(worlds.frames))
@@ -96,9 +91,7 @@ class FitStage:
         observed = Observed(evidence, worlds.filmed_actions().astype(float))
         observe = context.observation.observe_beside(context.keypoints.observe)
         physics = Physics(simulator, observe, worlds.states[0, 0])
-        fit_s = budget.seconds * config.fit_share
-        size = fit_to_budget(config.fit, physics, simulator.space.nominal, num_steps, fit_s)
-        part = budget.part(budget.seconds * config.state_share, (0.7, 0.8))
+        part = budget.share(config.state_share, (0.5, 0.55))
         clock = TrainingClock(
             config.state_updates, part, "learning to guess states", config.least_updates
         )
@@ -111,7 +104,13 @@ class FitStage:
             clock,
         )
         discrepancy = context.observation.discrepancy_std(simulator.space.is_appearance)
-        return cls(context, model, ReplayFit(physics, estimator, discrepancy, size), noise_px)
+        replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit)
+        return cls(context, model, replay_fit, noise_px)
+
+    def sized(self, num_steps: int, seconds: float) -> "FitStage":
+        """One whose fits take about so long, for real episodes of `num_steps` in all."""
+        fit = self._replay_fit.sized(num_steps, seconds)
+        return FitStage(self._context, self._model, fit, self._noise_px)
 
     def observed(
         self, trajectories: Sequence[Trajectory], detections: Sequence[Detections]
@@ -142,8 +141,12 @@ class FitStage:
         num: int,
         rng: np.random.Generator,
         extend_horizon: bool,
+        budget: Budget,
     ) -> Bootstrap:
-        """Film and fit `num` known worlds near `fit`, which play the same actions."""
+        """Film and fit `num` known worlds near `fit`, which play the same actions.
+
+        Fewer, where `budget` is over before.
+        """
         actions, observation = observed.actions[:FEW_EPISODES], self._context.observation
 
         def synthesize(parameters: np.ndarray, latency_steps: int) -> Observed | None:
@@ -156,7 +159,9 @@ class FitStage:
             detections = [self._model.detect(trajectory.frames) for trajectory in recorded]
             return replace(self.observed(recorded, detections), actions=actions)
 
-        return run_bootstrap(self._replay_fit, synthesize, fit, start, num, rng, extend_horizon)
+        return run_bootstrap(
+            self._replay_fit, synthesize, fit, start, num, rng, extend_horizon, budget
+        )
 
 
 def conclude(

@@ -13,13 +13,16 @@ from simtune.tuning.search import Round, unsure
 class FixedRange:
     """A `tuning.search.Search` that looks at nothing and moves nothing."""
 
-    finished = True
+    stop_reason = "nothing is searched for"
 
     def __init__(self, distribution: Distribution):
         self.distribution = distribution
 
     def check(self, real: list[Trajectory]) -> None:
         """Anything will do."""
+
+    def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
+        return 0.0, 0.0
 
     def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
         return Round(unsure(self.distribution, "not identifiable"), [], {})

@@ -94,8 +94,12 @@ class PaperSearch:
         )
 
     @property
-    def finished(self) -> bool:
-        return self.num_moves >= self.config.max_moves
+    def stop_reason(self) -> str:
+        return "all moves are done" if self.num_moves >= self.config.max_moves else ""
+
+    def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
+        """Nothing: its rounds are short, and many."""
+        return 0.0, 0.0
 
     def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
         """See `Search`. The first rounds only pretrain, and leave Ξ where it is."""

@@ -9,6 +9,7 @@ A round is sequential neural posterior estimation with a truncated prior, and th
     fit and judge               replay the motion, draw the pictures; a bootstrap widens intervals
 """
 
+import math
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -27,6 +28,7 @@ from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory
 from simtune.tuning.fit_stage import Detected, FitStage, HeldOut, can_fit, conclude
+from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import (
     candidate_grid,
@@ -34,10 +36,12 @@ from simtune.tuning.range_update import (
     read_curves,
     update_range,
 )
+from simtune.tuning.rounds import gains_nothing, half_widths, is_precise, plan_round
 from simtune.tuning.search import Estimate, Round, SearchContext
 from simtune.tuning.world_sampler import WorldSampler
 
-_SECONDS_AT_LEAST = 1.0  # that a round is planned for, however late it is
+_FITS_SHARE = 0.9  # of what is left then, for a fit and its refits
+_REFIT = 0.8  # of a fit: it looks at fewer episodes
 _FILMED_WITHOUT_FIT = 2  # frames: what those worlds look like is known from others
 
 
@@ -58,6 +62,8 @@ class PosteriorSearch:
         self.first = self.distribution = Distribution.first(space, context.start)
         self.searched = self.first  # in the last round: what its curves are in terms of
         self.num_rounds = 0
+        self.stop_reason = ""
+        self._widths: list[float] | None = None  # of the last round's intervals, relative
         self.model = PosteriorSearchParamModel(
             len(context.keypoints),
             context.simulator.action_scale,
@@ -66,14 +72,11 @@ class PosteriorSearch:
             config.model,
             context.seed,
         )
-        self._worlds = WorldSampler(context, self.first)
+        self._worlds = WorldSampler(context)
+        self._full_s = math.inf  # that a whole round takes, where time is limited
         # What a round learnt beside the networks' weights; no checkpoint has it.
         self._fit_stage: FitStage | None = None
         self._bootstrap: Bootstrap | None = None
-
-    @property
-    def finished(self) -> bool:
-        return self.num_rounds >= self.config.num_rounds
 
     def check(self, real: list[Trajectory]) -> None:
         """Raises InputError where there are no trajectories, or too short ones."""
@@ -86,7 +89,7 @@ class PosteriorSearch:
 
     def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
         """Simulate, train the detector and the posterior network, estimate, fit and judge."""
-        budget, is_last = self._plan(budget)
+        budget, may_be_last = self._plan(real, budget)
         self.searched = self.distribution
         worlds = self._simulate(real, budget)
         metrics = self._train_detector(worlds, budget)
@@ -95,12 +98,36 @@ class PosteriorSearch:
         self._fit_stage = self._prepare_fit(real, held_out, budget)
         detected = self._detect(real)
         prob_higher = self._estimate(detected)
-        estimate, curves = self._fit_and_judge(detected, prob_higher, is_last, budget)
+        estimate, curves = self._fit_and_judge(detected, prob_higher, may_be_last, budget)
         self.distribution, events = update_range(
             curves, self.distribution, self.first, self.config.range_update
         )
         self.num_rounds += 1
+        self._see_whether_to_stop(half_widths(estimate, self.first))
         return Round(estimate, events, metrics)
+
+    def _see_whether_to_stop(self, widths: np.ndarray) -> None:
+        precision, before = self.config.precision, self._widths
+        if precision and is_precise(widths, precision):
+            self.stop_reason = f"every parameter is known to {100 * precision:g} %"
+        elif precision and before and gains_nothing(np.array(before), widths, precision):
+            self.stop_reason = "another round would tell hardly more"
+        elif self.num_rounds >= self.config.num_rounds:
+            self.stop_reason = "all rounds are done"
+        self._widths = widths.tolist()
+
+    def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
+        """Seconds that the smallest sound round takes on this machine, and those of a whole one."""
+        pace = Pace.measure(self.context, self.model, self.first)
+        work, config = self._work(real), self.config
+        self._full_s = pace.round_s(config, work)
+        return pace.round_s(smallest(config), work), self._full_s
+
+    def _work(self, real: list[Trajectory]) -> Work:
+        steps = min(len(t) for t in real)
+        space = self.context.simulator.state_space if self._can_fit else None
+        num_fitted = int((~self.first.space.is_appearance).sum())
+        return Work(len(real), steps, space.num_tangent if space else 0, num_fitted)
 
     def estimate(self, trajectories: list[Trajectory]) -> tuple[Estimate, np.ndarray]:
         """What the last round would have made of other trajectories; and (N, C) curves.
@@ -111,41 +138,40 @@ class PosteriorSearch:
         if self._fit_stage is None and self._can_fit:
             raise RuntimeError("what a fit learnt is in no checkpoint: run a round first")
         detected = self._detect(trajectories)
-        return self._fit_and_judge(detected, self._estimate(detected), self.finished)
+        return self._fit_and_judge(detected, self._estimate(detected))
 
-    def _plan(self, budget: Budget) -> tuple[Budget, bool]:
-        """The part of the present round, and whether it is the last one."""
+    def _plan(self, real: list[Trajectory], budget: Budget) -> tuple[Budget, bool]:
+        """The part of the present round, and whether it may be the last one."""
         count = self.config.num_rounds
         index = min(self.num_rounds, count - 1)
-        shares = self.config.time_shares[self.num_rounds :] or (1.0,)
-        seconds = budget.seconds_left * shares[0] / sum(shares)
-        part = budget.part(
-            max(_SECONDS_AT_LEAST, seconds),
-            (index / count, (index + 1) / count),
-            f"{index + 1}/{count} ",
-        )
-        return part, index == count - 1 or budget.is_over
+        span, name = (index / count, (index + 1) / count), f"round {self.num_rounds + 1}: "
+        if budget.is_endless:
+            return budget.part(math.inf, span, name), index == count - 1
+        if math.isinf(self._full_s):
+            self.needed_s(real)
+        seconds = plan_round(budget.seconds_left, self._full_s, index == count - 1)
+        return budget.part(seconds, span, name), True
 
     def _simulate(self, real: list[Trajectory], budget: Budget) -> SimulatedWorlds:
         config = self.config
         budget.report("simulating and filming")
-        episodes, seconds = self._episodes_per_world(real), budget.seconds * config.collect_share
+        episodes, part = self._episodes_per_world(real), budget.share(config.collect_share)
         return self._worlds.sample(
-            real, self.searched, config.num_worlds, episodes, config.filmed_steps, seconds
+            real, self.searched, config.num_worlds, episodes, config.filmed_steps, part
         )
 
     def _train_detector(self, worlds: SimulatedWorlds, budget: Budget) -> dict[str, float]:
         config = self.config
         updates = config.detector_updates[min(self.num_rounds, len(config.detector_updates) - 1)]
-        part = budget.part(budget.seconds * config.detector_share, (0.1, 0.6))
+        part = budget.share(config.detector_share, (0.1, 0.4))
         clock = TrainingClock(updates, part, "training the detector", config.least_updates)
         return {"loss/detector": self.model.train_detector(worlds, self.searched, clock)}
 
     def _hold_out(self, real: list[Trajectory], budget: Budget) -> HeldOut:
         """Other worlds, to measure the detector's errors in."""
-        config, seconds = self.config, budget.seconds * self.config.collect_share
+        config, part = self.config, budget.share(self.config.collect_share / 2)
         worlds = self._worlds.sample(
-            real, self.searched, config.held_out_worlds, 1, config.held_out_steps, seconds
+            real, self.searched, config.held_out_worlds, 1, config.held_out_steps, part
         )
         return HeldOut(worlds, self.model.detect(worlds.frames))
 
@@ -157,11 +183,11 @@ class PosteriorSearch:
         scale = 1 if self._can_fit else config.no_fit_scale
         if scale > 1:
             num, episodes = config.num_worlds * scale, self._episodes_per_world(real)
-            seconds = budget.seconds * config.collect_share
+            part = budget.share(config.collect_share)
             worlds = self._worlds.sample(
-                real, self.searched, num, episodes, _FILMED_WITHOUT_FIT, seconds
+                real, self.searched, num, episodes, _FILMED_WITHOUT_FIT, part
             )
-        part = budget.part(budget.seconds * config.posterior_share * scale, (0.6, 0.7))
+        part = budget.share(config.posterior_share * scale, (0.4, 0.5))
         updates, least = config.posterior_updates * scale, config.least_updates
         clock = TrainingClock(updates, part, "training the posterior network", least)
         loss = self.model.train_posterior_net(worlds, self.searched, errors, clock)
@@ -175,7 +201,9 @@ class PosteriorSearch:
         if not self._can_fit:
             return None
         num_steps = min(len(t) for t in real) * len(real)
-        return FitStage.prepare(self.context, self.model, held_out, self.config, num_steps, budget)
+        stage = FitStage.prepare(self.context, self.model, held_out, self.config, budget)
+        fits = 1 + _REFIT * self.config.num_refits[0]
+        return stage.sized(num_steps, _FITS_SHARE * budget.seconds_left / fits)
 
     def _detect(self, trajectories: Sequence[Trajectory]) -> Detected:
         return Detected(trajectories, [self.model.detect(t.frames) for t in trajectories])
@@ -195,29 +223,35 @@ class PosteriorSearch:
         self,
         detected: Detected,
         prob_higher: np.ndarray,
-        is_last: bool,
+        may_be_last: bool = True,
         budget: Budget | None = None,
     ) -> tuple[Estimate, np.ndarray]:
         """Fit, and conclude; with a budget, known worlds are fitted for comparison until then.
 
-        They are in the last round only, and what is fitted once more can wait for longer windows.
+        What may not be the last round does without them, and without longer windows.
         """
         config, stage, began_s = self.config, self._fit_stage, time.monotonic()
         if stage is None:
             estimate = read_curves(prob_higher, self.searched, self.first, config.range_update)
             return estimate, prob_higher
-        (budget or Budget()).report("fitting", 0.8)
+        (budget or Budget()).report("fitting", 0.55)
         observed = stage.observed(*detected)
         start = point_estimate(prob_higher, self.searched)
-        fit = stage.fit(observed, start, is_last)
+        fit = stage.fit(observed, start, may_be_last)
         if budget:
-            possible = budget.seconds_left / (time.monotonic() - began_s)
-            num = int(np.clip(possible, *config.num_refits)) if is_last else 0
-            budget.report("fitting known worlds for comparison", 0.85)
-            self._bootstrap = stage.bootstrap(observed, fit, start, num, self._worlds.rng, is_last)
+            num = self._num_refits(budget, time.monotonic() - began_s) if may_be_last else 0
+            rng, part = self._worlds.rng, budget.part(budget.seconds_left, (0.65, 1.0))
+            self._bootstrap = stage.bootstrap(observed, fit, start, num, rng, may_be_last, part)
         assert self._bootstrap is not None, "made in a round"
         ranges = (self.searched, self.first)
         return conclude(prob_higher, fit, self._bootstrap, *ranges, config.range_update)
+
+    def _num_refits(self, budget: Budget, fit_s: float) -> int:
+        """As many as there is time for, after a fit that took so long."""
+        planned, most = self.config.num_refits
+        if budget.is_endless:
+            return planned
+        return min(most, int(budget.seconds_left / (_REFIT * fit_s)))
 
     def _episodes_per_world(self, real: list[Trajectory]) -> int:
         return min(self.config.episodes_per_world, len(real))
@@ -230,13 +264,15 @@ class PosteriorSearch:
     def state(self) -> dict[str, Any]:
         ranges = {k: getattr(self.distribution, k).tolist() for k in ("mean", "low", "high")}
         rng = self._worlds.rng.bit_generator.state
-        return {"num_rounds": self.num_rounds, "distribution": ranges, "rng": rng}
+        state = {"num_rounds": self.num_rounds, "stop_reason": self.stop_reason}
+        return state | {"distribution": ranges, "rng": rng, "widths": self._widths}
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         load_weights(self.model.detector, under("detector.", tensors), "detector")
         load_weights(self.model.posterior_net, under("posterior_net.", tensors), "posterior_net")
         self.model.generator.set_state(tensors["generator"])
-        self.num_rounds = state["num_rounds"]
+        self.num_rounds, self.stop_reason = state["num_rounds"], state["stop_reason"]
+        self._widths = state["widths"]
         ranges = {k: np.array(v) for k, v in state["distribution"].items()}
         self.distribution = self.distribution.with_interval(**ranges)
         self._worlds.rng.bit_generator.state = state["rng"]

@@ -79,8 +79,12 @@ class Search(Protocol):
     distribution: Distribution  # Ξ now; `distribution.mean` is ξ_mean
 
     @property
-    def finished(self) -> bool:
-        """Nothing is left to gain."""
+    def stop_reason(self) -> str:
+        """Why nothing is left to gain; empty while there is."""
+        ...
+
+    def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
+        """Seconds that the smallest sound round takes on this machine, and those of a whole one."""
         ...
 
     def check(self, real: list[Trajectory]) -> None:

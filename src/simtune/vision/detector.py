@@ -24,8 +24,8 @@ class DetectorConfig:
     channels: int = 16
     free_maps: int = 8  # attention maps beside the keypoints', for colours of what stands still
     hidden: int = 128
-    batch_size: int = 64
-    learning_rate: float = 3e-3
+    batch_size: int = 32
+    learning_rate: float = 5e-3
     noise: float = 0.01  # of the full scale: a camera's, a video's compression
 
 

@@ -1,0 +1,98 @@
+"""How long a round takes on this machine: measured in a second or two, before any time is planned.
+
+What a round does is counted in four kinds of work, and each kind is timed once: a world's policy
+step, a picture drawn, a picture detected, an update of the detector.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from simtune.fit import count_fit_steps
+from simtune.randomization import Distribution
+from simtune.search_param_model.posterior import PosteriorSearchParamModel
+from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.search import SearchContext
+
+_WORLDS, _STEPS, _UPDATES = 32, 20, 3
+_SMALL_UPDATE = 0.7  # of an update of the detector: one of the other networks
+_REFIT = 0.8  # of a fit: it looks at fewer episodes
+_SLOWER = 1.3  # all that is not counted: pictures that are fitted, latencies that are tried
+_FEWEST_WORLDS = 64  # to learn anything from
+
+
+class Work(NamedTuple):
+    """What the scene and its recordings make of a round."""
+
+    num_episodes: int
+    num_steps: int  # of each
+    num_tangent: int  # 2 nv, of a state that is fitted; 0: nothing can be fitted
+    num_fitted: int  # parameters that move something
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Seconds that a piece of work takes, beside whatever else runs on the machine."""
+
+    step_s: float  # a world's policy step, among many at once
+    frame_s: float  # a picture drawn
+    detect_s: float  # a picture detected
+    update_s: float  # an update of the detector
+
+    @classmethod
+    def measure(
+        cls, context: SearchContext, model: PosteriorSearchParamModel, distribution: Distribution
+    ) -> "Pace":
+        """By a little of each, with worlds of `distribution`."""
+        simulator, rng = context.simulator, np.random.default_rng((context.seed, 1))
+        worlds = distribution.sample(_WORLDS, rng)
+        act = simulator.explore(_WORLDS, _STEPS, rng)
+        step_s, played = _timed(lambda: simulator.play(worlds, act, _STEPS, rng))
+        last = played.states[:, -1]
+        frame_s, frames = _timed(lambda: simulator.render(last, worlds))
+        detect_s, _ = _timed(lambda: model.detect(frames))
+        update_s, _ = _timed(lambda: model.time_updates(frames, _UPDATES))
+        return cls(
+            step_s / (_WORLDS * _STEPS), frame_s / _WORLDS, detect_s / _WORLDS, update_s / _UPDATES
+        )
+
+    def round_s(self, config: PosteriorSearchConfig, work: Work) -> float:
+        """Seconds that a first round of these settings takes, about."""
+        episodes, steps = work.num_episodes, work.num_steps
+        played = config.num_worlds * min(config.episodes_per_world, episodes)
+        seconds = self.step_s * steps * (played + config.held_out_worlds)
+        held_out = config.held_out_worlds * config.held_out_steps
+        drawn = config.num_worlds * config.filmed_steps + held_out
+        seconds += self.frame_s * drawn + self.detect_s * held_out
+        small = config.posterior_updates + config.state_updates
+        seconds += self.update_s * (config.detector_updates[0] + _SMALL_UPDATE * small)
+        if not work.num_tangent:
+            return seconds
+        played = sum(count_fit_steps(config.fit, episodes * steps, *work[2:]))
+        fit_s = _SLOWER * self.step_s * played
+        return seconds + fit_s * (1 + _REFIT * config.num_refits[0])
+
+
+def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:
+    """The least that a round may be: with less, networks are sure of nonsense."""
+    least = config.least_updates
+    return replace(
+        config,
+        num_worlds=min(_FEWEST_WORLDS, config.num_worlds),
+        held_out_worlds=min(_FEWEST_WORLDS, config.held_out_worlds),
+        detector_updates=(min(least, config.detector_updates[0]),),
+        posterior_updates=min(least, config.posterior_updates),
+        state_updates=min(least, config.state_updates),
+        fit=config.fit.scaled(0.0),
+    )
+
+
+def _timed(work: Callable[[], Any]) -> tuple[float, Any]:
+    """Seconds that it takes once it was done before: what is made once is not counted."""
+    work()
+    began_s = time.monotonic()
+    done = work()
+    return max(1e-9, time.monotonic() - began_s), done
