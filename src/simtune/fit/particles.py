@@ -22,7 +22,7 @@ _FEWEST = 0.5  # share of particles that still count below which they are chosen
 
 @dataclass(frozen=True, kw_only=True)
 class ParticleConfig:
-    num: int = 192  # of each episode, at most
+    num: int = 64  # of each episode, at most
     steps: int = 1  # between choices
     look_ahead: int = 12  # steps after which a state is what the likeliest motion came from
 

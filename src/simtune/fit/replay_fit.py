@@ -9,7 +9,8 @@ from simtune.fit.estimator import StateEstimator
 from simtune.fit.observed import Observed
 from simtune.fit.particles import Particles
 from simtune.fit.physics import Physics
-from simtune.fit.pictures import PictureFit, align_to_images, fit_pictures
+from simtune.fit.pictures import PictureFit, fit_pictures
+from simtune.fit.poses import align_to_images, uncertain_poses
 from simtune.fit.result import FitResult, Misfit, PointEstimate
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
 from simtune.fit.sizing import FitConfig, fit_to_budget
@@ -167,7 +168,14 @@ class ReplayFit:
             full_states = align_to_images(
                 simulator, frames, full_states, parameters, self._physics.space, tangent
             )
-        return fit_pictures(simulator, frames, full_states, parameters, self._appearance)
+        poses = uncertain_poses(
+            self._physics,
+            full_states,
+            parameters,
+            observed.evidence.scale,
+            self._estimator.prior_std,
+        )
+        return fit_pictures(simulator, frames, full_states, parameters, self._appearance, poses)
 
     def _unobserved(self, observed: Observed) -> np.ndarray:
         """(D, 2 nv) changes of position, as large as is unknown, that no sensor notices.

@@ -93,7 +93,7 @@ class PosteriorSearchParamModel:
         return train_network(self.detector, draw_loss, clock, config.learning_rate)
 
     def time_updates(self, frames: np.ndarray, num: int) -> None:
-        """As much work as `num` updates of the detector on (n, H, W, 3) frames; it stays as it is."""
+        """As much work as `num` updates of the detector, which stays as it is."""
         batch = to_input(np.resize(frames, (self.config.detector.batch_size, *frames.shape[1:])))
         for _ in range(num):
             places = torch.zeros(len(batch), self.detector.num_keypoints, 2)

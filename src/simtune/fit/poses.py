@@ -1,0 +1,60 @@
+"""Where things are in a picture, as far as the motion does not say."""
+
+import numpy as np
+
+from simtune.fit.physics import Physics
+from simtune.simulation import Simulator
+from simtune.simulation.states import StateSpace
+
+_PLACES = 25  # tried for each picture
+_DELTA = 0.01  # of what is unknown of a position: to derive by
+
+
+def uncertain_poses(
+    physics: Physics,
+    full_states: np.ndarray,
+    parameters: np.ndarray,
+    scale: np.ndarray,
+    largest: np.ndarray,
+) -> np.ndarray:
+    """(M, nv, 2 nv) changes of (M, S) states, of positions alone, by a standard deviation each.
+
+    That is what a single frame leaves open of each position alone, where its (D,) observations have
+    noise `scale`; a film's other frames tell more, unless the detector errs in all of them alike.
+    No more than `largest`, (2 nv,).
+    """
+    space, num = physics.space, len(full_states)
+    nv, states = space.nv, physics.states(full_states)
+    delta = np.maximum(_DELTA * largest, 1e-9)[:nv]
+    tangents = np.zeros((1 + nv, 1, 2 * nv))
+    tangents[1 + np.arange(nv), 0, np.arange(nv)] = delta
+    moved = space.move(states, np.repeat(tangents, num, 1)).reshape((1 + nv) * num, -1)
+    units = np.repeat(physics.parameters.to_unit(parameters)[None], len(moved), 0)
+    at_once = np.zeros((len(moved), 0, physics.simulator.num_actions))
+    _, seen = physics.play(moved, units, at_once)
+    seen = seen[:, 0].reshape(1 + nv, num, -1) / scale
+    information = np.square((seen[1:] - seen[:1]) / delta[:, None, None]).sum(-1).T  # (M, nv)
+    std = 1 / np.sqrt(information + largest[:nv] ** -2.0)
+    return std[..., None] * np.eye(nv, 2 * nv)
+
+
+def align_to_images(
+    simulator: Simulator,
+    frames: np.ndarray,
+    full_states: np.ndarray,
+    parameters: np.ndarray,
+    space: StateSpace,
+    tangent: np.ndarray,
+) -> np.ndarray:
+    """(M, S) states, each moved along a (2 nv,) tangent to where it looks most like its frame."""
+    shifts = np.linspace(-1, 1, _PLACES)[:, None, None] * tangent
+    states = space.positions_and_velocities(full_states)
+    moved = space.move(states, shifts + np.zeros((_PLACES, len(full_states), 1)))
+    candidates = space.with_positions_and_velocities(full_states, moved)
+    worlds = np.repeat(parameters[None], _PLACES * len(full_states), 0)
+    drawn = simulator.render(candidates.reshape(-1, full_states.shape[-1]), worlds)
+    drawn = drawn.reshape(_PLACES, len(full_states), -1)
+    real = frames.reshape(len(frames), -1).astype(np.float32)
+    # What looks alike may be of another brightness so far: compare the patterns.
+    alike = [[np.corrcoef(d, r)[0, 1] for d, r in zip(place, real, strict=True)] for place in drawn]
+    return candidates[np.argmax(alike, 0), np.arange(len(full_states))]
