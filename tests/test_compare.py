@@ -60,8 +60,9 @@ def test_limit_and_probability_by_hand():
     assert p_value(1.95996, 1) == pytest.approx(0.05, abs=1e-5)
     assert largest_allowed(2, 0.0975) == pytest.approx(1.95996, abs=1e-4)  # 1 − .95²
     assert p_value(-largest_allowed(10, 0.05), 10) == pytest.approx(0.05)
-    np.testing.assert_allclose(differences(np.ones(1), np.array([3.0]), np.array([11.0]),
-                                           np.array([4.0])), [2])  # fmt: skip
+    np.testing.assert_allclose(
+        differences(np.ones(1), np.array([3.0]), np.array([11.0]), np.array([4.0])), [2]
+    )
 
 
 def test_runs_that_agree(tmp_path):

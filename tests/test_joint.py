@@ -16,16 +16,41 @@ from simtune.tuning.search import Estimate, unsure
 
 SPACE = ParameterSpace(
     [
-        Parameter(name="mass", field="body_mass", objects=("a",), nominal=1, low=0.01, high=100,
-                  unit="kg"),
-        Parameter(name="damping", field="dof_damping", objects=("a",), nominal=1, low=0.1, high=10,
-                  unit="N"),
-        Parameter(name="red", field="geom_rgba", objects=("a",), component=0, nominal=0.5, low=0,
-                  high=1, scale="linear", unit="1"),
-        Parameter(name="push", field="opt.gravity", component=0, nominal=0, low=-5, high=5,
-                  scale="linear", unit="m/s²"),
+        Parameter(
+            name="mass", field="body_mass", objects=("a",), nominal=1, low=0.01, high=100, unit="kg"
+        ),
+        Parameter(
+            name="damping",
+            field="dof_damping",
+            objects=("a",),
+            nominal=1,
+            low=0.1,
+            high=10,
+            unit="N",
+        ),
+        Parameter(
+            name="red",
+            field="geom_rgba",
+            objects=("a",),
+            component=0,
+            nominal=0.5,
+            low=0,
+            high=1,
+            scale="linear",
+            unit="1",
+        ),
+        Parameter(
+            name="push",
+            field="opt.gravity",
+            component=0,
+            nominal=0,
+            low=-5,
+            high=5,
+            scale="linear",
+            unit="m/s²",
+        ),
     ]
-)  # fmt: skip
+)
 FIRST = Distribution.first(SPACE, SPACE.nominal)
 GRID = candidate_grid()
 CORRELATION = np.array(
@@ -54,8 +79,9 @@ def test_draws_have_the_marginals_of_the_curves(std):
         expected = quantile(curves, share)
         found = np.quantile(in_range, share, axis=0)
         np.testing.assert_allclose(found, expected, atol=0.05 * std)
-    np.testing.assert_allclose(np.median(in_range, 0), FIRST.to_range_unit(estimate.mean),
-                               atol=0.05 * std)  # fmt: skip
+    np.testing.assert_allclose(
+        np.median(in_range, 0), FIRST.to_range_unit(estimate.mean), atol=0.05 * std
+    )
     inside = (draws >= estimate.low) & (draws <= estimate.high)
     np.testing.assert_allclose(inside.mean(0), 0.9, atol=0.01)
 
@@ -98,8 +124,9 @@ def test_a_curve_that_tells_nothing_leaves_all_of_the_bounds():
     joint, _, _ = joint_of([0.5, 0.5, 0.5, 0.5], [50.0, 0.05, np.inf, 0.05])
     unit = SPACE.to_unit(joint.draw(20_000, np.random.default_rng(4)))
     for i in (0, 2):
-        np.testing.assert_allclose(np.quantile(unit[:, i], (0.1, 0.5, 0.9)), (0.1, 0.5, 0.9),
-                                   atol=0.015)  # fmt: skip
+        np.testing.assert_allclose(
+            np.quantile(unit[:, i], (0.1, 0.5, 0.9)), (0.1, 0.5, 0.9), atol=0.015
+        )
 
 
 def test_without_curves_draws_are_uniform_in_the_range_and_independent():
@@ -125,8 +152,9 @@ def test_covariance_is_that_of_the_normal_errors_that_the_curves_are_of():
     joint, _, _ = joint_of([0.4, 0.6, 0.5, 0.5], std)
     mean, covariance = joint.mean_and_covariance()
     width = SPACE.to_unit(FIRST.high) - SPACE.to_unit(FIRST.low)
-    np.testing.assert_allclose(covariance, CORRELATION * np.outer(std * width, std * width),
-                               rtol=0.01)  # fmt: skip
+    np.testing.assert_allclose(
+        covariance, CORRELATION * np.outer(std * width, std * width), rtol=0.01
+    )
     at = FIRST.from_range_unit(np.array([0.4, 0.6, 0.5, 0.5]))
     np.testing.assert_allclose(mean, SPACE.to_unit(at), atol=1e-4)
 
@@ -150,8 +178,9 @@ def test_the_interval_of_a_ratio_by_hand():
     (found,) = combined([0.5] * 4, [0.05] * 4, {"mass, damping": 0.95}, 0.95)
     assert (found.a, found.b, found.kind, found.weight) == ("mass", "damping", "ratio", 1)
     half = 1.645 * 0.05 * np.log(9) * np.sqrt(2 * 0.05)
-    np.testing.assert_allclose(np.log([found.low, found.mean, found.high]), [-half, 0, half],
-                               atol=0.03 * half + 1e-3)  # fmt: skip
+    np.testing.assert_allclose(
+        np.log([found.low, found.mean, found.high]), [-half, 0, half], atol=0.03 * half + 1e-3
+    )
 
 
 def test_the_interval_of_a_product_with_a_power():

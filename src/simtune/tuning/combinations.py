@@ -13,6 +13,8 @@ import numpy as np
 from simtune.parameters import ParameterSpace
 from simtune.tuning.search import Estimate
 
+Kind = Literal["ratio", "product", "difference", "sum"]
+
 _ABOUT_ONE = (0.75, 1.33)
 _TINY = 1e-300  # what may be zero has a logarithm, too
 
@@ -23,7 +25,7 @@ class Combination:
 
     a: str
     b: str
-    kind: Literal["ratio", "product", "difference", "sum"]
+    kind: Kind
     weight: float
     correlation: float  # of the errors of a and b
     mean: float  # the median, as of a parameter's estimate
@@ -36,10 +38,10 @@ def combinations(estimate: Estimate, space: ParameterSpace, draws: np.ndarray) -
 
     A pair of which one may be negative and the other is of a log scale has none.
     """
-    found = (
-        _combine(estimate, space, draws, *names.split(", "), correlation)
-        for names, correlation in estimate.correlations.items()
-    )
+    found = []
+    for names, correlation in estimate.correlations.items():
+        a, _, b = names.partition(", ")
+        found.append(_combine(estimate, space, draws, a, b, correlation))
     return [combination for combination in found if combination]
 
 
@@ -49,6 +51,7 @@ def _combine(
     pair = [space.index(a), space.index(b)]
     low, high, values = estimate.low[pair], estimate.high[pair], draws[:, pair]
     rise, in_logs = correlation > 0, bool((low > 0).all())
+    kind: Kind = ("ratio" if rise else "product") if in_logs else "difference" if rise else "sum"
     if not in_logs and space.is_log[pair].any():
         return None
     if in_logs:
@@ -56,16 +59,21 @@ def _combine(
     width = high - low
     if not (width > 0).all():
         return None
-    weight = rounded_weight(float(width[0] / width[1]))
+    weight = _rounded(float(width[0] / width[1]))
     said = np.quantile(values @ [1, -weight if rise else weight], (0.5, 0.05, 0.95))
     middle, lower, upper = (float(value) for value in (np.exp(said) if in_logs else said))
-    named = {"a": a, "b": b, "weight": weight, "correlation": correlation}
-    ends = {"mean": middle, "low": lower, "high": upper}
-    if in_logs:
-        return Combination(**named, **ends, kind="ratio" if rise else "product")
-    return Combination(**named, **ends, kind="difference" if rise else "sum")
+    return Combination(
+        a=a,
+        b=b,
+        kind=kind,
+        weight=weight,
+        correlation=correlation,
+        mean=middle,
+        low=lower,
+        high=upper,
+    )
 
 
-def rounded_weight(weight: float) -> float:
+def _rounded(weight: float) -> float:
     """To one digit; 1 where it is about that."""
     return 1.0 if _ABOUT_ONE[0] < weight < _ABOUT_ONE[1] else float(f"{weight:.1g}")
