@@ -278,7 +278,7 @@ def write_posterior(path: Path, correlation: float, num: int = 1000) -> np.ndarr
     return draws
 
 
-def test_report_draws_pairs_with_a_contour_that_holds_nine_of_ten(run_path):
+def test_report_draws_pairs_with_a_contour_that_holds_three_of_four(run_path):
     draws = write_posterior(run_path, 0.9)
     _edit(run_path / "result.json", lambda r: r.update(correlations={"ball_mass, cup_r": 0.9}))
     html, page = _report(run_path)
@@ -291,10 +291,14 @@ def test_report_draws_pairs_with_a_contour_that_holds_nine_of_ten(run_path):
     corners = [tuple(map(float, p.split(","))) for p in contour.attributes["points"].split()]
     pixels = [(plot.x(a), plot.y(b)) for a, b in draws[:, :2]]
     inside = matplotlib.path.Path(corners).contains_points(pixels)
-    assert inside.mean() == pytest.approx(0.9, abs=0.03)
+    assert inside.mean() == pytest.approx(1 - np.exp(-(1.645**2) / 2), abs=0.03)
+    extent = np.ptp(np.array(corners), 0)
+    intervals = [plot.x(a) - plot.x(b) for a, b in [np.quantile(draws[:, 0], (0.95, 0.05))]]
+    intervals += [plot.y(b) - plot.y(a) for a, b in [np.quantile(draws[:, 1], (0.95, 0.05))]]
+    np.testing.assert_allclose(extent, intervals, rtol=0.02)
     # Rising: the lower left and the upper right corner are in it, the others are not.
     middle, spread = draws[:, :2].mean(0), draws[:, :2].std(0)
-    ends = [middle + spread * sign for sign in ([1.4, 1.4], [-1.4, -1.4], [1.4, -1.4], [-1.4, 1.4])]
+    ends = [middle + spread * sign for sign in ([1.2, 1.2], [-1.2, -1.2], [1.2, -1.2], [-1.2, 1.2])]
     ends = [(plot.x(a), plot.y(b)) for a, b in ends]
     assert matplotlib.path.Path(corners).contains_points(ends).tolist() == [
         True,

@@ -1,4 +1,4 @@
-"""Two parameters that go together: draws of their joint posterior, and where nine of ten are."""
+"""Two parameters that go together: draws of their joint posterior, and where most of them are."""
 
 import numpy as np
 from scipy.special import ndtr
@@ -11,7 +11,6 @@ from simtune.report.plot import (
     RIGHT,
     TOP,
     WIDTH,
-    Axis,
     Plot,
     Point,
     value_axis,
@@ -21,7 +20,8 @@ from simtune.validate import is_number
 
 _DOTS = 250
 _NAME = 16  # pixels above the plot, for the vertical axis' name
-_RADIUS = np.sqrt(-2 * np.log(0.1))  # that 90 % of a normal distribution's plane is within
+_RADIUS = 1.645  # standard deviations: a contour as wide and as high as 90 % intervals
+_AROUND = 0.35  # of the contour's width, shown on both sides
 _POINTS = 72
 
 
@@ -34,9 +34,12 @@ def pair_plot(run: RunData, pair: Pair) -> Plot | None:
     draws, correlation = known.draws[:, indices], float(known.correlation[*indices])
     contour = _contour(draws, correlation)
     truth = _truth(run, pair)
-    shown = np.vstack([contour, truth]) if truth else contour
-    x = _axis(run, pair.a, shown[:, 0], LEFT + 4, WIDTH - RIGHT - 4)
-    y = _axis(run, pair.b, shown[:, 1], HEIGHT - BOTTOM, TOP + _NAME)
+    around = _AROUND * np.ptp(contour, 0)
+    shown = np.stack([contour.min(0) - around, contour.max(0) + around])
+    shown = np.clip(shown, draws.min(0), draws.max(0)).tolist() + [truth] * bool(truth)
+    xs, ys = map(list, zip(*shown, strict=True))
+    x = value_axis(xs, LEFT + 4, WIDTH - RIGHT - 4, run.is_colour(pair.a))
+    y = value_axis(ys, HEIGHT - BOTTOM, TOP + _NAME, run.is_colour(pair.b))
     plot = Plot(f"draws of {pair.b} against those of {pair.a}", x, y)
     plot.label_y(y.ticks(5))
     plot.label_x({t: f"{t:g}" for t in x.ticks(4)}, pair.a)
@@ -56,12 +59,8 @@ def _truth(run: RunData, pair: Pair) -> Point | None:
 
 
 def _contour(draws: np.ndarray, correlation: float) -> np.ndarray:
-    """(points, 2) around the likeliest 90 % of (num, 2) draws by a Gaussian copula."""
+    """(points, 2) around the likeliest 1 − exp(−radius² / 2) of (num, 2) draws, by the copula."""
     angle = np.linspace(0, 2 * np.pi, _POINTS, endpoint=False)
     one, other = _RADIUS * np.cos(angle), _RADIUS * np.sin(angle)
     normal = one, correlation * one + np.sqrt(max(0, 1 - correlation**2)) * other
     return np.stack([np.quantile(draws[:, i], ndtr(z)) for i, z in enumerate(normal)], 1)
-
-
-def _axis(run: RunData, name: str, values: np.ndarray, start: float, end: float) -> Axis:
-    return value_axis(values.tolist(), start, end, run.is_colour(name))
