@@ -16,7 +16,7 @@ from simtune.run import write_atomically, write_json
 from simtune.tasks import EnvironmentTask, Task, load_any_task, load_task
 
 _PROVENANCE = ("command", "method", "search", "seed", "real", "real_episodes", "recordings")
-_MODEL_CHECKS = ("warnings", "correlations")
+_MODEL_CHECKS = ("warnings", "correlations", "combinations")
 
 
 def export(config: ExportConfig) -> Path:

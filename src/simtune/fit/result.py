@@ -32,7 +32,7 @@ class FitResult:
     discrepancy_std: np.ndarray
     # (N, N) of the fit's errors in unit coordinates; 0 between what motion and what pictures tell
     correlation: np.ndarray
-    moving: np.ndarray  # (P,) which those are
+    moving: np.ndarray  # (P,) indices of the parameters that are no mere appearance
     misfit: Misfit
     sensors: tuple[tuple[str, str], ...]  # names and units of the misfits in motion
     start: np.ndarray  # (S,) the full state in which the first episode began

@@ -50,16 +50,16 @@ class Pair:
 def pairs(run: RunData) -> list[Pair]:
     """Those that go together most first."""
     known, found, told = run.parameters, [], run.result.get("combinations")
-    combined = {(c.get("a"), c.get("b")): c for c in _sound(told if isinstance(told, list) else [])}
+    sound = _sound(told if isinstance(told, list) else [])
+    combined = {f"{c.get('a')}, {c.get('b')}": c for c in sound}
     for names, value in run.object("correlations").items():
         a, _, b = names.partition(", ")
         if a in known and b in known and is_number(value):
-            combination = combined.get((a, b))
-            found.append(Pair(a=a, b=b, correlation=value, combination=combination))
+            found.append(Pair(a=a, b=b, correlation=value, combination=combined.get(names)))
     return sorted(found, key=lambda pair: -abs(pair.correlation))
 
 
 def _sound(told: list[Any]) -> list[dict[str, Any]]:
     numbers = ("weight", "mean", "low", "high")
-    found = [c for c in told if isinstance(c, dict) and c.get("kind") in _KINDS]
+    found = [c for c in told if isinstance(c, dict) and c.get("kind") in tuple(_KINDS)]
     return [c for c in found if all(is_number(c.get(key)) for key in numbers)]
