@@ -15,7 +15,7 @@ from simtune.fit import (
     model_checks,
     run_bootstrap,
 )
-from simtune.fit.result import Misfit
+from simtune.fit.result import Misfit, block_correlation
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.tasks import load_task
 
@@ -26,12 +26,19 @@ NOTHING = np.zeros(len(SPACE))
 KEYPOINTS, ANGLE = ("keypoints", "px"), ("angle", "rad")
 
 
+def correlated(one: str, other: str, value: float) -> np.ndarray:
+    correlation = np.eye(len(SPACE))
+    i, j = SPACE.index(one), SPACE.index(other)
+    correlation[i, j] = correlation[j, i] = value
+    return correlation
+
+
 def a_fit(motion: float = 0.3, picture: float = 0.004, latency_steps: int = 0) -> FitResult:
     return FitResult(
         parameters=SPACE.nominal,
         std=np.full(len(SPACE), 0.01),
         discrepancy_std=NOTHING,
-        correlation=np.array([[1, 0.9], [0.9, 1]]),
+        correlation=correlated("pole_mass", "actuator_gain", 0.9),
         moving=MOVING,
         misfit=Misfit((motion,), picture),
         sensors=(KEYPOINTS,),
@@ -246,4 +253,22 @@ def test_model_checks_warn_of_misfit_and_of_latency():
     assert "nothing that moves is found for sure" in warning
     (warning,) = model_checks(a_fit(latency_steps=1), bootstrap)
     assert "1 step later" in warning
+
+
+def test_pairs_of_any_kind_are_told_where_their_errors_go_together():
     assert correlations(a_fit(), SPACE.names) == {"pole_mass, actuator_gain": 0.9}
+    colours = replace(a_fit(), correlation=correlated("body_r", "ground_r", -0.7))
+    assert correlations(colours, SPACE.names) == {"body_r, ground_r": -0.7}
+    weak = replace(a_fit(), correlation=correlated("body_r", "ground_r", -0.5))
+    assert correlations(weak, SPACE.names) == {}
+    # What no fit can see goes with nothing: of twice the variance, half the correlation.
+    unseen = replace(a_fit(), discrepancy_std=np.full(len(SPACE), 0.01))
+    assert unseen.claimed_correlation[0, 1] == pytest.approx(0.45)
+    assert correlations(unseen, SPACE.names) == {}
+
+
+def test_blocks_of_covariances_become_one_correlation():
+    motion, pictures = np.array([[4.0, 1.0], [1.0, 1.0]]), np.array([[9.0]])
+    blocks = (np.array([0, 2]), motion), (np.array([1]), pictures)
+    expected = [[1, 0, 0.5, 0], [0, 1, 0, 0], [0.5, 0, 1, 0], [0, 0, 0, 1]]
+    np.testing.assert_allclose(block_correlation(4, blocks), expected)

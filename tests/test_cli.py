@@ -345,6 +345,31 @@ def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands):
 
 
 @pytest.mark.thorough
+def test_two_runs_are_compared_and_draws_of_one_are_taken_along(simtune, tmp_path, quick_commands):
+    runs = [tmp_path / "one", tmp_path / "other"]
+    for seed, out in enumerate(runs):
+        few = ("--real-episodes", 1, "--budget-minutes", "1e-5", "--seed", seed)
+        assert simtune("tune", "cartpole", "--out", out, *few)[0] == 0
+    status, said, err = simtune("compare", *runs)
+    assert (status, err) == (0, "")
+    assert said.splitlines()[0] == f"first {runs[0]}, second {runs[1]}: cartpole"
+    assert "agree: the largest of 8 differences is" in said.splitlines()[-1]
+    told = json.loads(simtune("compare", *runs, "--json")[1])
+    z = {name: entry["difference_std"] for name, entry in told["parameters"].items()}
+    assert max(map(abs, z.values())) == abs(z[told["largest"]])
+    assert f"({told['largest']})" in said
+    assert told["agree"] == (abs(z[told["largest"]]) <= told["limit_std"])
+    status, said, _ = simtune("export", runs[0], "--out", tmp_path / "w.csv", "--samples", 20)
+    assert (status, said) == (0, f"{tmp_path / 'w.csv'}\n")
+    header, *rows = (tmp_path / "w.csv").read_text().splitlines()
+    with np.load(runs[0] / "posterior.npz") as file:
+        assert header.split(",") == file["names"].tolist()
+        samples = np.array([row.split(",") for row in rows], float)
+        np.testing.assert_allclose(samples, file["draws"][:20], rtol=1e-9)
+    simtune.refuses("compare", runs[0], tmp_path / "none", message="there is no such folder")
+
+
+@pytest.mark.thorough
 def test_a_training_that_searches_for_nothing_prints_its_warnings_alone(
     simtune, tmp_path, quick_commands
 ):
@@ -352,10 +377,12 @@ def test_a_training_that_searches_for_nothing_prints_its_warnings_alone(
     rest = ("--policy-steps", 384, "--scored-episodes", 1, "--out", tmp_path / "run")
     status, said, _ = simtune("train", "cartpole", "--method", "dr", *rest)
     assert status == 0
+    assert not (tmp_path / "run" / "posterior.npz").exists()
     assert "pole_mass" not in said
     assert "warning: the policy had not begun to learn: give more --policy-steps" in said
     assert "in 1 episode\n" in said
     simtune.refuses("evaluate", tmp_path / "run", message="has no policy yet")
+    simtune.refuses("compare", *[tmp_path / "run"] * 2, message="dr, which gives no intervals")
 
 
 def test_report_on_a_run_that_has_just_begun(simtune, tmp_path):

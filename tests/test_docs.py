@@ -22,7 +22,9 @@ PAGES = {
     "record": config.RecordConfig,
     "evaluate": config.EvaluateConfig,
     "export": config.ExportConfig,
+    "compare": config.CompareConfig,
 }
+POSITIONAL = {"task": "TASK", "run_folder": "RUN", "other_folder": "RUN"}
 TABLE = re.compile(r"\| option \|.*?(?=\n\n|\Z)", re.S)
 
 
@@ -43,10 +45,7 @@ def table(cls: type) -> str:
     told, lines = documented(cls), ["| option | default | |", "|---|---|---|"]
     for field in fields(cls):
         is_needed = field.default is MISSING
-        if field.name in ("task", "run_folder"):
-            name = {"task": "TASK", "run_folder": "RUN"}[field.name]
-        else:
-            name = f"--{field.name.replace('_', '-')}"
+        name = POSITIONAL.get(field.name) or f"--{field.name.replace('_', '-')}"
         plain = "" if field.default is None else f"`{field.default}`"
         plain = "off" if field.default is False else plain
         lines.append(f"| `{name}` | {'needed' if is_needed else plain} | {told[field.name]} |")

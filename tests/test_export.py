@@ -1,23 +1,31 @@
 """`export`: what a run found works in plain MuJoCo as it does here."""
 
+import csv
 import json
 import runpy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 from mujoco.batch import MODEL_FIELDS
+from scipy.special import ndtr
+from scipy.stats import spearmanr
 
+from simtune import outcome
 from simtune.config import ExportConfig
 from simtune.errors import InputError
 from simtune.export import export
 from simtune.parameters import ModelWriter
+from simtune.randomization import Distribution
 from simtune.real.choose import read_parameters
 from simtune.run import write_json
 from simtune.tasks import TASKS, load_task
+from simtune.tuning.joint import Joint
+from simtune.tuning.range_update import RangeUpdateConfig, candidate_grid, read_curves
 
 # Meshes and a texture from files, two of the same name; a delay, a turn, gravity, a factor on two.
 CUBE = """
@@ -194,6 +202,86 @@ def test_numbers_come_with_where_they_are_from(tmp_path):
     # A world of them can be filmed.
     given = read_parameters(out / "parameters.json", load_task("finger").parameters)
     np.testing.assert_array_equal(given, mean)
+
+
+# --- draws of the posterior -----------------------------------------------------------------
+
+
+def a_run_with_a_posterior(path: Path, task_name: str) -> tuple[Path, Joint]:
+    """Of curves that are normal, with the first two parameters correlated."""
+    run, _ = a_run(path, task_name)
+    space = load_task(task_name).parameters
+    first, grid = Distribution.first(space, space.nominal), candidate_grid()
+    curves = np.repeat(ndtr((0.5 - grid) / 0.05)[None], len(space), 0)
+    correlation = np.eye(len(space))
+    correlation[0, 1] = correlation[1, 0] = -0.9
+    estimate = replace(
+        read_curves(curves, first, first, RangeUpdateConfig()), correlation=correlation
+    )
+    joint = Joint.of(estimate, space)
+    write_json(run / "curves.json", outcome.curves(estimate))
+    draws = joint.draw(50, np.random.default_rng(3))  # the run's seed
+    np.savez(run / "posterior.npz", names=space.names, draws=draws, correlation=correlation)
+    return run, joint
+
+
+def test_samples_are_drawn_from_the_joint_posterior(tmp_path):
+    run, joint = a_run_with_a_posterior(tmp_path / "run", "finger")
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out", samples=3000))
+    assert (out / "model.xml").is_file()
+    with (out / "samples.csv").open() as file:
+        header, *rows = csv.reader(file)
+    assert tuple(header) == joint.space.names
+    draws = np.array(rows, float)
+    assert draws.shape == (3000, len(header))
+    np.testing.assert_array_equal(draws, joint.space.clip(draws))
+    np.testing.assert_allclose(
+        np.quantile(joint.space.to_unit(draws), (0.05, 0.5, 0.95), axis=0),
+        [joint.quantile(np.full(len(header), share)) for share in (0.05, 0.5, 0.95)],
+        atol=0.005,
+    )
+    assert spearmanr(draws[:, :2]).statistic == pytest.approx(
+        6 / np.pi * np.arcsin(-0.45), abs=0.02
+    )
+    with np.load(run / "posterior.npz") as file:
+        np.testing.assert_allclose(draws[:50], file["draws"], rtol=1e-9)  # the run's own go first
+
+
+def test_samples_alone_go_into_a_file_of_the_kind_that_its_ending_says(tmp_path):
+    run, joint = a_run_with_a_posterior(tmp_path / "run", "finger")
+    files = [tmp_path / "new" / f"samples{ending}" for ending in (".csv", ".npz", ".json")]
+    for file in files:
+        assert export(ExportConfig(run_folder=run, out=file, samples=7)) == file
+    table = np.loadtxt(files[0], delimiter=",", skiprows=1)
+    with np.load(files[1]) as found:
+        assert tuple(found["names"]) == joint.space.names
+        np.testing.assert_array_equal(found["draws"], table)
+    rows = json.loads(files[2].read_text())
+    assert rows == [dict(zip(joint.space.names, row, strict=True)) for row in table.tolist()]
+    # Each of them is a world that can be filmed.
+    (tmp_path / "world.json").write_text(json.dumps(rows[0]))
+    world = read_parameters(tmp_path / "world.json", joint.space)
+    np.testing.assert_array_equal(world, table[0])
+
+
+def test_samples_that_cannot_be_written_are_refused_in_a_line(tmp_path):
+    run, _ = a_run_with_a_posterior(tmp_path / "run", "finger")
+
+    def refused(out: Path, samples: int | None = 5) -> str:
+        with pytest.raises(InputError) as error:
+            export(ExportConfig(run_folder=run, out=out, samples=samples))
+        return str(error.value)
+
+    assert "--samples must be at least 1" in refused(tmp_path / "out", 0)
+    assert "give a folder" in refused(tmp_path / "draws.csv", None)
+    (tmp_path / "mine.csv").touch()
+    assert "is there already" in refused(tmp_path / "mine.csv")
+    assert "cannot write" in refused(tmp_path / "mine.csv" / "draws.csv")
+    (run / "posterior.npz").write_bytes(b"PK nonsense")
+    assert "posterior.npz is damaged" in refused(tmp_path / "out")
+    (run / "posterior.npz").unlink()
+    assert "no posterior.npz" in refused(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_cannot_be_exported_is_said(scene, tmp_path):

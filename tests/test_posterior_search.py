@@ -95,6 +95,7 @@ def same_estimates(one, other) -> None:
     for key in ("mean", "low", "high"):
         np.testing.assert_array_equal(getattr(one, key), getattr(other, key))
     assert one.verdict == other.verdict
+    np.testing.assert_array_equal(one.correlation, other.correlation)
     for name, (candidates, prob_higher) in one.curves.items():
         np.testing.assert_array_equal(candidates, other.curves[name][0])
         np.testing.assert_array_equal(prob_higher, other.curves[name][1])

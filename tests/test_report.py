@@ -8,13 +8,17 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import av
+import matplotlib.path
 import numpy as np
 import pytest
 
 from simtune.comparison import overlay
 from simtune.errors import InputError
 from simtune.report import write_report
+from simtune.report.data import read_run
+from simtune.report.pair_plots import pair_plot
 from simtune.report.rank_plots import expected
+from simtune.report.trust import Pair
 from simtune.run import RunFolder
 
 # name: (unit, truth, start, verdict)
@@ -232,30 +236,97 @@ def test_band_of_uniform_ranks():
 
 
 @pytest.mark.parametrize(
-    ("correlation", "mass", "said"),
+    ("correlation", "kind", "weight", "said"),
     [
         (
             0.9,
-            (1, 1.5),
-            "raising both changes the motion least, so their ratio, ball_mass / cup_r, is",
+            "ratio",
+            1,
+            "raising both changes the videos least, so their ratio, ball_mass / cup_r, is told "
+            "better than either alone: 0.0867 , 90 % interval [0.0800, 0.0950] , truth 0.0867 "
+            "(correlation 0.90)",
         ),
-        (
-            -0.7,
-            (1, 1.5),
-            "lowering the other changes the motion least, so their product, ball_mass",
-        ),
-        (0.9, (1, 1.5**2), "their ratio, ball_mass / cup_r 2 , is told better than either alone"),
-        (0.9, (-1, 1.5), "neither is told well alone (correlation 0.90)"),
+        (-0.7, "product", 1, "lowering the other changes the videos least, so their product, ball"),
+        (-0.7, "product", 2, "ball_mass · cup_r 2 , is told better than either alone"),
+        (0.9, "difference", 0.5, "their difference, ball_mass − 0.5 cup_r, is told"),
+        (-0.9, "sum", 1, "their sum, ball_mass + cup_r, is told"),
+        (0.9, None, 1, "neither is told well alone (correlation 0.90)"),
+        (0.9, "ratio", None, "neither is told well alone (correlation 0.90)"),
     ],
 )
-def test_report_names_correlated_parameters_by_product_or_ratio(run_path, correlation, mass, said):
-    def spread(result):
+def test_report_says_what_is_told_of_correlated_parameters(
+    run_path, correlation, kind, weight, said
+):
+    def correlate(result):
         result["correlations"] = {"ball_mass, cup_r": correlation}
-        for name, (low, high) in (("ball_mass", mass), ("cup_r", (0.4, 0.6))):
-            result["parameters"][name] |= {"low": low, "high": high}
+        found = {"a": "ball_mass", "b": "cup_r", "kind": kind, "weight": weight}
+        found |= {"mean": 0.065 / 0.75, "low": 0.08, "high": 0.095, "correlation": correlation}
+        result["combinations"] = [found, None, {"a": "gone"}]
 
-    _edit(run_path / "result.json", spread)
+    _edit(run_path / "result.json", correlate)
     assert said in _report(run_path)[1].text
+
+
+def write_posterior(path: Path, correlation: float, num: int = 1000) -> np.ndarray:
+    """Normal draws of all parameters around their truths, the first two correlated."""
+    names, matrix = list(PARAMETERS), np.eye(len(PARAMETERS))
+    matrix[0, 1] = matrix[1, 0] = correlation
+    truths = np.array([truth for _, truth, _, _ in PARAMETERS.values()])
+    rng = np.random.default_rng(0)
+    draws = truths * (1 + 0.05 * rng.multivariate_normal(np.zeros(len(names)), matrix, num))
+    np.savez(path / "posterior.npz", names=names, draws=draws, correlation=matrix)
+    return draws
+
+
+def test_report_draws_pairs_with_a_contour_that_holds_three_of_four(run_path):
+    draws = write_posterior(run_path, 0.9)
+    _edit(run_path / "result.json", lambda r: r.update(correlations={"ball_mass, cup_r": 0.9}))
+    html, page = _report(run_path)
+    assert page.count("svg") == 2 * len(PARAMETERS) + 3
+    assert 200 < html.count("class='draw'") <= 250 + 1  # and the legend's
+    assert html.count("class='truth'") > 1
+    pair = Pair(a="ball_mass", b="cup_r", correlation=0.9, combination=None)
+    plot = pair_plot(read_run(run_path), pair)
+    (contour,) = [mark for mark in plot.marks if mark.attributes.get("class") == "contour"]
+    corners = [tuple(map(float, p.split(","))) for p in contour.attributes["points"].split()]
+    pixels = [(plot.x(a), plot.y(b)) for a, b in draws[:, :2]]
+    inside = matplotlib.path.Path(corners).contains_points(pixels)
+    assert inside.mean() == pytest.approx(1 - np.exp(-(1.645**2) / 2), abs=0.03)
+    extent = np.ptp(np.array(corners), 0)
+    intervals = [plot.x(a) - plot.x(b) for a, b in [np.quantile(draws[:, 0], (0.95, 0.05))]]
+    intervals += [plot.y(b) - plot.y(a) for a, b in [np.quantile(draws[:, 1], (0.95, 0.05))]]
+    np.testing.assert_allclose(extent, intervals, rtol=0.02)
+    # Rising: the lower left and the upper right corner are in it, the others are not.
+    middle, spread = draws[:, :2].mean(0), draws[:, :2].std(0)
+    ends = [middle + spread * sign for sign in ([1.2, 1.2], [-1.2, -1.2], [1.2, -1.2], [-1.2, 1.2])]
+    ends = [(plot.x(a), plot.y(b)) for a, b in ends]
+    assert matplotlib.path.Path(corners).contains_points(ends).tolist() == [
+        True,
+        True,
+        False,
+        False,
+    ]
+
+
+def test_report_shows_a_few_pairs_of_many(run_path):
+    write_posterior(run_path, 0.9)
+    names = list(PARAMETERS)
+    told = {f"ball_mass, {name}": 0.6 + 0.01 * i for i, name in enumerate(names[1:])}
+    told |= {f"cup_r, {name}": -0.95 for name in names[2:]}
+    _edit(run_path / "result.json", lambda result: result.update(correlations=told))
+    html, page = _report(run_path)
+    assert page.count("svg") == 2 * len(PARAMETERS) + 2 + 6
+    assert f"and {len(told) - 8} more, which result.json has" in page.text
+    assert "cup_r and cup_g :" in page.text  # those that go together most
+    assert "ball_mass and cup_r :" not in page.text
+    assert len(html) < 500_000
+
+
+def test_report_refuses_damaged_draws(run_path):
+    for names, draws in ((["a"], np.ones((3, 2))), (["a"], np.full((3, 1), np.nan))):
+        np.savez(run_path / "posterior.npz", names=names, draws=draws, correlation=np.eye(1))
+        with pytest.raises(InputError, match=r"posterior\.npz is damaged"):
+            write_report(run_path)
 
 
 @pytest.mark.parametrize("nothing", [None, {}, {"ball_mass": []}, {"ball_mass, gone": "?"}])

@@ -28,6 +28,7 @@ from simtune.run.checkpoint import load_state, newest
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tune import tune
+from simtune.tuning.joint import NUM_DRAWS
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.search import Estimate, Event, Round
 
@@ -122,6 +123,27 @@ def metrics_keep_the_contract(lines: list[dict], result: dict) -> None:
     assert not any("percent_error" in key or "real/" in key for key in lines[0])
 
 
+def tells_of_the_joint_posterior(out: Path, result: dict) -> None:
+    with np.load(out / "posterior.npz") as file:
+        names, draws, correlation = (file[key] for key in ("names", "draws", "correlation"))
+    assert tuple(names) == SPACE.names
+    assert draws.shape == (NUM_DRAWS, len(SPACE))
+    np.testing.assert_array_equal(draws, SPACE.clip(draws))
+    assert (np.ptp(draws, axis=0) > 0).all()
+    told = result["covariance"]
+    assert [c["name"] for c in told["coordinates"]] == list(SPACE.names)
+    assert {c["scale"] for c in told["coordinates"]} == {"log", "linear"}
+    matrix = np.array(told["matrix"])
+    std = np.sqrt(np.diag(matrix))
+    np.testing.assert_allclose(matrix, correlation * np.outer(std, std), atol=1e-12)
+    appearance = SPACE.is_appearance
+    assert (correlation[np.ix_(appearance, ~appearance)] == 0).all()
+    assert correlation[0, 1] != 0 != correlation[2, 3]  # two that move, two colours
+    medians = np.median(SPACE.to_unit(draws), 0)
+    np.testing.assert_allclose(medians, told["mean"], atol=0.1)
+    assert isinstance(result["combinations"], list)
+
+
 def test_a_finished_run_has_the_files_and_fields_that_are_documented(finished):
     out, returned, reported = finished
     result = read_json(out / "result.json")
@@ -152,6 +174,8 @@ def test_a_finished_run_has_the_files_and_fields_that_are_documented(finished):
     for curve in curves.values():
         assert len(curve["candidates"]) == len(curve["prob_higher"]) > 50
         assert (np.diff(curve["prob_higher"]) <= 0).all()
+
+    tells_of_the_joint_posterior(out, result)
 
     for name in ("real", "before", "after"):
         pictures = list(decode(out / "videos" / f"{name}.mp4"))
@@ -234,6 +258,7 @@ def test_an_interrupted_run_resumes_to_the_same_result(finished, tmp_path, truth
         with pytest.raises(KeyboardInterrupt):
             tune(config, interrupt, quick)
         assert not (out / "result.json").exists()
+        assert not (out / "posterior.npz").exists()
         assert len(read_jsonl(out / "metrics.jsonl")) == 1
         resumed = tune(config, settings=quick)
     assert resumed["parameters"] == straight["parameters"]
@@ -247,6 +272,8 @@ def test_an_interrupted_run_resumes_to_the_same_result(finished, tmp_path, truth
     # And once more, when all is done: the same result, without another round.
     again = tune(config, settings=quick)
     assert again["parameters"] == straight["parameters"]
+    assert again["covariance"] == straight["covariance"]
+    assert (out / "posterior.npz").read_bytes() == (finished.out / "posterior.npz").read_bytes()
     assert len(read_jsonl(out / "metrics.jsonl")) == 2
 
 
@@ -436,6 +463,12 @@ def test_estimates_survive_json():
     for key in ("mean", "low", "high"):
         np.testing.assert_array_equal(getattr(back, key), getattr(estimate, key))
     assert back.verdict == estimate.verdict
+    assert back.correlation is None
+    known = dataclasses.replace(
+        estimate, correlation=np.array([[1, math.pi / 4], [math.pi / 4, 1]])
+    )
+    back = outcome.from_json(json.loads(json.dumps(outcome.to_json(known))))
+    np.testing.assert_array_equal(back.correlation, known.correlation)
     for got, expected in zip(back.curves["pole_mass"], curves["pole_mass"], strict=True):
         np.testing.assert_array_equal(got, expected)
 

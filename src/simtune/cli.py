@@ -18,6 +18,7 @@ import simtune
 from simtune.config import (
     UNTUNED,
     CheckConfig,
+    CompareConfig,
     EvaluateConfig,
     ExportConfig,
     RecordConfig,
@@ -53,6 +54,7 @@ Command = (
     | Annotated[RecordConfig, subcommand("record")]
     | Annotated[EvaluateConfig, subcommand("evaluate")]
     | Annotated[ExportConfig, subcommand("export")]
+    | Annotated[CompareConfig, subcommand("compare")]
     | Annotated[ReportCommand, subcommand("report")]
     | Annotated[DoctorCommand, subcommand("doctor")]
 )
@@ -132,8 +134,11 @@ def _run(command: Any) -> None:
         case ExportConfig():
             from simtune.export import export
 
-            folder = export(command)
-            print(f"{folder / 'model.xml'}, with its numbers in parameters.json and apply.py")
+            out = export(command)
+            what = f"{out / 'model.xml'}, with its numbers in parameters.json and apply.py"
+            print(out if command.is_file else what + ", and samples.csv" * bool(command.samples))
+        case CompareConfig():
+            _compare(command)
         case ReportCommand(run_folder):
             from simtune.report import write_report
 
@@ -168,6 +173,13 @@ def _check(config: CheckConfig) -> None:
 
     with ProgressBar() as progress:
         result = check(config, progress)
+    print(json.dumps(result) if config.json else "\n".join(table(result)))
+
+
+def _compare(config: CompareConfig) -> None:
+    from simtune.compare import compare, table
+
+    result = compare(config)
     print(json.dumps(result) if config.json else "\n".join(table(result)))
 
 

@@ -10,7 +10,10 @@ import numpy as np
 from simtune.config import TrainConfig, TuneConfig
 from simtune.parameters import ParameterSpace
 from simtune.real.truth import Truth
+from simtune.run.files import plain
 from simtune.tasks import AnyTask, Task
+from simtune.tuning.combinations import combinations
+from simtune.tuning.joint import Joint
 from simtune.tuning.search import Estimate, Search
 
 _IN_RESULT = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
@@ -78,6 +81,19 @@ def result(
     return content
 
 
+def joint_posterior(joint: Joint, estimate: Estimate, draws: np.ndarray) -> dict[str, Any]:
+    """What result.json says of how parameters go together; `draws`: (num, N) of `joint`.
+
+    "covariance" is in unit coordinates: 0 at a parameter's low bound, 1 at its high one, along its
+    scale, so that of a log scale they grow with the logarithm.
+    """
+    space, (mean, covariance) = joint.space, joint.mean_and_covariance()
+    coordinates = [{"name": p.name, "scale": p.scale, "low": p.low, "high": p.high} for p in space]
+    matrix = {"coordinates": coordinates, "mean": mean, "matrix": covariance}
+    found = [asdict(c) for c in combinations(estimate, space, draws)]
+    return plain({"covariance": matrix, "combinations": found})
+
+
 def summary(values: np.ndarray) -> dict[str, float]:
     """Mean and spread of (n,) episodes' returns, or of whether they reached a goal."""
     return {"mean": float(values.mean()), "std": float(values.std()), "episodes": len(values)}
@@ -104,11 +120,14 @@ def to_json(estimate: Estimate) -> dict[str, Any]:
     """An estimate as a checkpoint holds it."""
     arrays = {key: getattr(estimate, key).tolist() for key in _ARRAYS}
     pairs = {name: (c.tolist(), p.tolist()) for name, (c, p) in estimate.curves.items()}
-    return {**vars(estimate), **arrays, "curves": pairs}
+    correlation = None if estimate.correlation is None else estimate.correlation.tolist()
+    return {**vars(estimate), **arrays, "curves": pairs, "correlation": correlation}
 
 
 def from_json(saved: Mapping[str, Any]) -> Estimate:
     """The inverse of `to_json`."""
     arrays = {key: np.array(saved[key]) for key in _ARRAYS}
     pairs = {name: (np.array(c), np.array(p)) for name, (c, p) in saved["curves"].items()}
-    return Estimate(**{**saved, **arrays, "curves": pairs})
+    matrix = saved.get("correlation")  # earlier versions stored none
+    correlation = None if matrix is None else np.array(matrix)
+    return Estimate(**{**saved, **arrays, "curves": pairs, "correlation": correlation})

@@ -1,7 +1,7 @@
 """The options of commands that run for long, one dataclass each."""
 
 from simtune.config.real import ROBOTS, RealConfig, RecordingsConfig
-from simtune.config.record import ExportConfig, RecordConfig
+from simtune.config.record import CompareConfig, ExportConfig, RecordConfig
 from simtune.config.train import UNTUNED, EvaluateConfig, TrainConfig
 from simtune.config.tune import CheckConfig, TuneConfig
 
@@ -9,6 +9,7 @@ __all__ = [
     "ROBOTS",
     "UNTUNED",
     "CheckConfig",
+    "CompareConfig",
     "EvaluateConfig",
     "ExportConfig",
     "RealConfig",

@@ -1,4 +1,4 @@
-"""The options of `simtune record` and `simtune export`."""
+"""The options of `simtune record`, `simtune export` and `simtune compare`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,10 +50,40 @@ class RecordConfig:
 class ExportConfig:
     """Take what a run found along: the tuned MJCF, its numbers, and Python that applies them.
 
-    Writes model.xml, with the files that it refers to, parameters.json and apply.py into OUT.
+    Writes model.xml, with the files that it refers to, parameters.json and apply.py into OUT. With
+    --samples also draws of the posterior, for domain randomisation: samples.csv.
     """
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
     """A folder that `simtune tune` or `simtune train` wrote."""
     out: Path
-    """The folder to write, which must not be there yet, or be empty."""
+    """The folder to write, which must not be there yet, or be empty; with --samples also a file to
+    write them alone to, NAME.csv, NAME.npz or NAME.json."""
+    samples: int | None = None
+    """How many worlds to draw from the joint posterior: what is known, and how it goes together."""
+
+    def check(self) -> None:
+        """Raises InputError for what makes no sense."""
+        at_least(self, 1, "samples")
+        if self.is_file and self.samples is None:
+            raise InputError(f"--out {self.out} is for --samples; without them give a folder")
+
+    @property
+    def is_file(self) -> bool:
+        """Whether draws are all that is asked for."""
+        return self.out.suffix in (".csv", ".npz", ".json")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareConfig:
+    """Say whether two runs agree, such as of two sets of episodes of one real world.
+
+    Both must have tuned the same parameters by the search that gives intervals. Writes nothing.
+    """
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
+    """A folder that `simtune tune` or `simtune train` wrote."""
+    other_folder: Annotated[Positional[Path], arg(metavar="RUN")]
+    """Another one."""
+    json: bool = False
+    """Print one JSON object instead of a table."""

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from simtune import outcome
 from simtune.comparison import write_comparison
 from simtune.experiment.experiment import Experiment
@@ -12,6 +14,7 @@ from simtune.progress import ReportProgress, silent
 from simtune.report import write_report
 from simtune.run import RunFolder
 from simtune.trajectory import Trajectory
+from simtune.tuning.joint import NUM_DRAWS, Joint
 from simtune.tuning.search import Round, unsure
 
 
@@ -87,7 +90,7 @@ class Run:
         warnings: list[str],
         command: str | None,
     ) -> dict[str, Any]:
-        """Write result.json, curves.json, the comparison of `real`'s first episode, the report.
+        """Write result.json, the posterior, the comparison of `real`'s first episode, the report.
 
         `metadata`: what result.json holds besides what is known of every run. Returns its content.
         """
@@ -97,6 +100,8 @@ class Run:
             metadata, experiment.space, experiment.start, self.estimate, experiment.truth, command
         )
         result["warnings"] = warnings + result["warnings"]
+        if experiment.search_name:
+            result |= self._write_posterior()
         self.folder.write_result(result)
         self.folder.write_curves(outcome.curves(self.estimate))
         if real and experiment.search_name:
@@ -112,6 +117,13 @@ class Run:
             )
         write_report(self.folder.path)
         return result
+
+    def _write_posterior(self) -> dict[str, Any]:
+        """Write posterior.npz; what result.json says of it."""
+        joint = Joint.of(self.estimate, self.experiment.space)
+        draws = joint.draw(NUM_DRAWS, np.random.default_rng(self.experiment.config.seed))
+        self.folder.write_posterior(joint.space.names, draws, joint.correlation)
+        return outcome.joint_posterior(joint, self.estimate, draws)
 
     def _metadata(self, num_real: int) -> dict[str, Any]:
         """What result.json says of how its figures came about."""

@@ -8,37 +8,50 @@ import numpy as np
 from simtune.config import ExportConfig
 from simtune.errors import InputError
 from simtune.export.mjcf import tuned_model, write_mjcf
+from simtune.export.samples import draw_samples, write_samples
 from simtune.export.script import apply_script
 from simtune.parameters import ParameterSpace
 from simtune.report.data import RunData, read_run
 from simtune.run import write_atomically, write_json
-from simtune.tasks import load_task
+from simtune.tasks import EnvironmentTask, Task, load_any_task, load_task
 
 _PROVENANCE = ("command", "method", "search", "seed", "real", "real_episodes", "recordings")
-_MODEL_CHECKS = ("warnings", "correlations")
+_MODEL_CHECKS = ("warnings", "correlations", "combinations")
 
 
 def export(config: ExportConfig) -> Path:
     """Write OUT; returns it. Raises InputError where there is nothing to take along."""
-    run = read_run(config.run_folder)
+    config.check()
+    run, load = read_run(config.run_folder), load_any_task if config.is_file else load_task
     if not run.result.get("parameters"):
         raise InputError(f"{run.path} has no result yet: let the run end first")
     if not run.is_tuned:
         raise InputError(f"{run.path} is of --method {run.result['method']}, which tunes nothing")
-    task = load_task(run.config["task"])
-    found = run.result["parameters"]
+    task = load(run.config["task"])
     if run.config.get("task_content") != task.content_hash:  # it may be a file that was edited
         raise InputError(
             f"{run.config['task']}, or its model, is not what {run.path} was made with: "
             "bring it back, or tune anew"
         )
-    mean = np.array([found[name]["mean"] for name in task.parameters.names])
+    space = task.parameters
+    draws = draw_samples(run, space, config.samples) if config.samples else None
+    if isinstance(task, EnvironmentTask) or config.is_file:
+        assert draws is not None, "checked"
+        return _write_file(config.out, space, draws)
     out = _new_folder(config.out)
+    _write_model(run, task, out)
+    if draws is not None:
+        write_samples(out / "samples.csv", space.names, draws)
+    return out
+
+
+def _write_model(run: RunData, task: Task, out: Path) -> None:
+    found = run.result["parameters"]
+    mean = np.array([found[name]["mean"] for name in task.parameters.names])
     spec, model, writer = tuned_model(task, mean, run.result.get("step_s"))
     write_mjcf(spec, model, writer, out)
     write_atomically(out / "apply.py", apply_script(writer, model).encode())
     write_json(out / "parameters.json", _content(run, task.parameters))
-    return out
 
 
 def _content(run: RunData, space: ParameterSpace) -> dict[str, Any]:
@@ -57,6 +70,17 @@ def _content(run: RunData, space: ParameterSpace) -> dict[str, Any]:
         **{key: run.result[key] for key in _MODEL_CHECKS if key in run.result},
         "provenance": provenance | {"run": str(run.path.resolve())},
     }
+
+
+def _write_file(path: Path, space: ParameterSpace, draws: np.ndarray) -> Path:
+    if path.exists():
+        raise InputError(f"{path} is there already: give --out another name")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_samples(path, space.names, draws)
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from None
+    return path
 
 
 def _new_folder(path: Path) -> Path:

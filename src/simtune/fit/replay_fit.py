@@ -11,7 +11,7 @@ from simtune.fit.particles import Particles
 from simtune.fit.physics import Physics
 from simtune.fit.pictures import PictureFit, fit_pictures
 from simtune.fit.poses import align_to_images, uncertain_poses
-from simtune.fit.result import FitResult, Misfit, PointEstimate
+from simtune.fit.result import FitResult, Misfit, PointEstimate, block_correlation, diluted
 from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
 from simtune.fit.sizing import FitConfig, fit_to_budget
 
@@ -86,11 +86,13 @@ class ReplayFit:
         std = np.zeros(len(self.space))
         std[self._moving] = np.hypot(deviation, apart)
         std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
+        at_least = np.maximum(std, _SMALLEST_STD)
+        blocks = (self._moving, motion.covariance), (self._appearance, pictures.covariance)
         return FitResult(
             parameters,
-            np.maximum(std, _SMALLEST_STD),
+            at_least,
             self._discrepancy_std,
-            motion.covariance / np.outer(deviation, deviation),
+            diluted(block_correlation(len(std), blocks), std / at_least),
             self._moving,
             Misfit(test.distances, pictures.noise),
             tuple((part.name, part.unit) for part in observed.evidence.parts),

@@ -1,5 +1,6 @@
 """What a fit starts from, what it finds, and how well it fits."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,8 +30,9 @@ class FitResult:
     std: np.ndarray  # (N,)
     # (N,) standard deviations of what is wrong with all data alike, and no fit can see
     discrepancy_std: np.ndarray
-    correlation: np.ndarray  # (P, P) between the fitted parameters that are no mere appearance
-    moving: np.ndarray  # (P,) which those are
+    # (N, N) of the fit's errors in unit coordinates; 0 between what motion and what pictures tell
+    correlation: np.ndarray
+    moving: np.ndarray  # (P,) indices of the parameters that are no mere appearance
     misfit: Misfit
     sensors: tuple[tuple[str, str], ...]  # names and units of the misfits in motion
     start: np.ndarray  # (S,) the full state in which the first episode began
@@ -45,3 +47,30 @@ class FitResult:
     def claimed_std(self) -> np.ndarray:
         """(N,) of the fit and of what it cannot see, together."""
         return np.hypot(self.std, self.discrepancy_std)
+
+    @property
+    def claimed_correlation(self) -> np.ndarray:
+        """(N, N) the same: of what it cannot see nothing is known, nor that any two go together."""
+        return diluted(self.correlation, self.std / self.claimed_std)
+
+
+def block_correlation(count: int, blocks: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """(N, N) correlation where covariances are known in blocks, and 0 between these.
+
+    `blocks`: of each, indices (K,) and the covariance (K, K).
+    """
+    correlation = np.eye(count)
+    for at, covariance in blocks:
+        deviation = np.sqrt(np.diag(covariance))
+        correlation[np.ix_(at, at)] = covariance / np.outer(deviation, deviation)
+    return correlation
+
+
+def diluted(correlation: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(N, N) correlation of errors to which others are added that are independent of each other.
+
+    `share`: (N,) the old standard deviations over the new, σᵢ / √(σᵢ² + τᵢ²).
+    """
+    mixed = correlation * np.outer(share, share)
+    np.fill_diagonal(mixed, 1)
+    return mixed

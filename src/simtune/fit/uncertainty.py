@@ -32,12 +32,12 @@ def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np
 
 
 def correlations(fit: FitResult, names: tuple[str, ...]) -> dict[str, float]:
-    """{"a, b": correlation} of the pairs that the motion can hardly tell from each other."""
-    found = {}
-    for i, j in zip(*np.triu_indices(len(fit.moving), 1), strict=True):
-        value = float(fit.correlation[i, j])
+    """{"a, b": correlation} of the pairs that the videos can hardly tell from each other."""
+    found, claimed = {}, fit.claimed_correlation
+    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+        value = float(claimed[i, j])
         if abs(value) >= _WORTH_TELLING:
-            found[f"{names[fit.moving[i]]}, {names[fit.moving[j]]}"] = round(value, 2)
+            found[f"{names[i]}, {names[j]}"] = round(value, 2)
     return found
 
 

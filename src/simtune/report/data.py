@@ -1,12 +1,16 @@
 """What a run folder tells, read for a report; whatever is missing is left out."""
 
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from simtune.config import UNTUNED
 from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
+from simtune.run.folder import POSTERIOR
 from simtune.validate import is_number
 
 VIDEOS = ("real", "before", "after", "overlay")
@@ -24,6 +28,14 @@ class Estimate(NamedTuple):
     range_high: float
 
 
+class Posterior(NamedTuple):
+    """What posterior.npz holds."""
+
+    names: tuple[str, ...]
+    draws: np.ndarray  # (num, N) in the parameters' units
+    correlation: np.ndarray  # (N, N) of the copula
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunData:
     """The content of a run folder."""
@@ -35,6 +47,7 @@ class RunData:
     metrics: list[dict[str, Any]]
     events: list[dict[str, Any]]
     curves: dict[str, dict[str, list[float]]]
+    posterior: Posterior | None
     videos: dict[str, bytes]  # mp4 files by name
 
     def get(self, key: str) -> Any:
@@ -108,8 +121,25 @@ def read_run(path: Path) -> RunData:
         metrics=read_jsonl(path / "metrics.jsonl"),
         events=read_jsonl(path / "events.jsonl"),
         curves=_read_object(path / "curves.json"),
+        posterior=_read_posterior(path / POSTERIOR),
         videos={name: file.read_bytes() for name, file in videos.items() if file.is_file()},
     )
+
+
+def _read_posterior(path: Path) -> Posterior | None:
+    """None where there is no such file. Raises InputError."""
+    if not path.exists():
+        return None
+    try:
+        with np.load(path) as file:
+            names, draws, correlation = (file[key] for key in Posterior._fields)
+        if draws.ndim != 2 or draws.shape[1] != len(names) or not np.isfinite(draws).all():
+            raise ValueError(f"draws of {len(names)} parameters have the shape {draws.shape}")
+        if correlation.shape != (len(names),) * 2:
+            raise ValueError(f"the correlation has the shape {correlation.shape}")
+    except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path} is damaged: {error}") from None
+    return Posterior(tuple(names.tolist()), draws, correlation)
 
 
 def _read_object(path: Path) -> dict[str, Any]:

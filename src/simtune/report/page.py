@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
 from simtune.errors import InputError
-from simtune.report import plots, rank_plots, trust, words
+from simtune.report import pair_plots, plots, rank_plots, trust, words
 from simtune.report.data import POLICY_VIDEO, VIDEOS, RunData, read_run
 from simtune.run import write_atomically
 from simtune.validate import is_number
@@ -62,7 +62,8 @@ def _environment() -> Environment:
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode()
     environment.tests["finite"] = is_number
     drawn = (plots.estimate_plot, plots.survival_plot, rank_plots.rank_histogram)
-    environment.globals |= {f.__name__: f for f in (*drawn, rank_plots.rank_dots)}
+    drawn += (rank_plots.rank_dots, pair_plots.pair_plot)
+    environment.globals |= {f.__name__: f for f in drawn}
     return environment
 
 

@@ -1,11 +1,12 @@
 """How far to trust the estimates: what known worlds showed, and what goes together."""
 
 from dataclasses import dataclass
-from math import log
 from typing import Any
 
 from simtune.report.data import RunData
 from simtune.validate import is_number
+
+_KINDS = {"ratio": "/", "product": "·", "difference": "−", "sum": "+"}
 
 
 def ranks(run: RunData) -> dict[str, list[float]]:
@@ -17,32 +18,48 @@ def ranks(run: RunData) -> dict[str, list[float]]:
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """Two parameters that the motion can hardly tell from each other."""
+    """Two parameters that the videos can hardly tell from each other."""
 
     a: str
     b: str
     correlation: float
-    power: float | None  # a / b^power, or a · b^power, is told best; None: neither is
+    combination: dict[str, Any] | None  # what is told best, see tuning.combinations; None: neither
+
+    @property
+    def operator(self) -> str:
+        """Between a and b."""
+        return _KINDS[self.combination["kind"]] if self.combination else ""
+
+    @property
+    def is_power(self) -> bool:
+        """Whether b is raised to its weight; it is multiplied by it else."""
+        return self.operator in ("/", "·")
+
+    def real(self, run: RunData) -> float | None:
+        """What the combination is in truth, where that is known and positive if it has to be."""
+        a, b = (run.parameters[name].get("real") for name in (self.a, self.b))
+        if not self.combination or not is_number(a) or not is_number(b):
+            return None
+        sign = 1 if self.operator in ("·", "+") else -1
+        weight = sign * self.combination["weight"]
+        if not self.is_power:
+            return a + weight * b
+        return a * b**weight if a > 0 and b > 0 else None
 
 
 def pairs(run: RunData) -> list[Pair]:
-    known, found = run.parameters, []
+    """Those that go together most first."""
+    known, found, told = run.parameters, [], run.result.get("combinations")
+    sound = _sound(told if isinstance(told, list) else [])
+    combined = {f"{c.get('a')}, {c.get('b')}": c for c in sound}
     for names, value in run.object("correlations").items():
         a, _, b = names.partition(", ")
         if a in known and b in known and is_number(value):
-            found.append(Pair(a=a, b=b, correlation=value, power=_power(known[a], known[b])))
-    return found
+            found.append(Pair(a=a, b=b, correlation=value, combination=combined.get(names)))
+    return sorted(found, key=lambda pair: -abs(pair.correlation))
 
 
-def _power(a: dict[str, Any], b: dict[str, Any]) -> float | None:
-    width_a, width_b = _log_width(a), _log_width(b)
-    if width_a is None or width_b is None:  # of what may be negative there is no ratio
-        return None
-    power = width_a / width_b
-    return 1.0 if 0.75 < power < 1.33 else float(f"{power:.1g}")
-
-
-def _log_width(parameter: dict[str, Any]) -> float | None:
-    """Of the 90 % interval; None where it is not known or holds zero."""
-    low, high = parameter.get("low"), parameter.get("high")
-    return log(high / low) if is_number(low) and is_number(high) and 0 < low < high else None
+def _sound(told: list[Any]) -> list[dict[str, Any]]:
+    numbers = ("weight", "mean", "low", "high")
+    found = [c for c in told if isinstance(c, dict) and c.get("kind") in tuple(_KINDS)]
+    return [c for c in found if all(is_number(c.get(key)) for key in numbers)]

@@ -6,10 +6,11 @@ events.jsonl         ranges that widened, narrowed or moved, and why
 tensorboard/         the same scalars
 checkpoints/NNNNNN/  the latest two states to go on from
 real/NNN.safetensors what a training filmed in the real world
-result.json  curves.json  videos/  report.html
+result.json  curves.json  posterior.npz  videos/  report.html
 """
 
 import fcntl
+import io
 import logging
 import os
 import weakref
@@ -35,6 +36,7 @@ from simtune.run.files import (
 )
 from simtune.trajectory import Trajectory
 
+POSTERIOR = "posterior.npz"
 _CHECKPOINTS = "checkpoints"
 _LOGS = ("metrics.jsonl", "events.jsonl")
 _NUM_LINES = "log_lines"  # of each, in a checkpoint's state
@@ -139,12 +141,21 @@ class RunFolder:
         write_json(self.path / "result.json", result)
 
     def drop_result(self) -> None:
-        """Remove result.json, where there is one: the run goes on."""
-        (self.path / "result.json").unlink(missing_ok=True)
+        """Remove result.json and posterior.npz, where they are: the run goes on."""
+        for name in ("result.json", POSTERIOR):
+            (self.path / name).unlink(missing_ok=True)
 
     def write_curves(self, curves: Mapping[str, Mapping[str, Any]]) -> None:
         """Replace curves.json: {name: {"candidates": (n,), "prob_higher": (n,)}}."""
         write_json(self.path / "curves.json", curves)
+
+    def write_posterior(
+        self, names: Sequence[str], draws: np.ndarray, correlation: np.ndarray
+    ) -> None:
+        """Replace posterior.npz: N names, (num, N) draws in their units, (N, N) of the copula."""
+        file = io.BytesIO()
+        np.savez_compressed(file, names=np.array(names), draws=draws, correlation=correlation)
+        write_atomically(self.path / POSTERIOR, file.getvalue())
 
     def write_real(self, cycle: int, trajectories: Sequence[Trajectory]) -> None:
         """Keep what was filmed in the real world: it cannot be filmed again."""

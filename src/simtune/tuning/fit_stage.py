@@ -178,6 +178,7 @@ def conclude(
     curves = with_fit(prob_higher, mean, std, config)
     estimate = replace(
         read_curves(curves, searched, first, config),
+        correlation=fit.claimed_correlation,
         correlations=correlations(fit, names),
         ranks=ranks(bootstrap, names),
         warnings=model_checks(fit, bootstrap),

@@ -17,6 +17,7 @@ _INFORMATIVE = 0.565  # of the range, within which the central 90 % of a curve t
 _GRID = np.linspace(-0.25, 1.25, 1201)
 _EDGE = 0.01  # of the range, from its ends
 _SMALLEST_STD = 5e-5
+_STEEP = 2e-3  # a curve that falls by more from one point of the grid to the next
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,9 +96,19 @@ def read_curves(
     low = np.where(prob_higher[:, 0] < 1 - _BEYOND, space.low, low)
     high = np.where(prob_higher[:, -1] > _BEYOND, space.high, high)
     share = first.to_range_unit(high) - first.to_range_unit(low)
-    candidates = np.stack([parameters(np.full(len(space), c)) for c in _GRID[::8]], axis=1)
-    curves = {name: (candidates[i], prob_higher[i, ::8]) for i, name in enumerate(space.names)}
+    candidates, curves = parameters(np.repeat(_GRID[:, None], len(space), 1)), {}
+    for name, its, row in zip(space.names, candidates.T, prob_higher, strict=True):
+        kept = _telling(row)
+        curves[name] = (its[kept], row[kept])
     return Estimate(mean, low, high, [_verdict(s, config) for s in share], curves)
+
+
+def _telling(prob_higher: np.ndarray) -> np.ndarray:
+    """(C,) bool: points of a curve on the grid from which it can be drawn, and drawn from."""
+    is_kept, is_steep = np.arange(len(prob_higher)) % 8 == 0, -np.diff(prob_higher) > _STEEP
+    is_kept[:-1] |= is_steep
+    is_kept[1:] |= is_steep
+    return is_kept
 
 
 def _verdict(share: float, config: RangeUpdateConfig) -> Verdict:

@@ -26,6 +26,8 @@ class Estimate:
     verdict: list[Verdict]  # one a parameter
     # {name: (candidates (C,), P(truth > candidate) (C,))}: survival curves, where there are any
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    # (N, N) of the errors on the parameters' own scales; None: nothing is known of it
+    correlation: np.ndarray | None = None
     # {"a, b": correlation} of parameters that can hardly be distinguished
     correlations: dict[str, float] = field(default_factory=dict)
     # {name: ranks in (0, 1) of known worlds' truths}: uniform where intervals can be trusted

@@ -1,0 +1,35 @@
+"""What `simtune compare` prints."""
+
+from typing import Any
+
+
+def table(result: dict[str, Any]) -> list[str]:
+    """Lines of plain text."""
+    head = ("parameter", "first", "90 % interval", "second", "90 % interval", "differ by")
+    rows = [head, *(_cells(name, p) for name, p in result["parameters"].items())]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [f"first {result['runs'][0]}, second {result['runs'][1]}: {result['task']}"]
+    for name, *cells in rows:
+        columns = [f"{cell:>{width}s}" for cell, width in zip(cells, widths[1:], strict=True)]
+        lines.append("  ".join([f"{name:{widths[0]}s}", *columns]))
+    return [*lines, *(f"note: {note}" for note in result["notes"]), _says(result)]
+
+
+def _cells(name: str, p: dict[str, Any]) -> tuple[str, ...]:
+    cells = [name]
+    for said in p["estimates"]:
+        cells += [f"{said['mean']:.4g}", f"[{said['low']:.4g}, {said['high']:.4g}]"]
+    return (*cells, f"{p['difference_std']:+.1f} std")
+
+
+def _says(result: dict[str, Any]) -> str:
+    name, limit = result["largest"], result["limit_std"]
+    largest = abs(result["parameters"][name]["difference_std"])
+    num = len(result["parameters"])
+    of_all = f"the largest of {num} differences" if num > 1 else "the difference"
+    rate = f"{100 * result['false_alarm_rate']:g} %"
+    return (
+        f"The runs {'agree' if result['agree'] else 'disagree'}: {of_all} is {largest:.1f} "
+        f"standard deviations ({name}). Above {limit:.1f} it would be in {rate} of pairs of runs "
+        "of one world, if all intervals are right."
+    )

@@ -1,0 +1,53 @@
+"""Draws of a run's joint posterior as a table, for anyone's own domain randomisation."""
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.parameters import ParameterSpace
+from simtune.report.data import RunData
+from simtune.run import write_atomically
+from simtune.tuning.joint import Joint
+from simtune.tuning.search import Estimate
+
+
+def draw_samples(run: RunData, space: ParameterSpace, num: int) -> np.ndarray:
+    """(num, N) parameters within their bounds; the same in every call.
+
+    Raises InputError for a run of an earlier version.
+    """
+    if run.posterior is None:
+        raise InputError(
+            f"{run.path} has no posterior.npz, since an earlier version wrote it: give its command "
+            "once more"
+        )
+    found = [run.result["parameters"][name] for name in space.names]
+    mean, low, high = (np.array([p[key] for p in found], float) for key in ("mean", "low", "high"))
+    curves = {
+        name: (np.array(curve["candidates"], float), np.array(curve["prob_higher"], float))
+        for name, curve in run.curves.items()
+    }
+    verdicts = [p["verdict"] for p in found]
+    estimate = Estimate(mean, low, high, verdicts, curves, run.posterior.correlation)
+    return Joint.of(estimate, space).draw(num, np.random.default_rng(run.result["seed"]))
+
+
+def write_samples(path: Path, names: Sequence[str], draws: np.ndarray) -> None:
+    """(num, N) draws: CSV with a header; NPZ of `names` and `draws`; JSON, an object each."""
+    if path.suffix == ".npz":
+        file = io.BytesIO()
+        np.savez_compressed(file, names=np.array(names), draws=draws)
+        content = file.getvalue()
+    elif path.suffix == ".json":
+        rows = [dict(zip(names, row, strict=True)) for row in draws.tolist()]
+        content = json.dumps(rows, indent=1) + "\n"
+    else:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([names, *draws.tolist()])
+        content = text.getvalue()
+    write_atomically(path, content)

@@ -1,0 +1,66 @@
+"""Two parameters that go together: draws of their joint posterior, and where most of them are."""
+
+import numpy as np
+from scipy.special import ndtr
+
+from simtune.report.data import RunData
+from simtune.report.plot import (
+    BOTTOM,
+    HEIGHT,
+    LEFT,
+    RIGHT,
+    TOP,
+    WIDTH,
+    Plot,
+    Point,
+    value_axis,
+)
+from simtune.report.trust import Pair
+from simtune.validate import is_number
+
+_DOTS = 250
+_NAME = 16  # pixels above the plot, for the vertical axis' name
+_RADIUS = 1.645  # standard deviations: a contour as wide and as high as 90 % intervals
+_AROUND = 0.35  # of the contour's width, shown on both sides
+_POINTS = 72
+
+
+def pair_plot(run: RunData, pair: Pair) -> Plot | None:
+    """Draws of b against those of a; None where a run has none."""
+    known = run.posterior
+    if known is None or not {pair.a, pair.b} <= set(known.names):
+        return None
+    indices = [known.names.index(name) for name in (pair.a, pair.b)]
+    draws, correlation = known.draws[:, indices], float(known.correlation[*indices])
+    contour = _contour(draws, correlation)
+    truth = _truth(run, pair)
+    around = _AROUND * np.ptp(contour, 0)
+    shown = np.stack([contour.min(0) - around, contour.max(0) + around])
+    shown = np.clip(shown, draws.min(0), draws.max(0)).tolist() + [truth] * bool(truth)
+    xs, ys = map(list, zip(*shown, strict=True))
+    x = value_axis(xs, LEFT + 4, WIDTH - RIGHT - 4, run.is_colour(pair.a))
+    y = value_axis(ys, HEIGHT - BOTTOM, TOP + _NAME, run.is_colour(pair.b))
+    plot = Plot(f"draws of {pair.b} against those of {pair.a}", x, y)
+    plot.label_y(y.ticks(5))
+    plot.label_x({t: f"{t:g}" for t in x.ticks(4)}, pair.a)
+    plot.label(0, TOP + 4, pair.b, "start")
+    for a, b in draws[:_DOTS].tolist():
+        if x.low <= a <= x.high and y.low <= b <= y.high:
+            plot.dot((a, b), "draw", "", 1.4)
+    plot.area([(a, b) for a, b in contour.tolist()], "contour")
+    if truth:
+        plot.dot(truth, "truth", "truth", 4)
+    return plot
+
+
+def _truth(run: RunData, pair: Pair) -> Point | None:
+    a, b = (run.parameters[name].get("real") for name in (pair.a, pair.b))
+    return (float(a), float(b)) if is_number(a) and is_number(b) else None
+
+
+def _contour(draws: np.ndarray, correlation: float) -> np.ndarray:
+    """(points, 2) around the likeliest 1 − exp(−radius² / 2) of (num, 2) draws, by the copula."""
+    angle = np.linspace(0, 2 * np.pi, _POINTS, endpoint=False)
+    one, other = _RADIUS * np.cos(angle), _RADIUS * np.sin(angle)
+    normal = one, correlation * one + np.sqrt(max(0, 1 - correlation**2)) * other
+    return np.stack([np.quantile(draws[:, i], ndtr(z)) for i, z in enumerate(normal)], 1)

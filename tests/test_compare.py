@@ -1,0 +1,143 @@
+"""`compare`: runs of one world agree as often as is said, and others do not."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simtune import outcome
+from simtune.compare import compare, table
+from simtune.compare.compare import FALSE_ALARM_RATE, differences, largest_allowed, p_value
+from simtune.config import CompareConfig
+from simtune.errors import InputError
+from simtune.parameters import ParameterSpace
+from simtune.randomization import Distribution
+from simtune.run import read_json, write_json
+from simtune.tasks import load_task
+from simtune.tuning.joint import Joint
+from simtune.tuning.range_update import RangeUpdateConfig, candidate_grid, read_curves, with_fit
+
+SPACE = load_task("finger").parameters
+STD = 0.02  # of the first range
+
+
+def a_run(path: Path, mean: np.ndarray, space: ParameterSpace = SPACE, **facts) -> Path:
+    """The folder of a run that found (N,) `mean`, in coordinates of its first range, to ± STD."""
+    first = Distribution.first(space, space.nominal)
+    grid = np.repeat(candidate_grid()[None], len(space), 0)
+    config = RangeUpdateConfig()
+    curves = with_fit(np.clip(1 - grid, 0, 1), mean, np.full(len(space), STD), config)
+    estimate = read_curves(curves, first, first, config)
+    joint = Joint.of(estimate, space)
+    facts = {"task": "finger", "method": "autotune", "search": "posterior", "seed": 0} | facts
+    result = outcome.result(facts, space, space.nominal, estimate, None)
+    draws = joint.draw(100, np.random.default_rng(0))
+    path.mkdir()
+    write_json(path / "result.json", result | outcome.joint_posterior(joint, estimate, draws))
+    write_json(path / "config.json", {"config": {"task": "finger", "task_content": "a"}})
+    return path
+
+
+def compared(one: Path, other: Path) -> dict:
+    return compare(CompareConfig(run_folder=one, other_folder=other))
+
+
+def test_runs_of_one_world_agree_but_for_the_stated_share_of_false_alarms():
+    rng, num = np.random.default_rng(0), len(SPACE)
+    std, other_std = rng.uniform(0.01, 0.1, (2, num))
+    rejected = 0
+    for _ in range(4000):
+        one, other = std * rng.normal(size=num), other_std * rng.normal(size=num)
+        z = differences(one, std, other, other_std)
+        rejected += np.abs(z).max() > largest_allowed(num, FALSE_ALARM_RATE)
+    assert rejected / 4000 == pytest.approx(FALSE_ALARM_RATE, abs=0.012)
+
+
+def test_limit_and_probability_by_hand():
+    assert largest_allowed(1, 0.05) == pytest.approx(1.95996, abs=1e-4)
+    assert p_value(1.95996, 1) == pytest.approx(0.05, abs=1e-5)
+    assert largest_allowed(2, 0.0975) == pytest.approx(1.95996, abs=1e-4)  # 1 − .95²
+    assert p_value(-largest_allowed(10, 0.05), 10) == pytest.approx(0.05)
+    np.testing.assert_allclose(
+        differences(np.ones(1), np.array([3.0]), np.array([11.0]), np.array([4.0])), [2]
+    )
+
+
+def test_runs_that_agree(tmp_path):
+    mean = np.full(len(SPACE), 0.5)
+    one = a_run(tmp_path / "one", mean)
+    other = a_run(tmp_path / "other", mean + STD * np.linspace(-1, 1, len(SPACE)))
+    result = json.loads(json.dumps(compared(one, other)))
+    assert result["agree"] is True
+    assert result["notes"] == []
+    away = [p["difference_std"] for p in result["parameters"].values()]
+    # Tails make intervals wider than the fit's alone, so a little less than 1 / √2.
+    np.testing.assert_allclose(away, np.linspace(-1, 1, len(SPACE)) / 2**0.5, atol=0.15)
+    assert abs(away[-1]) < 1 / 2**0.5
+    first = read_json(one / "result.json")["parameters"]["spinner_mass"]
+    said = result["parameters"]["spinner_mass"]["estimates"][0]
+    assert said == {key: first[key] for key in ("mean", "low", "high", "verdict")}
+    lines = table(result)
+    assert len(lines) == len(SPACE) + 3
+    assert lines[-1].startswith("The runs agree: the largest of")
+    assert "in 5 % of pairs of runs" in lines[-1]
+    assert compared(other, one)["parameters"]["spinner_mass"]["difference_std"] == -away[0]
+
+
+def test_runs_that_disagree_in_one_parameter(tmp_path):
+    mean = np.full(len(SPACE), 0.5)
+    away = mean + 8 * STD * (np.arange(len(SPACE)) == 1)
+    result = compared(a_run(tmp_path / "one", mean), a_run(tmp_path / "other", away))
+    assert result["agree"] is False
+    assert result["largest"] == SPACE.names[1]
+    assert result["p_value"] < 1e-3
+    assert "The runs disagree" in table(result)[-1]
+    assert SPACE.names[1] in table(result)[-1]
+
+
+def test_notes_say_where_agreeing_says_little(tmp_path):
+    mean, recordings = np.full(len(SPACE), 0.5), {"dataset_hash": "abc"}
+    one = a_run(tmp_path / "one", mean, recordings=recordings)
+    other = a_run(tmp_path / "other", mean, recordings=recordings)
+    assert "of the same recordings" in compared(one, other)["notes"][0]
+    assert compared(one, one)["notes"] == ["this is one and the same run"]
+    write_json(other / "config.json", {"config": {"task_content": "b"}})
+    assert "the tuning file is not the same" in compared(one, other)["notes"][1]
+    assert "note: both are" in "\n".join(table(compared(one, other)))
+
+
+def test_what_cannot_be_compared_is_said_in_a_line(tmp_path):
+    mean = np.full(len(SPACE), 0.5)
+    one = a_run(tmp_path / "one", mean)
+
+    def refused(other: Path) -> str:
+        with pytest.raises(InputError) as error:
+            compared(one, other)
+        assert "\n" not in str(error.value)
+        return str(error.value)
+
+    assert "there is no such folder" in refused(tmp_path / "none")
+    cartpole = load_task("cartpole").parameters
+    elsewhere = a_run(tmp_path / "a", np.full(len(cartpole), 0.5), cartpole, task="cartpole")
+    assert "is of finger" in refused(elsewhere)
+    assert "of cartpole: compare two runs of one task" in refused(elsewhere)
+    fewer = a_run(tmp_path / "b", mean[1:], ParameterSpace(SPACE.parameters[1:]))
+    assert f"tuned {SPACE.names[0]}:" in refused(fewer)
+    wider = [dataclasses.replace(SPACE.parameters[0], high=99), *SPACE.parameters[1:]]
+    assert "has other bounds" in refused(a_run(tmp_path / "c", mean, ParameterSpace(wider)))
+    assert "gives no intervals" in refused(a_run(tmp_path / "d", mean, search="paper"))
+    assert "--method dr" in refused(a_run(tmp_path / "e", mean, search=None, method="dr"))
+    older = a_run(tmp_path / "f", mean)
+    result = read_json(older / "result.json")
+    write_json(older / "result.json", {k: v for k, v in result.items() if k != "covariance"})
+    assert "earlier version" in refused(older)
+    for damage in ({"mean": mean}, {"matrix": [[1]]}, {"matrix": None}, {"mean": "?"}):
+        spoilt = result["covariance"] | damage
+        if "matrix" not in damage:
+            del spoilt["matrix"]
+        write_json(older / "result.json", result | {"covariance": spoilt})
+        assert "is damaged" in refused(older)
+    (older / "result.json").unlink()
+    assert "no result yet" in refused(older)
