@@ -91,14 +91,20 @@ class WindowPlayer:
         return Slopes(predicted[0], by_state, by_parameter)
 
     def linearize(
-        self, windows: Windows, slopes: Slopes, pull: np.ndarray, blur: float
+        self,
+        windows: Windows,
+        slopes: Slopes,
+        pull: np.ndarray,
+        prior: np.ndarray,
+        blur: float,
     ) -> tuple[NormalEquations, np.ndarray]:
         """Normal equations, and the windows' (W,) costs −log p(observed | states, parameters).
 
         `slopes`: predictions at the point, and derivatives there or near by. `pull`: (W, 2 nv) how
-        far the states are from their first guesses, in terms of prior_std.
+        far the states are from their first guesses, in terms of `prior`, (2 nv,), which is how
+        much these are trusted.
         With residuals r, weights w and noise σ of the evidence, J = ∂r/∂(states), K = ∂r/∂(unit),
-        W = diag(w), S = diag(prior_std):
+        W = diag(w), S = diag(prior):
 
             H = Jᵀ W J + S⁻²     C = Jᵀ W K     B = Kᵀ W K
             g = Jᵀ W r + S⁻¹ pull               b = Kᵀ W r
@@ -115,10 +121,10 @@ class WindowPlayer:
             *by_parameter.shape[:2], num_residuals
         )  # (W, P, M)
         hessian = np.einsum("wsm,wm,wtm->wst", jacobian, w, jacobian, optimize=True)
-        hessian += np.diag(self._prior_std**-2)
+        hessian += np.diag(prior**-2)
         cross = np.einsum("wsm,wm,wpm->wsp", jacobian, w, sensitivity, optimize=True)
         information = np.einsum("wpm,wm,wqm->wpq", sensitivity, w, sensitivity)
-        gradient = np.einsum("wsm,wm,wm->ws", jacobian, w, r) + pull / self._prior_std
+        gradient = np.einsum("wsm,wm,wm->ws", jacobian, w, r) + pull / prior
         parameter_gradient = np.einsum("wpm,wm,wm->wp", sensitivity, w, r)
         # Undamped: a window whose states cannot move would seem to know the parameters well.
         follow = np.linalg.solve(hessian + 1e-6 * diagonal(hessian), cross)  # H⁻¹ C

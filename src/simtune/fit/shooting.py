@@ -19,6 +19,9 @@ from simtune.fit.physics import Physics
 from simtune.fit.windows import Windows, cut
 
 _PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
+# And in a stage that is not blurred by so much less again: it comes from worlds with other
+# parameters, so that it would draw the parameters to where they began, and say that it is sure.
+_LAST_PRIOR = 10.0
 _STATES_ONLY = 3.0  # with more blur than this, parameters wait for the states
 _LARGEST_STEP = 0.12  # of the whole range (unit coordinates)
 _LARGEST_STATE_STEP = 4.0  # prior standard deviations
@@ -125,7 +128,8 @@ class Shooting:
         )
         pull = np.zeros((len(windows.states), len(self._prior_std)))
         slopes = self._player.differentiate(windows, point)
-        information = self._player.linearize(windows, slopes, pull, 1.0)[0].information
+        prior = self._prior_std
+        information = self._player.linearize(windows, slopes, pull, prior, 1.0)[0].information
         eye = np.eye(len(self.fitted))
         # As `combine` weighs windows: none tells more than the variance between them allows.
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
@@ -176,7 +180,7 @@ class Shooting:
 
             Σ_w −log p(observed_w | x_w, θ) + ½ ‖S⁻¹ (x_w ⊖ x̄_w)‖²
 
-        with x̄_w the first guess and S = diag(prior_std). Near the point (`linearize`) that is
+        with x̄_w the first guess and S = diag(prior). Near the point (`linearize`) that is
 
             [H_w   C_w] [δx_w]     [g_w]
             [C_wᵀ  B_w] [δθ  ] = − [b_w]
@@ -187,8 +191,9 @@ class Shooting:
         A window whose cost rises keeps its states; if the weighted sum of all rises, nothing
         moves, and the next step in θ is a quarter as long.
         """
-        pull = self._pull(point.states, windows)  # (W, 2 nv)
-        equations, cost = self._player.linearize(windows, slopes, pull, blur)
+        prior = self._prior_std * (_LAST_PRIOR if blur <= 1 else 1.0)
+        pull = self._pull(point.states, windows, prior)  # (W, 2 nv)
+        equations, cost = self._player.linearize(windows, slopes, pull, prior, blur)
         trust = robust_weights(cost)  # (W,)
         combined = combine(
             equations.information,
@@ -204,7 +209,7 @@ class Shooting:
         _, predicted = self._player.play(
             windows, np.stack([moved, point.states]), np.stack([unit, unit])
         )
-        pulls = np.stack([self._pull(moved, windows), pull])
+        pulls = np.stack([self._pull(moved, windows, prior), pull])
         costs = -windows.evidence.log_likelihood(predicted, blur)
         costs += 0.5 * np.square(pulls).sum(-1)
         before = cost + 0.5 * np.square(pull).sum(-1)
@@ -228,9 +233,9 @@ class Shooting:
         limit = _LARGEST_STATE_STEP * self._prior_std
         return self._space.move(point.states, np.clip(tangent, -limit, limit))
 
-    def _pull(self, states: np.ndarray, windows: Windows) -> np.ndarray:
-        """(W, 2 nv) S⁻¹ (x ⊖ x̄)."""
-        return self._space.difference(states, windows.states) / self._prior_std
+    def _pull(self, states: np.ndarray, windows: Windows, prior: np.ndarray) -> np.ndarray:
+        """(W, 2 nv) S⁻¹ (x ⊖ x̄), with S = diag(prior)."""
+        return self._space.difference(states, windows.states) / prior
 
     def _cut(
         self, observed: Observed, states: np.ndarray, unit: np.ndarray, steps: int | None = None

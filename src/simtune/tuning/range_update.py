@@ -26,7 +26,8 @@ class RangeUpdateConfig:
     margin: float = 1.6  # a narrowed range over the central 98 %: it must not cut off the posterior
     barely_narrowed: float = 0.85  # a range that would still be this wide, of the old, is kept
     smallest_share: float = 0.06  # of the first range: no range gets narrower than this
-    identified_share: float = 0.15  # 90 % interval within the first range: verdict "identified"
+    # 90 % interval within the first range: verdict "identified"; ±10 % of what has a log scale
+    identified_share: float = 0.09
     weak_share: float = 0.6  # ... and up to here "weak"
     posterior_net_weight: float = 0.04  # beside a fit, for where that went astray
 
@@ -96,11 +97,12 @@ def read_curves(
     low = np.where(prob_higher[:, 0] < 1 - _BEYOND, space.low, low)
     high = np.where(prob_higher[:, -1] > _BEYOND, space.high, high)
     share = first.to_range_unit(high) - first.to_range_unit(low)
+    verdicts = [_verdict(s, config) for s in share]
     candidates, curves = parameters(np.repeat(_GRID[:, None], len(space), 1)), {}
     for name, its, row in zip(space.names, candidates.T, prob_higher, strict=True):
         kept = _telling(row)
         curves[name] = (its[kept], row[kept])
-    return Estimate(mean, low, high, [_verdict(s, config) for s in share], curves)
+    return Estimate(mean, low, high, verdicts, curves)
 
 
 def _telling(prob_higher: np.ndarray) -> np.ndarray:
