@@ -18,9 +18,9 @@ from simtune.fit.result import FitResult, Misfit, PointEstimate
 
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no refits
 _POOLED_COUNT = 3.0  # all parameters of a kind count like three refits of each
-# Before any refit errors are taken to be so many times what fits claim, and that counts like two:
-# the first few may all be lucky.
-_EXPECTED, _EXPECTED_COUNT = {"moving": 1.5, "appearance": 1.0}, 2.0
+# Before any refit errors are taken to be at least so many times what fits claim, and that counts
+# like two of them: the first few may all be lucky.
+_EXPECTED, _EXPECTED_COUNT = {"moving": 1.5, "appearance": 0.7}, 2.0
 _USUAL = 0.85  # share of errors that are taken to be no accident
 # A fit may be too careful, but few refits may all be lucky: worlds drawn at random show that what
 # moves must not be believed to be better known than it says (docs/results.md).
@@ -142,8 +142,8 @@ def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
         usual = float(np.quantile(its, _USUAL)) / ndtri((1 + _USUAL) / 2)
         pooled = max(least, usual)
         square = np.square(np.minimum(its, 3 * pooled)).sum(0) + _POOLED_COUNT * pooled**2
-        square += _EXPECTED_COUNT * _EXPECTED[kind] ** 2
+        square += _EXPECTED_COUNT * max(pooled, _EXPECTED[kind]) ** 2
         count = len(its) + _POOLED_COUNT + _EXPECTED_COUNT
-        unsure = stdtrit(count, 0.95) / ndtri(0.95)
+        unsure = stdtrit(len(its) + _POOLED_COUNT, 0.95) / ndtri(0.95)
         factors[of_kind] = unsure * np.sqrt(square / count).clip(least)
     return factors
