@@ -86,7 +86,7 @@ def test_intervals_inflated_by_few_refits_cover_as_often_as_they_say(num_refits,
         width = 1.645 * bootstrap_of(errors[1:]).inflation()
         held.append(np.abs(errors[0]) < width)
     moving, others = np.mean(held, 0)[MOVING], np.mean(held, 0)[APPEARANCE]
-    assert 0.86 < others.mean() < 0.97
+    assert 0.86 < others.mean() < (0.97 if num_refits > 2 else 0.98)
     # Of what moves a fit is never taken to be surer than it says; two may both be lucky.
     assert 0.85 < moving.mean() < (0.97 if size >= 1 and num_refits > 2 else 1)
 
