@@ -88,7 +88,7 @@ def test_intervals_inflated_by_few_refits_cover_as_often_as_they_say(num_refits,
     moving, others = np.mean(held, 0)[MOVING], np.mean(held, 0)[APPEARANCE]
     assert 0.86 < others.mean() < (0.97 if num_refits > 2 else 0.98)
     # Of what moves a fit is never taken to be surer than it says; two may both be lucky.
-    assert 0.85 < moving.mean() < (0.97 if size >= 1 and num_refits > 2 else 1)
+    assert 0.85 < moving.mean() < (0.97 if size >= 1 and num_refits > 2 else 1.01)
 
 
 def test_ranks_by_hand_use_the_inflation_of_the_other_refits():
