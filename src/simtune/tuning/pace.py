@@ -21,6 +21,7 @@ _WORLDS, _STEPS, _UPDATES = 32, 20, 3
 _SMALL_UPDATE = 0.7  # of an update of the detector: one of the other networks
 _REFIT = 0.8  # of a fit: it looks at fewer episodes
 _SLOWER = 1.3  # all that is not counted: pictures that are fitted, latencies that are tried
+_FEWEST_REFITS = 2
 _FEWEST_WORLDS = 64  # to learn anything from
 
 
@@ -86,6 +87,7 @@ def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:
         detector_updates=(min(least, config.detector_updates[0]),),
         posterior_updates=min(least, config.posterior_updates),
         state_updates=min(least, config.state_updates),
+        num_refits=(min(_FEWEST_REFITS, config.num_refits[0]), config.num_refits[1]),
         fit=config.fit.scaled(0.0),
     )
 
