@@ -45,7 +45,7 @@ class ShootingConfig:
     # Short and blurred first, which brings the states near from far away.
     stages: tuple[Stage, ...] = (Stage(4, 6, 6.0), Stage(8, 3, 2.0), Stage(12, 6))
     longer: tuple[int, ...] = (24, 48, 96)  # windows, where those do not tell enough
-    longer_iterations: int = 10  # blurred, and as many that are not
+    longer_iterations: int = 5  # blurred, and as many that are not
     num_windows: int = 90  # at most; spread evenly. Of longer ones fewer: as many steps in all
 
     def steps_per_window(self, num_derived: int) -> int:
@@ -100,7 +100,9 @@ class Shooting:
         best = found = fit
         limit = np.median(best.misfit) + _AS_WELL
         for window in config.longer:
+            # The first of them always: it takes little, and what short ones claim may be too much.
             is_known = np.diag(best.covariance).max(initial=0) < _ENOUGH**2
+            is_known &= window > config.longer[0]
             if is_known or window > observed.actions.shape[1]:
                 break
             unit[self.fitted] = found.unit
@@ -109,8 +111,9 @@ class Shooting:
             count = config.longer_iterations
             stages = (Stage(window, count, _EXTENDED_BLUR), Stage(window, count))
             found = self._fit(longer, unit, stages)
-            if np.median(found.misfit) < limit:
-                best = found
+            if np.median(found.misfit) > limit:
+                break
+            best = found
         return best
 
     def fisher_covariance(
