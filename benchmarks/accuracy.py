@@ -64,7 +64,7 @@ def main(
         far: Starts at ×4/×¼; results go to OUT/far.
         picture: Write the picture there, too.
         record: Write the figures into this file of docs/results, too.
-        quick: One run that is given no time to learn, within a minute.
+        quick: One run of a search that takes seconds and finds nothing.
     """
     if unknown := [t for t in tasks if t not in TASKS]:
         sys.exit(f"no task {unknown[0]!r}; there are: {', '.join(TASKS)}")
@@ -86,6 +86,7 @@ def main(
                 real_episodes=real_episodes,
                 gap=gap,
                 far=far,
+                quick=quick,
             )
             for world in range(worlds)  # so that an unfinished table is a fair one
             for task in tasks

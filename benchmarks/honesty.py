@@ -32,7 +32,7 @@ import mujoco
 import numpy as np
 import tyro
 from common import QUICK, machine, record_figures
-from searching import context_of
+from searching import context_of, run_rounds
 
 from simtune.budget import Budget
 from simtune.parameters import Parameter, ParameterSpace, dynamics
@@ -43,6 +43,7 @@ from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _LONGER = 1.2
+_PRECISION = 0.01  # as `simtune tune` asks for by default
 
 
 def right(task: Task) -> tuple[Task, Task]:
@@ -128,7 +129,7 @@ def main(
         record: Write the figures into this file of docs/results, too.
         quick: One world, no time to learn, nothing kept.
     """
-    config, found = PosteriorSearchConfig(), {}
+    config, found = PosteriorSearchConfig(precision=_PRECISION), {}
     with tempfile.TemporaryDirectory() as temporary:
         if quick:
             minutes, real_episodes, out, config = 0.1, 3, Path(temporary), QUICK
@@ -162,10 +163,7 @@ def tuned(
     real, simulator = world.collect(real_episodes), task.simulator(image_size=64)
     start = truth.wrong_start(seed)
     search = PosteriorSearch(context_of(task, simulator, start, seed), config)
-    while True:
-        estimate, _, _ = search.run_round(real, budget)
-        if search.stop_reason:
-            break
+    estimate = run_rounds(search, real, budget)
     real, errors = truth.score(estimate.mean)
     ratios = dict(zip(task.parameters.names, estimate.mean / real, strict=True))
     width = (estimate.high - estimate.low) / (search.first.high - search.first.low)

@@ -7,6 +7,7 @@ last line is one JSON object.
 """
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -23,16 +24,20 @@ from simtune.tasks import TASKS, load_task
 
 _SUFFIX = "-a"
 _TUNE = (sys.executable, "-c", "from simtune.cli import main; main()", "tune")
+_QUICK_TUNE = (sys.executable, "-m", "whole.variants", "--quick", "tune")  # found beside this file
 
 
-def tune(task: str, recording: Path, out: Path, *options: str) -> bool:
+def tune(task: str, recording: Path, out: Path, *options: str, quick: bool = False) -> bool:
     """Run it to its end, unless that was done before; whether it got there."""
     if (out / "result.json").exists():
         print(f"{out} is finished: scoring it", file=sys.stderr)
         return True
-    command = [*_TUNE, task, "--real", str(recording), "--out", str(out), *options]
+    command = [*(_QUICK_TUNE if quick else _TUNE), task]
+    command += ["--real", str(recording), "--out", str(out), *options]
     print(f"tuning {task} to {recording}", file=sys.stderr)
-    return subprocess.run(command, stdout=sys.stderr).returncode == 0
+    paths = [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    return subprocess.run(command, stdout=sys.stderr, env=environment).returncode == 0
 
 
 def true_value(entry: dict[str, Any], nominal: float) -> float:
@@ -122,7 +127,7 @@ def main(
         real_episodes: Recorded episodes to take.
         seed: Of all random numbers.
         record: Write the figures into this file of docs/results, too.
-        quick: One run that is given no time to learn, within a minute; none without recordings.
+        quick: One run of a search that takes seconds and finds nothing; none without recordings.
     """
     found = tasks_in(recordings)
     if missing := [t for t in tasks if t not in found]:
@@ -136,11 +141,11 @@ def main(
     tasks = tasks or tuple(found)
     if quick:
         tasks, budget_minutes, real_episodes = tasks[:1], 0.1, 1
-        with tempfile.TemporaryDirectory() as folder:
-            out = Path(folder)
-            failed = run_all(recordings, tasks, out, budget_minutes, real_episodes, seed, record)
-    else:
-        failed = run_all(recordings, tasks, out, budget_minutes, real_episodes, seed, record)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) if quick else out
+        asked = {"--budget-minutes": budget_minutes, "--real-episodes": real_episodes}
+        options = [str(word) for pair in (asked | {"--seed": seed}).items() for word in pair]
+        failed = run_all(recordings, tasks, out, options, record, quick)
     if failed:
         sys.exit(1)
 
@@ -149,21 +154,15 @@ def run_all(
     recordings: Path,
     tasks: tuple[str, ...],
     out: Path,
-    budget_minutes: float,
-    real_episodes: int,
-    seed: int,
+    options: list[str],
     record: Path | None,
+    quick: bool,
 ) -> list[str]:
     """Tune and score each; print it all; the tasks whose runs failed."""
     scores, failed = {}, []
     for task in tasks:
         recording, run = recordings / f"{task}{_SUFFIX}", out / f"{task}{_SUFFIX}"
-        options = {
-            "--budget-minutes": budget_minutes,
-            "--real-episodes": real_episodes,
-            "--seed": seed,
-        }
-        if not tune(task, recording, run, *(str(x) for pair in options.items() for x in pair)):
+        if not tune(task, recording, run, *options, quick=quick):
             failed.append(task)
             continue
         result = json.loads((run / "result.json").read_text())

@@ -1,12 +1,17 @@
 """Searches without a run: what they are made of."""
 
+import time
+
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.tasks import Task
+from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext
+from simtune.tuning.search import Estimate, Search
 from simtune.vision.keypoints import find_keypoints
 
 
@@ -27,3 +32,12 @@ def context_of(
         observation=observation or ObservationModel.of_simulator(),
         seed=seed,
     )
+
+
+def run_rounds(search: Search, real: list[Trajectory], budget: Budget) -> Estimate:
+    """The last round's estimate, where as many are run as `simtune tune` runs."""
+    while True:
+        began_s = time.monotonic()
+        estimate, _, _ = search.run_round(real, budget)
+        if search.stop_reason or budget.seconds_left < time.monotonic() - began_s:
+            return estimate

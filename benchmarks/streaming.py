@@ -8,6 +8,7 @@ process of its own. The last line is one JSON object.
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -54,7 +55,7 @@ def measure(code: str, *arguments: object) -> dict[str, float]:
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     if status:
-        sys.exit(f"reading the recordings failed with status {status}")
+        sys.exit(f"{shlex.join(map(str, arguments))} failed with status {status}")
     peak_mb = usage.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
     wall_s, cpu_s = time.monotonic() - began_s, usage.ru_utime + usage.ru_stime
     return {"peak_mb": round(peak_mb), "wall_s": round(wall_s, 1), "cpu_s": round(cpu_s, 1)}
@@ -78,7 +79,7 @@ def main(
         width: The same.
         episode_steps: Actions in an episode; it has a frame more.
         real_episodes: That `tune` takes, beside all.
-        tune_minutes: For a whole run with all episodes; 0: none.
+        tune_minutes: For a whole run with all episodes, as long as it needs at least; 0: none.
         record: Write the figures into this file of docs/results, too.
         quick: 2,000 frames: within a minute.
     """

@@ -26,7 +26,6 @@ ORDER = (  # on the page; other claims follow
     "peers",
     "policies",
     "whole_runs",
-    "calibration",
     "recordings",
     "pendulums",
     "honesty",

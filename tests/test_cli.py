@@ -120,6 +120,10 @@ def dataset(recorded, tmp_path) -> Path:
         (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "soon"], "a number, got .soon"),
         (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "0"], "above 0, got 0"),
         (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "nan"], "above 0, got nan"),
+        (["tune", "cartpole", "--out", "OUT", "--precision", "fine"], "such as 1%, got fine"),
+        (["tune", "cartpole", "--out", "OUT", "--precision", "-1%"], "a percentage.* got -1%"),
+        (["tune", "cartpole", "--out", "OUT", "--precision", "100%"], "a percentage.* got 100%"),
+        (["tune", "cartpole", "--out", "OUT", "--precision", "nan%"], "a percentage.* got nan%"),
         (["tune", "cartpole", "--out", "OUT", "--real-episodes", "0"], "at least 1, got 0"),
         (["tune", "cartpole", "--out", "OUT", "--real-episodes", "1.5"], "whole number, got .1.5"),
         (["tune", "cartpole", "--out", "OUT", "--seed", "-1"], "not be negative, got -1"),
@@ -330,7 +334,7 @@ def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands):
     assert status == 0
     assert all(is_progress(line) for line in progress.splitlines())  # no terminal: plain lines
     assert "looking at the real world" in progress
-    assert "1/2 simulating" in progress
+    assert "round 1: simulating" in progress
     assert "100 %" in progress
     assert "pole_mass" in said
     assert "mean error" in said

@@ -1,5 +1,6 @@
 """`tune` from pixels to numbers: a mass and a colour of a small scene, found and bracketed."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -92,7 +93,7 @@ def test_tune_recovers_a_mass_and_a_colour_from_pixels(tmp_path: Path):
         task=str(tmp_path / "tune.toml"),
         out=tmp_path / "run",
         real_episodes=3,
-        budget_minutes=600,
+        budget_minutes=math.inf,
         seed=0,
     )
     result = tune(config, settings=SETTINGS)

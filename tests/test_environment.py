@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -183,7 +184,7 @@ def test_tune_takes_an_environment_and_resumes(tmp_path, quick):
     file = example / "tune.toml"
     file.write_text(file.read_text().replace("episode_steps = 100", "episode_steps = 24"))
     options = {"task": str(file), "out": tmp_path / "run", "real_episodes": 2}
-    config = TuneConfig(**options, budget_minutes=1e9)
+    config = TuneConfig(**options, budget_minutes=math.inf)
     result = tune(config, settings=quick)
     assert list(result["parameters"]) == list(SPACE.names)
     assert all("real" in entry for entry in result["parameters"].values())

@@ -1,5 +1,6 @@
 """The fit of physics and pictures: known truths recovered."""
 
+import math
 import time
 from dataclasses import replace
 
@@ -185,8 +186,12 @@ def test_fit_to_budget_counts_windows_by_the_parameters_that_move(simulator, mon
     particles, shooting = ParticleConfig(num=10_000), ShootingConfig(num_windows=10_000)
     config, seconds = FitConfig(particles=particles, shooting=shooting), 1000.0
     size = fit_to_budget(config, physics, SPACE.nominal, 1000, seconds)
-    played = 3 + 2 * 2 + 2  # and by two joints' positions and velocities, a mass and a gain
-    once_s = 1e-3 * played * shooting.steps_per_window * 2
-    assert size.shooting.num_windows == pytest.approx(0.4 * seconds / once_s, abs=1)
-    assert size.particles.num == pytest.approx(0.6 * seconds / (1e-3 * 1000), abs=1)
+    # Every window once as it is, and by two joints' positions and velocities, a mass and a gain.
+    window_s = 2 * 1e-3 * shooting.steps_per_window(1 + 2 * 2 + 2)  # from two sides
+    num_windows = 1000 / shooting.stages[-1].window  # there are no more in so many steps
+    needed_s = 1e-3 * 1000 * 10_000 + num_windows * window_s
+    assert size.particles.num == pytest.approx(10_000 * seconds / needed_s, rel=1e-3)
+    assert size.shooting.num_windows == pytest.approx(10_000 * seconds / needed_s, rel=1e-3)
     assert size.shooting.stages == shooting.stages
+    assert fit_to_budget(config, physics, SPACE.nominal, 1000, 2 * needed_s) == config
+    assert fit_to_budget(config, physics, SPACE.nominal, 1000, math.inf) == config

@@ -19,6 +19,7 @@ from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.observation import ObservationModel
 from simtune.parameters import Parameter
+from simtune.presets import choose_search_settings
 from simtune.real.choose import choose_real, read_parameters
 from simtune.real.pseudo import PseudoReal
 from simtune.real.truth import Truth
@@ -30,11 +31,12 @@ from simtune.trajectory import Trajectory
 from simtune.tune import tune
 from simtune.tuning.joint import NUM_DRAWS
 from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import Estimate, Event, Round
 
 TASK = load_task("cartpole")
 SPACE = TASK.parameters
-NO_HURRY = 1e9  # minutes: the updates end the training, not the time
+NO_HURRY = math.inf  # minutes: the updates end the training, not the time
 TRUTH = {"pole_mass": 0.15, "body_r": 0.4, "ground_g": 0.8}
 
 
@@ -151,6 +153,7 @@ def test_a_finished_run_has_the_files_and_fields_that_are_documented(finished):
     metadata = {"task": "cartpole", "method": "autotune", "search": "posterior", "seed": 3}
     assert {key: result[key] for key in metadata} == metadata
     assert "command" not in result  # there is none where Python calls
+    assert result["stopped"] == "all rounds are done"
     assert result["real_episodes"] == 2
     assert isinstance(result["sim_steps"], int)
     assert result["sim_steps"] >= 2 * 16 * 2 * 24  # rounds, worlds, episodes, steps
@@ -250,7 +253,7 @@ def test_an_interrupted_run_resumes_to_the_same_result(finished, tmp_path, truth
     straight = finished.returned
 
     def interrupt(doing: str, done: float) -> None:
-        if doing.startswith("2/2"):
+        if doing.startswith("round 2"):
             raise KeyboardInterrupt
 
     config = config_of(out := tmp_path / "resumed", real_parameters=truth_file)
@@ -298,12 +301,59 @@ def test_a_run_whose_time_is_over_ends_after_one_round_and_goes_on_with_more(
 ):
     out = shutil.copytree(one_round, tmp_path / "run")
     first = read_json(out / "result.json")
+    assert first["stopped"] == "the time is over"
     assert len(read_jsonl(out / "metrics.jsonl")) == 1
     again = tune(config_of(out, budget_minutes=1e-6), settings=quick)
     assert len(read_jsonl(out / "metrics.jsonl")) == 1
     assert again["parameters"] == first["parameters"]
     tune(config_of(out), settings=quick)
     assert len(read_jsonl(out / "metrics.jsonl")) == 2
+
+
+@pytest.mark.thorough
+def test_a_run_that_is_as_precise_as_asked_stops_and_says_so(tmp_path, quick):
+    search = dataclasses.replace(quick.search, precision=1e9, num_rounds=4)
+    settings = dataclasses.replace(quick, search=search)
+    result = tune(config_of(tmp_path / "run"), settings=settings)
+    assert result["stopped"] == "every parameter is known to 1e+11 %"
+    assert len(read_jsonl(tmp_path / "run" / "metrics.jsonl")) == 1
+    again = tune(config_of(tmp_path / "run"), settings=settings)
+    assert again["stopped"] == result["stopped"]
+    assert len(read_jsonl(tmp_path / "run" / "metrics.jsonl")) == 1
+
+
+def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not(
+    tmp_path, quick, monkeypatch
+):
+    class Begun(Exception):
+        pass
+
+    def begin(*given):
+        raise Begun
+
+    monkeypatch.setattr(PosteriorSearch, "needed_s", lambda search, real: (100.0, 300.0))
+    monkeypatch.setattr(PosteriorSearch, "run_round", begin)
+    # Twice the smallest round and the report, 2 × (100 + 6) s, in tenths of a minute.
+    reason = (
+        r"--budget-minutes 1\.7 is too short: .* 100 s .* 300 s; .* --budget-minutes 3\.6 or more"
+    )
+    with pytest.raises(InputError, match=reason):
+        tune(config_of(tmp_path / "run", budget_minutes=1.7))
+    assert not (tmp_path / "run" / "result.json").exists()
+    for minutes in (1.8, 3.6):
+        with pytest.raises(Begun):
+            tune(config_of(tmp_path / "run", budget_minutes=minutes))
+
+
+@pytest.mark.parametrize(
+    ("asked", "share"), [("1%", 0.01), ("0.5%", 0.005), ("0%", 0.0), ("2", 0.02), ("5 %", 0.05)]
+)
+def test_precision_is_a_percentage_that_the_search_gets(tmp_path, asked, share):
+    config = config_of(tmp_path, precision=asked)
+    config.check()
+    search = choose_search_settings(config, "posterior", TASK, [])
+    assert isinstance(search, PosteriorSearchConfig)
+    assert search.precision == pytest.approx(share)
 
 
 @pytest.mark.thorough
@@ -493,21 +543,35 @@ def test_the_start_of_an_episode_is_found_in_its_pictures(one_renderer_each):
     assert distance(found[None])[0] < 0.1 * np.median(distance(others))
 
 
-def test_a_start_is_searched_for_near_the_one_that_a_fit_found(one_renderer_each):
-    config = StartSearchConfig(num_starts=8)
-    task = load_task("cartpole")
-    simulator, parameters = task.simulator(image_size=32), task.parameters.nominal
+def test_films_begin_where_the_fit_found_the_start_or_else_where_one_is_found(
+    tmp_path, monkeypatch, one_renderer_each
+):
+    config = StartSearchConfig(num_starts=8, rounds=1)
+    simulator, parameters = TASK.simulator(image_size=32), SPACE.nominal
     # Where the task never begins: the cart far off, the pole hanging.
     began = simulator.roll_out(parameters[None], np.zeros((1, 1, 1)), np.random.default_rng(0))
     began = began.states[:, 0]
     began[0, 1:3] = 1.1, np.pi
     played = simulator.roll_out(parameters[None], np.zeros((1, 6, 1)), None, starts=began)
     film = Trajectory(simulator.film(played)[0], np.zeros((6, 1), np.float32), simulator.step_s)
-    fitted = began[0] + [0, 0.05, 0.1, *np.zeros(began.shape[1] - 3)]
-    for near, is_found in ((None, False), (fitted.tolist(), True)):
-        rng = np.random.default_rng(1)
-        found = comparison.find_start(simulator, film, parameters, rng, near, config)
-        assert (np.abs(found[1:3] - began[0, 1:3]).max() < 0.11) == is_found
+    filmed = []
+
+    def watch(simulator, actions, parameters, start):
+        filmed.append(start)
+        return film_from(simulator, actions, parameters, start)
+
+    film_from = comparison.film_from
+    monkeypatch.setattr(comparison, "film_from", watch)
+    estimate = Estimate(parameters, SPACE.low, SPACE.high, ["weak"] * len(SPACE), {})
+    for start, is_there in ((began[0].tolist(), True), (None, False)):
+        found = dataclasses.replace(estimate, start=start)
+        comparison.write_comparison(tmp_path, simulator, film, parameters, found, 0, config)
+        one, other = filmed[-2:]  # before and after
+        np.testing.assert_array_equal(one, other)
+        assert np.array_equal(one, began[0]) == is_there
+        after = np.stack([frame for _, frame in decode(tmp_path / "after.mp4")]).astype(float)
+        distance = np.abs(after - film.frames).mean()
+        assert (distance < 3) == is_there, distance  # video compression
 
 
 def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_renderer_each):
@@ -531,3 +595,4 @@ def test_the_papers_searches_write_the_files_of_the_default_search(tmp_path, qui
     assert (out / "report.html").is_file()
     (line,) = read_jsonl(out / "metrics.jsonl")
     assert line["round"] == 1
+    assert result["stopped"] == "the time is over"

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from search_context import CARTPOLE, SIZE, SPACE, START, STEPS, context_of, record_episodes
 
+from simtune.budget import Budget
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, delay
 from simtune.randomization import Distribution
-from simtune.search_param_model.simulated import simulate, whole_sets
+from simtune.search_param_model.simulated import SimulatedWorlds, simulate, whole_sets
 from simtune.simulation import Rollouts, Simulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.world_sampler import WorldSampler
@@ -47,7 +48,7 @@ def without(rollouts: Rollouts, dropped: list[int]) -> Rollouts:
 
 
 def test_simulated_worlds_replay_the_real_actions(simulator, real):
-    worlds = WorldSampler(context_of(simulator), FIRST).sample(real, FIRST, 16, 2, 4, 1e6)
+    worlds = WorldSampler(context_of(simulator)).sample(real, FIRST, 16, 2, 4, Budget())
     assert worlds.actions.shape == (16, 2, STEPS, 1)
     assert worlds.keypoints.shape[:3] == (16, 2, STEPS + 1)
     assert worlds.frames.shape == (16, 4, SIZE, SIZE, 3)
@@ -67,8 +68,8 @@ def test_simulated_worlds_replay_the_real_actions(simulator, real):
 
 def test_simulated_worlds_are_cut_to_the_shortest_real_episode(simulator, real):
     shorter = Trajectory(real[1].frames[:-2], real[1].actions[:-2], real[1].step_s)
-    sampler = WorldSampler(context_of(simulator), FIRST)
-    worlds = sampler.sample([real[0], shorter], FIRST, 4, 2, 4, 1e6)
+    sampler = WorldSampler(context_of(simulator))
+    worlds = sampler.sample([real[0], shorter], FIRST, 4, 2, 4, Budget())
     assert worlds.actions.shape[1:3] == (2, STEPS - 2)
 
 
@@ -79,9 +80,9 @@ class Clock:
         return self.now_s
 
 
-def slow_down(monkeypatch, simulator: Simulator, clock: Clock) -> None:
-    """By that clock a world's step takes a millisecond, and a picture three."""
-    play, render = simulator.play, simulator.render
+def slow_down(monkeypatch, simulator: Simulator) -> None:
+    """By a clock of their own a world's step takes a millisecond, and a picture three."""
+    play, render, clock = simulator.play, simulator.render, Clock()
 
     def slow_play(parameters, act, num_steps, rng, **options):
         clock.now_s += 1e-3 * len(parameters) * num_steps
@@ -97,26 +98,55 @@ def slow_down(monkeypatch, simulator: Simulator, clock: Clock) -> None:
 
 
 @pytest.mark.thorough
-def test_fewer_worlds_are_sampled_where_steps_and_pictures_are_slow(monkeypatch, simulator, real):
-    context = context_of(simulator)
-    slow_down(monkeypatch, simulator, Clock())
-    sampler = WorldSampler(context, FIRST)
-    played_s, filmed_s = 1e-3 * 2 * STEPS, 3e-3 * 4
-    # That pictures take time is not known before there were some.
-    worlds = sampler.sample(real, FIRST, 256, 2, 4, 100.5 * played_s)
-    assert worlds.actions.shape[:3] == (100, 2, STEPS)
-    worlds = sampler.sample(real, FIRST, 256, 2, 4, 80.5 * (played_s + filmed_s))
-    assert len(worlds.actions) == 80
+def test_worlds_are_sampled_64_at_a_time_until_the_time_is_over(monkeypatch, simulator, real):
+    slow_down(monkeypatch, simulator)
+    sampler = WorldSampler(context_of(simulator))
+    chunk_s = 64 * (1e-3 * 2 * STEPS + 3e-3 * 4)
+
+    def sample(num_worlds: int, seconds: float) -> int:
+        return len(sampler.sample(real, FIRST, num_worlds, 2, 4, Budget(seconds)).actions)
+
+    assert sample(256, 1.5 * chunk_s) == 128
+    assert sample(256, 2.5 * chunk_s) == 192
     # However little time there is, there are some to learn from; and never more than asked for.
-    assert len(sampler.sample(real, FIRST, 256, 2, 4, 0.0).actions) == 64
-    assert len(sampler.sample(real, FIRST, 20, 2, 4, 0.0).actions) == 20
-    assert len(sampler.sample(real, FIRST, 70, 2, 4, 1e6).actions) == 70
+    assert sample(256, 0.0) == 64
+    assert sample(20, 0.0) == 20
+    assert sample(70, 1e6) == 70
+
+
+def test_worlds_of_several_chunks_are_all_there_and_each_is_whole(monkeypatch, simulator, real):
+    rollouts = watch_rollouts(monkeypatch, simulator)
+    worlds = WorldSampler(context_of(simulator)).sample(real, FIRST, 130, 2, 4, Budget())
+    assert [len(played) for played in rollouts] == [2 * 64, 2 * 66]
+    for name, array in vars(worlds).items():
+        if name != "readings":
+            assert len(array) == 130, name
+    assert len(np.unique(worlds.parameters, axis=0)) == 130
+    last = rollouts[1]
+    np.testing.assert_array_equal(worlds.parameters[64:], last.parameters[::2])
+    np.testing.assert_array_equal(worlds.actions[69], last.actions[10:12])
+    keypoints = worlds.keypoints[69].reshape(2, STEPS + 1, -1)
+    np.testing.assert_array_equal(keypoints, last.observed[10:12])
+    states = last.states[10, worlds.filmed_from[69] :][:4]
+    np.testing.assert_array_equal(worlds.states[69], states)
+    expected = simulator.render(states, np.tile(worlds.parameters[69], (4, 1)))
+    np.testing.assert_array_equal(worlds.frames[69], expected)
+
+
+def test_joined_worlds_have_the_readings_of_all(simulator, real):
+    sampler = WorldSampler(context_of(simulator))
+    parts = [sampler.sample(real, FIRST, num, 1, 4, Budget()) for num in (5, 4)]
+    measured = [np.full((num, 4, 1), float(num)) for num in (5, 4)]
+    parts = [replace(p, readings={"angle": m}) for p, m in zip(parts, measured, strict=True)]
+    joined = SimulatedWorlds.joined(parts)
+    np.testing.assert_array_equal(joined.readings["angle"], np.concatenate(measured))
+    np.testing.assert_array_equal(joined.frames[5:], parts[1].frames)
 
 
 def test_filmed_frames_show_the_steps_they_are_said_to(monkeypatch, simulator, real):
-    sampler = WorldSampler(context_of(simulator), FIRST)
+    sampler = WorldSampler(context_of(simulator))
     rollouts = watch_rollouts(monkeypatch, simulator)
-    worlds = sampler.sample(real, FIRST, 16, 2, 4, 1e6)
+    worlds = sampler.sample(real, FIRST, 16, 2, 4, Budget())
     (played,) = rollouts
     for world in range(0, 16, 5):
         episode = 2 * world  # the first of its two
@@ -128,11 +158,11 @@ def test_filmed_frames_show_the_steps_they_are_said_to(monkeypatch, simulator, r
 
 
 def test_worlds_of_which_an_episode_diverged_are_left_out(monkeypatch, simulator, real):
-    sampler = WorldSampler(context_of(simulator), FIRST)
+    sampler = WorldSampler(context_of(simulator))
     rollouts = watch_rollouts(
         monkeypatch, simulator, lambda played: without(played, [0, 7, 10, 11, 31])
     )
-    worlds = sampler.sample(real, FIRST, 16, 2, 4, 1e6)
+    worlds = sampler.sample(real, FIRST, 16, 2, 4, Budget())
     (whole,) = rollouts
     left = [w for w in range(16) if w not in (0, 3, 5, 15)]
     np.testing.assert_array_equal(worlds.parameters, whole.parameters[::2][left])
@@ -143,10 +173,10 @@ def test_worlds_of_which_an_episode_diverged_are_left_out(monkeypatch, simulator
 
 
 def test_sampling_says_so_when_all_worlds_diverge(monkeypatch, simulator, real):
-    sampler = WorldSampler(context_of(simulator), FIRST)
+    sampler = WorldSampler(context_of(simulator))
     watch_rollouts(monkeypatch, simulator, lambda played: without(played, list(range(32))))
     with pytest.raises(RuntimeError, match="diverged"):
-        sampler.sample(real, FIRST, 16, 2, 4, 1e6)
+        sampler.sample(real, FIRST, 16, 2, 4, Budget())
 
 
 def test_whole_sets_by_hand():

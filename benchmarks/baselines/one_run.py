@@ -10,7 +10,7 @@ import time
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -41,6 +41,7 @@ class OneRun:
     real_episodes: int
     gap: bool
     far: bool
+    quick: bool = False  # a search of seconds that finds nothing
 
     @property
     def folder(self) -> Path:
@@ -78,9 +79,13 @@ def carry_out(run: OneRun) -> None:
         start_factor=_FAR if run.far else _NEAR,
     )
     if run.method in SEARCHES:
+        from common import QUICK
+
+        from simtune.experiment.settings import Settings
         from simtune.tune import tune
 
-        tune(config)
+        quick = run.quick and run.method == "posterior"
+        tune(config, settings=Settings(search=replace(QUICK, num_rounds=1)) if quick else None)
     else:
         _carry_out_baseline(run, config)
 

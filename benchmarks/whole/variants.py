@@ -40,9 +40,7 @@ def _make_quick() -> None:
     from simtune.experiment.settings import Settings
 
     comparison = StartSearchConfig(num_starts=16, rounds=2)
-    settings = Settings(
-        search=replace(QUICK, num_rounds=1, time_shares=(1.0,)), comparison=comparison
-    )
+    settings = Settings(search=replace(QUICK, num_rounds=1), comparison=comparison)
     simtune.tune.tune = partial(simtune.tune.tune, settings=settings)
     for name, make in list(TASKS.items()):
         TASKS[name] = partial(_shortened, make)

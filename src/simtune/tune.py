@@ -70,4 +70,4 @@ def _refuse_if_too_short(minutes: float, least_s: float, whole_s: float) -> None
 
 def _is_over(budget: Budget, run: Run) -> bool:
     """Whether no other round has enough time to learn more than the last one."""
-    return budget.seconds_left < run.round_s
+    return budget.is_over or budget.seconds_left < run.round_s

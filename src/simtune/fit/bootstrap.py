@@ -52,8 +52,8 @@ class Bootstrap:
         """(K, N) probability, by each refit, of being below its truth: uniform if intervals hold.
 
         These are the ranks of simulation-based calibration (Talts et al. 2018, arXiv:1804.06788).
-        Each is judged by an inflation that the others alone say; K of 2 to 8 shows gross errors
-        only.
+        Each is judged by an inflation that the others alone say; so few show
+        gross errors only.
         """
         others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
         factors = np.array([_inflation(o, self.is_moving) for o in others])

@@ -23,6 +23,7 @@ _REFIT = 0.8  # of a fit: it looks at fewer episodes
 _SLOWER = 1.3  # all that is not counted: pictures that are fitted, latencies that are tried
 _FEWEST_REFITS = 2
 _FEWEST_WORLDS = 64  # to learn anything from
+_FILMED_WITHOUT_FIT = 2  # frames of a world more, where nothing can be fitted
 
 
 class Work(NamedTuple):
@@ -63,15 +64,17 @@ class Pace:
     def round_s(self, config: PosteriorSearchConfig, work: Work) -> float:
         """Seconds that a first round of these settings takes, about."""
         episodes, steps = work.num_episodes, work.num_steps
-        played = config.num_worlds * min(config.episodes_per_world, episodes)
-        seconds = self.step_s * steps * (played + config.held_out_worlds)
+        worlds_s = self.step_s * steps * min(config.episodes_per_world, episodes)  # of a world
         held_out = config.held_out_worlds * config.held_out_steps
         drawn = config.num_worlds * config.filmed_steps + held_out
+        seconds = config.num_worlds * worlds_s + config.held_out_worlds * self.step_s * steps
         seconds += self.frame_s * drawn + self.detect_s * held_out
-        small = config.posterior_updates + config.state_updates
-        seconds += self.update_s * (config.detector_updates[0] + _SMALL_UPDATE * small)
+        seconds += self.update_s * config.detector_updates[0]
+        small_s = _SMALL_UPDATE * self.update_s
         if not work.num_tangent:
-            return seconds
+            more = config.num_worlds * (worlds_s + _FILMED_WITHOUT_FIT * self.frame_s)
+            return seconds + config.no_fit_scale * (more + small_s * config.posterior_updates)
+        seconds += small_s * (config.posterior_updates + config.state_updates)
         played = sum(count_fit_steps(config.fit, episodes * steps, *work[2:]))
         fit_s = _SLOWER * self.step_s * played
         return seconds + fit_s * (1 + _REFIT * config.num_refits[0])
@@ -88,6 +91,7 @@ def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:
         posterior_updates=min(least, config.posterior_updates),
         state_updates=min(least, config.state_updates),
         num_refits=(min(_FEWEST_REFITS, config.num_refits[0]), config.num_refits[1]),
+        no_fit_scale=1,
         fit=config.fit.scaled(0.0),
     )
 

@@ -34,9 +34,10 @@ class WorldSampler:
         # Supersampling makes pictures expensive.
         num_filmed = max(2, num_filmed // context.simulator.supersampling)
         steps = min(len(t) for t in real)
-        actions, parts = np.stack([t.actions[:steps] for t in real]), []
-        for begun in range(0, num_worlds, _AT_A_TIME):
-            num = min(_AT_A_TIME, num_worlds - begun)
+        actions, parts, left = np.stack([t.actions[:steps] for t in real]), [], num_worlds
+        while left:
+            num = _AT_A_TIME if left >= 2 * _AT_A_TIME else left  # a few alone may all diverge
+            left -= num
             which = np.stack([rng.permutation(len(real))[:num_episodes] for _ in range(num)])
             worlds = distribution.sample(num, rng)
             parts.append(

@@ -1,0 +1,114 @@
+"""--budget-minutes is a promise: never over by more than a tenth and ten seconds, anywhere."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from slow_machine import SlowMachine
+
+from simtune.config import TuneConfig
+from simtune.experiment.experiment import build_experiment
+from simtune.experiment.settings import Settings
+from simtune.fit import Bootstrap, FitConfig, ParticleConfig
+from simtune.tune import tune
+from simtune.tuning.fit_stage import FitStage
+
+# Of a round of `simtune tune` it takes a fifth for networks and most for fits, on two cores.
+MACHINE = SlowMachine(step_s=1e-3, frame_s=4e-3, detect_s=6e-3, update_s=0.3)
+
+
+@pytest.fixture
+def settings(tiny, quick) -> Settings:
+    """Rounds as large as a test can bear, and whole fits."""
+    search = replace(
+        tiny,
+        num_worlds=192,
+        held_out_worlds=128,
+        num_rounds=4,
+        detector_updates=(60, 100),
+        posterior_updates=30,
+        state_updates=30,
+        least_updates=10,
+        num_refits=(4, 8),
+        fit=FitConfig(particles=ParticleConfig(num=96)),
+    )
+    return replace(quick, search=search)
+
+
+def config_of(out: Path, minutes: float = 1.0) -> TuneConfig:
+    return TuneConfig(task="cartpole", out=out, real_episodes=3, budget_minutes=minutes)
+
+
+def needed_s(out: Path, settings: Settings, machine: SlowMachine) -> tuple[float, float]:
+    experiment = build_experiment(config_of(out), settings=settings)
+    with pytest.MonkeyPatch.context() as patch:
+        machine.take_over(patch)
+        return experiment.search.needed_s(experiment.recordings)
+
+
+def run_s(out: Path, settings: Settings, machine: SlowMachine, seconds: float) -> float:
+    """How long a run takes by the machine's clock."""
+    with pytest.MonkeyPatch.context() as patch:
+        machine.take_over(patch)
+        tune(config_of(out, seconds / 60), settings=settings)
+    return machine.now_s
+
+
+@pytest.fixture
+def bootstraps(monkeypatch) -> list[Bootstrap]:
+    """What each round's refits showed."""
+    made, run = [], FitStage.bootstrap
+
+    def watched(*given) -> Bootstrap:
+        made.append(run(*given))
+        return made[-1]
+
+    monkeypatch.setattr(FitStage, "bootstrap", watched)
+    return made
+
+
+def ends_in_time(out: Path, settings: Settings, factor: float, budget: str) -> None:
+    machine = MACHINE.slower(factor)
+    least_s, whole_s = needed_s(out / "asked", settings, machine)
+    seconds = {
+        "least": least_s + 6,  # less is refused
+        "twice the least": 2 * least_s,
+        "a whole round": whole_s,
+        "several rounds": 4 * whole_s,
+    }[budget]
+    took_s = run_s(out / "run", settings, machine, seconds)
+    assert took_s <= 1.1 * seconds + 10
+    assert took_s > 0.5 * seconds, "it is made use of"
+
+
+@pytest.mark.thorough
+def test_a_run_ends_in_time_on_a_slow_machine_that_has_the_least_time(tmp_path, settings):
+    ends_in_time(tmp_path, settings, 20, "least")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [1, 5, 20])
+@pytest.mark.parametrize("budget", ["least", "twice the least", "a whole round", "several rounds"])
+def test_a_run_ends_in_time_however_slow_the_machine_is(tmp_path, settings, factor, budget):
+    ends_in_time(tmp_path, settings, factor, budget)
+
+
+@pytest.mark.thorough
+def test_intervals_are_three_times_as_wide_where_there_is_no_time_for_refits(
+    tmp_path, settings, bootstraps
+):
+    machine = MACHINE.slower(20)
+    least_s, _ = needed_s(tmp_path / "asked", settings, machine)
+    run_s(tmp_path / "late", settings, machine, 0.3 * least_s)
+    (late,) = bootstraps
+    assert len(late.errors) == 0
+    np.testing.assert_array_equal(late.inflation(), 3.0)
+    assert (tmp_path / "late" / "report.html").is_file()
+
+
+@pytest.mark.thorough
+def test_a_round_that_has_its_time_has_its_refits(tmp_path, settings, bootstraps):
+    _, whole_s = needed_s(tmp_path / "asked", settings, MACHINE)
+    run_s(tmp_path / "run", settings, MACHINE, whole_s)
+    assert all(len(bootstrap.misfits) >= 2 for bootstrap in bootstraps)

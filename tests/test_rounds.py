@@ -1,0 +1,203 @@
+"""How a search plans its rounds, and when it stops: by hand arithmetic."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from search_context import SPACE, context_of, record_episodes
+
+from simtune.budget import Budget
+from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage, count_fit_steps
+from simtune.parameters import ParameterSpace, dynamics
+from simtune.randomization import Distribution
+from simtune.simulation import Simulator
+from simtune.tasks import load_task
+from simtune.tuning.pace import Pace, Work, smallest
+from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.rounds import gains_nothing, half_widths, is_precise, plan_round
+from simtune.tuning.search import Estimate
+
+# --- when to begin and to end -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("seconds_left", "is_last", "planned_s"),
+    [
+        (600, False, 150),  # half as long again as a whole first one
+        (280, False, 140),  # half of what is left
+        (250, False, 125),
+        (249, False, 249),  # not enough for two
+        (30, False, 30),
+        (0, False, 0),
+        (600, True, 600),
+    ],
+)
+def test_a_round_gets_its_time_or_all_that_is_left(seconds_left, is_last, planned_s):
+    assert plan_round(seconds_left, 100.0, is_last) == planned_s
+
+
+def test_half_widths_are_relative_to_estimates_or_where_those_may_be_0_to_the_range():
+    mass = dynamics("mass", "body_mass", ("pole_1",), nominal=2.0, unit="kg")
+    offset = replace(
+        mass, name="offset", field="actuator_gear", low=-1.0, high=1.0, nominal=0.1, scale="linear"
+    )
+    space = ParameterSpace([mass, offset])
+    first = Distribution(space, np.array([2.0, 0.1]), np.array([1.0, -0.5]), np.array([4.0, 0.5]))
+    low, high = np.array([1.9, -0.2]), np.array([2.3, 0.2])
+    estimate = Estimate(np.array([2.0, 0.0]), low, high, ["weak", "weak"])
+    np.testing.assert_allclose(half_widths(estimate, first), [0.1, 0.2])  # .2 of 2, .2 of 1
+
+
+def test_a_search_is_precise_if_every_interval_is_narrow():
+    assert is_precise(np.array([0.01, 0.005]), 0.01)
+    assert not is_precise(np.array([0.011, 0.005]), 0.01)
+
+
+def test_a_round_gains_nothing_if_no_wide_interval_becomes_a_fifth_narrower():
+    before = np.array([0.1, 0.02])
+    assert gains_nothing(before, np.array([0.081, 0.02]), 0.01)
+    assert not gains_nothing(before, np.array([0.079, 0.02]), 0.01)
+    assert not gains_nothing(before, np.array([0.1, 0.015]), 0.01)
+    assert gains_nothing(before, np.array([0.1, 0.009]), 0.01), "narrow enough: does not count"
+
+
+@pytest.fixture(scope="module")
+def simulator() -> Simulator:
+    return load_task("cartpole").simulator(image_size=32)
+
+
+def rounds_until_stop(monkeypatch, simulator, config, widths: list[float]) -> tuple[int, str]:
+    """How many rounds are done where their intervals are so wide, and why no more."""
+    left = iter(widths)
+    monkeypatch.setattr(
+        "simtune.tuning.posterior.half_widths",
+        lambda estimate, first: np.full(len(SPACE), next(left)),
+    )
+    search, real = PosteriorSearch(context_of(simulator), config), record_episodes(simulator, 1)
+    while not search.stop_reason:
+        search.run_round(real, Budget())
+    return search.num_rounds, search.stop_reason
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("precision", "widths", "rounds", "reason"),
+    [
+        (0.02, [0.3, 0.019], 2, "every parameter is known to 2 %"),
+        (0.01, [0.3, 0.1, 0.09], 3, "another round would tell hardly more"),
+        (0.01, [0.3, 0.2, 0.1, 0.05], 4, "all rounds are done"),
+        (0.0, [0.3, 0.3, 0.3, 0.0], 4, "all rounds are done"),  # asked to go on
+    ],
+)
+def test_a_search_says_why_it_stops(
+    monkeypatch, simulator, tiny, precision, widths, rounds, reason
+):
+    config = replace(tiny, num_rounds=4, precision=precision)
+    assert rounds_until_stop(monkeypatch, simulator, config, widths) == (rounds, reason)
+
+
+# --- how long a round takes ---------------------------------------------------------------
+
+STAGES = (Stage(4, 3, 2.0), Stage(10, 2))
+FIT = FitConfig(
+    particles=ParticleConfig(num=50), shooting=ShootingConfig(stages=STAGES, num_windows=30)
+)
+SEARCH = PosteriorSearchConfig(
+    num_worlds=100,
+    episodes_per_world=4,
+    filmed_steps=5,
+    held_out_worlds=80,
+    held_out_steps=10,
+    detector_updates=(300, 900),
+    posterior_updates=250,
+    state_updates=100,
+    least_updates=150,
+    num_refits=(5, 8),
+    fit=FIT,
+)
+PACE = Pace(step_s=1e-3, frame_s=0.01, detect_s=0.02, update_s=0.1)
+
+
+def test_steps_of_a_fit_by_hand():
+    # Stages derive in every second iteration, by 7 worlds here, and try 2 worlds in each.
+    per_window = 4 * (2 * 7 + 3 * 2) + 10 * (1 * 7 + 2 * 2)
+    assert FIT.shooting.steps_per_window(7) == per_window == 190
+    # Of 200 steps 20 windows of the last stage's 10, from two sides; all that are asked for of 900.
+    assert count_fit_steps(FIT, 200, 4, 2) == (200 * 50, 2 * 20 * 190)
+    assert count_fit_steps(FIT, 900, 4, 2) == (900 * 50, 2 * 30 * 190)
+
+
+def test_a_scaled_fit_keeps_the_fewest_that_tell_anything():
+    def size(config: FitConfig) -> tuple[int, int]:
+        return config.particles.num, config.shooting.num_windows
+
+    config = FitConfig(
+        particles=ParticleConfig(num=200), shooting=ShootingConfig(stages=STAGES, num_windows=90)
+    )
+    assert size(config.scaled(0.5)) == (100, 45)
+    assert config.scaled(0.5).shooting.stages == STAGES
+    assert size(config.scaled(0.2)) == (40, 20)
+    assert size(config.scaled(0.0)) == (32, 20)
+    assert config.scaled(1.0) == config
+    few = FitConfig(particles=ParticleConfig(num=8), shooting=ShootingConfig(num_windows=6))
+    assert few.scaled(0.0) == few, "no more than were asked for"
+
+
+def test_seconds_of_a_round_by_hand():
+    # 2 episodes of 50 steps; 100 worlds play both of them, 80 held-out ones play one.
+    work = Work(num_episodes=2, num_steps=50, num_tangent=4, num_fitted=2)
+    played_s = 1e-3 * 50 * (100 * 2 + 80)
+    drawn_s = 0.01 * (100 * 5 + 80 * 10) + 0.02 * 80 * 10
+    updates_s = 0.1 * (300 + 0.7 * (250 + 100))
+    fit_s = 1.3 * 1e-3 * (100 * 50 + 2 * 10 * 190)
+    expected = played_s + drawn_s + updates_s + fit_s * (1 + 0.8 * 5)
+    assert PACE.round_s(SEARCH, work) == pytest.approx(expected)
+
+
+def test_seconds_of_a_round_without_a_fit_by_hand():
+    # As above, and six times the worlds with two pictures each, and the updates.
+    played_s = 1e-3 * 50 * (100 * 2 + 80 + 600 * 2)
+    drawn_s = 0.01 * (100 * 5 + 80 * 10 + 600 * 2) + 0.02 * 80 * 10
+    updates_s = 0.1 * (300 + 0.7 * 6 * 250)
+    found_s = PACE.round_s(SEARCH, Work(num_episodes=2, num_steps=50, num_tangent=0, num_fitted=2))
+    assert found_s == pytest.approx(played_s + drawn_s + updates_s)
+
+
+def test_seconds_of_a_machine_twice_as_slow_are_twice_as_many():
+    slower = Pace(*(2 * seconds for seconds in vars(PACE).values()))
+    for work in (Work(3, 200, 18, 4), Work(3, 200, 0, 4)):
+        assert slower.round_s(SEARCH, work) == pytest.approx(2 * PACE.round_s(SEARCH, work))
+
+
+def test_the_smallest_round_has_the_least_of_everything_and_never_more_than_asked():
+    least = smallest(SEARCH)
+    assert (least.num_worlds, least.held_out_worlds) == (64, 64)
+    assert least.detector_updates == (150,)
+    assert (least.posterior_updates, least.state_updates) == (150, 100)
+    assert (least.fit.particles.num, least.fit.shooting.num_windows) == (32, 20)
+    work = Work(3, 200, 4, 2)
+    assert PACE.round_s(least, work) < PACE.round_s(SEARCH, work)
+    assert smallest(least) == least
+
+
+def test_a_share_is_of_all_the_time_but_no_more_than_is_left(monkeypatch):
+    now_s = [50.0]
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    reports = []
+    whole = Budget(100.0, lambda *said: reports.append(said), span=(0.0, 0.5))
+    assert whole.share(0.3).seconds == pytest.approx(30)
+    now_s[0] += 60
+    part = whole.share(0.3, (0.4, 0.6))
+    assert part.seconds == pytest.approx(30)
+    part.report("half of it", 0.5)
+    assert reports == [("half of it", pytest.approx(0.25))]
+    now_s[0] += 20
+    assert whole.share(0.3).seconds == pytest.approx(20), "all that is left"
+    assert part.seconds_left == pytest.approx(10), "from when it was taken"
+    now_s[0] += 30
+    assert whole.share(0.3).is_over
+    assert Budget().share(0.3).seconds == math.inf
+    assert Budget().share(0.3).is_endless
+    assert not whole.is_endless
