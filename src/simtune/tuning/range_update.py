@@ -97,7 +97,7 @@ def read_curves(
     low = np.where(prob_higher[:, 0] < 1 - _BEYOND, space.low, low)
     high = np.where(prob_higher[:, -1] > _BEYOND, space.high, high)
     share = first.to_range_unit(high) - first.to_range_unit(low)
-    verdicts = [_verdict(s, config) for s in share]
+    verdicts: list[Verdict] = [_verdict(s, config) for s in share]
     candidates, curves = parameters(np.repeat(_GRID[:, None], len(space), 1)), {}
     for name, its, row in zip(space.names, candidates.T, prob_higher, strict=True):
         kept = _telling(row)
