@@ -21,9 +21,9 @@ MOST_STEPS = 200  # of an episode that are looked at
 _WORLDS, _PICTURES = 32, 24  # of each world: the library
 _FEWEST_WORLDS = 8  # that do not diverge
 _JUDGED = (6, 6)  # worlds and pictures of each, which are taken for films themselves
-_ALIKE = 0.55  # times as like as the simulator's worlds are to each other
+_ALIKE = 0.6  # times as like as the simulator's worlds are to each other
 _GAIN = 1.02  # by which another framing has to be liker than the film's own
-_SLACK = 1.5  # times what another framing gains in the simulator's own worlds
+_SLACK = 0.75  # times what another framing gains in the simulator's own worlds
 _STILL = 0.05  # of what moves in the simulator's worlds
 
 
