@@ -366,6 +366,7 @@ def test_the_table(simtune):
     assert "visible" in next(line for line in lines if line.startswith("arm_r"))
 
 
+@pytest.mark.thorough
 def test_recordings_in_json(simtune, recorded, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     status, out, err = simtune("check", "pendulum", "--real", recorded, "--json")

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 
 from simtune.check.conclusions import conclude
-from simtune.check.film import MOST_STEPS, compare, make_library
+from simtune.check.film import compare
 from simtune.check.film_picture import draw_film, new_file
+from simtune.check.library import MOST_STEPS, make_library
 from simtune.check.recording_warnings import warnings
 from simtune.config import CheckConfig
 from simtune.errors import InputError

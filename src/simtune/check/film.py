@@ -11,34 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from simtune.check.features import SIZE, Features, describe, likeness, moving_share
+from simtune.check.features import SIZE, describe, likeness, moving_share
 from simtune.check.framing import AS_IT_IS, FRAMINGS, Framing
+from simtune.check.library import Library
 from simtune.pictures import resize
-from simtune.randomization import Distribution
-from simtune.simulation import Rollouts, Simulator
 
-MOST_STEPS = 200  # of an episode that are looked at
-_WORLDS, _PICTURES = 32, 24  # of each world: the library
-_FEWEST_WORLDS = 8  # that do not diverge
 _JUDGED = (6, 6)  # worlds and pictures of each, which are taken for films themselves
 _ALIKE = 0.6  # times as like as the simulator's worlds are to each other
 _GAIN = 1.02  # by which another framing has to be liker than the film's own
 _SLACK = 0.75  # times what another framing gains in the simulator's own worlds
 _STILL = 0.05  # of what moves in the simulator's worlds
-
-
-@dataclass(frozen=True)
-class Library:
-    """W worlds of the simulator, each filmed in K of its states."""
-
-    states: np.ndarray  # (W, K, S)
-    frames: np.ndarray  # (W, K, SIZE, SIZE, 3) uint8
-    features: Features  # of W · K pictures
-
-    @property
-    def worlds(self) -> np.ndarray:
-        """(W · K,) the world of each picture."""
-        return np.repeat(np.arange(len(self.frames)), self.frames.shape[1])
 
 
 @dataclass(frozen=True)
@@ -85,24 +67,6 @@ class Comparison:
                 f"{self.alike:.2f} times as like it as the simulator's own worlds are to each other"
             ]
         return []
-
-
-def make_library(simulator: Simulator, actions: np.ndarray, seed: int) -> Library | None:
-    """Worlds that play (E, T, A) actions, an episode each; None where nearly all diverge.
-
-    The simulator's pictures are SIZE pixels a side.
-    """
-    rng, space = np.random.default_rng((seed, 2)), simulator.space
-    worlds = Distribution.first(space, space.nominal).sample(_WORLDS, rng)
-    played = actions[np.arange(_WORLDS) % len(actions), :MOST_STEPS].astype(float)
-    rollouts: Rollouts = simulator.roll_out(worlds, played, rng)
-    if len(rollouts) < _FEWEST_WORLDS:
-        return None
-    states = rollouts.states[:, np.linspace(0, played.shape[1], _PICTURES).astype(int)]
-    parameters = np.repeat(rollouts.parameters, _PICTURES, 0)
-    frames = simulator.render(states.reshape(len(parameters), -1), parameters)
-    frames = frames.reshape(*states.shape[:2], *frames.shape[1:])
-    return Library(states, frames, describe(frames))
 
 
 def compare(film: np.ndarray, library: Library) -> Comparison:

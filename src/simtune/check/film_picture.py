@@ -12,7 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from simtune.check.features import outlines
-from simtune.check.film import Comparison, Library
+from simtune.check.film import Comparison
+from simtune.check.library import Library
 from simtune.pictures import resize
 from simtune.tasks import Task
 
