@@ -16,9 +16,9 @@ from simtune.check.framing import AS_IT_IS, FRAMINGS, Framing
 from simtune.check.library import Library
 from simtune.pictures import resize
 
-_JUDGED = (6, 6)  # worlds and pictures of each, which are taken for films themselves
+_JUDGED = (10, 6)  # worlds and pictures of each, which are taken for films themselves
 _ALIKE = 0.6  # times as like as the simulator's worlds are to each other
-_GAIN = 1.02  # by which another framing has to be liker than the film's own
+_GAIN = 1.03  # by which another framing has to be liker than the film's own
 _SLACK = 0.75  # times what another framing gains in the simulator's own worlds
 _STILL = 0.05  # of what moves in the simulator's worlds
 
