@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -365,15 +366,23 @@ def test_the_table(simtune):
     assert "visible" in next(line for line in lines if line.startswith("arm_r"))
 
 
-def test_recordings_in_json(simtune, recorded):
+@pytest.mark.thorough
+def test_recordings_in_json(simtune, recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     status, out, err = simtune("check", "pendulum", "--real", recorded, "--json")
     assert status == 0
-    assert re.fullmatch(r" *0 s +0 %  reading the recordings\n", err)
+    assert re.fullmatch(
+        r" *0 s +0 %  reading the recordings\n *\d+ s +0 %  comparing pictures\n", err
+    )
     result = json.loads(out)
     assert (result["episodes"], result["steps"], result["step_s"]) == (2, 30, pytest.approx(0.1))
     assert result["recordings"]["episodes"] == 2
     assert len(result["recordings"]["dataset_hash"]) == 64
-    assert len(result["warnings"]) == 3
+    assert len(result["warnings"]) == 4
+    assert result["warnings"][-1].startswith("nothing moves in the film")  # it is black
+    (picture,) = tmp_path.glob("simtune-check-*.png")
+    assert result["film"]["pictures"] == str(picture)
+    assert picture.stat().st_size > 10_000
     assert result["parameters"]["damping"]["verdict"].startswith("shows")
 
 

@@ -5,6 +5,9 @@ from typing import Any
 import numpy as np
 
 from simtune.check.conclusions import conclude
+from simtune.check.film import compare
+from simtune.check.film_picture import draw_film, new_file
+from simtune.check.library import MOST_STEPS, make_library
 from simtune.check.recording_warnings import warnings
 from simtune.config import CheckConfig
 from simtune.errors import InputError
@@ -14,11 +17,14 @@ from simtune.progress import ReportProgress, silent
 from simtune.real.choose import open_recordings
 from simtune.real.recorded import how_many
 from simtune.recordings import Dataset
-from simtune.tasks import load_task
+from simtune.simulation import Simulator
+from simtune.tasks import Task, load_task
 from simtune.tuning import needed_image_size
 
 _EPISODES = 5
 _MOST_NAMED = 5  # of unsound episodes
+_LOOKED_AT = 3  # episodes of which pictures are compared
+_PICTURES, _FEWEST_PICTURES = 24, 8  # of all of them, and of each
 
 
 def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
@@ -34,13 +40,16 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     if config.real:
         dataset = open_recordings(config.real, task, config, image_size)
         num_replayed = how_many(dataset, config.episodes)
-        recorded = look_through(dataset, say)
+        recorded, film = look_through(dataset, say, min(num_replayed, _LOOKED_AT))
         facts["recordings"] = dataset.facts(len(recorded))
         facts["warnings"] = warnings(task, facts["recordings"], recorded, num_replayed)
         # Supersampled as in tuning: a real camera averages over its pixels.
         simulator = task.simulator(image_size=image_size, step_s=dataset.step_s, supersampling=2)
         steps = min(len(actions) for actions in recorded[:num_replayed])
         actions = np.stack([actions[:steps] for actions in recorded[:num_replayed]])
+        say("comparing pictures", 0.0)
+        facts["film"], more = _look_at(film, task, simulator, actions, config)
+        facts["warnings"] += more
     else:
         simulator = task.simulator(image_size=image_size)
         num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
@@ -54,21 +63,43 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     return facts | conclude(space, information)
 
 
-def look_through(dataset: Dataset, say: ReportProgress) -> list[np.ndarray]:
-    """Actions (T, A) of all episodes, each of whose frames was looked at and none kept.
+def _look_at(
+    film: np.ndarray, task: Task, simulator: Simulator, actions: np.ndarray, config: CheckConfig
+) -> tuple[dict[str, Any], list[str]]:
+    """What to note down of (E, K, H, W, 3) recorded frames, and warnings; a picture is saved."""
+    library = make_library(simulator, actions[: len(film)], config.seed)
+    if library is None:
+        return {}, ["the film was not looked at: nearly all of the simulator's worlds diverge"]
+    comparison = compare(film, library)
+    path = config.pictures or new_file()
+    draw_film(path, film, task, library, comparison)
+    return comparison.facts() | {"pictures": str(path)}, comparison.warnings
 
+
+def look_through(
+    dataset: Dataset, say: ReportProgress, num_looked_at: int = 0
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Actions (T, A) of all episodes, each of whose frames was looked at, and a few frames.
+
+    Those are of the first `num_looked_at` episodes, (num_looked_at, K, side, side, 3).
     Raises InputError, after the last episode, where one is unsound; which others are is said too.
     """
-    actions, faults = [], {}
+    actions, film, faults = [], [], {}
+    each = max(_FEWEST_PICTURES, _PICTURES // max(num_looked_at, 1))
     for episode, name in enumerate(dataset.episodes):
         say("reading the recordings", episode / len(dataset.episodes))
         try:
-            actions.append(dataset.skim(episode))
+            its_actions, frames = dataset.skim(
+                episode, each * (episode < num_looked_at), within_steps=MOST_STEPS
+            )
         except InputError as error:
             faults[name] = str(error)
+            continue
+        actions.append(its_actions)
+        film += [frames] * (episode < num_looked_at)
     if faults:
         first, *others = faults
         more = ", ".join(others[:_MOST_NAMED]) + ", ..." * (len(others) > _MOST_NAMED)
         also = f"; {len(others)} more of {dataset.num_episodes} are unsound: {more}"
         raise InputError(faults[first] + also * bool(others))
-    return actions
+    return actions, np.stack(film) if film else np.empty((0, 0, 0, 0, 3), np.uint8)

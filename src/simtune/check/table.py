@@ -15,6 +15,8 @@ def table(result: dict[str, Any]) -> list[str]:
     ]
     lines += _of_recordings(result["recordings"]) if "recordings" in result else []
     lines += [f"warning: {warning}" for warning in result.get("warnings", ())]
+    if path := result.get("film", {}).get("pictures"):
+        lines.append(f"pictures of the recordings beside the simulator's: {path}")
     lines += ["", *_rows(result["parameters"]), ""]
     if pairs := result["pairs"]:
         lines += [*(pair["says"] for pair in pairs), ""]

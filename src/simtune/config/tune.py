@@ -62,8 +62,8 @@ class TuneConfig(RealConfig):
 class CheckConfig(RecordingsConfig):
     """Say, before any training, what each parameter changes and what recordings can tell of it.
 
-    Takes seconds, beside reading recordings, and writes no file. What a parameter "shows" is the
-    best that can be hoped for.
+    Takes seconds, beside reading recordings. What a parameter "shows" is the best that can be
+    hoped for. Of recordings it writes one file: pictures of them beside the simulator's.
     """
 
     task: Annotated[Positional[str], arg(metavar="TASK")]
@@ -76,6 +76,9 @@ class CheckConfig(RecordingsConfig):
     all, at most 10)."""
     seed: int = 0
     """Of the actions and of where simulated episodes start."""
+    pictures: Path | None = None
+    """With recordings: where to save their first frames beside the simulator's, as FILE.png; by
+    default a new file in the system's folder for temporary ones, whose name is printed."""
     json: bool = False
     """Print one JSON object instead of a table."""
 
@@ -86,3 +89,15 @@ class CheckConfig(RecordingsConfig):
         self.check_recordings(self.real is not None)
         at_least(self, 1, "episodes")
         check_seed(self.seed)
+        if self.pictures is not None:
+            self._check_pictures(self.pictures)
+
+    def _check_pictures(self, path: Path) -> None:
+        if self.real is None:
+            raise InputError("--pictures goes with recordings only")
+        if path.suffix.lower() != ".png":
+            raise InputError(f"--pictures must be a file that ends in .png, got {path}")
+        if not path.parent.is_dir():
+            raise InputError(f"--pictures {path}: there is no folder {path.parent}; make it first")
+        if path.is_dir():
+            raise InputError(f"--pictures {path}: is a folder; name a file")

@@ -14,6 +14,8 @@ from simtune.recordings.resample import step_actions, step_times, typical_step_s
 from simtune.recordings.source import MOST_ROWS, Rows, Source, choose_actions, first_wrong, short
 from simtune.trajectory import Trajectory
 
+_KEPT_PX = 256  # side of frames that are kept to be looked at
+
 
 @dataclass(frozen=True, kw_only=True)
 class _Seen:
@@ -84,15 +86,26 @@ class Dataset:
         assert frames is not None
         return Trajectory(frames, actions, self.step_s)
 
-    def skim(self, episode: int) -> np.ndarray:
-        """An episode's actions (T, A) float32, after a look at each frame, of which none is kept.
+    def skim(
+        self, episode: int, num_kept: int = 0, within_steps: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """An episode's actions (T, A) float32, and a few of its frames, after a look at each.
 
+        `num_kept` frames, (num_kept, side, side, 3), equally spaced from the first one to the last
+        of the first `within_steps` steps: the squares in their middles, made smaller if larger
+        than 256 pixels a side. Fewer frames are repeated.
         Raises InputError where the episode is unsound.
         """
         times_s, actions = self._steps(episode)
-        for _ in self._pictures(episode, times_s, actions):
-            pass
-        return actions
+        last = min(len(actions), within_steps or len(actions))
+        steps = np.linspace(0, last, num_kept).astype(int)
+        kept = {
+            step: _small_square(picture)
+            for step, picture in enumerate(self._pictures(episode, times_s, actions))
+            if step in steps
+        }
+        frames = [kept[step] for step in steps]
+        return actions, np.stack(frames) if frames else np.empty((0, 0, 0, 3), np.uint8)
 
     def facts(self, num_episodes: int) -> dict[str, Any]:
         """What to note down of the first episodes, once they were read or skimmed; JSON."""
@@ -205,3 +218,10 @@ class Dataset:
         if isinstance(self._image_size, int):
             return resize(middle_square(picture), (self._image_size, self._image_size))
         return resize(picture, self._image_size)
+
+
+def _small_square(picture: np.ndarray) -> np.ndarray:
+    """The middle of a picture, to look at."""
+    square = middle_square(picture)
+    side = min(len(square), _KEPT_PX)
+    return resize(square, (side, side))

@@ -1,0 +1,123 @@
+"""What of pictures can be compared where colours, light and the moment differ.
+
+Two things are: which way edges run, whatever lies on their sides (doubled angles of the structure
+tensor, as in Bigün and Granlund, 1987), and which pixels differ from what stands still.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+SIZE = 64  # pixels a side of the pictures compared
+_EDGE_LEVELS = 6.0  # of 256 a pixel: steeper slopes all count as edges
+_MOVING_LEVELS = 20.0  # of 256: what differs by more from what stands still all counts as moving
+_NOISE = 3  # times the median difference: less is the camera's noise
+
+
+@dataclass(frozen=True)
+class Features:
+    """Of n pictures; what was not seen of them is 0."""
+
+    edges: np.ndarray  # (n, D) float32
+    moving: np.ndarray  # (n, D / 2) float32, from 0 to 1
+    seen: np.ndarray  # (D / 2,) float32, 1 where the pictures show something
+
+
+def describe(episodes: np.ndarray, seen: np.ndarray | None = None) -> Features:
+    """Of (E, K, SIZE, SIZE, 3) pictures, n = E · K; `seen`, (SIZE, SIZE) bool, by default all."""
+    if seen is None:
+        seen = np.ones(episodes.shape[2:4], bool)
+    edges, moving = [], []
+    for pictures in episodes:  # one after the other, to stay in the cache
+        smooth = _smoothed(pictures.astype(np.float32))
+        edges.append(_edges(smooth))
+        moving.append(_moving(smooth, seen))
+    whole = _seen_blocks(seen)
+    return Features(
+        _flat(edges) * np.repeat(whole, 2), _flat(moving) * whole, whole.astype(np.float32)
+    )
+
+
+def likeness(pictures: Features, library: Features) -> np.ndarray:
+    """(2, n, m) cosines of edges, and of what moves, where the n `pictures` show something."""
+    return np.stack(
+        [
+            _cosines(pictures.edges, library.edges, np.repeat(pictures.seen, 2)),
+            _cosines(pictures.moving, library.moving, pictures.seen),
+        ]
+    )
+
+
+def outlines(picture: np.ndarray) -> np.ndarray:
+    """(H, W) from 0 to 1, where a picture (H, W, 3) has edges."""
+    tensor = _tensor(_smoothed(picture[None].astype(np.float32)))
+    return (tensor[2] / (tensor[2] + _EDGE_LEVELS**2))[0]
+
+
+def moving_share(episodes: np.ndarray) -> np.ndarray:
+    """(E,) the share of pixels that moving things cover, on average over K pictures."""
+    everywhere = np.ones(episodes.shape[2:4], bool)
+    smooth = (_smoothed(pictures.astype(np.float32)) for pictures in episodes)
+    return np.array([_moving(pictures, everywhere).mean() for pictures in smooth])
+
+
+def _edges(smooth: np.ndarray) -> np.ndarray:
+    """(K, SIZE / 2, SIZE / 2, 2) how edges run: the cosine and the sine of twice their angle."""
+    across, diagonal, strength = _tensor(smooth)
+    weight = 1 / (strength + _EDGE_LEVELS**2)
+    return _halved(_smoothed(np.stack([across * weight, diagonal * weight], -1)))
+
+
+def _tensor(smooth: np.ndarray) -> np.ndarray:
+    """(3, K, H, W) xx − yy, 2xy and xx + yy of slopes along x and y, summed over the colours."""
+    x, y = np.zeros_like(smooth), np.zeros_like(smooth)
+    x[:, 1:-1, 1:-1] = (smooth[:, 1:-1, 2:] - smooth[:, 1:-1, :-2]) / 2
+    y[:, 1:-1, 1:-1] = (smooth[:, 2:, 1:-1] - smooth[:, :-2, 1:-1]) / 2
+    xx, yy, xy = ((a * b).sum(-1) for a, b in ((x, x), (y, y), (x, y)))
+    return np.stack([xx - yy, 2 * xy, xx + yy])
+
+
+def _moving(smooth: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(K, SIZE / 2, SIZE / 2, 1) how far pixels differ from their median over K pictures."""
+    change = np.square(smooth - np.median(smooth, 0)).sum(-1)
+    change = np.maximum(change - _NOISE * np.median(change[:, seen]), 0)
+    return _halved(_smoothed((change / (change + _MOVING_LEVELS**2))[..., None]))
+
+
+def _smoothed(pictures: np.ndarray) -> np.ndarray:
+    """(K, H, W, C) each pixel mixed with its neighbours; edges repeat."""
+    for axis in (1, 2):
+        width = [(1, 1) if i == axis else (0, 0) for i in range(4)]
+        padded = np.moveaxis(np.pad(pictures, width, mode="edge"), axis, 0)
+        pictures = np.moveaxis((padded[:-2] + 2 * padded[1:-1] + padded[2:]) / 4, 0, axis)
+    return pictures
+
+
+def _halved(pictures: np.ndarray) -> np.ndarray:
+    """(K, H, W, C) to (K, H / 2, W / 2, C), by the means of blocks."""
+    k, height, width, channels = pictures.shape
+    return pictures.reshape(k, height // 2, 2, width // 2, 2, channels).mean((2, 4))
+
+
+def _seen_blocks(seen: np.ndarray) -> np.ndarray:
+    """(SIZE² / 4,) bool: blocks of pixels seen, with all their neighbours: no edge is made up."""
+    all_seen = np.pad(seen, 2, mode="edge")
+    for axis in (0, 1):
+        rows = np.moveaxis(all_seen, axis, 0)
+        near = [rows[i : len(rows) - 4 + i] for i in range(5)]
+        all_seen = np.moveaxis(np.logical_and.reduce(near), 0, axis)
+    return _halved(all_seen[None, ..., None].astype(float)).ravel() == 1
+
+
+def _flat(parts: list[np.ndarray]) -> np.ndarray:
+    pictures = np.concatenate(parts)
+    return pictures.reshape(len(pictures), -1).astype(np.float32)
+
+
+def _cosines(one: np.ndarray, other: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(n, m) of (n, D) and (m, D) vectors, as far as they are `seen` (D,); 0 of nothing."""
+    # NumPy's threads would wait for each other by spinning; torch's sleep.
+    a, b, weight = (torch.from_numpy(array) for array in (one, other, seen))
+    lengths = torch.sqrt(torch.outer((a**2).sum(1), b**2 @ weight))
+    return (a @ b.T / lengths.clamp(min=1e-6)).numpy()

@@ -1,0 +1,143 @@
+"""A PNG of a film beside the simulator's pictures, for people to judge themselves."""
+
+import os
+import tempfile
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from simtune.check.features import outlines
+from simtune.check.film import Comparison
+from simtune.check.library import Library
+from simtune.pictures import resize
+from simtune.tasks import Task
+
+_SIDE_PX = 192  # at least as large are pictures drawn
+_OUTLINES_PX = 96  # at which outlines are looked for: what is finer is mostly texture
+_COLUMNS = ("the film", "the simulator, where most alike", "outlines")
+_LEGEND = (
+    ("white: both", "#6b7075"),
+    ("the film only", "#e0301e"),
+    ("the simulator only", "#0f9d9d"),
+)
+_INK, _BAD, _GOOD = "#22262b", "#b3261e", "#1b6e3c"
+_WIDTH_IN, _CELL_IN, _HEAD_IN, _FOOT_IN = 9.0, 2.62, 0.72, 0.78
+_LEFT, _RIGHT = 0.11, 0.985
+
+
+def new_file() -> Path:
+    """An empty file of its own in the system's folder for temporary ones."""
+    handle, name = tempfile.mkstemp(prefix="simtune-check-", suffix=".png")
+    os.close(handle)
+    return Path(name)
+
+
+def draw_film(
+    path: Path, film: np.ndarray, task: Task, library: Library, comparison: Comparison
+) -> None:
+    """Save real, simulated and both pictures side by side: some moments, and what stands still.
+
+    `film` is (E, K, H, W, 3) uint8. The simulator's are of the library's states nearest to the
+    film's, in the nominal parameters' colours.
+    """
+    side = max(film.shape[2], _SIDE_PX)
+    last, middle = len(film) - 1, film.shape[1] // 2
+    moments = {
+        "the first frame": (0, 0),
+        "later": (0, middle),
+        "another episode" if last else "at the end": (last, middle if last else -1),
+    }
+    nearest = [int(comparison.nearest[moment]) for moment in moments.values()]
+    simulated = _simulated(task, library, nearest, side)
+    real = [film[moment] for moment in moments.values()]
+    real.append(np.median(film.reshape(-1, *film.shape[2:]), 0).astype(np.uint8))
+    rows = [(_enlarged(one, side), other) for one, other in zip(real, simulated, strict=True)]
+    _save(path, task.name, [*moments, "what stands still"], rows, comparison)
+
+
+def _simulated(task: Task, library: Library, nearest: list[int], side: int) -> list[np.ndarray]:
+    """Pictures of these of the library, and of what stands still in the first one's world."""
+    simulator = task.simulator(image_size=side, supersampling=2)
+    num_kept, size = library.states.shape[1:]
+    states = library.states.reshape(-1, size)[nearest]
+    drawn = np.concatenate([states, library.states[nearest[0] // num_kept]])
+    nominal = np.tile(task.parameters.nominal, (len(drawn), 1))
+    frames = simulator.render(drawn, nominal)
+    still = np.median(frames[len(states) :], 0).astype(np.uint8)
+    return [*frames[: len(states)], still]
+
+
+def _enlarged(picture: np.ndarray, side: int) -> np.ndarray:
+    return resize(picture, (side, side)) if len(picture) >= side else _bilinear(picture, side)
+
+
+def _bilinear(picture: np.ndarray, side: int) -> np.ndarray:
+    """A square picture enlarged to (side, side, 3)."""
+    at = (np.arange(side) + 0.5) / side * len(picture) - 0.5
+    first = at.clip(0, len(picture) - 1 - 1e-6).astype(int)
+    share = (at.clip(0, len(picture) - 1) - first)[:, None]
+    enlarged = picture.astype(float)
+    for _ in range(2):  # rows, then columns
+        upper, lower = enlarged[first], enlarged[np.minimum(first + 1, len(picture) - 1)]
+        enlarged = upper + share[..., None] * (lower - upper)
+        enlarged = np.swapaxes(enlarged, 0, 1)
+    return np.rint(enlarged).astype(np.uint8)
+
+
+def _both(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:
+    """(H, W, 3) outlines: white where alike, red the real ones only, cyan the simulated only."""
+    small = (_OUTLINES_PX, _OUTLINES_PX)
+    one, other = (outlines(resize(picture, small)) for picture in (real, simulated))
+    both = np.rint(255 * np.stack([one, other, other], -1)).astype(np.uint8)
+    return _bilinear(both, len(real))
+
+
+def _save(
+    path: Path,
+    name: str,
+    labels: Sequence[str],
+    rows: Sequence[tuple[np.ndarray, np.ndarray]],
+    comparison: Comparison,
+) -> None:
+    height = _HEAD_IN + _CELL_IN * len(rows) + _FOOT_IN
+    figure = Figure(figsize=(_WIDTH_IN, height), facecolor="white")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(
+        len(rows), len(_COLUMNS), left=_LEFT, right=_RIGHT, wspace=0.03, hspace=0.03,
+        bottom=_FOOT_IN / height, top=1 - _HEAD_IN / height,
+    )  # fmt: skip
+    for i, (label, (real, simulated)) in enumerate(zip(labels, rows, strict=True)):
+        for j, picture in enumerate((real, simulated, _both(real, simulated))):
+            axes: Any = figure.add_subplot(grid[i, j])
+            axes.imshow(picture, interpolation="bilinear")
+            axes.set(xticks=[], yticks=[])
+            axes.spines[:].set_visible(False)
+            if i == 0:
+                axes.set_title(_COLUMNS[j], fontsize=11, color=_INK, pad=5)
+            if j == 0:
+                axes.set_ylabel(label, fontsize=10, color=_INK, labelpad=6)
+    says = f"{name}: the film beside the simulator"
+    figure.text(_LEFT, 1 - 0.32 / height, says, fontsize=14, color=_INK, weight="bold")
+    _legend(figure, (_FOOT_IN - 0.2) / height)
+    _verdict(figure, comparison, 0.1 / height)
+    figure.savefig(path, dpi=110, format="png")
+
+
+def _legend(figure: Figure, y: float) -> None:
+    """What the outlines' colours mean, below them."""
+    x = _RIGHT
+    for says, colour in reversed(_LEGEND):
+        figure.text(x, y, says, ha="right", fontsize=9, color=colour, weight="bold")
+        x -= 0.012 * len(says) * 0.75 + 0.02
+
+
+def _verdict(figure: Figure, comparison: Comparison, y: float) -> None:
+    warned = comparison.warnings
+    says = warned[0] if warned else "nothing says that this is another scene or another view"
+    lines, colour = textwrap.fill(says, 105), _BAD if warned else _GOOD
+    figure.text(_LEFT, y, lines, fontsize=9.5, color=colour, va="bottom")

@@ -1,0 +1,222 @@
+"""`simtune check` looks at the film: drawn scenes whose framing is known, and a simulated one."""
+
+import av
+import numpy as np
+import pytest
+from test_check import PENDULUM, make_task, pendulum
+
+from simtune.check.features import SIZE, describe, likeness, moving_share
+from simtune.check.film import compare
+from simtune.check.framing import AS_IT_IS, FRAMINGS, MIRRORED
+from simtune.check.library import Library, make_library
+from simtune.config import CheckConfig
+from simtune.errors import InputError
+from simtune.recordings import write_dataset
+from simtune.simulation import random_actions
+from simtune.trajectory import Trajectory
+
+HALF = SIZE // 2
+
+
+def drawn(num_worlds: int, num_pictures: int, seed: int) -> np.ndarray:
+    """(W, K, SIZE, SIZE, 3) worlds of colours of their own: a still L, a floor, a moving bar."""
+    rng = np.random.default_rng(seed)
+    frames = np.empty((num_worlds, num_pictures, SIZE, SIZE, 3), np.uint8)
+    for world in frames:
+        back, floor, still, bar = rng.permutation([30, 90, 150, 230])[:, None] + rng.integers(
+            0, 25, (4, 3)
+        )
+        for picture in world:
+            picture[:44], picture[44:] = back, floor
+            picture[8:36, 10:14] = picture[32:36, 10:24] = still
+            at = rng.integers(26, 50)
+            picture[30:48, at : at + 6] = bar
+    return frames
+
+
+def library_of(frames: np.ndarray) -> Library:
+    states = np.zeros((*frames.shape[:2], 1))
+    return Library(states, frames, describe(frames))
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return library_of(drawn(12, 12, 0))
+
+
+# --- features -----------------------------------------------------------------------------
+
+
+def test_edges_are_twice_their_angle_whatever_the_colours():
+    upright, lying = np.zeros((2, 1, 1, SIZE, SIZE, 3), np.uint8)
+    upright[..., :HALF, :] = 200
+    lying[..., :HALF, :, :] = 200
+    fields = [describe(p).edges.reshape(HALF, HALF, 2) for p in (upright, 255 - upright, lying)]
+    middle = HALF // 2
+    np.testing.assert_array_equal(fields[0], fields[1])  # dark to bright as bright to dark
+    assert fields[0][middle, middle, 0] > 0.5  # cos 0°
+    assert fields[2][middle, middle, 0] < -0.5  # cos 180°
+    assert np.abs(fields[0][..., 1]).max() == 0
+    assert np.abs(fields[0][:, 4]).max() == 0  # nothing there
+
+
+def test_moving_is_what_differs_from_the_median():
+    frames = np.full((1, 5, SIZE, SIZE, 3), 50, np.uint8)
+    for k in range(5):
+        frames[0, k, 20:28, 10 * k : 10 * k + 8] = 220
+    field = describe(frames).moving.reshape(5, HALF, HALF)
+    assert field[2, 11:13, 11:13].min() > 0.9
+    assert field[2, :, 18:].max() == 0
+    # 8 × 8 of 64 × 64 pixels, with a rim that is smoothed
+    assert moving_share(frames)[0] == pytest.approx(8 * 8 / SIZE**2, rel=0.7)
+
+
+def test_likeness_of_a_picture_to_itself_is_one_and_of_nothing_none():
+    features = describe(drawn(1, 8, 0))
+    np.testing.assert_allclose(likeness(features, features)[:, [0, 1], [0, 1]], 1, rtol=1e-5)
+    black = describe(np.zeros((1, 8, SIZE, SIZE, 3), np.uint8))
+    assert np.abs(likeness(black, features)).max() == 0
+
+
+# --- framings -----------------------------------------------------------------------------
+
+
+def test_undoing_moves_pixels_back_and_says_which_were_seen():
+    rng = np.random.default_rng(0)
+    picture = rng.integers(0, 256, (1, 1, 40, 40, 3), np.uint8)
+    by_name = {framing.says: framing for framing in FRAMINGS}
+    same, seen = AS_IT_IS.undo(picture)
+    np.testing.assert_array_equal(same, picture)
+    assert seen.all()
+    mirrored, _ = MIRRORED.undo(picture)
+    np.testing.assert_array_equal(mirrored, picture[..., ::-1, :])
+    turned, _ = by_name["turned by 90° counterclockwise"].undo(np.rot90(picture, 1, (2, 3)))
+    np.testing.assert_array_equal(turned, picture)
+    moved = np.roll(picture, 8, 3)  # a fifth of the width
+    back, seen = by_name["shifted to the right by 0.2 of its width"].undo(moved)
+    np.testing.assert_array_equal(back[..., :32, :], picture[..., :32, :])
+    np.testing.assert_array_equal(seen, np.arange(40)[None] < 32 + 0 * np.arange(40)[:, None])
+
+
+def test_undoing_a_stretch_halves_slopes():
+    ramp = np.broadcast_to(np.arange(60, dtype=np.uint8)[:, None], (1, 1, 60, 60, 3)).copy()
+    stretch = next(f for f in FRAMINGS if f.says == "stretched horizontally by 1.33")
+    undone, seen = stretch.undo(ramp)
+    slopes = np.diff(undone[0, 0, 30, 10:50, 0].astype(float))
+    assert slopes.mean() == pytest.approx(4 / 3, rel=0.03)
+    assert seen.all(0).sum() == pytest.approx(45, abs=1)
+
+
+# --- comparisons --------------------------------------------------------------------------
+
+
+@pytest.mark.thorough
+def test_another_world_of_the_scene_is_no_other_scene(library):
+    comparison = compare(drawn(3, 8, 1), library)
+    assert comparison.warnings == []
+    assert comparison.alike > 0.9
+    assert comparison.moving_share == pytest.approx(comparison.simulated_moving_share, rel=0.3)
+    # The bar of the nearest picture is where the film's is.
+    film = drawn(1, 8, 2)
+    nearest = compare(film, library).nearest[0]
+    pictures = library.frames.reshape(-1, SIZE, SIZE, 3)[nearest].astype(int)
+    for picture, own in zip(pictures, film[0].astype(int), strict=True):
+        ends = [np.abs(np.diff(p[38, 25:], axis=0)).sum(-1).argmax() for p in (picture, own)]
+        assert min(abs(ends[0] - ends[1]), abs(abs(ends[0] - ends[1]) - 6)) <= 1
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("frame", "says"),
+    [
+        (lambda f: f[..., ::-1, :], "mirrored left to right"),
+        (lambda f: f[:, :, ::-1, ::-1], "upside down"),
+        (lambda f: np.rot90(f, 1, (2, 3)), "turned by 90° counterclockwise"),
+        (lambda f: f[:, :, :, 8:56], "stretched horizontally by 1.33"),
+        (lambda f: f[:, :, 8:56], "stretched vertically by 1.33"),
+        (lambda f: f[:, :, 7:57, 7:57], "enlarged 1.3 times: its field of view is narrower"),
+        (lambda f: np.roll(f, 13, 3), "shifted to the right by 0.2 of its width"),
+    ],
+)
+def test_a_framing_is_recognised(library, frame, says):
+    comparison = compare(frame(drawn(3, 8, 1)), library)
+    assert comparison.warnings == [f"beside the simulator's pictures the film looks {says}"]
+
+
+@pytest.mark.thorough
+def test_another_scene_and_a_still_film_are_warned_of(library):
+    film = drawn(3, 8, 1)
+    rng = np.random.default_rng(0)
+    other = np.empty_like(film)
+    for episode in other:
+        for picture in episode:
+            picture[...] = 60
+            picture[10:20] = 200
+            at = rng.integers(5, 40)
+            picture[at : at + 16, 30:50] = 140
+    (said,) = compare(other, library).warnings
+    assert "another scene" in said
+    (said,) = compare(film[:, :1].repeat(8, 1), library).warnings
+    assert said.startswith("nothing moves in the film")
+
+
+@pytest.mark.thorough
+def test_a_library_is_of_worlds_that_play_the_actions():
+    task = pendulum()
+    simulator = task.simulator(image_size=SIZE)
+    actions = random_actions(2, 30, simulator.model, np.random.default_rng(0))
+    library = make_library(simulator, actions, seed=0)
+    assert library.frames.shape == (32, 24, SIZE, SIZE, 3)
+    assert len(np.unique(library.worlds)) == 32
+    film = np.stack([library.frames[3, ::3], library.frames[8, ::3]])
+    comparison = compare(film, library)
+    assert comparison.warnings == []
+    found = comparison.nearest == np.array([[3], [8]]) * 24 + np.arange(0, 24, 3)
+    assert found.mean() > 0.5  # others look the same, or nearly so: colours do not count
+    other = make_task("other", PENDULUM.replace("0 -6.0 0", "0 -4 0"), list(task.parameters))
+    near = make_library(other.simulator(image_size=SIZE), actions, seed=1)
+    (said,) = compare(near.frames[:2, ::3], library).warnings
+    assert "enlarged 1.5 times" in said
+
+
+# --- the command --------------------------------------------------------------------------
+
+
+@pytest.mark.thorough
+def test_check_saves_a_picture_and_says_where(tmp_path, monkeypatch, capsys):
+    from simtune import cli
+    from simtune.tasks import TASKS
+
+    task = pendulum()
+    monkeypatch.setitem(TASKS, "pendulum", lambda: task)
+    simulator = task.simulator(image_size=SIZE)
+    rng = np.random.default_rng(0)
+    actions = random_actions(2, 30, simulator.model, rng)
+    played = simulator.roll_out(np.tile(task.parameters.nominal, (2, 1)), actions, rng)
+    episodes = [
+        Trajectory(frames[:, :, ::-1], taken.astype("f"), simulator.step_s)
+        for frames, taken in zip(simulator.film(played), actions, strict=True)
+    ]
+    folder = tmp_path / "mirrored"
+    write_dataset(folder, episodes, action_names=["turn", "idle"], robot_type="arm", task="swing")
+    path = tmp_path / "seen.png"
+    arguments = ["simtune", "check", "pendulum", "--real", str(folder), "--pictures", str(path)]
+    monkeypatch.setattr("sys.argv", arguments)
+    cli.main()
+    lines = capsys.readouterr().out.splitlines()
+    assert f"pictures of the recordings beside the simulator's: {path}" in lines
+    assert any("the film looks mirrored left to right" in line for line in lines)
+    with av.open(path) as container:
+        (picture,) = container.decode(video=0)
+    assert picture.height > picture.width > 600
+
+
+def test_where_pictures_cannot_go(tmp_path):
+    recorded = tmp_path
+    for options, message in (
+        ({"pictures": tmp_path / "a.png"}, "goes with recordings only"),
+        ({"real": recorded, "pictures": tmp_path / "a.jpg"}, "ends in .png"),
+        ({"real": recorded, "pictures": tmp_path / "b" / "a.png"}, "there is no folder"),
+    ):
+        with pytest.raises(InputError, match=message):
+            CheckConfig(task="pendulum", **options).check()
