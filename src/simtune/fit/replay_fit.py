@@ -19,7 +19,6 @@ _NUM_PICTURES = 40
 _SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fits end sometime
 _FEWEST_TO_FIT = 2  # episodes
 _UNSEEN = 0.5  # of a sensor's noise: what changes a prediction by less is not observed
-_FROM = (-1, 1)
 _SIDESTEP = (0.01, 0.1)  # at least, at most, from a start, in unit coordinates
 _PARTICLE_STD = (0.02, 0.1)  # of their parameters: at least, at most, in unit coordinates
 _PRIOR_STDS = 3.0  # as far as a first guess may be off, in terms of its usual error
@@ -122,21 +121,22 @@ class ReplayFit:
     def _fit_motion(
         self, observed: Observed, states: np.ndarray, start: PointEstimate, extend_horizon: bool
     ) -> tuple[ShootingFit, np.ndarray]:
-        """From below and from above: the middle, and (P,) how far apart the two end.
+        """From below and from above: the middle, and (P,) half of how far apart the two end.
 
-        Unless the horizon is extended from the better one: that has the last word.
+        Where the horizon is extended from the better one, that has the last word; what it moved
+        by then is how much short windows were misled, and longer ones may be as well.
         """
         shooting, unit = self._shooting(self._moving), self.space.to_unit(start.parameters)
         fits = []
-        for side in _FROM:
+        for side in (-1, 1):
             begin = self.space.from_unit(unit + side * np.clip(start.std, *_SIDESTEP))
             fits.append(shooting.fit(observed, states, begin))
         better = min(fits, key=lambda fit: float(np.median(fit.misfit)))
         if extend_horizon:
             extended = shooting.extend_horizon(observed, states, start.parameters, better)
             if extended is not better:
-                return extended, np.zeros(len(self._moving))
-        one, other = fits[0].unit, fits[-1].unit
+                return extended, np.abs(extended.unit - better.unit) / 2
+        one, other = (fit.unit for fit in fits)
         return replace(better, unit=(one + other) / 2), np.abs(one - other) / 2
 
     def _find_latency(
