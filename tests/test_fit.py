@@ -187,7 +187,9 @@ def test_fit_to_budget_counts_windows_by_the_parameters_that_move(simulator, mon
     config, seconds = FitConfig(particles=particles, shooting=shooting), 1000.0
     size = fit_to_budget(config, physics, SPACE.nominal, 1000, seconds)
     # Every window once as it is, and by two joints' positions and velocities, a mass and a gain.
-    window_s = 2 * 1e-3 * shooting.steps_per_window(1 + 2 * 2 + 2)  # from two sides
+    derived = 1 + 2 * 2 + 2
+    window_s = 2 * 1e-3 * shooting.steps_per_window(derived)  # from two sides
+    window_s += 1e-3 * shooting.steps_of_longer(derived)  # from one
     num_windows = 1000 / shooting.stages[-1].window  # there are no more in so many steps
     needed_s = 1e-3 * 1000 * 10_000 + num_windows * window_s
     assert size.particles.num == pytest.approx(10_000 * seconds / needed_s, rel=1e-3)

@@ -89,4 +89,4 @@ def test_horizon_stays_where_longer_windows_are_not_explained(pendulum):
 def test_horizon_stays_where_short_windows_tell_enough(pendulum):
     short, long = Swings(pendulum, 0, noise_px=0.05, fitted=(LENGTH,)).fit()
     assert np.sqrt(short.covariance[0, 0]) < 0.01
-    assert long is short
+    assert long.full_states.shape[1] <= 1 + ShootingConfig().longer[0]  # which is always tried

@@ -124,9 +124,12 @@ def test_steps_of_a_fit_by_hand():
     # Stages derive in every second iteration, by 7 worlds here, and try 2 worlds in each.
     per_window = 4 * (2 * 7 + 3 * 2) + 10 * (1 * 7 + 2 * 2)
     assert FIT.shooting.steps_per_window(7) == per_window == 190
+    # As many steps once more, blurred and not, in 5 iterations each, of which 3 derive.
+    longer = 2 * 10 * (3 * 7 + 5 * 2)
+    assert FIT.shooting.steps_of_longer(7) == longer == 620
     # Of 200 steps 20 windows of the last stage's 10, from two sides; all that are asked for of 900.
-    assert count_fit_steps(FIT, 200, 4, 2) == (200 * 50, 2 * 20 * 190)
-    assert count_fit_steps(FIT, 900, 4, 2) == (900 * 50, 2 * 30 * 190)
+    assert count_fit_steps(FIT, 200, 4, 2) == (200 * 50, 20 * (2 * 190 + 620))
+    assert count_fit_steps(FIT, 900, 4, 2) == (900 * 50, 30 * (2 * 190 + 620))
 
 
 def test_a_scaled_fit_keeps_the_fewest_that_tell_anything():
@@ -151,7 +154,7 @@ def test_seconds_of_a_round_by_hand():
     played_s = 1e-3 * 50 * (100 * 2 + 80)
     drawn_s = 0.01 * (100 * 5 + 80 * 10) + 0.02 * 80 * 10
     updates_s = 0.1 * (300 + 0.7 * (250 + 100))
-    fit_s = 1.3 * 1e-3 * (100 * 50 + 2 * 10 * 190)
+    fit_s = 1.3 * 1e-3 * (100 * 50 + 10 * (2 * 190 + 620))
     expected = played_s + drawn_s + updates_s + fit_s * (1 + 0.8 * 5)
     assert PACE.round_s(SEARCH, work) == pytest.approx(expected)
 

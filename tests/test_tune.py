@@ -333,14 +333,14 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
 
     monkeypatch.setattr(PosteriorSearch, "needed_s", lambda search, real: (100.0, 300.0))
     monkeypatch.setattr(PosteriorSearch, "run_round", begin)
-    # Twice the smallest round and the report, 2 × (100 + 6) s, in tenths of a minute.
+    # Half of the smallest round and the report, 50 + 6 s, are refused; twice both are named.
     reason = (
-        r"--budget-minutes 1\.7 is too short: .* 100 s .* 300 s; .* --budget-minutes 3\.6 or more"
+        r"--budget-minutes 0\.9 is too short: .* 100 s .* 300 s; .* --budget-minutes 3\.6 or more"
     )
     with pytest.raises(InputError, match=reason):
-        tune(config_of(tmp_path / "run", budget_minutes=1.7))
+        tune(config_of(tmp_path / "run", budget_minutes=0.9))
     assert not (tmp_path / "run" / "result.json").exists()
-    for minutes in (1.8, 3.6):
+    for minutes in (1.0, 3.6):
         with pytest.raises(Begun):
             tune(config_of(tmp_path / "run", budget_minutes=minutes))
 

@@ -49,15 +49,18 @@ class ShootingConfig:
     num_windows: int = 90  # at most; spread evenly. Of longer ones fewer: as many steps in all
 
     def steps_per_window(self, num_derived: int) -> int:
-        """Steps that a fit plays of each of these windows, where it derives by so many worlds.
+        """Steps that a fit plays of each of these windows, where it derives by so many worlds."""
+        return sum(s.window * _worlds(s.iterations, num_derived) for s in self.stages)
 
-        Longer windows do not count.
-        """
-        steps = 0
-        for window, iterations, _ in self.stages:
-            derived = -(-iterations // _DERIVED_EVERY)
-            steps += window * (num_derived * derived + _TRIED * iterations)
-        return steps
+    def steps_of_longer(self, num_derived: int) -> int:
+        """The same of the first longer windows, which are always tried; others are rare."""
+        each = _worlds(self.longer_iterations, num_derived)
+        return 2 * self.stages[-1].window * each * bool(self.longer)
+
+
+def _worlds(iterations: int, num_derived: int) -> int:
+    """That play each window in so many iterations."""
+    return num_derived * -(-iterations // _DERIVED_EVERY) + _TRIED * iterations
 
 
 @dataclass(frozen=True)
