@@ -41,10 +41,13 @@ def config_of(out: Path, minutes: float = 1.0) -> TuneConfig:
 
 
 def needed_s(out: Path, settings: Settings, machine: SlowMachine) -> tuple[float, float]:
-    experiment = build_experiment(config_of(out), settings=settings)
+    """Of the smallest round and of a whole one, with all that comes before."""
+    machine = machine.slower(1)  # with a clock of its own
     with pytest.MonkeyPatch.context() as patch:
         machine.take_over(patch)
-        return experiment.search.needed_s(experiment.recordings)
+        experiment = build_experiment(config_of(out), settings=settings)
+        least_s, whole_s = experiment.search.needed_s(experiment.recordings)
+    return machine.now_s + least_s, machine.now_s + whole_s
 
 
 def run_s(out: Path, settings: Settings, machine: SlowMachine, seconds: float) -> float:
@@ -72,7 +75,7 @@ def ends_in_time(out: Path, settings: Settings, factor: float, budget: str) -> N
     machine = MACHINE.slower(factor)
     least_s, whole_s = needed_s(out / "asked", settings, machine)
     seconds = {
-        "least": least_s + 6,  # less is refused
+        "least": least_s + 6,  # and the report
         "twice the least": 2 * least_s,
         "a whole round": whole_s,
         "several rounds": 4 * whole_s,
@@ -110,5 +113,5 @@ def test_intervals_are_three_times_as_wide_where_there_is_no_time_for_refits(
 @pytest.mark.thorough
 def test_a_round_that_has_its_time_has_its_refits(tmp_path, settings, bootstraps):
     _, whole_s = needed_s(tmp_path / "asked", settings, MACHINE)
-    run_s(tmp_path / "run", settings, MACHINE, whole_s)
+    run_s(tmp_path / "run", settings, MACHINE.slower(1), whole_s)
     assert all(len(bootstrap.misfits) >= 2 for bootstrap in bootstraps)

@@ -331,16 +331,23 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
     def begin(*given):
         raise Begun
 
-    monkeypatch.setattr(PosteriorSearch, "needed_s", lambda search, real: (100.0, 300.0))
+    def needed_s(search, real) -> tuple[float, float]:
+        now_s[0] += 12.0  # that measuring takes
+        return 100.0, 300.0
+
+    now_s = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr(PosteriorSearch, "needed_s", needed_s)
     monkeypatch.setattr(PosteriorSearch, "run_round", begin)
-    # Half of the smallest round and the report, 50 + 6 s, are refused; twice both are named.
+    # Less than 12 s, half of the smallest round and 6 s for the report is refused; what is named
+    # has two of the smallest.
     reason = (
-        r"--budget-minutes 0\.9 is too short: .* 100 s .* 300 s; .* --budget-minutes 3\.6 or more"
+        r"--budget-minutes 1\.1 is too short: .* 100 s .* 300 s; .* --budget-minutes 3\.7 or more"
     )
     with pytest.raises(InputError, match=reason):
-        tune(config_of(tmp_path / "run", budget_minutes=0.9))
+        tune(config_of(tmp_path / "run", budget_minutes=1.1))
     assert not (tmp_path / "run" / "result.json").exists()
-    for minutes in (1.0, 3.6):
+    for minutes in (1.2, 3.7):
         with pytest.raises(Begun):
             tune(config_of(tmp_path / "run", budget_minutes=minutes))
 

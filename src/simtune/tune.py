@@ -32,7 +32,9 @@ def tune(
     Raises InputError for what cannot be used, with nothing written, and RuntimeError for what
     fails on the way.
     """
+    began_s = time.monotonic()
     experiment = build_experiment(config, report, settings)
+    built_s = time.monotonic() - began_s  # filming the real world, say
     warnings = experiment.warnings(experiment.recordings)
     for warning in warnings:  # now, not after minutes
         log.warning("%s", warning)
@@ -42,8 +44,10 @@ def tune(
         if run.num_rounds and search.stop_reason:
             report("the search is over already; another --out searches anew", 1.0)
         elif not run.num_rounds and settings is None:
-            _refuse_if_too_short(config.budget_minutes, *search.needed_s(real))
-        budget = Budget(60 * config.budget_minutes - run.wall_s - _AT_THE_END_S, report)
+            needed_s = search.needed_s(real)
+            _refuse_if_too_short(config.budget_minutes, built_s + run.wall_s, *needed_s)
+        spent_s = built_s + run.wall_s + _AT_THE_END_S
+        budget = Budget(60 * config.budget_minutes - spent_s, report)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
             run.folder.drop_result()  # of an earlier sitting: this one goes on
             began_s = time.monotonic()
@@ -56,11 +60,12 @@ def tune(
         return run.finish(real, stopped, warnings, command)
 
 
-def _refuse_if_too_short(minutes: float, least_s: float, whole_s: float) -> None:
+def _refuse_if_too_short(minutes: float, spent_s: float, least_s: float, whole_s: float) -> None:
     """Raises InputError for a time in which no answer would be sound."""
+    beside_s = spent_s + _AT_THE_END_S
     log.info("a round takes about %.0f s here", whole_s)
-    if 60 * minutes < _SURELY * least_s + _AT_THE_END_S:
-        needed = math.ceil(2 * (least_s + _AT_THE_END_S) / 6) / 10
+    if 60 * minutes < _SURELY * least_s + beside_s:
+        needed = math.ceil((2 * least_s + beside_s) / 6) / 10
         raise InputError(
             f"--budget-minutes {minutes:g} is too short: the smallest round takes about "
             f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; give it "

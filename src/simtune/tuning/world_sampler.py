@@ -28,7 +28,7 @@ class WorldSampler:
     ) -> SimulatedWorlds:
         """Worlds that replay the actions of `num_episodes` real episodes; a stretch is filmed.
 
-        `num_worlds` worlds, or fewer where `budget` is over before.
+        `num_worlds` worlds, or fewer where `budget` would be over before.
         """
         context, rng = self._context, self.rng
         # Supersampling makes pictures expensive.
@@ -51,6 +51,7 @@ class WorldSampler:
                     context.observation,
                 )
             )
-            if budget.is_over:
+            # More that would end too late are not begun.
+            if budget.spent * (len(parts) + 1) / len(parts) > 1:
                 break
         return SimulatedWorlds.joined(parts)
