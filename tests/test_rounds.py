@@ -155,8 +155,12 @@ def test_seconds_of_a_round_by_hand():
     drawn_s = 0.01 * (100 * 5 + 80 * 10) + 0.02 * 80 * 10
     updates_s = 0.1 * (300 + 0.7 * (250 + 100))
     fit_s = 1.3 * 1e-3 * (100 * 50 + 10 * (2 * 190 + 620))
-    expected = played_s + drawn_s + updates_s + fit_s * (1 + 0.8 * 5)
+    expected = played_s + drawn_s + updates_s + fit_s * (1 + 5)  # two episodes are in refits, too
     assert PACE.round_s(SEARCH, work) == pytest.approx(expected)
+    # Each picture of four that are averaged takes four times as long, so a fourth is drawn.
+    assert PACE.round_s(SEARCH, work._replace(supersampling=4)) == pytest.approx(
+        expected - 0.75 * drawn_s
+    )
 
 
 def test_seconds_of_a_round_without_a_fit_by_hand():

@@ -15,7 +15,8 @@ from simtune.progress import ReportProgress, silent
 
 log = logging.getLogger(__name__)
 _AT_THE_END_S = 6.0  # for videos and the report
-_SURELY = 0.5  # what was timed in a busy moment may go twice as fast
+_SURELY = 0.6  # of what was timed, in a moment that may have been a busy one
+_WORTHWHILE = 0.6  # of the last round's time: it knows where to search
 
 
 def tune(
@@ -75,4 +76,4 @@ def _refuse_if_too_short(minutes: float, spent_s: float, least_s: float, whole_s
 
 def _is_over(budget: Budget, run: Run) -> bool:
     """Whether no other round has enough time to learn more than the last one."""
-    return budget.is_over or budget.seconds_left < run.round_s
+    return budget.is_over or budget.seconds_left < _WORTHWHILE * run.round_s

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.fit import count_fit_steps
+from simtune.fit import FEW_EPISODES, count_fit_steps
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.tuning.posterior_config import PosteriorSearchConfig
@@ -19,7 +19,6 @@ from simtune.tuning.search import SearchContext
 
 _WORLDS, _STEPS, _UPDATES = 32, 20, 3
 _SMALL_UPDATE = 0.7  # of an update of the detector: one of the other networks
-_REFIT = 0.8  # of a fit: it looks at fewer episodes
 _SLOWER = 1.3  # all that is not counted: pictures that are fitted, latencies that are tried
 _FEWEST_REFITS = 2
 _FEWEST_WORLDS = 64  # to learn anything from
@@ -33,6 +32,7 @@ class Work(NamedTuple):
     num_steps: int  # of each
     num_tangent: int  # 2 nv, of a state that is fitted; 0: nothing can be fitted
     num_fitted: int  # parameters that move something
+    supersampling: int = 1  # as many times fewer pictures are drawn, since each takes longer
 
 
 @dataclass(frozen=True)
@@ -66,18 +66,20 @@ class Pace:
         episodes, steps = work.num_episodes, work.num_steps
         worlds_s = self.step_s * steps * min(config.episodes_per_world, episodes)  # of a world
         held_out = config.held_out_worlds * config.held_out_steps
-        drawn = config.num_worlds * config.filmed_steps + held_out
+        drawn = (config.num_worlds * config.filmed_steps + held_out) / work.supersampling
         seconds = config.num_worlds * worlds_s + config.held_out_worlds * self.step_s * steps
-        seconds += self.frame_s * drawn + self.detect_s * held_out
+        seconds += self.frame_s * drawn + self.detect_s * held_out / work.supersampling
         seconds += self.update_s * config.detector_updates[0]
         small_s = _SMALL_UPDATE * self.update_s
         if not work.num_tangent:
             more = config.num_worlds * (worlds_s + _FILMED_WITHOUT_FIT * self.frame_s)
             return seconds + config.no_fit_scale * (more + small_s * config.posterior_updates)
         seconds += small_s * (config.posterior_updates + config.state_updates)
-        played = sum(count_fit_steps(config.fit, episodes * steps, *work[2:]))
-        fit_s = _SLOWER * self.step_s * played
-        return seconds + fit_s * (1 + _REFIT * config.num_refits[0])
+        unknown, few = (work.num_tangent, work.num_fitted), min(FEW_EPISODES, episodes)
+        played = sum(count_fit_steps(config.fit, episodes * steps, *unknown))
+        played_again = sum(count_fit_steps(config.fit, few * steps, *unknown))
+        played += config.num_refits[0] * played_again
+        return seconds + _SLOWER * self.step_s * played
 
 
 def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:

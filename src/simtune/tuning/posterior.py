@@ -127,7 +127,11 @@ class PosteriorSearch:
         steps = min(len(t) for t in real)
         space = self.context.simulator.state_space if self._can_fit else None
         num_fitted = int((~self.first.space.is_appearance).sum())
-        return Work(len(real), steps, space.num_tangent if space else 0, num_fitted)
+        num_tangent, supersampling = (
+            space.num_tangent if space else 0,
+            self.context.simulator.supersampling,
+        )
+        return Work(len(real), steps, num_tangent, num_fitted, supersampling)
 
     def estimate(self, trajectories: list[Trajectory]) -> tuple[Estimate, np.ndarray]:
         """What the last round would have made of other trajectories; and (N, C) curves.
