@@ -69,7 +69,9 @@ def one_renderer_each():
     renderers = {}  # the latest few, each of 100 MB
 
     def make_once(name, model, space, camera, image_size, *rest):
-        key = (name, model.names, space.names, camera, image_size, *rest)
+        shapes = (model.cam_pos, model.cam_fovy, model.geom_size, model.geom_pos, model.body_pos)
+        scene = (model.names, *(values.tobytes() for values in shapes))
+        key = (name, scene, space.names, camera, image_size, *rest)
         renderer = renderers.pop(key, None)
         renderers[key] = renderer or make_renderer(name, model, space, camera, image_size, *rest)
         if len(renderers) > 2:

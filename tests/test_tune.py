@@ -339,7 +339,7 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
     monkeypatch.setattr("time.monotonic", lambda: now_s[0])
     monkeypatch.setattr(PosteriorSearch, "needed_s", needed_s)
     monkeypatch.setattr(PosteriorSearch, "run_round", begin)
-    # Less than 12 s, half of the smallest round and 6 s for the report is refused; what is named
+    # Less than 12 s, 0.6 of the smallest round and 6 s for the report is refused; what is named
     # has two of the smallest.
     reason = (
         r"--budget-minutes 1\.1 is too short: .* 100 s .* 300 s; .* --budget-minutes 3\.7 or more"
@@ -347,7 +347,7 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
     with pytest.raises(InputError, match=reason):
         tune(config_of(tmp_path / "run", budget_minutes=1.1))
     assert not (tmp_path / "run" / "result.json").exists()
-    for minutes in (1.2, 3.7):
+    for minutes in (1.4, 3.7):
         with pytest.raises(Begun):
             tune(config_of(tmp_path / "run", budget_minutes=minutes))
 
