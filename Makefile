@@ -28,7 +28,7 @@ $(READY): pyproject.toml constraints.txt
 
 # Tunes ball_in_cup from the video of a simulated world whose parameters it cannot look into.
 demo: $(READY)
-	$(BIN)/simtune tune ball_in_cup --real pseudo --real-episodes 10 --budget-minutes 8 --out runs/demo
+	$(BIN)/simtune tune ball_in_cup --real pseudo --real-episodes 10 --budget-minutes 4 --out runs/demo
 	@echo "the report: runs/demo/report.html"
 
 # Without those of about a second and more; `make test` before a change is handed on.
