@@ -43,6 +43,10 @@ class Budget:
     def is_endless(self) -> bool:
         return math.isinf(self.seconds)
 
+    def allows_another(self, num_done: int) -> bool:
+        """Whether another piece of work, as long as each of `num_done` so far, ends in time."""
+        return self.spent * (num_done + 1) <= num_done
+
     def report(self, doing: str, done: float = 0.0) -> None:
         """Say what is happening, and how much of this budget's work is done, 0 to 1."""
         low, high = self._span

@@ -101,8 +101,7 @@ def _best(
     if but is not None:
         own = np.repeat(but, film.shape[1])[:, None] == library.worlds
         alike[:, own] = -np.inf
-    nearest = alike.sum(0).argmax(1)
-    return alike[:, np.arange(len(nearest)), nearest].reshape(2, *film.shape[:2])
+    return _of_nearest(alike).reshape(2, *film.shape[:2])
 
 
 def _own_likeness(library: Library) -> np.ndarray:
@@ -110,9 +109,14 @@ def _own_likeness(library: Library) -> np.ndarray:
     worlds = library.worlds
     alike = likeness(library.features, library.features)
     alike[:, worlds[:, None] == worlds] = -np.inf
-    nearest = alike.sum(0).argmax(1)
-    each = alike[:, np.arange(len(worlds)), nearest].reshape(2, len(library.frames), -1)
+    each = _of_nearest(alike).reshape(2, len(library.frames), -1)
     return np.median(each.mean(2), 1)
+
+
+def _of_nearest(alike: np.ndarray) -> np.ndarray:
+    """(2, n) of (2, n, m) likenesses those to the picture that is the liker in both ways."""
+    nearest = alike.sum(0).argmax(1)
+    return alike[:, np.arange(len(nearest)), nearest]
 
 
 def _own_gain(library: Library) -> float:

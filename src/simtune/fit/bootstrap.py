@@ -52,8 +52,7 @@ class Bootstrap:
         """(K, N) probability, by each refit, of being below its truth: uniform if intervals hold.
 
         These are the ranks of simulation-based calibration (Talts et al. 2018, arXiv:1804.06788).
-        Each is judged by an inflation that the others alone say; so few show
-        gross errors only.
+        Each is judged by an inflation that the others alone say; so few show gross errors only.
         """
         others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
         factors = np.array([_inflation(o, self.is_moving) for o in others])
@@ -92,8 +91,7 @@ def run_bootstrap(
     away = np.maximum(start.std, np.abs(unit - space.to_unit(start.parameters)))
     errors, misfits, astray = [], [], []
     for number in range(num):
-        # One that would end too late is not begun.
-        if number and budget.spent * (number + 1) / number > 1:
+        if number and not budget.allows_another(number):
             break
         budget.report("fitting known worlds for comparison", number / num)
         truth = np.clip(unit + std * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)

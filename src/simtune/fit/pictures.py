@@ -22,8 +22,6 @@ _LARGEST_MOVE = 4.0  # standard deviations, of a pose
 _ROUNDING = 1 / 255 / 12**0.5  # standard deviation
 _SHOWN = 0.05  # of the full scale, that a pixel changes over a parameter's whole range
 _SQUARE_PX = 4  # neighbouring pixels tell the same: 4 × 4 of them count as one
-
-
 _DERIVED_EVERY = 2  # iterations: derivatives cost most, and change slowly
 
 

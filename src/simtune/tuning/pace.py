@@ -14,7 +14,7 @@ import numpy as np
 from simtune.fit import FEW_EPISODES, count_fit_steps
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
-from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.posterior_config import FILMED_WITHOUT_FIT, PosteriorSearchConfig
 from simtune.tuning.search import SearchContext
 
 _WORLDS, _STEPS, _UPDATES = 32, 20, 3
@@ -22,7 +22,6 @@ _SMALL_UPDATE = 0.7  # of an update of the detector: one of the other networks
 _SLOWER = 1.3  # all that is not counted: pictures that are fitted, latencies that are tried
 _FEWEST_REFITS = 2
 _FEWEST_WORLDS = 64  # to learn anything from
-_FILMED_WITHOUT_FIT = 2  # frames of a world more, where nothing can be fitted
 
 
 class Work(NamedTuple):
@@ -72,7 +71,7 @@ class Pace:
         seconds += self.update_s * config.detector_updates[0]
         small_s = _SMALL_UPDATE * self.update_s
         if not work.num_tangent:
-            more = config.num_worlds * (worlds_s + _FILMED_WITHOUT_FIT * self.frame_s)
+            more = config.num_worlds * (worlds_s + FILMED_WITHOUT_FIT * self.frame_s)
             return seconds + config.no_fit_scale * (more + small_s * config.posterior_updates)
         seconds += small_s * (config.posterior_updates + config.state_updates)
         unknown, few = (work.num_tangent, work.num_fitted), min(FEW_EPISODES, episodes)

@@ -29,7 +29,7 @@ from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory
 from simtune.tuning.fit_stage import Detected, FitStage, HeldOut, can_fit, conclude
 from simtune.tuning.pace import Pace, Work, smallest
-from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.posterior_config import FILMED_WITHOUT_FIT, PosteriorSearchConfig
 from simtune.tuning.range_update import (
     candidate_grid,
     point_estimate,
@@ -42,7 +42,6 @@ from simtune.tuning.world_sampler import WorldSampler
 
 _FITS_SHARE = 0.9  # of what is left then, for a fit and its refits
 _REFIT = 0.8  # of a fit: it looks at fewer episodes
-_FILMED_WITHOUT_FIT = 2  # frames: what those worlds look like is known from others
 
 
 class PosteriorSearch:
@@ -125,13 +124,11 @@ class PosteriorSearch:
 
     def _work(self, real: list[Trajectory]) -> Work:
         steps = min(len(t) for t in real)
-        space = self.context.simulator.state_space if self._can_fit else None
+        simulator = self.context.simulator
+        space = simulator.state_space if self._can_fit else None
+        num_tangent = space.num_tangent if space else 0
         num_fitted = int((~self.first.space.is_appearance).sum())
-        num_tangent, supersampling = (
-            space.num_tangent if space else 0,
-            self.context.simulator.supersampling,
-        )
-        return Work(len(real), steps, num_tangent, num_fitted, supersampling)
+        return Work(len(real), steps, num_tangent, num_fitted, simulator.supersampling)
 
     def estimate(self, trajectories: list[Trajectory]) -> tuple[Estimate, np.ndarray]:
         """What the last round would have made of other trajectories; and (N, C) curves.
@@ -189,7 +186,7 @@ class PosteriorSearch:
             num, episodes = config.num_worlds * scale, self._episodes_per_world(real)
             part = budget.share(config.collect_share)
             worlds = self._worlds.sample(
-                real, self.searched, num, episodes, _FILMED_WITHOUT_FIT, part
+                real, self.searched, num, episodes, FILMED_WITHOUT_FIT, part
             )
         part = budget.share(config.posterior_share * scale, (0.4, 0.5))
         updates, least = config.posterior_updates * scale, config.least_updates

@@ -6,6 +6,10 @@ from simtune.fit import FitConfig
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.tuning.range_update import RangeUpdateConfig
 
+# Frames of worlds that only the posterior network learns from, where nothing can be fitted: what
+# they look like is known from others.
+FILMED_WITHOUT_FIT = 2
+
 
 @dataclass(frozen=True, kw_only=True)
 class PosteriorSearchConfig:

@@ -51,7 +51,6 @@ class WorldSampler:
                     context.observation,
                 )
             )
-            # More that would end too late are not begun.
-            if budget.spent * (len(parts) + 1) / len(parts) > 1:
+            if not budget.allows_another(len(parts)):
                 break
         return SimulatedWorlds.joined(parts)
