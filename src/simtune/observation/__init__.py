@@ -6,6 +6,16 @@ simulator's own, how late actions may take effect and how wrong any picture may 
 """
 
 from simtune.observation.evidence import AllEvidence, Evidence
+from simtune.observation.joint_readings import JointReadings
+from simtune.observation.joints import JointSensor
 from simtune.observation.model import Camera, ObservationModel, Sensor
 
-__all__ = ["AllEvidence", "Camera", "Evidence", "ObservationModel", "Sensor"]
+__all__ = [
+    "AllEvidence",
+    "Camera",
+    "Evidence",
+    "JointReadings",
+    "JointSensor",
+    "ObservationModel",
+    "Sensor",
+]

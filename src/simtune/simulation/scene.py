@@ -20,7 +20,7 @@ class Scene:
 
     model: mujoco.MjModel
     space: ParameterSpace
-    camera: str  # name of the one that films
+    camera: str | None  # name of the one that films; None: nothing is ever drawn
     step_s: float  # for which an action is held
     initialize: Callable[[Batch, np.random.Generator], None]  # starts the worlds
     map_actions: MapActions = DirectActions  # what actions do, made for a model

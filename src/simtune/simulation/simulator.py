@@ -9,12 +9,13 @@ from mujoco.batch import Batch
 from simtune.simulation.actions import ActionMapping
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 from simtune.simulation.delays import count_substeps
-from simtune.simulation.renderer import make_renderer
+from simtune.simulation.renderer import Renderer, make_renderer
 from simtune.simulation.scene import Drawing, Scene
 from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 
 _CHUNK = 256  # supersampled pictures drawn at a time
+_BATCHES_KEPT = 2  # a fit derives by many worlds, and tries a few, in turn
 _EXPLORING_SHARE = 0.5  # of random actions, added to a script's
 
 
@@ -28,7 +29,7 @@ class Simulator(AnySimulator):
         self.space, self.step_s, self.script = scene.space, scene.step_s, scene.script
         self.image_size, self.supersampling = drawing.image_size, drawing.supersampling
         size = self.image_size * self.supersampling
-        self.renderer = make_renderer(
+        self._renderer = scene.camera and make_renderer(
             drawing.renderer, self.model, self.space, scene.camera, size, drawing.quality
         )
         self._mapping, self._state_space = scene.map_actions(self.model), StateSpace(self.model)
@@ -132,6 +133,13 @@ class Simulator(AnySimulator):
             raise ValueError("this simulator has no script to follow")
         return lambda t, states: script(self._worlds_for(num_worlds).batch)
 
+    @property
+    def renderer(self) -> Renderer:
+        """Raises ValueError where no camera films."""
+        if not self._renderer:
+            raise ValueError("nothing can be drawn: no camera films this scene")
+        return self._renderer
+
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
         if self.supersampling == 1:
@@ -147,7 +155,9 @@ class Simulator(AnySimulator):
 
     def _worlds_for(self, num_worlds: int) -> Worlds:
         if num_worlds not in self._worlds:
-            self._worlds = {num_worlds: Worlds(self.model, self.space, num_worlds)}  # keep one
+            if len(self._worlds) == _BATCHES_KEPT:
+                self._worlds.pop(next(iter(self._worlds)))
+            self._worlds[num_worlds] = Worlds(self.model, self.space, num_worlds)
         return self._worlds[num_worlds]
 
 

@@ -1,0 +1,238 @@
+"""Episodes replayed open loop from where their first readings say, and how that depends on what.
+
+Only readings are looked at, never pictures. An episode may be cut into stretches, each of which
+begins anew: a short one is nearly linear in what is unknown, a whole one is what has to be right.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from simtune.fit.physics import Physics
+from simtune.observation import JointSensor
+from simtune.trajectory import Trajectory, delayed
+
+_SMOOTHED = 7  # readings, through which a parabola goes, to know a velocity by
+_UNIT_DELTA = 1e-3
+_STATE_DELTA = 0.05  # of what is unknown of a state
+_SIDE_EFFECT = 0.1  # of the largest effect on a reading: one that can wait
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Of E episodes, the shorter ones filled up with NaN and their last action."""
+
+    actions: np.ndarray  # (E, T, A)
+    values: np.ndarray  # (E, T + 1, D) of all sensors side by side; NaN where nothing was read
+
+    @classmethod
+    def of(cls, trajectories: Sequence[Trajectory], sensors: Sequence[JointSensor]) -> "Readings":
+        steps = max(len(t) for t in trajectories)
+        actions, values = [], []
+        for trajectory in trajectories:
+            missing = steps - len(trajectory)
+            its = np.hstack([trajectory.readings[sensor.name] for sensor in sensors])
+            actions.append(np.pad(trajectory.actions, ((0, missing), (0, 0)), mode="edge"))
+            values.append(np.pad(its, ((0, missing), (0, 0)), constant_values=np.nan))
+        return cls(np.stack(actions).astype(float), np.stack(values))
+
+    def delayed(self, steps: int) -> "Readings":
+        """The same, had the actions come so much later."""
+        return Readings(delayed(self.actions, steps), self.values)
+
+
+class Stretches(NamedTuple):
+    """W stretches of K steps."""
+
+    actions: np.ndarray  # (W, K, A)
+    values: np.ndarray  # (W, K + 1, D)
+    states: np.ndarray  # (W, nq + nv) in which each begins, as far as readings say
+    actuator_states: np.ndarray  # (W, S) what earlier actions left
+
+
+class Slopes(NamedTuple):
+    """What W stretches predict, and how that changes with what is unknown."""
+
+    predicted: np.ndarray  # (W, K + 1, D)
+    by_parameter: np.ndarray  # (W, P, K + 1, D) in unit coordinates
+    by_start: np.ndarray  # (W, S, K + 1, D) in terms of what is unknown of the start
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Unknowns that are derived by at once, since no reading depends on two of a group.
+
+    An arm's elbow moves by its own servo's numbers, hardly by those of the others. So few worlds
+    give nearly all of the derivatives (Curtis, Powell and Reid 1974), and what is left out shows
+    in a step only, not in what is minimised.
+    """
+
+    number: np.ndarray  # (U,) the group of each unknown
+    owner: np.ndarray  # (G, D) the unknown of a group that a reading depends on most
+
+    @classmethod
+    def of(cls, slopes: "Slopes", noise: np.ndarray) -> "Groups":
+        """By derivatives, by all unknowns one by one; `noise`: (D,) of readings."""
+        every = np.concatenate([slopes.by_parameter, slopes.by_start], 1)
+        effect = np.sqrt(np.square(every).mean((0, 2))) / noise  # (U, D)
+        main = effect > _SIDE_EFFECT * effect.max(0)
+        main |= effect >= effect.max(1, keepdims=True)  # none without a reading of its own
+        number, taken = np.zeros(len(every[0]), int), []
+        for unknown, its in enumerate(main):
+            free = (group for group, used in enumerate(taken) if not (used & its).any())
+            group = next(free, len(taken))
+            taken += [np.zeros_like(its)] * (group == len(taken))
+            taken[group] = taken[group] | its
+            number[unknown] = group
+        owner = np.stack(
+            [np.where(number[:, None] == g, effect, -1.0).argmax(0) for g in range(len(taken))]
+        )
+        return cls(number, owner)
+
+    @classmethod
+    def one_by_one(cls, num_unknown: int, num_readings: int) -> "Groups":
+        number = np.arange(num_unknown)
+        return cls(number, np.repeat(number[:, None], num_readings, 1))
+
+
+class OpenLoop:
+    """Plays stretches in worlds of one simulator."""
+
+    def __init__(self, physics: Physics, sensors: Sequence[JointSensor], fitted: np.ndarray):
+        """`fitted`: (P,) indices of the parameters to derive by."""
+        self.physics, self.sensors, self.fitted = physics, tuple(sensors), fitted
+        self._rest = physics.some_state
+        # (S, nq + nv) changes of a start: of each measured position, and of its velocity
+        places = sorted({int(p) for s in sensors if not s.is_velocity for p in s.places})
+        self._places, space = np.array(places, int), physics.space
+        tangents = np.zeros((2 * len(places), space.num_tangent))
+        model = physics.simulator.model
+        self._dofs = np.array([model.jnt_dofadr[list(model.jnt_qposadr).index(p)] for p in places])
+        for i, dof in enumerate(self._dofs):
+            tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
+        self.start_tangents = tangents
+
+    @property
+    def num_readings(self) -> int:
+        """D."""
+        return sum(sensor.size for sensor in self.sensors)
+
+    def start_std(self, noise: np.ndarray) -> np.ndarray:
+        """(S,) what is unknown of a start, where readings have the noise (D,)."""
+        column, at = np.zeros(len(self._places)), 0
+        for sensor in self.sensors:
+            if not sensor.is_velocity:
+                where = np.searchsorted(self._places, sensor.places)
+                column[where] = noise[at : at + sensor.size]
+            at += sensor.size
+        return np.concatenate([column, column / self.physics.simulator.step_s])
+
+    def states(self, values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+        """(E, T + 1, nq + nv) as (E, T + 1, D) readings with their (D,) offsets say.
+
+        What no sensor measures is as at the start of a simulated episode.
+        """
+        states = np.broadcast_to(self._rest, (*values.shape[:2], len(self._rest))).copy()
+        nq, at = self.physics.space.nq, 0
+        for sensor in sorted(self.sensors, key=lambda s: s.is_velocity):
+            at = sum(s.size for s in self.sensors[: self.sensors.index(sensor)])
+            its = slice(at, at + sensor.size)
+            read = _filled(values[..., its]) - offsets[its]
+            if sensor.is_velocity:
+                states[..., nq + sensor.places] = read
+                continue
+            states[..., sensor.places] = read
+            dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
+            states[..., nq + dofs] = _slope(read) / self.physics.simulator.step_s
+        return states
+
+    def cut(
+        self, readings: Readings, unit: np.ndarray, offsets: np.ndarray, steps: int, at_most: int
+    ) -> Stretches:
+        """Stretches of `steps` steps, at most so many, evenly spread; `unit`: (N,)."""
+        states = self.states(readings.values, offsets)
+        left = self.physics.replay_actuators(readings.actions, states, unit)
+        num_steps = readings.actions.shape[1]
+        length = min(steps, num_steps)
+        starts = np.arange(0, num_steps - length + 1, length)
+        episode = np.repeat(np.arange(len(states)), len(starts))
+        step = np.tile(starts, len(states))
+        known = np.isfinite(readings.values[episode, step]).all(-1)
+        episode, step = episode[known], step[known]
+        if len(step) > at_most:
+            kept = np.linspace(0, len(step) - 1, at_most).round().astype(int)
+            episode, step = episode[kept], step[kept]
+        frames = step[:, None] + np.arange(length + 1)
+        return Stretches(
+            readings.actions[episode[:, None], frames[:, :-1]],
+            readings.values[episode[:, None], frames],
+            states[episode, step],
+            left[episode, step],
+        )
+
+    def play(
+        self, stretches: Stretches, states: np.ndarray, units: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(G, W, K + 1, D) predictions and (G, W, S) first full states.
+
+        From (G, W, nq + nv) starts, in worlds of (G, N) parameters in unit coordinates.
+        """
+        groups, num, size = states.shape
+        full_states, predicted = self.physics.play(
+            states.reshape(-1, size),
+            np.repeat(units, num, 0),
+            np.tile(stretches.actions, (groups, 1, 1)),
+            np.tile(stretches.actuator_states, (groups, 1)),
+        )
+        shape = (groups, num)
+        return predicted.reshape(*shape, *predicted.shape[1:]), full_states[:, 0].reshape(
+            *shape, -1
+        )
+
+    def differentiate(
+        self,
+        stretches: Stretches,
+        states: np.ndarray,
+        unit: np.ndarray,
+        start_std: np.ndarray,
+        groups: Groups | None = None,
+    ) -> Slopes:
+        """By finite differences, for which all changed worlds run at once.
+
+        `groups`: to be quicker, and a little wrong.
+        """
+        num_fitted, num_starts = len(self.fitted), len(self.start_tangents)
+        groups = groups or Groups.one_by_one(num_fitted + num_starts, self.num_readings)
+        delta = np.full(num_fitted + num_starts, _STATE_DELTA)
+        delta[:num_fitted] = np.where(unit[self.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
+        world, num_groups = 1 + groups.number, len(groups.owner)
+        units = np.repeat(unit[None], 1 + num_groups, 0)
+        units[world[:num_fitted], self.fitted] += delta[:num_fitted]
+        tangents = np.zeros((1 + num_groups, self.start_tangents.shape[1]))
+        change = _STATE_DELTA * start_std[:, None] * self.start_tangents
+        np.add.at(tangents, world[num_fitted:], change)
+        spread = np.repeat(tangents[:, None], len(states), 1)
+        predicted, _ = self.play(stretches, self.physics.space.move(states, spread), units)
+        changes = (predicted[1:] - predicted[0]).swapaxes(0, 1)  # (W, G, K + 1, D)
+        is_owner = groups.owner[groups.number] == np.arange(len(delta))[:, None]  # (U, D)
+        slopes = changes[:, groups.number] * is_owner[:, None] / delta[:, None, None]
+        return Slopes(predicted[0], slopes[:, :num_fitted], slopes[:, num_fitted:])
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    """(E, T, D) without gaps: straight lines through them."""
+    filled, steps = values.copy(), np.arange(values.shape[1])
+    for episode, column in np.ndindex(len(values), values.shape[2]):
+        its = filled[episode, :, column]
+        known = np.isfinite(its)
+        its[~known] = np.interp(steps[~known], steps[known], its[known]) if known.any() else 0.0
+    return filled
+
+
+def _slope(values: np.ndarray) -> np.ndarray:
+    """(E, T, D) changes a step, of a parabola through the readings near by."""
+    width = min(_SMOOTHED, values.shape[1] - (values.shape[1] + 1) % 2)
+    return savgol_filter(values, width, min(2, width - 1), deriv=1, axis=1)

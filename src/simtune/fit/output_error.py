@@ -1,0 +1,288 @@
+"""Output error: the simulator replays whole episodes, until its sensors would read what was read.
+
+The prediction is never corrected by later readings (Ljung 1999, System Identification, Sec. 3.2
+and 7.2), so what is minimised is what open-loop replay is judged by. Over parameters θ, offsets b
+of the sensors and the starts x_w of W stretches it is
+
+    Σ_w Σ_t Σ_d ρ(r_wtd / σ_d) + ½ Σ_w ‖x_w ⊖ x̄_w‖²_S + ½ ‖θ − θ̄‖²_Π
+    r_wtd = h_d(x_w(t; θ)) + b_d − y_wtd
+
+with Huber's ρ, starts x̄_w from the readings themselves, and a weak prior Π around the first guess.
+σ_d is what is left of each reading, and found along: a joint counts by how well the simulator can
+explain it. Gauss-Newton with Levenberg's damping; starts go out by the Schur complement.
+
+No simulator is a robot, so what is left is no white noise: it goes on for a second. Each residual
+counts as 1/τ_d of a measurement, with τ_d its integrated autocorrelation time.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.budget import Budget
+from simtune.fit.open_loop import Groups, OpenLoop, Readings, Slopes, Stretches
+
+_PRIOR_STD = 0.3  # of parameters, in unit coordinates: nothing is known within a factor of 3
+_HUBER = 3.0
+_LARGEST_STEP = 0.12
+_FIRST_DAMPING = 1e-3
+_DAMPING = (1e-6, 1e6)
+_TRIED = 4  # steps, each with more damping, before it is over
+_ENOUGH = 1e-4  # share of the cost, that a step has to gain for another one to follow
+_SMALLEST_NOISE = 1e-6
+_FEWEST = 2.0  # effective observations of a reading
+
+
+class Stage(NamedTuple):
+    steps: int  # of a stretch; 0: all of an episode
+    iterations: int
+    at_most: int  # stretches
+
+
+@dataclass(frozen=True)
+class OutputErrorFit:
+    """What was found; P parameters, D readings."""
+
+    unit: np.ndarray  # (N,) parameters in unit coordinates, those not fitted as they were
+    covariance: np.ndarray  # (P, P) in unit coordinates
+    offsets: np.ndarray  # (D,) measured − simulated
+    noise: np.ndarray  # (D,) root mean square of what is left
+    cost: float  # Σ log of that, over all readings: lower is better
+    correlation_steps: np.ndarray  # (D,) how long what is left goes on
+    start: np.ndarray  # (S,) full state in which the first stretch begins
+
+
+@dataclass(frozen=True)
+class _Point:
+    unit: np.ndarray  # (N,)
+    offsets: np.ndarray  # (D,)
+    states: np.ndarray  # (W, nq + nv)
+    shift: np.ndarray  # (W, S) of the starts, in terms of what was unknown of them
+
+
+class OutputError:
+    """Fits one simulator to readings."""
+
+    def __init__(self, loop: OpenLoop, finds_offset: np.ndarray, prior: np.ndarray):
+        """`finds_offset`: (D,) bool; `prior`: (N,) first guess, in unit coordinates."""
+        self._loop, self._finds_offset, self._prior = loop, finds_offset, prior
+        self._fitted = loop.fitted
+
+    def fit(
+        self,
+        readings: Readings,
+        unit: np.ndarray,
+        offsets: np.ndarray,
+        stages: tuple[Stage, ...],
+        budget: Budget,
+    ) -> OutputErrorFit:
+        """From (N,) parameters and (D,) offsets; `budget` ends it early."""
+        point, groups = None, None
+        for stage in stages:
+            steps = stage.steps or readings.actions.shape[1]
+            stretches = self._loop.cut(readings, unit, offsets, steps, stage.at_most)
+            shift = np.zeros((len(stretches.states), len(self._loop.start_tangents)))
+            point = _Point(unit, offsets, stretches.states, shift)
+            point, groups = self._descend(stretches, point, groups, stage.iterations, budget)
+            unit, offsets = point.unit, point.offsets
+        assert point is not None, "there is a stage"
+        return self._conclude(stretches, point)
+
+    def _descend(
+        self,
+        stretches: Stretches,
+        point: _Point,
+        groups: Groups | None,
+        iterations: int,
+        budget: Budget,
+    ) -> tuple[_Point, Groups | None]:
+        """The lowest point found, and what was learnt of what can be derived by at once."""
+        loop, damping = self._loop, _FIRST_DAMPING
+        noise = _spread(self._residuals(stretches, point, self._predict(stretches, point)))
+        start_std = loop.start_std(noise)
+        for _ in range(iterations):
+            slopes = loop.differentiate(stretches, point.states, point.unit, start_std, groups)
+            groups = groups or Groups.of(slopes, noise)
+            equations = self._linearize(stretches, point, slopes, noise)
+            before, after = self._cost(stretches, point, slopes.predicted, noise), np.inf
+            for _ in range(_TRIED):
+                tried = self._step(point, equations, damping, start_std, stretches)
+                predicted = self._predict(stretches, tried)
+                after = self._cost(stretches, tried, predicted, noise)
+                damping = float(np.clip(damping * (0.2 if after < before else 8), *_DAMPING))
+                if after < before:
+                    break
+            if not after < before:
+                break
+            point = tried
+            noise = _spread(self._residuals(stretches, point, predicted))
+            if before - after < _ENOUGH * before or budget.is_over:
+                break
+        return point, groups
+
+    def _predict(self, stretches: Stretches, point: _Point) -> np.ndarray:
+        return self._loop.play(stretches, point.states[None], point.unit[None])[0][0]
+
+    def _residuals(self, stretches: Stretches, point: _Point, predicted: np.ndarray) -> np.ndarray:
+        """(W, K + 1, D), NaN where nothing was read."""
+        return predicted + point.offsets - stretches.values
+
+    def _cost(
+        self, stretches: Stretches, point: _Point, predicted: np.ndarray, noise: np.ndarray
+    ) -> float:
+        size = np.abs(np.nan_to_num(self._residuals(stretches, point, predicted) / noise))
+        huber = np.where(size < _HUBER, size**2 / 2, _HUBER * (size - _HUBER / 2))
+        away = (point.unit - self._prior)[self._fitted] / _PRIOR_STD
+        return float(huber.sum() + np.square(point.shift).sum() / 2 + np.square(away).sum() / 2)
+
+    def _linearize(
+        self, stretches: Stretches, point: _Point, slopes: Slopes, noise: np.ndarray
+    ) -> "_Equations":
+        """Normal equations of parameters, offsets and starts, the starts taken out.
+
+        With A_x, A_θ derivatives of r / σ by starts and by (θ, b), V the weights of Huber's ρ:
+
+            H = A_x V A_xᵀ + 1    C = A_x V A_θᵀ    B = A_θ V A_θᵀ
+        """
+        residuals = self._residuals(stretches, point, slopes.predicted) / noise
+        known = np.isfinite(residuals)
+        residuals = np.nan_to_num(residuals)
+        weights = known * np.minimum(1, _HUBER / np.maximum(np.abs(residuals), 1e-12))
+        num = len(residuals)
+        r, w = residuals.reshape(num, -1), weights.reshape(num, -1)
+        by_start = (slopes.by_start / noise).reshape(num, -1, r.shape[1])
+        by_parameter = (slopes.by_parameter / noise).reshape(num, -1, r.shape[1])
+        ones = np.zeros((len(noise), *residuals.shape[1:]))
+        ones[np.arange(len(noise)), :, np.arange(len(noise))] = 1 / noise[:, None]
+        by_offset = np.broadcast_to(ones.reshape(1, len(noise), -1), (num, len(noise), r.shape[1]))
+        by_shared = np.concatenate([by_parameter, by_offset[:, self._finds_offset]], 1)
+        weighted = by_start * w[:, None]
+        hessian = weighted @ by_start.swapaxes(1, 2) + np.eye(by_start.shape[1])
+        cross = weighted @ by_shared.swapaxes(1, 2)
+        gradient = (weighted @ r[..., None])[..., 0] + point.shift
+        follow = np.linalg.solve(hessian, cross)
+        shared = by_shared * w[:, None]
+        information = shared @ by_shared.swapaxes(1, 2) - cross.swapaxes(1, 2) @ follow
+        slope = (shared @ r[..., None])[..., 0] - np.einsum("wsp,ws->wp", follow, gradient)
+        return _Equations(hessian, cross, gradient, information, slope)
+
+    def _with_prior(
+        self, information: np.ndarray, slope: np.ndarray, unit: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """That of the parameters, which come first, added."""
+        num = len(self._fitted)
+        information, slope = information.copy(), slope.copy()
+        information[np.arange(num), np.arange(num)] += _PRIOR_STD**-2
+        slope[:num] += (unit - self._prior)[self._fitted] / _PRIOR_STD**2
+        return information, slope
+
+    def _step(
+        self,
+        point: _Point,
+        equations: "_Equations",
+        damping: float,
+        start_std: np.ndarray,
+        stretches: Stretches,
+    ) -> _Point:
+        num = len(self._fitted)
+        information, slope = self._with_prior(
+            equations.information.sum(0), equations.slope.sum(0), point.unit
+        )
+        damped = information + damping * np.diag(np.diag(information))
+        free, unit = np.ones(len(slope), bool), point.unit[self._fitted]
+        while True:  # what stands at a bound and is drawn beyond stays there
+            change = np.zeros(len(slope))
+            change[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
+            its = change[:num]
+            beyond = (unit <= 0) & (its < 0) | (unit >= 1) & (its > 0)
+            if not beyond.any():
+                break
+            free[:num] &= ~beyond
+        change *= _LARGEST_STEP / np.abs(change[:num]).max(initial=_LARGEST_STEP)
+        new = point.unit.copy()
+        new[self._fitted] = np.clip(unit + change[:num], 0, 1)
+        offsets = point.offsets.copy()
+        offsets[self._finds_offset] += change[num:]
+        gradient = equations.gradient + equations.cross @ change
+        shift = point.shift - np.linalg.solve(equations.hessian, gradient[..., None])[..., 0]
+        tangents = (shift * start_std) @ self._loop.start_tangents
+        states = self._loop.physics.space.move(stretches.states, tangents)
+        return replace(point, unit=new, offsets=offsets, states=states, shift=shift)
+
+    def _conclude(self, stretches: Stretches, point: _Point) -> OutputErrorFit:
+        """How sure the parameters are, as if each residual counted as 1/τ of a measurement."""
+        loop, num = self._loop, len(self._fitted)
+        before = _spread(self._residuals(stretches, point, self._predict(stretches, point)))
+        slopes = loop.differentiate(
+            stretches, point.states, point.unit, loop.start_std(before)
+        )
+        residuals = self._residuals(stretches, point, slopes.predicted)
+        noise, times = _spread(residuals), correlation_times(residuals)
+        count = np.maximum(np.isfinite(residuals).sum((0, 1)) / times, _FEWEST)
+        # Each column pays for its own offset and for its share of the parameters
+        spent = self._finds_offset + num / len(noise)
+        unsure = np.sqrt(times * count / np.maximum(count - spent, count / 4))
+        equations = self._linearize(stretches, point, slopes, noise * unsure)
+        information, _ = self._with_prior(equations.information.sum(0), 0 * equations.slope[0], point.unit)
+        covariance = np.linalg.inv(information)
+        scatter = _jackknife(equations, information)[:num]
+        std = np.sqrt(np.diag(covariance))[:num]
+        wider = np.maximum(scatter / std, 1.0)
+        _, full_states = loop.play(stretches, point.states[None], point.unit[None])
+        return OutputErrorFit(
+            point.unit,
+            covariance[:num, :num] * np.outer(wider, wider),
+            point.offsets,
+            noise,
+            float(np.log(noise) @ np.isfinite(residuals).sum((0, 1))),
+            times,
+            full_states[0, 0],
+        )
+
+
+class _Equations(NamedTuple):
+    hessian: np.ndarray  # (W, S, S)
+    cross: np.ndarray  # (W, S, P + offsets)
+    gradient: np.ndarray  # (W, S)
+    information: np.ndarray  # (W, P + offsets, P + offsets)
+    slope: np.ndarray  # (W, P + offsets)
+
+
+def _jackknife(equations: _Equations, information: np.ndarray) -> np.ndarray:
+    """(P + offsets,) standard deviations, by leaving out each stretch in turn (Tukey 1958).
+
+    One step of Newton from the solution of all: θ₍₋w₎ − θ = (I − I_w)⁻¹ g_w. It sees what differs
+    from episode to episode, such as what the hand carries.
+    """
+    left = information - equations.information  # (W, P, P)
+    moved = np.linalg.solve(left, equations.slope[..., None])[..., 0]
+    num = len(moved)
+    return np.sqrt((num - 1) / num * np.square(moved - moved.mean(0)).sum(0))
+
+
+def _spread(residuals: np.ndarray) -> np.ndarray:
+    """(D,) root mean square of (W, K, D), those that stand out counted as Huber counts them."""
+    flat = residuals.reshape(-1, residuals.shape[-1])
+    usual = np.nanmedian(np.abs(flat), 0) * 1.4826
+    limit = np.maximum(_HUBER * usual, _SMALLEST_NOISE)
+    return np.sqrt(np.nanmean(np.square(np.clip(flat, -limit, limit)), 0)) + _SMALLEST_NOISE
+
+
+def correlation_times(residuals: np.ndarray) -> np.ndarray:
+    """(D,) integrated autocorrelation times, steps, of (W, K, D) residuals; 1 of white noise.
+
+    1 + 2 Σ ρ(l), summed up to where pairs of ρ get negative (Geyer 1992's initial sequence).
+    """
+    values = np.nan_to_num(residuals)
+    num_steps, known = values.shape[1], np.isfinite(residuals)
+    size = 2 ** int(np.ceil(np.log2(2 * num_steps)))
+    power = np.abs(np.fft.rfft(values, size, axis=1)) ** 2
+    pairs = np.abs(np.fft.rfft(known.astype(float), size, axis=1)) ** 2
+    covariance = np.fft.irfft(power, size, axis=1).sum(0)[:num_steps]
+    counts = np.maximum(np.fft.irfft(pairs, size, axis=1).sum(0)[:num_steps], 1)
+    covariance = covariance / counts
+    rho = covariance / np.maximum(covariance[:1], 1e-30)  # (K, D)
+    even = rho[: num_steps - num_steps % 2].reshape(-1, 2, rho.shape[1]).sum(1)
+    kept = np.minimum.accumulate(even > 0, axis=0)
+    return np.maximum(1.0, 2 * (even * kept).sum(0) - 1)

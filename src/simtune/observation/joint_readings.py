@@ -1,0 +1,61 @@
+"""The evidence of joint readings: normal noise, with tails (Student's t), and gaps."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+_STUDENT = 4.0  # degrees of freedom: a packet that was lost must not outweigh the others
+
+
+@dataclass(frozen=True)
+class JointReadings:
+    """An `observation.Evidence`; NaN is no reading."""
+
+    name: str
+    unit: str
+    values: np.ndarray  # (..., K, D)
+    noise: float
+    middle: np.ndarray  # (D,) and how far they vary: what a network sees is about 1 in size
+    spread: np.ndarray
+
+    @classmethod
+    def of(cls, name: str, unit: str, values: np.ndarray, noise: float) -> "JointReadings":
+        flat = values.reshape(-1, values.shape[-1])
+        middle, spread = np.nanmean(flat, 0), np.nanstd(flat, 0)
+        return cls(name, unit, values, noise, middle, np.maximum(spread, noise))
+
+    @property
+    def scale(self) -> np.ndarray:
+        """(D,)"""
+        return np.full(self.values.shape[-1], self.noise)
+
+    @property
+    def num_observations(self) -> int:
+        return self.values.shape[-1]
+
+    @property
+    def features(self) -> np.ndarray:
+        """(..., K, D); what was not read looks like its mean."""
+        return np.nan_to_num((self.values - self.middle) / self.spread)
+
+    def at(self, index: Any) -> "JointReadings":
+        return replace(self, values=self.values[index])
+
+    def log_likelihood(self, predicted: np.ndarray, blur: float = 1.0) -> np.ndarray:
+        """(...) −(ν + 1) / 2 · log(1 + z² / ν), summed over all that was read."""
+        square = np.square(self._residuals(predicted, blur))
+        return -(_STUDENT + 1) / 2 * np.log1p(np.nan_to_num(square) / _STUDENT).sum((-1, -2))
+
+    def linearize(self, predicted: np.ndarray, blur: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Weights (ν + 1) / (ν + z²), 0 where nothing was read."""
+        residuals = self._residuals(predicted, blur)
+        known, residuals = np.isfinite(residuals), np.nan_to_num(residuals)
+        return residuals, known * (_STUDENT + 1) / (_STUDENT + np.square(residuals))
+
+    def typical_distance(self, predicted: np.ndarray) -> float:
+        distance = np.abs(predicted - self.values)
+        return float(np.nanmedian(distance)) if np.isfinite(distance).any() else float("nan")
+
+    def _residuals(self, predicted: np.ndarray, blur: float) -> np.ndarray:
+        return (predicted - self.values) / (blur * self.noise)

@@ -1,0 +1,69 @@
+"""What encoders measure: positions or velocities of joints, in whatever unit they were written."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simtune.observation.joint_readings import JointReadings
+
+_USUAL_NOISE = 1e-3  # rad, m, or those a second: of an encoder of which nothing is known
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointSensor:
+    """Measures D joints, each by one number; an `observation.Sensor`."""
+
+    name: str
+    columns: tuple[str, ...]  # (D,) of recordings, or one that stands for all
+    joints: tuple[str, ...]  # (D,)
+    places: np.ndarray  # (D,) in a state's positions, or in its velocities
+    is_velocity: bool = False
+    unit: str = "rad"  # of readings as a fit has them; one for all
+    # (D,) what was recorded is `shift` + `factor` times that
+    factor: np.ndarray
+    shift: np.ndarray
+    noise: float | None = None  # standard deviation, in `unit`; None: not known
+    offset: float | None = None  # measured − true, in `unit`; None: not known, one for each joint
+    latency_s: float = 0.0  # by which a reading is older than the picture beside it
+
+    @property
+    def size(self) -> int:
+        return len(self.joints)
+
+    @property
+    def finds_offsets(self) -> bool:
+        return self.offset is None and not self.is_velocity
+
+    @property
+    def noise_or_usual(self) -> float:
+        return _USUAL_NOISE if self.noise is None else self.noise
+
+    def from_recorded(self, recorded: np.ndarray, step_s: float) -> np.ndarray:
+        """(T + 1, D) readings in `unit`, of the moments of the frames; NaN where nothing is known.
+
+        `recorded`: (T + 1, D) as they were written, one a step of `step_s` seconds.
+        """
+        readings = (recorded - self.shift) / self.factor - (self.offset or 0.0)
+        if not self.latency_s:
+            return readings
+        frames = np.arange(len(readings))
+        late = frames + self.latency_s / step_s
+        shifted = [np.interp(late, frames, column, right=np.nan) for column in readings.T]
+        return np.stack(shifted, -1)
+
+    def to_recorded(self, readings: np.ndarray) -> np.ndarray:
+        """(..., D) the inverse, but for a latency."""
+        return (readings + (self.offset or 0.0)) * self.factor + self.shift
+
+    def observe(self, batch: Any) -> np.ndarray:
+        """(n, D) of n simulated worlds."""
+        return (batch.qvel if self.is_velocity else batch.qpos)[:, self.places]
+
+    def measure(self, observed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """(..., D) readings with noise."""
+        return observed + self.noise_or_usual * rng.normal(size=observed.shape)
+
+    def evidence(self, readings: np.ndarray) -> JointReadings:
+        """Of (E, T + 1, D) readings."""
+        return JointReadings.of(self.name, self.unit, readings, self.noise_or_usual)
