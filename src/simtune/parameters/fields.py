@@ -41,7 +41,7 @@ OBJECT_TYPES = {
     "cam": ObjectType(mujoco.mjtObj.mjOBJ_CAMERA, "ncam", "picture"),
     "light": ObjectType(mujoco.mjtObj.mjOBJ_LIGHT, "nlight", "appearance"),
     "mat": ObjectType(mujoco.mjtObj.mjOBJ_MATERIAL, "nmat", "appearance"),
-    "actuator": ObjectType(mujoco.mjtObj.mjOBJ_ACTUATOR, "nu"),
+    "actuator": ObjectType(mujoco.mjtObj.mjOBJ_ACTUATOR, "nactuator"),
     "tendon": ObjectType(mujoco.mjtObj.mjOBJ_TENDON, "ntendon"),
     "eq": ObjectType(mujoco.mjtObj.mjOBJ_EQUALITY, "neq"),
 }
