@@ -235,6 +235,64 @@ def test_a_model_that_was_not_prepared_is_refused(load):
             ModelWriter(load(text).parameters, plain)
 
 
+def test_an_offset_turns_the_body_but_neither_the_encoder_nor_what_drives_it(load):
+    task = load(
+        parameter("zero", "joint_offset", "elbow"), parameter("slid", "joint_offset", "sled")
+    )
+    zero, slid = task.parameters
+    assert (zero.nominal, zero.low, zero.high, zero.scale, zero.unit) == (
+        0,
+        -0.1,
+        0.1,
+        "linear",
+        "rad",
+    )
+    assert (slid.low, slid.high, slid.unit) == (-0.02, 0.02, "m")
+    model = task.load_model()
+    ModelWriter(task.parameters, model).write(model, np.array([0.08, -0.01]))
+    data = mujoco.MjData(model)
+    data.qpos[:], data.ctrl[0] = [0.3, 0.1], 0.3
+    mujoco.mj_forward(model, data)
+    turned = 0.3 - 0.08
+    np.testing.assert_allclose(
+        data.geom("bob").xpos, [0.5 * np.cos(turned), 0, 0.5 * np.sin(turned)], atol=1e-12
+    )
+    np.testing.assert_allclose(data.body("sled").xpos, [0.11, 1, 0], atol=1e-12)
+    assert data.actuator("elbow").force[0] == pytest.approx(0, abs=1e-9)
+
+
+def test_worlds_of_different_offsets_start_and_look_as_their_own(load):
+    task = load(
+        parameter("zero", "joint_offset", "elbow"),
+        initial_state="{kind = 'keyframe', keyframe = 'up'}",
+    )
+    simulator = task.simulator(image_size=32)
+    worlds = np.array([[-0.1], [0.0], [0.1]])
+    seen = simulator.roll_out(
+        worlds,
+        np.tile(constant(task, 2, elbow=1.0), (3, 1, 1)),
+        np.random.default_rng(0),
+        lambda batch: batch.bind("geom_xpos")[:, 0].copy(),
+    )
+    np.testing.assert_allclose(seen.states[:, 0, 1], 1)
+    angles = np.arctan2(seen.observed[:, 0, 2], seen.observed[:, 0, 0])
+    np.testing.assert_allclose(angles, [1.1, 1.0, 0.9], atol=1e-9)
+    frames = simulator.render(seen.states[[1, 1, 1], 0], worlds)
+    opengl = task.simulator(image_size=32, renderer="opengl")
+    by_opengl = opengl.render(seen.states[[1, 1, 1], 0], worlds)
+    for drawn in (frames, by_opengl):
+        assert (drawn[0] != drawn[2]).any()
+
+
+def test_an_offset_carries_a_spring_along(load, tmp_path):
+    spring = 'axis="0 -1 0" stiffness="7" springref="10"'
+    (tmp_path / "scene.xml").write_text(SCENE.replace('axis="0 -1 0"', spring))
+    task = load(parameter("zero", "joint_offset", "elbow"))
+    model = task.load_model()
+    ModelWriter(task.parameters, model).write(model, np.array([0.08]))
+    assert model.qpos_spring[0] == pytest.approx(np.deg2rad(10) + 0.08)
+
+
 def test_what_is_exported_does_the_same_in_plain_mujoco(load, tmp_path):
     task = load(
         parameter("kv", "gain_damping", "elbow"),
@@ -244,8 +302,9 @@ def test_what_is_exported_does_the_same_in_plain_mujoco(load, tmp_path):
         parameter("push_lag", "lag", "push"),
         parameter("late", "delay", "servo", high=0.1),
         parameter("most_of_servo", "torque_limit", "servo"),
+        parameter("zero", "joint_offset", "elbow"),
     )
-    mean = np.array([3.0, 70, 5.5, 0.12, 0.03, 0.07, 1.2])
+    mean = np.array([3.0, 70, 5.5, 0.12, 0.03, 0.07, 1.2, 0.06])
     out = export(ExportConfig(run_folder=a_run(tmp_path, task, mean), out=tmp_path / "out"))
     tuned = mujoco.MjModel.from_xml_path(str(out / "model.xml"))
     simulator = task.simulator(image_size=16)
@@ -261,6 +320,7 @@ def test_what_is_exported_does_the_same_in_plain_mujoco(load, tmp_path):
     script = [sys.executable, str(out / "apply.py"), str(tmp_path / "scene.xml"), str(copy)]
     subprocess.run(script, check=True)
     again = mujoco.MjModel.from_xml_path(str(copy))
+    np.testing.assert_allclose(again.qpos0, tuned.qpos0, atol=1e-6)
     for field in ("dyntype", "dynprm", "forcerange", "forcelimited", "biasprm", "gainprm", "delay"):
         ours, theirs = (getattr(model, f"actuator_{field}") for model in (tuned, again))
         np.testing.assert_allclose(theirs, ours, atol=1e-5, err_msg=field)

@@ -35,6 +35,8 @@ def apply(model: mujoco.MjModel) -> None:
         elif kind == "dof":
             joint = model.joint(name).id
             getattr(model, field)[model.dof_jntid == joint] = values
+        elif kind in ("qpos0", "qpos"):
+            getattr(model, field)[model.joint(name).qposadr[0]] = values
         else:
             getattr(model, field)[getattr(model, kind)(name).id] = values
     mujoco.mj_setConst(model, mujoco.MjData(model))

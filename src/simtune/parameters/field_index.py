@@ -58,6 +58,8 @@ def rows_of(model: mujoco.MjModel, field: str, name: str) -> np.ndarray:
         names = (mujoco.mj_id2name(model, owner.mjt, i) for i in range(count))
         known = [n for n in names if n]  # those without a name cannot be asked for
         raise UnknownName(owner.name, name, "the model", known)
+    if prefix in ("qpos0", "qpos"):
+        return np.array([model.jnt_qposadr[index]])
     return np.flatnonzero(model.dof_jntid == index) if prefix == "dof" else np.array([index])
 
 

@@ -114,9 +114,14 @@ def _write_one(fields, parameter: Parameter, index: tuple, nominal, values: np.n
         shaped = shaped * [-1, 1]
     elif info.form == "negative":
         shaped = -shaped
+    elif info.form == "shift":
+        shaped = before + shaped
     after = np.broadcast_to(shaped, (len(values), *before.shape))
     fields[parameter.field][(slice(None), *index)] = after
-    if info.carries:
+    if info.form == "shift":  # a spring is where it was, seen from the body
+        springs = nominal[info.carries][index[0]]
+        fields[info.carries][:, index[0]] = springs + (after - before)
+    elif info.carries:
         _carry(fields, parameter, index[0], nominal, after / np.where(before > 0, before, 1))
 
 

@@ -19,7 +19,7 @@ class Parameter:
 
     On one object the value is the field's own, in `unit`; on several objects it is a factor
     on their nominal values (unit "×", nominal 1), or, with `is_sum`, what they add up to, each
-    keeping its share. Colours, delays and lags are absolute either way.
+    keeping its share. Colours, delays, lags and offsets are absolute either way.
     On a field of orientations ("cam_quat") the value is the angle, rad, by which the objects are
     rotated from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
     """
@@ -102,4 +102,5 @@ class Parameter:
     def is_factor(self) -> bool:
         """Whether the value multiplies the objects' nominal values instead of replacing them."""
         is_absolute = self.is_colour or self.is_delay or self.is_lag or self.is_rotation
+        is_absolute |= self.field_info.form == "shift"
         return len(self.objects) > 1 and not is_absolute

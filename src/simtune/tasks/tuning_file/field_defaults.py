@@ -64,7 +64,7 @@ def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
 def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
     """The one number that a parameter has in a model: nominal. Raises InputError for several."""
     values, info = own_values(model, parameter), parameter.field_info
-    if parameter.is_rotation:
+    if parameter.is_rotation or info.form == "shift":
         return 0.0
     if info.usual is not None and not _has_own(model, parameter).all():
         return info.usual
@@ -116,13 +116,15 @@ def usual_unit(model: mujoco.MjModel, parameter: Parameter) -> str:
     info = parameter.field_info
     if parameter.is_factor:
         return "×"
-    if info.unit_of_slides and _moves_slide(model, parameter):
+    if moves_slide(model, parameter):
         return info.unit_of_slides
     return info.unit
 
 
-def _moves_slide(model: mujoco.MjModel, parameter: Parameter) -> bool:
+def moves_slide(model: mujoco.MjModel, parameter: Parameter) -> bool:
     """Whether the first object is a slide, or an actuator of one."""
+    if not parameter.field_info.unit_of_slides:
+        return False
     name = parameter.objects[0]
     if parameter.field_info.prefix != "actuator":
         joint = model.joint(name).id

@@ -12,6 +12,7 @@ from simtune.tasks.tuning_file.field_defaults import (
     check_component,
     check_field,
     check_objects,
+    moves_slide,
     own_nominal,
     own_values,
     usual_unit,
@@ -86,7 +87,7 @@ def _number(
         nominal = own_nominal(model, some)
     if nominal < 0 and some.field_info.is_never_negative:
         raise entry.error(f"{some.name}: {field} cannot be negative, got {nominal:g}", "nominal")
-    low, high, scale = some.field_info.usual_range(nominal)
+    low, high, scale = some.field_info.usual_range(nominal, moves_slide(model, some))
     low, high = entry.number("low", low), entry.number("high", high)
     if low is None or high is None:
         known = " and ".join(k for k, v in (("low", low), ("high", high)) if v is None)
