@@ -10,7 +10,7 @@ import pytest
 
 import simtune.simulation
 from simtune.parameters import ModelWriter, ParameterSpace, delay
-from simtune.simulation import StateSpace, Worlds, random_actions, remember_controls
+from simtune.simulation import StateSpace, Worlds, prepare_spec, random_actions
 from simtune.tasks import load_task
 from simtune.tasks.task import Task
 
@@ -241,7 +241,7 @@ def test_delays_under_runge_kutta_end_half_a_step_early(integrator, early_steps)
       <actuator><motor name="push" joint="x"/></actuator></mujoco>"""
     spec = mujoco.MjSpec.from_string(xml)
     space = ParameterSpace([delay("late", ("push",), 0.1)])
-    remember_controls(spec, space, step_s=0.01)
+    prepare_spec(spec, space, step_s=0.01)
     worlds = Worlds(spec.compile(), space, 3)
     delays_s = np.array([0.02, 0.033, 0.1])
     worlds.reset(delays_s[:, None], lambda batch, rng: None, np.random.default_rng(0))

@@ -699,7 +699,11 @@ def test_a_delay_is_remembered(load):
         ("name = 'p'\nfield = 'body_mas'\nobjects = 'bob'\n", 5, "no field.*mean 'body_mass'?"),
         ("name = 'p'\nfield = 'xyzzy'\nobjects = 'bob'\n", 5, "no field 'xyzzy'.*body_mass"),
         ("name = 'p'\nfield = 'geom_type'\nobjects = 'bob'\n", 5, "holds no real numbers"),
-        ("name = 'p'\nfield = 'qpos0'\nobjects = 'bob'\n", 6, "qpos0 cannot be written"),
+        (
+            "name = 'p'\nfield = 'pair_margin'\nobjects = 'bob'\n",
+            6,
+            "pair_margin cannot be written",
+        ),
         ("name = 'p'\nfield = 'body_mass'\n", 3, "body_mass needs the names of its objects"),
         ("name = 'p'\nfield = 'opt.wind'\nobjects = 'bob'\n", 6, "opt.wind has no objects"),
         ("name = 'p'\nfield = 'geom_friction'\nobjects = 'bob'\n", 3, "3 numbers: say which by"),

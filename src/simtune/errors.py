@@ -15,8 +15,8 @@ class UnknownName(InputError):
     def __init__(self, kind: str, name: str, where: str, known: Iterable[str]):
         known = list(known)
         close = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"there are: {', '.join(known)}"
-        super().__init__(f"no {kind} {name!r} in {where}; {hint}")
+        hint = f"; did you mean {close[0]!r}?" if close else f"; there are: {', '.join(known)}"
+        super().__init__(f"no {kind} {name!r} in {where}{hint if known else ', which has none'}")
 
 
 def one_line(error: ValueError) -> str:

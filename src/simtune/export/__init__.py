@@ -60,6 +60,7 @@ def _content(run: RunData, space: ParameterSpace) -> dict[str, Any]:
         p.name: run.result["parameters"][p.name]
         | {key: getattr(p, key) for key in ("field", "objects", "component", "scale")}
         | {"bounds": [p.low, p.high]}
+        | ({"kind": p.kind} if p.kind else {})
         for p in space
     }
     provenance = {key: run.result[key] for key in _PROVENANCE if key in run.result}

@@ -35,6 +35,8 @@ def apply(model: mujoco.MjModel) -> None:
         elif kind == "dof":
             joint = model.joint(name).id
             getattr(model, field)[model.dof_jntid == joint] = values
+        elif kind in ("qpos0", "qpos"):
+            getattr(model, field)[model.joint(name).qposadr[0]] = values
         else:
             getattr(model, field)[getattr(model, kind)(name).id] = values
     mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -45,14 +47,14 @@ def apply(model: mujoco.MjModel) -> None:
 if __name__ == "__main__":
     spec = mujoco.MjSpec.from_file(sys.argv[1])
     write_down_inferred(spec)
-{not_copied}    model = spec.compile()
+{prepared}{not_copied}    model = spec.compile()
     apply(model)
     spec.copy_back(model)
     spec.to_file(sys.argv[2])
 '''
-_DELAYS = """
-Actuators must remember their controls (nsample) for as long as they are to be late, as those of
-model.xml do."""
+_PREPARED = """
+Before it is compiled, actuators need what those of model.xml have: a memory of controls (nsample)
+where they are late, a filter (dyntype) where they lag, and the limits (forcelimited) found."""
 
 
 def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
@@ -61,14 +63,30 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
         f"    ({field!r}, {kind!r}, {name!r}, {values!r}),"
         for field, kind, name, values in _found(writer, model)
     ]
-    note = _DELAYS if writer.space.is_delay.any() else ""
+    note = _PREPARED if any(parameter.changes_model for parameter in writer.space) else ""
+    prepared = "".join(f"    {line}\n" for line in _preparations(writer, model))
     left_out = "".join(
         f"    spec.{kind}({name!r}).{attribute} = {value!r}\n"
         for kind, name, attribute, value in not_copied(writer, model)
     )
     inferred = inspect.getsource(write_down_inferred)
-    rest = {"note": note, "not_copied": left_out, "inferred": inferred}
+    rest = {"note": note, "prepared": prepared, "not_copied": left_out, "inferred": inferred}
     return _SCRIPT.format(rows="\n".join(rows), **rest)
+
+
+def _preparations(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[str]:
+    """Statements that have `spec` prepared, but for the memory of controls."""
+    for parameter in writer.space:
+        for name in parameter.objects:
+            if parameter.is_lag:
+                yield f"spec.actuator({name!r}).dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT"
+            elif parameter.field_info.form == "range":
+                force_range = model.actuator(name).forcerange.tolist()
+                yield f"spec.actuator({name!r}).forcelimited = True"
+                yield f"spec.actuator({name!r}).forcerange = {force_range!r}"
+    if any(parameter.is_lag for parameter in writer.space):
+        for i, act in enumerate(model.key_act.tolist()):
+            yield f"spec.keys[{i}].act = {act!r}"
 
 
 def _found(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:

@@ -73,9 +73,16 @@ class Physics:
         full_states = [np.repeat(self._full_state[None], num_episodes, 0)]
         for t in range(num_steps):
             now = self.space.with_positions_and_velocities(full_states[t], states[:, t])
-            full_states[t] = now
-            step = actions[:, t : t + 1]
-            played = simulator.roll_out(worlds, step, self._rng, starts=now, keep_diverged=True)
+            step = actions[:, t]
+            played = simulator.play(
+                worlds,
+                lambda *_, step=step: step,
+                1,
+                self._rng,
+                starts=now,
+                is_beginning=t == 0,
+            )
+            full_states[t] = played.states[:, 0].copy()
             full_states.append(played.states[:, -1].copy())
         return np.stack(full_states, 1)
 

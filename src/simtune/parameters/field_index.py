@@ -58,6 +58,8 @@ def rows_of(model: mujoco.MjModel, field: str, name: str) -> np.ndarray:
         names = (mujoco.mj_id2name(model, owner.mjt, i) for i in range(count))
         known = [n for n in names if n]  # those without a name cannot be asked for
         raise UnknownName(owner.name, name, "the model", known)
+    if prefix in ("qpos0", "qpos"):
+        return np.array([model.jnt_qposadr[index]])
     return np.flatnonzero(model.dof_jntid == index) if prefix == "dof" else np.array([index])
 
 
@@ -72,16 +74,22 @@ def refuse_overlaps(space: ParameterSpace, indices: list[tuple], nominal) -> Non
         owner[parameter.field][index] = i
 
 
-def refuse_forgotten_delays(
-    model: mujoco.MjModel, space: ParameterSpace, indices: list[tuple]
-) -> None:
-    """MuJoCo delays by no more than the actuator's history, and says nothing of the rest."""
+def refuse_unprepared(model: mujoco.MjModel, space: ParameterSpace, indices: list[tuple]) -> None:
+    """MuJoCo says nothing where an actuator has no memory, no filter or no limit of its force."""
     for parameter, index in zip(space, indices, strict=True):
-        if not parameter.is_delay:
+        if not parameter.changes_model:
             continue
-        remembered_s = model.actuator_history[index[0], 0].min() * model.opt.timestep
-        if parameter.high > remembered_s * (1 + 1e-6):
-            raise InputError(
-                f"{parameter.name}: the model remembers controls for {remembered_s:g} s, less "
-                f"than the longest delay of {parameter.high:g} s; Task.load_model sees to that"
-            )
+        rows, problem = index[0], ""
+        if parameter.is_delay:
+            remembered_s = model.actuator_history[rows, 0].min() * model.opt.timestep
+            if parameter.high > remembered_s * (1 + 1e-6):
+                problem = (
+                    f"the model remembers controls for {remembered_s:g} s, less than the longest "
+                    f"delay of {parameter.high:g} s"
+                )
+        elif parameter.is_lag and not model.actuator_dyntype[rows].all():
+            problem = "the model has no filter of the control"
+        elif not parameter.is_lag and not model.actuator_forcelimited[rows].all():
+            problem = "the model has no limit of the force"
+        if problem:
+            raise InputError(f"{parameter.name}: {problem}; Task.load_model sees to that")

@@ -37,11 +37,13 @@ OBJECT_TYPES = {
     "geom": ObjectType(mujoco.mjtObj.mjOBJ_GEOM, "ngeom"),
     "jnt": ObjectType(mujoco.mjtObj.mjOBJ_JOINT, "njnt"),
     "dof": ObjectType(mujoco.mjtObj.mjOBJ_JOINT, "njnt"),
+    "qpos0": ObjectType(mujoco.mjtObj.mjOBJ_JOINT, "njnt"),
+    "qpos": ObjectType(mujoco.mjtObj.mjOBJ_JOINT, "njnt"),
     "site": ObjectType(mujoco.mjtObj.mjOBJ_SITE, "nsite"),
     "cam": ObjectType(mujoco.mjtObj.mjOBJ_CAMERA, "ncam", "picture"),
     "light": ObjectType(mujoco.mjtObj.mjOBJ_LIGHT, "nlight", "appearance"),
     "mat": ObjectType(mujoco.mjtObj.mjOBJ_MATERIAL, "nmat", "appearance"),
-    "actuator": ObjectType(mujoco.mjtObj.mjOBJ_ACTUATOR, "nu"),
+    "actuator": ObjectType(mujoco.mjtObj.mjOBJ_ACTUATOR, "nactuator"),
     "tendon": ObjectType(mujoco.mjtObj.mjOBJ_TENDON, "ntendon"),
     "eq": ObjectType(mujoco.mjtObj.mjOBJ_EQUALITY, "neq"),
 }
@@ -55,6 +57,10 @@ class Kind:
     component: int | None = None  # None: the whole row
     asks_component: bool = False  # the file may say another one
     makes: Literal["number", "rgb", "pose"] = "number"
+    # What the field holds of a value v: v itself, −v, −v and v as the ends of a range, or v more
+    # than the model has there.
+    form: Literal["itself", "negative", "range", "shift"] = "itself"
+    is_apart: bool = False  # what is said of the field holds for this kind, not for `field = NAME`
 
 
 @dataclass(frozen=True)
@@ -67,16 +73,19 @@ class Field:
     _: KW_ONLY
     kind: Kind | None = None
     within: float = inf  # how far to search from nominal, to either side
+    within_of_slides: float = inf  # where it is another one there
     least: float = -inf  # ... but not beyond
     most: float = inf
     shows_in: Shows | None = None  # None: as other fields of its objects do
     is_colour: bool = False  # absolute, also on several objects
     is_delay: bool = False  # the same
+    is_lag: bool = False  # the same
     is_never_negative: bool = False  # a negative one makes no sense in physics
     carries: str = ""  # the field that is written along with this one
     material_ids: str = ""  # the field with the materials that paint what is MuJoCo's default grey
     is_drawn_per_world: bool = False  # the ray caster reads it; others act through the poses
     is_not_copied: bool = False  # MuJoCo 3.17's `MjSpec.copy_back` leaves it out, as measured
+    usual: float | None = None  # nominal, where the model has none
     not_tunable: str = ""  # why not from a tuning file
 
     @property
@@ -93,6 +102,11 @@ class Field:
     def attribute(self) -> str:
         """The name within its owner: MjModel, or its options."""
         return self.name.removeprefix("opt.")
+
+    @property
+    def form(self) -> str:
+        """See `Kind`."""
+        return self.kind.form if self.kind else "itself"
 
     @property
     def is_option(self) -> bool:
@@ -113,10 +127,11 @@ class Field:
         return self.shows_in or (self.object_type.shows if self.object_type else "motion")
 
     def usual_range(
-        self, nominal: float
+        self, nominal: float, is_slide: bool = False
     ) -> tuple[float | None, float | None, Literal["log", "linear"]]:
         """Low and high, None where there is nothing usual, and the scale."""
-        low, high = max(self.least, nominal - self.within), min(self.most, nominal + self.within)
+        within = min(self.within, self.within_of_slides) if is_slide else self.within
+        low, high = max(self.least, nominal - within), min(self.most, nominal + within)
         if not (isfinite(low) or isfinite(high) or self.name.endswith("_pos")) and nominal > 0:
             return nominal / _FACTOR, nominal * _FACTOR, "log"
         return low if isfinite(low) else None, high if isfinite(high) else None, "linear"
@@ -127,6 +142,12 @@ class Field:
             return f"{name} has the size of its mesh or height field: scale that"
         if self.name == "cam_fovy" and model.cam_sensorsize[rows].any():
             return f"camera {name} has a sensorsize, which its field of view follows: give it fovy"
+        if self.form == "shift" and model.joint(name).type[0] not in _HINGE_OR_SLIDE:
+            return f"{name} is neither a hinge nor a slide, so it has no one zero"
+        if self.form == "negative" and model.actuator_biasprm[rows, 1].item() >= 0:
+            return f"{name} is no servo of positions (<position>), so it has no damping of its own"
+        if self.is_lag and model.actuator_dyntype[rows].item() not in _FOLLOWS:
+            return f"{name} has dynamics of its own (dyntype), so it can have no lag"
         return ""
 
     def read(self, model: mujoco.MjModel) -> np.ndarray:
@@ -154,6 +175,9 @@ def _colour(name: str, **known: Any) -> Field:
     return Field(name, is_colour=True, least=0.0, most=1.0, shows_in="appearance", **known)
 
 
+_DYN, _JNT = mujoco.mjtDyn, mujoco.mjtJoint
+_HINGE_OR_SLIDE = (_JNT.mjJNT_HINGE.value, _JNT.mjJNT_SLIDE.value)
+_FOLLOWS = (_DYN.mjDYN_NONE.value, _DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
 _SHAPED_BY_ASSETS = (mujoco.mjtGeom.mjGEOM_MESH.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _TIMESTEP = (
     "opt.timestep says how finely physics is computed, and a recording knows its own time: "
@@ -177,12 +201,20 @@ _TABLE = (  # kinds in the order in which messages name them
     Field("dof_armature", "kg·m²", "kg", kind=Kind("armature"), is_never_negative=True),
     Field("dof_frictionloss", "N·m", "N", kind=Kind("friction_loss"), is_never_negative=True),
     Field("jnt_stiffness", "N·m/rad", "N/m", kind=Kind("stiffness"), is_never_negative=True),
+    Field("qpos0", "rad", "m", within=0.1, within_of_slides=0.02, carries="qpos_spring",
+          kind=Kind("joint_offset", form="shift", is_apart=True)),
     Field("tendon_range", "m", kind=Kind("tendon_length", 1)),
     Field("tendon_damping", "N·s/m", kind=Kind("tendon_damping"), is_never_negative=True),
     Field("tendon_stiffness", "N/m", kind=Kind("tendon_stiffness"), is_never_negative=True),
     Field("tendon_frictionloss", is_never_negative=True),
     Field("tendon_armature", is_never_negative=True),
     Field("actuator_gainprm", kind=Kind("gain", 0), carries="actuator_biasprm"),
+    Field("actuator_biasprm", "N·m·s/rad", "N·s/m", is_never_negative=True,
+          kind=Kind("gain_damping", 2, form="negative", is_apart=True)),
+    Field("actuator_forcerange", "N·m", "N", is_never_negative=True,
+          kind=Kind("torque_limit", form="range", is_apart=True)),
+    Field("actuator_dynprm", "s", is_lag=True, usual=0.05, is_never_negative=True,
+          kind=Kind("lag", 0, is_apart=True)),
     Field("actuator_gear", kind=Kind("gear", 0)),
     Field("actuator_delay", "s", kind=Kind("delay"), least=0.0, is_delay=True,
           is_never_negative=True, is_not_copied=True),
@@ -202,5 +234,5 @@ _TABLE = (  # kinds in the order in which messages name them
     Field("environment.picture", shows_in="picture"),
 )
 # fmt: on
-FIELDS = {field.name: field for field in _TABLE}
+FIELDS = {field.name: field for field in _TABLE if not (field.kind and field.kind.is_apart)}
 KINDS = {field.kind.name: (field, field.kind) for field in _TABLE if field.kind}

@@ -7,7 +7,7 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from simtune.errors import UnknownName
-from simtune.parameters.field_index import field_index, refuse_forgotten_delays, refuse_overlaps
+from simtune.parameters.field_index import field_index, refuse_overlaps, refuse_unprepared
 from simtune.parameters.fields import field_of
 from simtune.parameters.parameter import Parameter
 from simtune.parameters.space import ParameterSpace
@@ -24,8 +24,8 @@ class ModelWriter:
     itself is taken from there), and derived constants follow (mj_setConst). Rotations about several
     axes of one object are made in the order x, y, z, each about the axis as the one before left it.
     Raises UnknownName for a field or an object that the model lacks, and InputError for a
-    component that the field lacks, a number that two parameters would write, or a delay that is
-    longer than the model remembers its controls.
+    component that the field lacks, a number that two parameters would write, or what a model must
+    be prepared for and is not (`simulation.prepare`).
     """
 
     def __init__(self, space: ParameterSpace, model: mujoco.MjModel):
@@ -33,7 +33,7 @@ class ModelWriter:
         self._nominal = {f: _nominal(model, f) for f in self.written}
         self._indices = [field_index(model, parameter, self._nominal) for parameter in space]
         refuse_overlaps(space, self._indices, self._nominal)
-        refuse_forgotten_delays(model, space, self._indices)
+        refuse_unprepared(model, space, self._indices)
         self._order = sorted(range(len(space)), key=lambda i: _rank(space.parameters[i]))
         self._painted: dict[str, np.ndarray] = {}  # {rgba field: rows that parameters write}
         for field in (f for f in self._nominal if field_of(f).material_ids):
@@ -110,9 +110,18 @@ def _write_one(fields, parameter: Parameter, index: tuple, nominal, values: np.n
         shaped = shaped / parameter.nominal
     if parameter.is_factor:
         shaped = before * shaped
+    elif info.form == "range":
+        shaped = shaped * [-1, 1]
+    elif info.form == "negative":
+        shaped = -shaped
+    elif info.form == "shift":
+        shaped = before + shaped
     after = np.broadcast_to(shaped, (len(values), *before.shape))
     fields[parameter.field][(slice(None), *index)] = after
-    if info.carries:
+    if info.form == "shift":  # a spring is where it was, seen from the body
+        springs = nominal[info.carries][index[0]]
+        fields[info.carries][:, index[0]] = springs + (after - before)
+    elif info.carries:
         _carry(fields, parameter, index[0], nominal, after / np.where(before > 0, before, 1))
 
 

@@ -1,5 +1,6 @@
 """A parameter: one number of the simulator, by field and object name."""
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.parameters.fields import Field, field_of
+from simtune.parameters.fields import KINDS, Field, field_of
 
 _LONGEST_DELAY_S = 10.0  # a longer one was meant in another unit
 
@@ -18,7 +19,7 @@ class Parameter:
 
     On one object the value is the field's own, in `unit`; on several objects it is a factor
     on their nominal values (unit "×", nominal 1), or, with `is_sum`, what they add up to, each
-    keeping its share. Colours and delays are absolute either way.
+    keeping its share. Colours, delays, lags and offsets are absolute either way.
     On a field of orientations ("cam_quat") the value is the angle, rad, by which the objects are
     rotated from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
     """
@@ -33,6 +34,9 @@ class Parameter:
     scale: str = "log"  # "log" or "linear": how values are spread between low and high
     unit: str
     is_sum: bool = False  # of several objects: a rope's length, for one, is its pieces'
+    kind: str = dataclasses.field(
+        default="", repr=False
+    )  # where that says more than the field's name
 
     def __post_init__(self) -> None:
         if problem := next(self._problems(), None):
@@ -60,7 +64,7 @@ class Parameter:
     @cached_property
     def field_info(self) -> Field:
         """What is known of the field."""
-        return field_of(self.field)
+        return KINDS[self.kind][0] if self.kind else field_of(self.field)
 
     @property
     def is_colour(self) -> bool:
@@ -69,6 +73,15 @@ class Parameter:
     @property
     def is_delay(self) -> bool:
         return self.field_info.is_delay
+
+    @property
+    def is_lag(self) -> bool:
+        return self.field_info.is_lag
+
+    @property
+    def changes_model(self) -> bool:
+        """Whether a model has to be changed before it is compiled, so that it has this at all."""
+        return self.is_delay or self.is_lag or self.field_info.form == "range"
 
     @property
     def is_rotation(self) -> bool:
@@ -88,5 +101,6 @@ class Parameter:
     @cached_property
     def is_factor(self) -> bool:
         """Whether the value multiplies the objects' nominal values instead of replacing them."""
-        is_absolute = self.is_colour or self.is_delay or self.is_rotation
+        is_absolute = self.is_colour or self.is_delay or self.is_lag or self.is_rotation
+        is_absolute |= self.field_info.form == "shift"
         return len(self.objects) > 1 and not is_absolute

@@ -22,7 +22,7 @@ action mappings get that batch. Its pitfalls:
 * **Diverged worlds stay in the batch.** They hold NaN or huge values, are stepped no further, and
   are left out by `roll_out` and `Rollouts.finished` alone. MuJoCo's silent reset is off.
 * **Controls may come late.** Actuators with a delay need room for past controls before the model
-  is compiled (`delays.remember_controls`); Runge and Kutta's integrator shifts them by half a step.
+  is compiled (`prepare_spec`); Runge and Kutta's integrator shifts them by half a step.
 * **Steps need not divide evenly.** At a recording's rate the timestep is adjusted, and parts of a
   policy step may differ by one substep.
 * **A `Simulator` keeps one batch**, for the last number of worlds asked for: `play` is not
@@ -38,9 +38,10 @@ from simtune.simulation.actions import (
     ScaledActions,
 )
 from simtune.simulation.any_simulator import Act, AnySimulator, Rollouts, random_actions
-from simtune.simulation.delays import count_substeps, remember_controls
+from simtune.simulation.delays import count_substeps
 from simtune.simulation.environment import EnvironmentSimulator, Points
 from simtune.simulation.mocap import MocapActions
+from simtune.simulation.prepare import prepare_spec
 from simtune.simulation.renderer import (
     OPENGL_DM_CONTROL,
     OPENGL_FAST,
@@ -82,7 +83,7 @@ __all__ = [
     "count_substeps",
     "make_renderer",
     "on_pictures",
+    "prepare_spec",
     "random_actions",
-    "remember_controls",
     "scale_actions",
 ]

@@ -9,6 +9,7 @@ from mujoco.batch import Batch
 from simtune.simulation.actions import ActionMapping
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 from simtune.simulation.delays import count_substeps
+from simtune.simulation.held_controls import HeldControls
 from simtune.simulation.renderer import Renderer, make_renderer
 from simtune.simulation.scene import Drawing, Scene
 from simtune.simulation.states import StateSpace
@@ -33,7 +34,7 @@ class Simulator(AnySimulator):
             drawing.renderer, self.model, self.space, scene.camera, size, drawing.quality
         )
         self._mapping, self._state_space = scene.map_actions(self.model), StateSpace(self.model)
-        self._initialize = scene.initialize
+        self._initialize, self._held = scene.initialize, HeldControls(self.model)
         self._worlds: dict[int, Worlds] = {}
 
     @property
@@ -56,11 +57,14 @@ class Simulator(AnySimulator):
         starts: np.ndarray | None = None,
         observe: Observe | None = None,
         observations_per_step: int = 1,
+        is_beginning: bool | None = None,
     ) -> Rollouts:
         """Act in n worlds of (n, N) parameters, each from its own start. Nothing else steps any.
 
         `starts`, (n, S), are states to start from instead of the task's own. `observe(batch)`,
         (n, D), is called in the first state, and `observations_per_step` times within each step.
+        `is_beginning`: of episodes, where servos have held their first control so far; by default
+        the task's own starts are, and given ones bring what actuators remember.
         Worlds that diverge are counted in `num_diverged`, and stay where their physics stopped.
         """
         n = len(parameters)
@@ -74,6 +78,10 @@ class Simulator(AnySimulator):
         for t in range(num_steps):
             actions[:, t] = act(t, worlds.state)
             controls = self.action_mapping.apply(worlds.batch, actions[:, t])
+            if t == 0 and (starts is None if is_beginning is None else is_beginning):
+                self._held.settle(worlds.batch, controls)
+                remembered = self.state_space.remembered
+                states[:, 0, remembered] = worlds.state[:, remembered]
             for substeps in parts:
                 if substeps:
                     worlds.step(controls, substeps)

@@ -36,6 +36,8 @@ class StateSpace:
             else:
                 plain.append((q, v))
         self._moving = slice(1, 1 + self.nq + self.nv)  # of a full state, which begins with time
+        # What actuators remember: activations and past controls
+        self.remembered = slice(self._moving.stop, self._moving.stop + model.na + model.nhistory)
         self._plain = np.array(plain, int).reshape(-1, 2)
         self._endless = np.array(endless, int).reshape(-1, 2)
 

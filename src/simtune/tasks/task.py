@@ -20,7 +20,7 @@ from simtune.simulation import (
     Scene,
     Script,
     Simulator,
-    remember_controls,
+    prepare_spec,
 )
 
 
@@ -93,10 +93,10 @@ class Task:
     def spec_for(self, step_s: float | None = None) -> mujoco.MjSpec:
         """The nominal model, editable, for actions of `step_s` s, by default a policy step.
 
-        Actuators whose delay is a parameter remember as many controls as the longest one needs.
+        Its actuators have what is needed for their parameters: see `prepare_spec`.
         """
         spec = self.load_spec()
-        remember_controls(spec, self.parameters, step_s or self.step_s)
+        prepare_spec(spec, self.parameters, step_s or self.step_s)
         return spec
 
     def load_actions(self) -> ActionMapping:

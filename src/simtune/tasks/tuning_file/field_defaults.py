@@ -12,6 +12,8 @@ from simtune.parameters.field_index import field_index
 from simtune.parameters.fields import KINDS
 from simtune.parameters.model_writer import start_from_material
 
+_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value)
+
 
 def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
     """What a model has where the parameter writes, whatever its shape.
@@ -55,13 +57,19 @@ def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
         rows = rows_of(model, parameter.field, name)
         if problem := parameter.field_info.object_problem(model, rows, name):
             raise InputError(problem)
+    if parameter.is_factor and parameter.field_info.form == "range":
+        _without_form(model, parameter, own_values(model, parameter))
 
 
 def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
     """The one number that a parameter has in a model: nominal. Raises InputError for several."""
-    values = own_values(model, parameter)
-    if parameter.is_rotation:
+    values, info = own_values(model, parameter), parameter.field_info
+    if parameter.is_rotation or info.form == "shift":
         return 0.0
+    if info.usual is not None and not _has_own(model, parameter).all():
+        return info.usual
+    if info.form != "itself":
+        values = _without_form(model, parameter, values)
     if parameter.is_factor:
         if not values.any():
             raise InputError(f"{parameter.field} is 0 there, so a factor changes nothing")
@@ -77,12 +85,51 @@ def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
     )
 
 
+def _has_own(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
+    """Whether each of the actuators has the filter, or the limit, that is to be tuned."""
+    ids = [model.actuator(name).id for name in parameter.objects]
+    return (model.actuator_dyntype if parameter.is_lag else model.actuator_forcelimited)[ids] > 0
+
+
+def _without_form(model: mujoco.MjModel, parameter: Parameter, values: np.ndarray) -> np.ndarray:
+    """The values of which a field has the negative, or of which its ranges are made.
+
+    Raises InputError for a range that is not made of one.
+    """
+    if parameter.field_info.form == "negative":
+        return -values
+    for name, is_limited, (low, high) in zip(
+        parameter.objects, _has_own(model, parameter), values, strict=True
+    ):
+        if not is_limited:
+            wanted = "say nominal" if len(values) == 1 else "give it a parameter of its own"
+            raise InputError(f"{name} has no limit (forcerange) in the model: {wanted}")
+        if low != -high:
+            raise InputError(
+                f"{name} has a forcerange of {low:g} to {high:g}, which no limit to both sides "
+                "makes: say nominal"
+            )
+    return values[:, 1]
+
+
 def usual_unit(model: mujoco.MjModel, parameter: Parameter) -> str:
     info = parameter.field_info
     if parameter.is_factor:
         return "×"
-    if info.unit_of_slides:
-        kind = model.joint(parameter.objects[0]).type[0]
-        if kind == mujoco.mjtJoint.mjJNT_SLIDE.value:
-            return info.unit_of_slides
+    if moves_slide(model, parameter):
+        return info.unit_of_slides
     return info.unit
+
+
+def moves_slide(model: mujoco.MjModel, parameter: Parameter) -> bool:
+    """Whether the first object is a slide, or an actuator of one."""
+    if not parameter.field_info.unit_of_slides:
+        return False
+    name = parameter.objects[0]
+    if parameter.field_info.prefix != "actuator":
+        joint = model.joint(name).id
+    elif model.actuator(name).trntype[0] in _JOINTS:
+        joint = model.actuator(name).trnid[0]
+    else:
+        return False
+    return model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE.value

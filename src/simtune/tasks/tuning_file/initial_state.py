@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from simtune.errors import UnknownName
+from simtune.tasks.tuning_file.object_names import find_keyframe
 from simtune.tasks.tuning_file.start import Spread, Start
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
@@ -35,14 +36,8 @@ def read_initial_state(table: TomlTable, model: mujoco.MjModel) -> Start:
 def _keyframe(table: TomlTable, model: mujoco.MjModel, is_needed: bool) -> int:
     if "keyframe" not in table and not is_needed:
         return -1
-    name = table.text("keyframe")
-    known = [model.key(i).name for i in range(model.nkey)]
-    if name not in known:
-        named = [k for k in known if k]
-        if not named:
-            raise table.error(f"the model has no named keyframe, so none {name!r}", "keyframe")
-        raise table.error(UnknownName("keyframe", name, "the model", named), "keyframe")
-    return known.index(name)
+    with table.at("keyframe"):
+        return find_keyframe(model, table.text("keyframe"))
 
 
 def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, list[Spread]]:

@@ -2,9 +2,6 @@
 
 from pathlib import Path
 
-import mujoco
-
-from simtune.errors import one_line
 from simtune.simulation.delays import count_substeps
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
@@ -12,12 +9,14 @@ from simtune.tasks.tuning_file.actions import read_actions
 from simtune.tasks.tuning_file.camera import read_camera
 from simtune.tasks.tuning_file.environment import read_environment_task
 from simtune.tasks.tuning_file.initial_state import read_initial_state
+from simtune.tasks.tuning_file.model import read_model
 from simtune.tasks.tuning_file.parameters import read_parameters
 from simtune.tasks.tuning_file.policy import read_policy
-from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
+from simtune.tasks.tuning_file.toml_table import read_toml
 
 _KEYS = ("model", "name", "description", "camera", "control_timestep_s", "action_repeat")
-_KEYS += ("episode_steps", "actions", "initial_state", "policy", "parameters")
+_KEYS += ("episode_steps", "fixed_joints", "fixed_pose", "actuators", "actions", "initial_state")
+_KEYS += ("policy", "parameters")
 _MOST_SUBSTEPS = 2000
 
 
@@ -31,14 +30,10 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
     if "environment" in file:
         return read_environment_task(file)
     file.allow(*_KEYS)
-    camera = read_camera(file, _read_spec(file))
-
-    def load_spec() -> mujoco.MjSpec:
-        spec = _read_spec(file)
-        camera.add_to(spec)
-        return spec
-
-    model = _compiled(file, load_spec())
+    nominal = read_model(file)
+    camera = read_camera(file, nominal)
+    camera.add_to(nominal)
+    model, load_spec = nominal.compile(), nominal.copy
     control_timestep_s = file.number("control_timestep_s", above=0)
     action_repeat = file.whole("action_repeat", 1)
     step_s = control_timestep_s * action_repeat
@@ -62,22 +57,3 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
         map_actions=read_actions(file.table("actions"), model),
         **read_policy(file.table("policy"), model),
     )
-
-
-def _read_spec(file: TomlTable) -> mujoco.MjSpec:
-    """The model file that `file` names, beside it."""
-    model = file.file.parent / file.text("model")
-    if not model.is_file():
-        raise file.error(f"there is no model file {model}", "model")
-    try:
-        return mujoco.MjSpec.from_file(str(model))
-    except ValueError as error:
-        raise file.error(f"MuJoCo cannot read {model}: {one_line(error)}", "model") from None
-
-
-def _compiled(file: TomlTable, spec: mujoco.MjSpec) -> mujoco.MjModel:
-    try:
-        return spec.compile()
-    except ValueError as error:
-        model = file.text("model")
-        raise file.error(f"MuJoCo cannot compile {model}: {one_line(error)}", "model") from None

@@ -7,11 +7,12 @@ import mujoco
 
 from simtune.parameters import ModelWriter, Parameter, ParameterSpace, camera_pose, colour
 from simtune.parameters.fields import KINDS
-from simtune.simulation import remember_controls
+from simtune.simulation import prepare_spec
 from simtune.tasks.tuning_file.field_defaults import (
     check_component,
     check_field,
     check_objects,
+    moves_slide,
     own_nominal,
     own_values,
     usual_unit,
@@ -37,8 +38,8 @@ def read_parameters(
         with entry.at():
             new = _read(entry, model, camera)
             space = ParameterSpace([*space, *new], where=file.file.name)
-            if any(parameter.is_delay for parameter in new):
-                remember_controls(spec, space, step_s)
+            if any(parameter.changes_model for parameter in new):
+                prepare_spec(spec, space, step_s)
                 model = spec.compile()
             ModelWriter(space, model)
     return space
@@ -67,7 +68,8 @@ def _read(entry: TomlTable, model: mujoco.MjModel, camera: str) -> list[Paramete
     entry.allow("name", "kind", "objects", *["component"] * asks, *_NUMBERS)
     films = (camera,) if field.prefix == "cam" else None
     objects = entry.names("objects", films) if films else entry.names("objects")
-    return [_number(entry, model, field.name, objects, component)]
+    apart = kind.name if kind.is_apart else ""
+    return [_number(entry, model, field.name, objects, component, apart)]
 
 
 def _number(
@@ -76,15 +78,16 @@ def _number(
     field: str,
     objects: tuple[str, ...],
     component: int | None,
+    kind: str = "",
 ) -> Parameter:
     """One parameter; what is not said is the model's own, or what is usual for the field."""
-    some = _some_parameter(entry, model, field, objects, component)
+    some = _some_parameter(entry, model, field, objects, component, kind)
     nominal = entry.number("nominal", None)
     if nominal is None:
         nominal = own_nominal(model, some)
     if nominal < 0 and some.field_info.is_never_negative:
         raise entry.error(f"{some.name}: {field} cannot be negative, got {nominal:g}", "nominal")
-    low, high, scale = some.field_info.usual_range(nominal)
+    low, high, scale = some.field_info.usual_range(nominal, moves_slide(model, some))
     low, high = entry.number("low", low), entry.number("high", high)
     if low is None or high is None:
         known = " and ".join(k for k, v in (("low", low), ("high", high)) if v is None)
@@ -104,6 +107,7 @@ def _some_parameter(
     field: str,
     objects: tuple[str, ...],
     component: int | None = None,
+    kind: str = "",
 ) -> Parameter:
     """The parameter but for its numbers, which stand for any; the model has it."""
     if twice := next((name for name in objects if objects.count(name) > 1), None):
@@ -120,6 +124,7 @@ def _some_parameter(
         high=1.0,
         scale="linear",
         unit="1",
+        kind=kind,
     )
     with entry.at("component" if component is not None else "objects"):
         check_component(model, some)

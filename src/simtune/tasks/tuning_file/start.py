@@ -41,6 +41,8 @@ class Start:
 
     def __call__(self, batch: Batch, rng: np.random.Generator) -> None:
         batch.reset(keyframe=self.keyframe, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        if self.keyframe < 0:  # where encoders are at 0, whatever a world's joint_offset
+            batch.qpos[...] = batch.model.qpos0
         if self.positions or self.turns:
             self._draw_positions(batch, rng)
         for spread in self.velocities:

@@ -1,0 +1,67 @@
+"""What a model must have before it is compiled, so that its parameters are there to be tuned."""
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.simulation.delays import remember_controls
+
+_DYN = mujoco.mjtDyn
+
+
+def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> None:
+    """Give actuators the memory, the filters and the limits that `space` tunes; twice is once.
+
+    `step_s`: of a policy step.
+    """
+    remember_controls(spec, space, step_s)
+    filter_controls(spec, space)
+    for parameter, actuator in _actuators(spec, space):
+        if parameter.field_info.form == "range" and not _is_limited(actuator):
+            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            actuator.forcerange = [-parameter.nominal, parameter.nominal]
+
+
+def filter_controls(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
+    """Have the actuators that `space` lets lag follow a filter of their control.
+
+    It is integrated exactly, so that no time constant is too short for the timestep. In keyframes
+    the filters have settled on the control.
+    """
+    lagging = [(p, a) for p, a in _actuators(spec, space) if p.is_lag]
+    for _, actuator in lagging:
+        if actuator.dyntype == _DYN.mjDYN_FILTER:
+            actuator.dyntype = _DYN.mjDYN_FILTEREXACT
+    new = [(p, a) for p, a in lagging if a.dyntype == _DYN.mjDYN_NONE]
+    if not new:
+        return
+    model = spec.compile()
+    settled = {a.id: int(model.actuator_ctrladr[a.id]) for _, a in new}
+    for i, key in enumerate(spec.keys):
+        act = []
+        for actuator in range(model.nactuator):
+            at, num = model.actuator_actadr[actuator], model.actuator_actnum[actuator]
+            if actuator in settled:
+                act.append(model.key_ctrl[i, settled[actuator]])
+            act += list(model.key_act[i, at : at + num]) if num else []
+        key.act = np.array(act)
+    for parameter, actuator in new:
+        actuator.dyntype, actuator.dynprm[0] = _DYN.mjDYN_FILTEREXACT, parameter.nominal
+
+
+def _actuators(
+    spec: mujoco.MjSpec, space: ParameterSpace
+) -> Iterator[tuple[Parameter, mujoco.MjsActuator]]:
+    """Of the parameters that change one; ModelWriter complains of unknown ones."""
+    for parameter in space:
+        for name in parameter.objects if parameter.changes_model else ():
+            if actuator := spec.actuator(name):
+                yield parameter, actuator
+
+
+def _is_limited(actuator: mujoco.MjsActuator) -> bool:
+    if actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO:
+        return actuator.forcerange[0] < actuator.forcerange[1]
+    return bool(actuator.forcelimited)

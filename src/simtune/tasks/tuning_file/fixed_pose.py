@@ -1,0 +1,82 @@
+"""Bodies where a pose of some joints has them, so that these joints can be removed."""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from simtune.errors import InputError
+
+_JNT = mujoco.mjtJoint
+_FREE, _BALL, _SLIDE = _JNT.mjJNT_FREE.value, _JNT.mjJNT_BALL.value, _JNT.mjJNT_SLIDE.value
+
+
+class _Pose(NamedTuple):
+    """A rigid motion: first turned, then moved."""
+
+    pos: np.ndarray  # (3,) m
+    quat: np.ndarray  # (4,) w, x, y, z
+
+    def then(self, other: "_Pose") -> "_Pose":
+        """`other` within this one's frame."""
+        pos, quat = np.empty(3), np.empty(4)
+        mujoco.mju_mulPose(pos, quat, self.pos, self.quat, other.pos, other.quat)
+        return _Pose(pos, quat)
+
+    @property
+    def inverse(self) -> "_Pose":
+        pos, quat = np.empty(3), np.empty(4)
+        mujoco.mju_negPose(pos, quat, self.pos, self.quat)
+        return _Pose(pos, quat)
+
+    def point(self, point: np.ndarray) -> np.ndarray:
+        return self.pos + self.turn(point)
+
+    def turn(self, vector: np.ndarray) -> np.ndarray:
+        turned = np.empty(3)
+        mujoco.mju_rotVecQuat(turned, vector, self.quat)
+        return turned
+
+
+def move_bodies(model: mujoco.MjModel, fixed: set[int], qpos: np.ndarray) -> None:
+    """Put bodies where (nq,) `qpos` of their fixed joints has them, the other joints at qpos0.
+
+    A joint that stays moves along with the fixed ones that come after it in the same body.
+    Raises InputError for a ball joint of which that would change the meaning.
+    """
+    for body in range(1, model.nbody):
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        after = _Pose(np.zeros(3), np.array([1.0, 0, 0, 0]))
+        for joint in reversed(range(first, first + count)):
+            at = int(model.jnt_qposadr[joint])
+            if joint in fixed and model.jnt_type[joint] == _FREE:
+                model.body_pos[body], model.body_quat[body] = (
+                    qpos[at : at + 3],
+                    qpos[at + 3 : at + 7],
+                )
+            elif joint in fixed:
+                after = _displacement(model, joint, qpos, at).then(after)
+            elif model.jnt_type[joint] == _BALL and abs(after.quat[0]) < 1 - 1e-9:
+                name = model.joint(joint).name
+                raise InputError(f"ball joint {name!r} comes before fixed joints: fix it as well")
+            else:
+                back = after.inverse
+                model.jnt_pos[joint] = back.point(model.jnt_pos[joint])
+                model.jnt_axis[joint] = back.turn(model.jnt_axis[joint])
+        own = _Pose(model.body_pos[body].copy(), model.body_quat[body].copy()).then(after)
+        model.body_pos[body], model.body_quat[body] = own
+
+
+def _displacement(model: mujoco.MjModel, joint: int, qpos: np.ndarray, at: int) -> _Pose:
+    """What a joint does to its body, in the body's frame."""
+    axis, anchor = model.jnt_axis[joint], model.jnt_pos[joint]
+    moved = qpos[at] - model.qpos0[at]
+    quat = np.array([1.0, 0, 0, 0])
+    if model.jnt_type[joint] == _SLIDE:
+        return _Pose(axis * moved, quat)
+    if model.jnt_type[joint] == _BALL:
+        quat = qpos[at : at + 4] / np.linalg.norm(qpos[at : at + 4])
+    else:
+        mujoco.mju_axisAngle2Quat(quat, axis, moved)
+    turned = _Pose(np.zeros(3), quat).turn(anchor)
+    return _Pose(anchor - turned, quat)

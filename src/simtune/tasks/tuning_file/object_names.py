@@ -1,0 +1,98 @@
+"""How a tuning file names objects of a model: by name, by a pattern, or by what they belong to."""
+
+import re
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
+
+import mujoco
+import numpy as np
+
+from simtune.errors import InputError, UnknownName
+from simtune.parameters.fields import OBJECT_TYPES
+
+_KINDS = {owner.name: owner for owner in OBJECT_TYPES.values()}
+_OF_BODIES = {"geom": "geom_bodyid", "joint": "jnt_bodyid", "site": "site_bodyid"}
+_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value)
+
+
+def names_of(model: mujoco.MjModel, kind: str) -> list[str]:
+    """Of all objects of a kind, such as "joint", in the model's order; "" for one without."""
+    owner = _KINDS[kind]
+    count = getattr(model, owner.count)
+    return [mujoco.mj_id2name(model, owner.mjt, i) or "" for i in range(count)]
+
+
+def find_objects(model: mujoco.MjModel, kind: str, given: Sequence[str]) -> tuple[str, ...]:
+    """The names of the objects meant: "left_*" and "geoms of gripper" may be several.
+
+    Raises UnknownName for what the model lacks, InputError for what belongs to nothing.
+    """
+    known, found = names_of(model, kind), []
+    for one in given:
+        if one in known:
+            found.append(one)
+            continue
+        meant = _belonging(model, kind, one)
+        if meant is None:
+            meant = [name for name in known if name and fnmatchcase(name, one)]
+        if not meant:
+            raise UnknownName(kind, one, "the model", filter(None, known))
+        found += [name for name in meant if name not in found]
+    return tuple(found)
+
+
+def _belonging(model: mujoco.MjModel, kind: str, given: str) -> list[str] | None:
+    """Those of "actuator of elbow" or "geoms of gripper"; None for what is no such words."""
+    words = re.fullmatch(rf"{kind}s? of (.+)", given)
+    if not words:
+        return None
+    if kind == "actuator":
+        joint = _index(model, "joint", words[1])
+        ids = np.isin(model.actuator_trntype, _JOINTS) & (model.actuator_trnid[:, 0] == joint)
+        whose = "joint"
+    elif kind in _OF_BODIES:
+        ids, whose = getattr(model, _OF_BODIES[kind]) == _index(model, "body", words[1]), "body"
+    else:
+        return None
+    known = names_of(model, kind)
+    names = [known[i] for i in np.flatnonzero(ids) if known[i]]
+    if not names:
+        raise InputError(f"{whose} {words[1]!r} has no {kind}")
+    return names
+
+
+def _index(model: mujoco.MjModel, kind: str, name: str) -> int:
+    known = names_of(model, kind)
+    if name not in known:
+        raise UnknownName(kind, name, "the model", filter(None, known))
+    return known.index(name)
+
+
+def find_keyframe(model: mujoco.MjModel, name: str) -> int:
+    """Its index. Raises UnknownName."""
+    known = [model.key(i).name for i in range(model.nkey)]
+    if name not in known:
+        raise UnknownName("keyframe", name, "the model", filter(None, known))
+    return known.index(name)
+
+
+def name_all(spec: mujoco.MjSpec) -> None:
+    """Call "geom 12" by its index in the compiled model what has no name.
+
+    Raises ValueError where MuJoCo cannot compile the model.
+    """
+    spec.compile()
+    for kind, elements in _elements(spec):
+        taken = {element.name for element in elements}
+        for element in elements:
+            name = f"{kind} {element.id}"
+            if not element.name and element.id >= 0 and name not in taken:
+                element.name = name
+
+
+def _elements(spec: mujoco.MjSpec) -> Iterator[tuple[str, list]]:
+    for kind, plural in (("body", "bodies"), ("equality", "equalities")):
+        yield kind, list(getattr(spec, plural))
+    for kind in ("joint", "geom", "site", "camera", "light", "tendon", "actuator"):
+        yield kind, list(getattr(spec, f"{kind}s"))
+    yield "keyframe", list(spec.keys)
