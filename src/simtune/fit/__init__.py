@@ -3,6 +3,9 @@
 from simtune.fit.bootstrap import FEW_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.observed import Observed
+from simtune.fit.open_loop import OpenLoop, Readings
+from simtune.fit.output_error import OutputError, OutputErrorFit
+from simtune.fit.output_error import Stage as OutputErrorStage
 from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
 from simtune.fit.replay_fit import ReplayFit, num_fitted
@@ -17,9 +20,14 @@ __all__ = [
     "FitConfig",
     "FitResult",
     "Observed",
+    "OpenLoop",
+    "OutputError",
+    "OutputErrorFit",
+    "OutputErrorStage",
     "ParticleConfig",
     "Physics",
     "PointEstimate",
+    "Readings",
     "ReplayFit",
     "ShootingConfig",
     "Stage",

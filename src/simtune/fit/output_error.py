@@ -48,7 +48,7 @@ class OutputErrorFit:
     covariance: np.ndarray  # (P, P) in unit coordinates
     offsets: np.ndarray  # (D,) measured − simulated
     noise: np.ndarray  # (D,) root mean square of what is left
-    cost: float  # Σ log of that, over all readings: lower is better
+    cost: float  # mean logarithm of that, over all that was read: lower is better
     correlation_steps: np.ndarray  # (D,) how long what is left goes on
     start: np.ndarray  # (S,) full state in which the first stretch begins
 
@@ -235,7 +235,7 @@ class OutputError:
             covariance[:num, :num] * np.outer(wider, wider),
             point.offsets,
             noise,
-            float(np.log(noise) @ np.isfinite(residuals).sum((0, 1))),
+            float(np.average(np.log(noise), weights=np.isfinite(residuals).sum((0, 1)))),
             times,
             full_states[0, 0],
         )

@@ -33,9 +33,14 @@ def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np
 
 def correlations(fit: FitResult, names: tuple[str, ...]) -> dict[str, float]:
     """{"a, b": correlation} of the pairs that the videos can hardly tell from each other."""
-    found, claimed = {}, fit.claimed_correlation
+    return tell_apart(fit.claimed_correlation, names)
+
+
+def tell_apart(correlation: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
+    """The same, by (N, N)."""
+    found = {}
     for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
-        value = float(claimed[i, j])
+        value = float(correlation[i, j])
         if abs(value) >= _WORTH_TELLING:
             found[f"{names[i]}, {names[j]}"] = round(value, 2)
     return found
@@ -67,10 +72,15 @@ def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
             "is not tuned is wrong (a length, a mass, the camera, a delay): trust no number "
             "before it is found."
         )
-    if fit.latency_steps:
-        steps = "1 step" if fit.latency_steps == 1 else f"{fit.latency_steps} steps"
-        warnings.append(
-            f"The actions seem to take effect {steps} later than the recordings say; the "
-            "estimates allow for it."
-        )
-    return warnings
+    return warnings + latency_warning(fit.latency_steps)
+
+
+def latency_warning(latency_steps: int) -> list[str]:
+    """One where actions take effect late."""
+    if not latency_steps:
+        return []
+    steps = "1 step" if latency_steps == 1 else f"{latency_steps} steps"
+    return [
+        f"The actions seem to take effect {steps} later than the recordings say; the "
+        "estimates allow for it."
+    ]

@@ -28,6 +28,10 @@ class JointSensor:
     latency_s: float = 0.0  # by which a reading is older than the picture beside it
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        return self.joints
+
+    @property
     def size(self) -> int:
         return len(self.joints)
 

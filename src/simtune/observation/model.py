@@ -1,7 +1,8 @@
 """`ObservationModel`: what is observed of a real world, and how that differs from a simulator's."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,7 +25,16 @@ class Sensor(Protocol):
     """
 
     name: str
-    size: int  # D, numbers in a reading
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """(D,) what each number of a reading is of."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """D, numbers in a reading."""
+        ...
 
     def observe(self, batch: Any) -> np.ndarray:
         """(n, D) what it would measure of n simulated worlds' present state, without noise."""
@@ -58,7 +68,7 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationModel:
-    """What is observed: cameras, of which there is one today, and sensors beside them.
+    """What is observed: cameras, at most one today, and sensors beside them.
 
     Each brings its own noise and likelihood: a camera's is that of the keypoints detected in its
     pictures, a sensor says it itself. What goes wrong with all alike is said here.
@@ -67,11 +77,13 @@ class ObservationModel:
     cameras: tuple[Camera, ...]
     sensors: tuple[Sensor, ...] = ()
     max_latency_steps: int  # by which actions may take effect late, if no parameter says so
+    is_simulated: bool = False  # by the simulator that is tuned: nothing is wrong with the data
 
     @classmethod
     def of_simulator(cls, sensors: tuple[Sensor, ...] = ()) -> "ObservationModel":
         """A real world that is simulated: its pictures are the simulator's, its actions prompt."""
-        return cls(cameras=(Camera(same_renderer=True),), sensors=sensors, max_latency_steps=0)
+        cameras = (Camera(same_renderer=True),)
+        return cls(cameras=cameras, sensors=sensors, max_latency_steps=0, is_simulated=True)
 
     @classmethod
     def of_reality(cls, sensors: tuple[Sensor, ...] = ()) -> "ObservationModel":
@@ -79,11 +91,30 @@ class ObservationModel:
         cameras = (Camera(same_renderer=False),)
         return cls(cameras=cameras, sensors=sensors, max_latency_steps=_MAX_LATENCY_STEPS)
 
+    def only(self, names: Collection[str] | None) -> "ObservationModel":
+        """Of these alone, by name; "cameras" and "joints" stand for all of a kind, None for all."""
+        if names is None:
+            return self
+        kept = tuple(s for s in self.sensors if s.name in names or "joints" in names)
+        return replace(self, cameras=self.cameras if "cameras" in names else (), sensors=kept)
+
+    @property
+    def reading_labels(self) -> tuple[str, ...]:
+        """What each number is of, that the sensors measure; one that two measure tells which."""
+        every = [(sensor.name, label) for sensor in self.sensors for label in sensor.labels]
+        count = Counter(label for _, label in every)
+        return tuple(f"{name}/{label}" if count[label] > 1 else label for name, label in every)
+
     @property
     def camera(self) -> Camera:
         """The only one."""
         (camera,) = self.cameras
         return camera
+
+    @property
+    def supersampling(self) -> int:
+        """See `Camera`; 1 where nothing is filmed."""
+        return self.camera.supersampling if self.cameras else 1
 
     @property
     def same_renderer(self) -> bool:
@@ -96,7 +127,7 @@ class ObservationModel:
         No fit can see it, and a simulator's own data have none of it.
         """
         motion, appearance = _DISCREPANCY_STD
-        return np.where(is_appearance, appearance, motion) * (not self.same_renderer)
+        return np.where(is_appearance, appearance, motion) * (not self.is_simulated)
 
     def observe_beside(self, *others: Callable[[Any], np.ndarray]) -> Callable[[Any], np.ndarray]:
         """(n, D) what others, such as keypoints, and then all sensors would measure of n worlds."""
@@ -126,11 +157,7 @@ class ObservationModel:
 
         `rollouts` were played with `observe_beside()`, so that sensors have their readings.
         """
-        frames = simulator.film(rollouts)
-        if noise := self.camera.image_noise:
-            one_camera = frames.reshape(1, -1, *frames.shape[2:])
-            noise.apply(one_camera, rng)
-            frames = one_camera.reshape(frames.shape)
+        frames = self._film(simulator, rollouts, rng)
         readings = self.readings(rollouts.observed, rng)
         return [
             Trajectory(
@@ -141,3 +168,16 @@ class ObservationModel:
             )
             for i in range(len(rollouts))
         ]
+
+    def _film(
+        self, simulator: AnySimulator, rollouts: Rollouts, rng: np.random.Generator
+    ) -> np.ndarray:
+        """(n, T + 1, H, W, 3); without a camera there are no pixels."""
+        if not self.cameras:
+            return np.empty((*rollouts.states.shape[:2], 0, 0, 3), np.uint8)
+        frames = simulator.film(rollouts)
+        if noise := self.camera.image_noise:
+            one_camera = frames.reshape(1, -1, *frames.shape[2:])
+            noise.apply(one_camera, rng)
+            frames = one_camera.reshape(frames.shape)
+        return frames

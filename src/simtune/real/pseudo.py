@@ -16,7 +16,8 @@ class PseudoReal(RealWorld):
 
     The parameters are kept out of reach: a search gets frames and actions, as from a robot.
     Scoring gets the truth from `Truth`, which made this world. Through a `gap` it is filmed as the
-    gap's camera sees it, and plays actions as late as the gap says.
+    gap's camera sees it, and plays actions as late as the gap says. `observation`: what is
+    recorded of it, by default pictures alone.
     """
 
     def __init__(
@@ -27,15 +28,16 @@ class PseudoReal(RealWorld):
         episode_steps: int,
         seed: int,
         gap: RealityGap | None = None,
+        observation: ObservationModel | None = None,
     ):
         first_rng = np.random.default_rng(seed)
-        of = ObservationModel.of_reality if gap else ObservationModel.of_simulator
-        self.observation, self.step_s = of(), simulator.step_s
+        self.observation = seen = observation or _usual(gap)
+        self.step_s = simulator.step_s
 
         # Closures, so that no attribute leads to the parameters
         def film(num_episodes: int) -> list[Trajectory]:
             worlds = np.tile(parameters, (num_episodes, 1))
-            return _film_exploring(simulator, worlds, episode_steps, first_rng, gap)
+            return _film_exploring(simulator, worlds, episode_steps, first_rng, gap, seen)
 
         def run_policy(
             policy: PixelPolicy, num_stacked: int, num_episodes: int, rng: np.random.Generator
@@ -67,6 +69,7 @@ def _film_exploring(
     num_steps: int,
     rng: np.random.Generator,
     gap: RealityGap | None,
+    observation: ObservationModel,
 ) -> list[Trajectory]:
     """Exploring episodes of (n, N) worlds; those that diverge are left out.
 
@@ -81,18 +84,31 @@ def _film_exploring(
             coming[:, t + delay_steps] = explore(t, states)
         return coming[:, t]
 
-    rollouts = simulator.play(worlds, act, coming.shape[1], rng).finished()
+    see = observation.observe_beside() if observation.sensors else None
+    rollouts = simulator.play(worlds, act, coming.shape[1], rng, observe=see).finished()
     if not len(rollouts):
         raise RuntimeError(
             f"every episode of the pseudo-real world diverged, or ended before its {num_steps} "
             "steps"
         )
-    seen = replace(rollouts, states=rollouts.states[:, : num_steps + 1])
-    commanded = rollouts.actions[:, delay_steps:].astype(np.float32)
+    until = slice(num_steps + 1)
+    seen = replace(
+        rollouts,
+        states=rollouts.states[:, until],
+        actions=rollouts.actions[:, delay_steps:],
+        observed=rollouts.observed[:, until],
+    )
+    if not gap:
+        return observation.record(simulator, seen, rng)
+    drawn = ObservationModel.of_simulator(observation.sensors)  # the gap's camera has its own noise
     return [
-        Trajectory(gap.film(frames, step_s, rng) if gap else frames, actions, step_s)
-        for frames, actions in zip(simulator.film(seen), commanded, strict=True)
+        replace(filmed, frames=gap.film(filmed.frames, step_s, rng))
+        for filmed in drawn.record(simulator, seen, rng)
     ]
+
+
+def _usual(gap: RealityGap | None) -> ObservationModel:
+    return ObservationModel.of_reality() if gap else ObservationModel.of_simulator()
 
 
 def _film_policy(

@@ -4,6 +4,7 @@ import hashlib
 
 import numpy as np
 
+from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
@@ -25,10 +26,16 @@ class Truth:
         episode_steps: int,
         seed: int,
         gap: RealityGap | None = None,
+        observation: ObservationModel | None = None,
     ) -> PseudoReal:
-        """The world of these parameters, which gives frames and actions only."""
+        """The world of these parameters, which gives what is observed and actions only."""
         return PseudoReal(
-            simulator, self._parameters, episode_steps=episode_steps, seed=seed, gap=gap
+            simulator,
+            self._parameters,
+            episode_steps=episode_steps,
+            seed=seed,
+            gap=gap,
+            observation=observation,
         )
 
     def wrong_start(self, seed: int, factor: float = 2.0) -> np.ndarray:

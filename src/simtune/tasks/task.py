@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from simtune.observation import JointSensor
 from simtune.parameters import ParameterSpace
 from simtune.simulation import (
     OPENGL_FAST,
@@ -41,7 +42,8 @@ class Task:
     description: str
     load_spec: Callable[[], mujoco.MjSpec]  # the nominal model, editable: what is exported
     parameters: ParameterSpace
-    camera: str  # name of the camera that films
+    camera: str | None  # name of the camera that films; None: only sensors measure
+    sensors: tuple[JointSensor, ...] = ()  # what is measured beside pictures, if recordings have it
     control_timestep_s: float  # an action is held for action_repeat of these
     action_repeat: int
     episode_steps: int = 200  # policy steps

@@ -53,9 +53,13 @@ def with_fit(
 
     `mean`, `std`: (N,) of the fit in coordinates of the range.
     """
-    fitted = ndtr((mean[:, None] - _GRID) / np.maximum(std[:, None], _SMALLEST_STD))
     weight = config.posterior_net_weight
-    return weight * prob_higher + (1 - weight) * fitted
+    return weight * prob_higher + (1 - weight) * normal_curves(mean, std)
+
+
+def normal_curves(mean: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """(N, C) on the grid, of (N,) means and standard deviations in coordinates of the range."""
+    return ndtr((mean[:, None] - _GRID) / np.maximum(std[:, None], _SMALLEST_STD))
 
 
 def quantile(prob_higher: np.ndarray, share: float) -> np.ndarray:

@@ -35,6 +35,8 @@ class Estimate:
     warnings: list[str] = field(default_factory=list)  # what to doubt about all this
     start: list[float] | None = None  # (S,) the state in which the first trajectory began, if known
     latency_steps: int = 0  # by which the actions seem to take effect late
+    # {reading: measured − simulated, of what was fitted to readings alone}
+    offsets: dict[str, float] = field(default_factory=dict)
 
 
 def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:

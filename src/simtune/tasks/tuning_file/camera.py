@@ -30,8 +30,10 @@ class FilmingCamera:
         )
 
 
-def read_camera(file: TomlTable, spec: mujoco.MjSpec) -> FilmingCamera:
+def read_camera(file: TomlTable, spec: mujoco.MjSpec) -> FilmingCamera | None:
     """`camera = "NAME"`, a table [camera], or nothing where the model has just one.
+
+    Nor where sensors measure, and no camera is named: then None films.
 
     Raises InputError.
     """
@@ -39,6 +41,8 @@ def read_camera(file: TomlTable, spec: mujoco.MjSpec) -> FilmingCamera:
     if "camera" not in file:
         if len(known) == 1:
             return FilmingCamera(known[0])
+        if "sensors" in file:
+            return None
         there = (
             f"name one of {', '.join(known)}" if known else "the model has no camera with a name"
         )

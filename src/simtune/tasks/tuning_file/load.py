@@ -12,11 +12,12 @@ from simtune.tasks.tuning_file.initial_state import read_initial_state
 from simtune.tasks.tuning_file.model import read_model
 from simtune.tasks.tuning_file.parameters import read_parameters
 from simtune.tasks.tuning_file.policy import read_policy
+from simtune.tasks.tuning_file.sensors import read_sensors
 from simtune.tasks.tuning_file.toml_table import read_toml
 
 _KEYS = ("model", "name", "description", "camera", "control_timestep_s", "action_repeat")
 _KEYS += ("episode_steps", "fixed_joints", "fixed_pose", "actuators", "actions", "initial_state")
-_KEYS += ("policy", "parameters")
+_KEYS += ("policy", "parameters", "sensors")
 _MOST_SUBSTEPS = 2000
 
 
@@ -32,7 +33,8 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
     file.allow(*_KEYS)
     nominal = read_model(file)
     camera = read_camera(file, nominal)
-    camera.add_to(nominal)
+    if camera:
+        camera.add_to(nominal)
     model, load_spec = nominal.compile(), nominal.copy
     control_timestep_s = file.number("control_timestep_s", above=0)
     action_repeat = file.whole("action_repeat", 1)
@@ -48,8 +50,9 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
         description=file.text("description", f"{file.text('model')}, of {path.name}"),
         declared=file.content(without="policy"),
         load_spec=load_spec,
-        parameters=read_parameters(file, load_spec(), camera.name, step_s),
-        camera=camera.name,
+        parameters=read_parameters(file, load_spec(), camera and camera.name, step_s),
+        camera=camera and camera.name,
+        sensors=read_sensors(file, model),
         control_timestep_s=control_timestep_s,
         action_repeat=action_repeat,
         episode_steps=file.whole("episode_steps", 200),

@@ -23,7 +23,7 @@ _NUMBERS = ("nominal", "low", "high", "scale", "unit")
 
 
 def read_parameters(
-    file: TomlTable, spec: mujoco.MjSpec, camera: str, step_s: float
+    file: TomlTable, spec: mujoco.MjSpec, camera: str | None, step_s: float
 ) -> ParameterSpace:
     """All of them, in the file's order, checked against the model, which may be changed.
 
@@ -45,7 +45,7 @@ def read_parameters(
     return space
 
 
-def _read(entry: TomlTable, model: mujoco.MjModel, camera: str) -> list[Parameter]:
+def _read(entry: TomlTable, model: mujoco.MjModel, camera: str | None) -> list[Parameter]:
     name = entry.text("name")
     if not re.fullmatch(r"[A-Za-z0-9_\-]+", name):
         raise entry.error(f"name must be letters, digits, _ and - only, got {name!r}", "name")
@@ -144,7 +144,7 @@ def _colour(entry: TomlTable, model: mujoco.MjModel, field: str) -> list[Paramet
     return colour(entry.text("name"), objects, (red, green, blue), field=field)
 
 
-def _camera_pose(entry: TomlTable, model: mujoco.MjModel, camera: str) -> list[Parameter]:
+def _camera_pose(entry: TomlTable, model: mujoco.MjModel, camera: str | None) -> list[Parameter]:
     """NAME_x, NAME_y, NAME_z, NAME_pitch, NAME_yaw and NAME_roll."""
     entry.allow("name", "kind", "objects", "within_m", "within_rad")
     cameras = entry.names("objects", (camera,))

@@ -1,0 +1,219 @@
+"""Search by joint readings alone: no camera, nothing to learn to see.
+
+What takes networks with video is done by the readings themselves: they say where each episode
+begins. A single round is all there is:
+
+    far      short stretches, from several first guesses: nearly linear, so nothing gets stuck
+    late     by how many steps actions take effect late, if no parameter says so
+    whole    open-loop replay of whole episodes, which is what has to be right
+    judge    how sure that is, and what the model cannot explain
+"""
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from simtune.budget import Budget
+from simtune.errors import InputError
+from simtune.fit import OpenLoop, OutputError, OutputErrorFit, Physics, Readings
+from simtune.fit import OutputErrorStage as Stage
+from simtune.fit.uncertainty import latency_warning, tell_apart
+from simtune.observation import JointSensor
+from simtune.randomization import Distribution
+from simtune.simulation import Simulator
+from simtune.trajectory import Trajectory
+from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_curves
+from simtune.tuning.rounds import half_widths, is_precise
+from simtune.tuning.search import Estimate, Event, Round, SearchContext
+
+_FEWEST_STEPS = 8
+_LONGEST_DELAY_S = 0.5
+_CLEARLY_BETTER = 0.02  # the share of what is left, that a delay has to explain to be believed
+_SEEN_WIDTH = 6.0  # standard deviations to either side, within which curves are drawn
+_LEAST_STD = 1e-3  # in unit coordinates
+_AT_BOUND = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadingsConfig:
+    """How long and how often is looked."""
+
+    stretch_s: float = 1.0
+    stretches: int = 24  # of that length; more would hardly tell more at first
+    num_starts: int = 3  # the first guess, and others around it
+    far_iterations: int = 8
+    late_iterations: int = 3
+    whole_iterations: int = 15
+    precision: float = 0.01
+    range_update: RangeUpdateConfig = RangeUpdateConfig()
+
+
+class ReadingsSearch:
+    """A `tuning.search.Search` that looks at readings only."""
+
+    def __init__(self, context: SearchContext, config: ReadingsConfig | None = None):
+        """Raises InputError where a parameter moves nothing, or where there is no model."""
+        simulator = context.simulator
+        if not isinstance(simulator, Simulator):
+            raise InputError("joint readings need a MuJoCo model")
+        if shown := [p.name for p in simulator.space if p.is_appearance]:
+            raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
+        self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
+        self.sensors = tuple(s for s in context.observation.sensors if isinstance(s, JointSensor))
+        self._observe = context.observation.observe_beside()
+        self.first = self.distribution = Distribution.first(simulator.space, context.start)
+        self.stop_reason = ""
+
+    def check(self, real: list[Trajectory]) -> None:
+        """Raises InputError where there are no trajectories, or too short ones."""
+        if (steps := min((len(t) for t in real), default=0)) < _FEWEST_STEPS:
+            got = f"got one of {steps}" if real else "got none"
+            raise InputError(f"episodes must last at least {_FEWEST_STEPS} steps, {got}")
+
+    def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
+        """Seconds: few iterations over whole episodes, and all."""
+        readings, loop = self._look_at(real)
+        unit = self._simulator.space.to_unit(self._context.start)
+        stretches = loop.cut(readings, unit, np.zeros(loop.num_readings), 10**9, 10**9)
+        began_s = time.monotonic()
+        loop.play(stretches, stretches.states[None], unit[None])
+        once_s = time.monotonic() - began_s
+        each_s = (1 + len(loop.fitted) + len(loop.start_tangents)) * once_s
+        return 2 * each_s, (self.config.whole_iterations + self.config.far_iterations) * each_s
+
+    def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
+        """Fit, and judge."""
+        readings, loop = self._look_at(real)
+        offset_found = np.repeat([s.finds_offsets for s in self.sensors], [s.size for s in self.sensors])
+        first_guess = self._simulator.space.to_unit(self._context.start)
+        fit = OutputError(loop, offset_found, first_guess)
+        budget.report("fitting short stretches", 0.05)
+        far = self._from_afar(fit, readings, first_guess, budget.part(budget.seconds_left / 3))
+        late = self._how_late(fit, readings, far, budget.part(budget.seconds_left / 3))
+        budget.report("replaying whole episodes", 0.4)
+        found = fit.fit(
+            readings.delayed(late),
+            far.unit,
+            far.offsets,
+            (Stage(0, self.config.whole_iterations, 10**9),),
+            budget,
+        )
+        estimate = self._conclude(found, late)
+        precision = self.config.precision
+        is_known = precision and is_precise(half_widths(estimate, self.first), precision)
+        known = f"every parameter is known to {100 * precision:g} %"
+        self.stop_reason = known if is_known else "another round would tell hardly more"
+        return Round(estimate, self._events(), self._metrics(loop, found))
+
+    def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoop]:
+        simulator, space = self._simulator, self._simulator.space
+        rng = np.random.default_rng(self._context.seed)
+        still = np.zeros((1, 1, simulator.num_actions))
+        start = simulator.roll_out(self._context.start[None], still, rng, keep_diverged=True)
+        physics = Physics(simulator, self._observe, start.states[0, 0])
+        loop = OpenLoop(physics, self.sensors, np.arange(len(space)))
+        return Readings.of(real, self.sensors), loop
+
+    def _from_afar(
+        self, fit: OutputError, readings: Readings, first_guess: np.ndarray, budget: Budget
+    ) -> OutputErrorFit:
+        """The best from several first guesses, by short stretches."""
+        config, rng = self.config, np.random.default_rng(self._context.seed)
+        stage = self._stretch(config.far_iterations)
+        low, high = (self.first.space.to_unit(end) for end in (self.first.low, self.first.high))
+        found: list[OutputErrorFit] = []
+        for number in range(config.num_starts):
+            begin = rng.uniform(low, high) if number else first_guess
+            zero = np.zeros(readings.values.shape[-1])
+            found.append(fit.fit(readings, begin, zero, (stage,), budget))
+            if budget.is_over:
+                break
+        return min(found, key=lambda its: its.cost)
+
+    def _how_late(
+        self, fit: OutputError, readings: Readings, far: OutputErrorFit, budget: Budget
+    ) -> int:
+        """Steps by which actions take effect late, where that explains clearly more."""
+        simulator, best, steps = self._simulator, far, 0
+        if simulator.space.is_delay.any() or not self._context.observation.max_latency_steps:
+            return 0
+        longest = math.ceil(_LONGEST_DELAY_S / simulator.step_s)
+        for number in range(1, longest + 1):
+            budget.report("looking for a delay", number / longest)
+            stage = self._stretch(self.config.late_iterations)
+            late = readings.delayed(number)
+            its = fit.fit(late, best.unit, best.offsets, (stage,), budget)
+            if its.cost < best.cost - _CLEARLY_BETTER:
+                best, steps = its, number
+            elif number > steps + 2 or budget.is_over:
+                break
+        return steps
+
+    def _stretch(self, iterations: int) -> Stage:
+        steps = max(_FEWEST_STEPS, round(self.config.stretch_s / self._simulator.step_s))
+        return Stage(steps, iterations, self.config.stretches)
+
+    def _conclude(self, found: OutputErrorFit, late: int) -> Estimate:
+        space, config = self.first.space, self.config.range_update
+        std = np.sqrt(np.diag(found.covariance))
+        discrepancy = self._context.observation.discrepancy_std(space.is_appearance)
+        std = np.maximum(np.hypot(std, discrepancy), _LEAST_STD)
+        ends = (found.unit - _SEEN_WIDTH * std, found.unit + _SEEN_WIDTH * std)
+        low, high = (space.from_unit(np.clip(end, 0, 1)) for end in ends)
+        mean = space.from_unit(found.unit)
+        self.distribution = self.first.with_interval(mean, low, high)
+        width = space.to_unit(high) - space.to_unit(low)
+        curves = normal_curves(self.distribution.to_range_unit(mean), std / width)
+        correlation = found.covariance / np.outer(*[np.sqrt(np.diag(found.covariance))] * 2)
+        estimate = read_curves(curves, self.distribution, self.first, config)
+        return replace(
+            estimate,
+            mean=mean,
+            correlation=correlation,
+            correlations=tell_apart(correlation, space.names),
+            warnings=self._warnings(found, late),
+            start=found.start.tolist(),
+            latency_steps=late,
+            offsets=dict(zip(self.labels, found.offsets.tolist(), strict=True)),
+        )
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """(D,) what each reading is called."""
+        return self._context.observation.reading_labels
+
+    def _warnings(self, found: OutputErrorFit, late: int) -> list[str]:
+        space = self.first.space
+        warnings = latency_warning(late)
+        for name, unit in zip(space.names, found.unit, strict=True):
+            if min(unit, 1 - unit) < _AT_BOUND:
+                warnings.append(
+                    f"{name} ended at a bound of its range: the truth may lie beyond, or the model "
+                    "lacks something; give it a wider low and high to see"
+                )
+        return warnings
+
+    def _events(self) -> list[Event]:
+        why = "joint readings"
+        ends = zip(self.first.space.names, self.distribution.low, self.distribution.high, strict=True)
+        return [Event("narrowed", name, float(low), float(high), why) for name, low, high in ends]
+
+    def _metrics(self, loop: OpenLoop, found: OutputErrorFit) -> dict[str, float]:
+        return {f"rms/{n}": float(v) for n, v in zip(self.labels, found.noise, strict=True)}
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        return {}
+
+    def state(self) -> dict[str, Any]:
+        ranges = {k: getattr(self.distribution, k).tolist() for k in ("mean", "low", "high")}
+        return {"stop_reason": self.stop_reason, "distribution": ranges}
+
+    def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        """Nothing but the result is kept: a round is over in a minute or two."""
+        self.stop_reason = state["stop_reason"]
+        ranges = {k: np.array(v) for k, v in state["distribution"].items()}
+        self.distribution = self.distribution.with_interval(**ranges)
