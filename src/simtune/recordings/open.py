@@ -22,7 +22,7 @@ def open_dataset(
     actions: Sequence[str] | None = None,
     control_hz: float | None = None,
 ) -> Dataset:
-    """A LeRobotDataset v3.0, a folder of pairs NAME.mp4 and NAME.csv, or robomimic's HDF5.
+    """A LeRobotDataset v3.0 or v2, a folder of pairs NAME.mp4 and NAME.csv, or robomimic's HDF5.
 
     What describes the episodes is read and checked, and no picture yet. `camera` is one of the
     recordings', needed where there are several; for the rest see `Dataset`.
@@ -53,7 +53,7 @@ def _recognise(path: Path, camera: str | None, control_hz: float | None) -> Sour
     if any(name.lower().endswith((*VIDEOS, TABLE)) for name in names):
         return PairsSource(path, camera)
     raise InputError(
-        f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset v3.0), *.hdf5 "
+        f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset), *.hdf5 "
         "(robomimic) and pairs of NAME.mp4 and NAME.csv, see docs/recordings.md; "
         + (f"it holds: {short(names)}" if names else "it is empty")
     )

@@ -17,24 +17,24 @@ from simtune.recordings.source import Rows, first_wrong
 
 
 class LeRobotSource:
-    """A folder of the LeRobotDataset v3.0 layout. See `read_meta`; raises InputError."""
-
-    kind = "LeRobotDataset v3.0"
+    """A folder of a LeRobotDataset's layout. See `read_meta`; raises InputError."""
 
     def __init__(self, folder: Path, camera: str | None = None):
         meta = read_meta(folder, camera)
+        self.kind = f"LeRobotDataset {meta.version}"
         self.path, self.fps, self.camera = folder, meta.fps, meta.camera
         self.action_names, self.robot_type = meta.action_names, meta.robot_type
         self.episodes: Sequence[str] = [f"episode {episode.index}" for episode in meta.episodes]
         self._episodes = meta.episodes
         tables = {path for part in ("meta", "data") for path in (folder / part).rglob("*.*")}
-        self.files: Sequence[Path] = [*tables, *{e.video_file for e in meta.episodes}]
+        videos = {e.video_file for e in meta.episodes if e.video_file}
+        self.files: Sequence[Path] = [*tables, *videos]
         # The latest is kept, since the next episode lies in it as a rule.
         self._data = functools.lru_cache(maxsize=1)(_read_data)
 
     @property
     def codec(self) -> str:
-        return video.probe(self._episodes[0].video_file).codec
+        return video.probe(self._video(self._episodes[0])).codec
 
     def rows(self, episode: int) -> Rows:
         where = self._episodes[episode]
@@ -55,10 +55,15 @@ class LeRobotSource:
         where = self._episodes[episode]
         # Half a frame, and a little: between two frames either will do.
         frames = video.frames_at(
-            where.video_file, (where.from_s + times_s).tolist(), tolerance_s=0.51 / self.fps
+            self._video(where), (where.from_s + times_s).tolist(), tolerance_s=0.51 / self.fps
         )
         for shown_s, picture in frames:
             yield shown_s - where.from_s, picture
+
+    def _video(self, where: Episode) -> Path:
+        if where.video_file is None:
+            raise ValueError("it was opened without pictures")
+        return where.video_file
 
     def _check_order(self, rows: pa.Table, where: Episode) -> None:
         """Rows must be the frames 0, 1, 2, ..., and those that meta/ calls this episode."""
