@@ -157,6 +157,7 @@ def test_facts(written: Path):
                 strict=True,
             )
         },
+        "readings": {},
         "episodes": 2,
         "episodes_in_dataset": 3,
         "steps": 18,

@@ -1,14 +1,18 @@
-"""What the features in meta/info.json say of actions and cameras."""
+"""What the features in meta/info.json say of actions, readings and cameras."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError
 from simtune.recordings.lerobot.layout import IMAGES_PREFIX, unexpected
-from simtune.recordings.source import MOST_ACTIONS, choose_camera, short
+from simtune.recordings.readings import readings_of
+from simtune.recordings.source import MOST_ACTIONS, Reading, choose_camera, short
 
 _NESTED = 3  # lists in lists, at most
+_NUMERIC = re.compile(r"u?int\d+|float\d+")  # dtypes
+_NO_READINGS = ("action", "timestamp", "frame_index", "episode_index", "index", "task_index")
 
 
 def action_names(folder: Path, features: dict[str, Any]) -> tuple[str, ...]:
@@ -25,6 +29,20 @@ def action_names(folder: Path, features: dict[str, Any]) -> tuple[str, ...]:
         raise unexpected(folder, expected, feature.get("shape"))
     names = tuple(_names(feature.get("names")))
     return names if len(names) == num else tuple(f"action_{i}" for i in range(num))
+
+
+def readings(features: dict[str, Any]) -> tuple[Reading, ...]:
+    """All numbers that were measured, or noted down otherwise, beside each frame."""
+    found = []
+    for key, feature in features.items():
+        num = _num_values(feature) if isinstance(feature, dict) else None
+        if (
+            num is not None
+            and key not in _NO_READINGS
+            and _NUMERIC.match(str(feature.get("dtype")))
+        ):
+            found += readings_of(key, list(_names(feature.get("names"))), num)
+    return tuple(found)
 
 
 def choose_video(folder: Path, features: dict[str, Any], camera: str | None) -> str:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from simtune.errors import InputError
 from simtune.recordings.lerobot.episodes import Episode, read_episodes
-from simtune.recordings.lerobot.features import action_names, choose_video
+from simtune.recordings.lerobot.features import action_names, choose_video, readings
 from simtune.recordings.lerobot.json_file import read_object
 from simtune.recordings.lerobot.layout import INFO_PATH, layout_of, unexpected
-from simtune.recordings.source import LEAST_FPS, MOST_FPS, is_rate
+from simtune.recordings.source import LEAST_FPS, MOST_FPS, Reading, is_rate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,17 +18,18 @@ class DatasetMeta:
 
     version: str  # of the format
     fps: float
-    camera: str  # key of the chosen camera
+    camera: str | None  # key of the chosen camera
     action_names: tuple[str, ...]
+    readings: tuple[Reading, ...]
     robot_type: str | None
     episodes: tuple[Episode, ...]  # by index
 
 
-def read_meta(folder: Path, camera: str | None = None) -> DatasetMeta:
+def read_meta(folder: Path, camera: str | None = None, *, pictures: bool = True) -> DatasetMeta:
     """Read and check meta/ of a LeRobotDataset v3.0, v2.1 or v2.0.
 
     `camera` is a video key, "observation.images." left off if you like; it may be None where
-    there is only one.
+    there is only one. Without `pictures` none is chosen.
 
     Raises:
         InputError: the folder is no sound dataset, or has no such camera; the message says why
@@ -48,12 +49,13 @@ def read_meta(folder: Path, camera: str | None = None) -> DatasetMeta:
     if not isinstance(features, dict):
         raise unexpected(folder, "an object 'features'", features)
     names = action_names(folder, features)
-    camera = choose_video(folder, features, camera)
+    camera = choose_video(folder, features, camera) if pictures else None
     return DatasetMeta(
         version=str(version),
         fps=float(fps),
         camera=camera,
         action_names=names,
+        readings=readings(features),
         robot_type=robot_type if isinstance(robot_type, str) else None,
         episodes=read_episodes(folder, info, layout, camera),
     )

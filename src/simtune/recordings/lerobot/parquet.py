@@ -77,10 +77,13 @@ def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
 
 
 def lists(values: pa.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
-    """(rows,) lengths of lists of numbers, and all of the numbers; plain ones count as one."""
+    """(rows,) lengths of lists of numbers, and all of the numbers.
+
+    A plain number counts as a list of one; one that is missing has the length -1.
+    """
     if not isinstance(values.type, _LISTS):
         return np.ones(len(values), int), _floats(values)
-    lengths = pc.list_value_length(values).fill_null(0)  # type: ignore[attr-defined]
+    lengths = pc.list_value_length(values).fill_null(-1)  # type: ignore[attr-defined]
     flat = pc.list_flatten(values)  # type: ignore[attr-defined]
     return lengths.to_numpy(), _floats(flat)
 
