@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from lerobot_v21 import DATA, write_v21
 from simtune.check.recording_warnings import warnings
 from simtune.check.table import table
 from simtune.errors import InputError
-from simtune.recordings import open_dataset, write_video
+from simtune.recordings import open_dataset, write_dataset, write_video
 from simtune.recordings.readings import choose_readings, readings_of
 from simtune.recordings.resample import step_readings
 from simtune.recordings.source import Rows
@@ -231,6 +232,93 @@ def test_columns_that_nobody_asks_for_are_not_read(tmp_path):
     assert not np.isnan(dataset.read(0).readings["joints"]).any()
     said = message(tmp_path / "dataset", readings={"label": ("label",)}, pictures=False)
     assert said.endswith("expected numbers in column 'label'")
+
+
+# --- written and read again --------------------------------------------------------------
+
+
+def trajectory_of(size: int = 0, **changes: Any) -> Trajectory:
+    rng = np.random.default_rng(4)
+    pictures = np.zeros((NUM_ROWS, size, size, 3), np.uint8)
+    readings = {"joints": measured(), "force": forces(), "unsaid": forces()}
+    actions = rng.normal(size=(NUM_ROWS - 1, 1)).astype(np.float32)
+    return replace(Trajectory(pictures, actions, 1 / FPS, readings), **changes)
+
+
+def write_back(folder: Path, trajectory: Trajectory, names: dict[str, Sequence[str]]) -> None:
+    options: dict[str, Any] = {"action_names": ["servo"], "robot_type": "arm", "task": "swing"}
+    write_dataset(folder, [trajectory] * 2, **options, reading_names=names)
+
+
+NAMES: dict[str, Sequence[str]] = {"force": ["grip.force"], "joints": JOINTS}
+
+
+@pytest.mark.parametrize("size", [0, 16])
+@pytest.mark.parametrize("names", [NAMES, {"force": ["grip"]}])
+def test_readings_that_are_written_are_read_again(tmp_path, size, names):
+    trajectory = trajectory_of(size)
+    trajectory.readings["joints"][3, 1] = np.nan
+    write_back(tmp_path / "dataset", trajectory, names)
+    dataset = open_dataset(tmp_path / "dataset", readings=names, pictures=size > 0)
+    for episode in range(2):
+        again = dataset.read(episode)
+        assert set(again.readings) == set(names)
+        for sensor, values in again.readings.items():
+            expected = trajectory.readings[sensor].astype(np.float32)
+            np.testing.assert_array_equal(values, expected)
+        np.testing.assert_array_equal(again.actions, trajectory.actions)
+        assert again.has_pictures == (size > 0)
+
+
+def test_the_feature_of_readings_is_laid_out_as_lerobot_does_it(tmp_path):
+    trajectory = trajectory_of()
+    trajectory.readings["joints"][:, 0] = np.nan
+    trajectory.readings["joints"][3, 1] = np.nan
+    write_back(tmp_path / "dataset", trajectory, NAMES)
+    info = json.loads((tmp_path / "dataset/meta/info.json").read_text())
+    assert info["features"]["observation.state"] == {
+        "dtype": "float32",
+        "shape": [3],
+        "names": ["grip.force", *JOINTS],
+    }
+    assert info["video_path"] is None
+    assert "video" not in {feature["dtype"] for feature in info["features"].values()}
+    assert not (tmp_path / "dataset/videos").exists()
+    rows = pq.read_table(tmp_path / "dataset/data/chunk-000/file-000.parquet")
+    assert rows.schema.field("observation.state").type.list_size == 3
+    schema = json.loads(rows.schema.metadata[b"huggingface"])["info"]["features"]
+    assert schema["observation.state"]["length"] == 3
+    stats = json.loads((tmp_path / "dataset/meta/stats.json").read_text())["observation.state"]
+    lift = np.delete(measured()[:, 1], 3).astype(np.float32)
+    assert stats["max"] == [pytest.approx(forces().max()), 0.0, pytest.approx(lift.max())]
+    assert stats["mean"][1:] == [0.0, pytest.approx(lift.mean(), abs=1e-6)]
+    assert stats["count"] == [2 * NUM_ROWS]
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (
+            {"joints": ["pan"]},
+            r"trajectory 0: expected readings \(12, 1\) of joints, got \(12, 2\)",
+        ),
+        ({"torque": ["pan"]}, r"expected readings \(12, 1\) of torque, got \(0, 0\)"),
+        ({"joints": ["pan", "pan"]}, "each sensor needs names, and no two the same, got pan, pan"),
+        ({"joints": []}, "each sensor needs names"),
+    ],
+)
+def test_readings_that_do_not_fit_their_names_are_refused(tmp_path, names, said):
+    with pytest.raises(ValueError, match=said):
+        write_back(tmp_path / "dataset", trajectory_of(), names)
+    assert not (tmp_path / "dataset").exists()
+
+
+def test_pictures_that_only_some_episodes_have_are_refused(tmp_path):
+    mixed = [trajectory_of(16), trajectory_of()]
+    with pytest.raises(ValueError, match=r"trajectory 1: expected frames of \(16, 16\) pixels"):
+        write_dataset(
+            tmp_path / "dataset", mixed, action_names=["servo"], robot_type="arm", task="swing"
+        )
 
 
 # --- what is missing ---------------------------------------------------------------------

@@ -12,6 +12,7 @@ INFO_PATH = "meta/info.json"
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 IMAGES_PREFIX = "observation.images."
+STATE = "observation.state"
 
 
 @dataclass(frozen=True, kw_only=True)
