@@ -157,6 +157,7 @@ def test_facts(written: Path):
                 strict=True,
             )
         },
+        "readings": {},
         "episodes": 2,
         "episodes_in_dataset": 3,
         "steps": 18,
@@ -475,7 +476,7 @@ def message(folder: Path, **options: object) -> str:
 
 def test_no_dataset(tmp_path: Path):
     looked_for = (
-        "HERE: no recordings; looked for meta/info.json (LeRobotDataset v3.0), *.hdf5 (robomimic) "
+        "HERE: no recordings; looked for meta/info.json (LeRobotDataset), *.hdf5 (robomimic) "
         "and pairs of NAME.mp4 and NAME.csv, see docs/recordings.md; "
     )
     assert message(tmp_path / "none") == "HERE: no such folder; expected a folder of recordings"
@@ -491,12 +492,12 @@ def test_no_dataset(tmp_path: Path):
     )
 
 
-@pytest.mark.parametrize("version", ["v2.1", "3", 3.0, None])
+@pytest.mark.parametrize("version", ["v1.6", "v2.2", "v3.1/../x", "3", 3.0, None])
 def test_version(dataset: Path, version: object):
     edit_info(dataset, codebase_version=version)
     assert message(dataset) == (
-        f"HERE/meta/info.json: expected codebase_version v3.0, got {version!r}; "
-        "convert the dataset with lerobot's convert_dataset_v21_to_v30"
+        "HERE/meta/info.json: expected codebase_version v3.0, v2.1 or v2.0, "
+        f"got {version!r}; convert the dataset with lerobot"
     )
 
 

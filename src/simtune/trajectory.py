@@ -19,10 +19,10 @@ class Trajectory:
     """What the real world gives, and all that it gives.
 
     `frames[t]` was seen, then `actions[t]` was applied for one step of `step_s` seconds,
-    then `frames[t + 1]` was seen.
+    then `frames[t + 1]` was seen. Where no camera saw it, frames are empty.
     """
 
-    frames: np.ndarray  # (T + 1, H, W, 3) uint8
+    frames: np.ndarray  # (T + 1, H, W, 3) uint8; (T + 1, 0, 0, 3) without pictures
     actions: np.ndarray  # (T, A) float32, in the units of the action space
     step_s: float
     # {sensor: (T + 1, D)} what was measured beside each frame
@@ -48,6 +48,10 @@ class Trajectory:
     def __len__(self) -> int:
         """Number of steps T."""
         return len(self.actions)
+
+    @property
+    def has_pictures(self) -> bool:
+        return self.frames.size > 0
 
     def first(self, steps: int) -> "Trajectory":
         """Only its first `steps` steps, or all where there are fewer."""

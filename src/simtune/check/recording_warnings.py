@@ -31,7 +31,8 @@ def warnings(
             f"the recordings take {control_hz:.4g} steps/s, the task usually {task_hz:.4g}; the "
             f"simulator follows them, --control-hz {task_hz:.4g} brings them to it"
         )
-    largest_ms, step_ms = facts["time_error_ms"]["largest"], 1e3 / control_hz
+    late, step_ms = facts["time_error_ms"], 1e3 / control_hz
+    largest_ms = late["largest"] if late else 0.0  # without pictures
     if largest_ms > _LATE * step_ms:
         found.append(
             f"frames are up to {largest_ms:.3g} ms away from their steps of {step_ms:.3g} ms: "

@@ -42,14 +42,19 @@ def _rows(parameters: dict[str, dict[str, Any]]) -> list[str]:
 
 
 def _of_recordings(facts: dict[str, Any]) -> list[str]:
-    height, width = facts["source_size"]
-    late = facts["time_error_ms"]
     ranges = (f"{n} {low:.3g} to {high:.3g}" for n, (low, high) in facts["action_ranges"].items())
+    film, lateness = "no pictures looked at", ""
+    if facts["source_size"]:
+        (height, width), late = facts["source_size"], facts["time_error_ms"]
+        film = f"{width}×{height} {facts['codec']}, camera {facts['camera']}"
+        lateness = (
+            f"; frames away from their steps by {late['largest']:g} ms at most, "
+            f"{late['mean']:g} ms on average"
+        )
     return [
         f"{facts['folder']}: {facts['kind']}, sound: {facts['episodes']} episodes, "
-        f"{facts['steps']} steps, {width}×{height} {facts['codec']}, camera {facts['camera']}",
-        f"{facts['fps']:.6g} steps/s recorded, {facts['control_hz']:.6g} taken; frames away from "
-        f"their steps by {late['largest']:g} ms at most, {late['mean']:g} ms on average",
+        f"{facts['steps']} steps, {film}",
+        f"{facts['fps']:.6g} steps/s recorded, {facts['control_hz']:.6g} taken{lateness}",
         f"actions: {', '.join(ranges) or 'none'}",
         f"dataset hash {facts['dataset_hash']}",
     ]

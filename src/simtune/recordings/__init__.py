@@ -1,4 +1,4 @@
-"""Recordings of a robot: three kinds of data sets in, LeRobotDataset v3.0 and video out."""
+"""Recordings of a robot: data sets of three kinds in, LeRobotDataset v3.0 and video out."""
 
 from simtune.recordings.dataset import Dataset
 from simtune.recordings.lerobot import write_dataset

@@ -11,7 +11,9 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.recordings.source import MOST_ACTIONS, MOST_ROWS, short
 
-_TIMES = ("time", "timestamp", "time_s", "timestamp_s", "t")  # in any case of letters
+# In any case of letters:
+_TIMES = ("time", "timestamp", "time_s", "timestamp_s", "t")
+MEASURED = "measured"  # and a dot, before a reading's name
 
 
 def read_header(path: Path) -> list[str]:
@@ -34,19 +36,24 @@ def read_header(path: Path) -> list[str]:
 
 
 def is_time(name: str) -> bool:
-    """Whether a column of this name holds seconds; all others are actions."""
+    """Whether a column of this name holds seconds."""
     return name.lower() in _TIMES
 
 
+def is_reading(name: str) -> bool:
+    """Whether a column of this name was measured; all others but that of seconds are actions."""
+    return name.lower().startswith(f"{MEASURED}.")
+
+
 def read_rows(path: Path, num_columns: int) -> np.ndarray:
-    """(rows, columns) of all that follows the header."""
+    """(rows, columns) of all that follows the header; NaN where a cell is empty."""
     rows: list[np.ndarray] = []
     for line in itertools.islice(_lines(path), 1, None):
         where = f"{path}: row {len(rows)}"
         if len(line) != num_columns:
             raise InputError(f"{where}: expected {num_columns} numbers, got {len(line)}")
         try:
-            rows.append(np.array([float(cell) for cell in line]))
+            rows.append(np.array([float(cell) if cell.strip() else np.nan for cell in line]))
         except ValueError as error:
             raise InputError(f"{where}: {error}") from None
         if len(rows) > MOST_ROWS:

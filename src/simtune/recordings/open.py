@@ -1,12 +1,13 @@
 """Recordings of any kind, recognised by what is there."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from simtune.errors import InputError
 from simtune.recordings.dataset import Dataset
 from simtune.recordings.lerobot import INFO_PATH, LeRobotSource
 from simtune.recordings.pairs import TABLE, VIDEOS, PairsSource
+from simtune.recordings.readings import NO_READINGS
 from simtune.recordings.robomimic import RobomimicSource
 from simtune.recordings.source import Source, short
 
@@ -21,39 +22,44 @@ def open_dataset(
     num_actions: int | None = None,
     actions: Sequence[str] | None = None,
     control_hz: float | None = None,
+    readings: Mapping[str, Sequence[str]] = NO_READINGS,
+    pictures: bool = True,
 ) -> Dataset:
-    """A LeRobotDataset v3.0, a folder of pairs NAME.mp4 and NAME.csv, or robomimic's HDF5.
+    """A LeRobotDataset v3.0 or v2, a folder of pairs NAME.mp4 and NAME.csv, or robomimic's HDF5.
 
     What describes the episodes is read and checked, and no picture yet. `camera` is one of the
-    recordings', needed where there are several; for the rest see `Dataset`.
+    recordings', needed where there are several, and left aside without `pictures`; for the rest
+    see `Dataset`.
 
     Raises:
         InputError: it is none of them, or unsound; one line says what was expected.
     """
-    source = _recognise(Path(path), camera, control_hz)
+    source = _recognise(Path(path), camera, control_hz, pictures)
     return Dataset(
         source,
         image_size=image_size,
         num_actions=num_actions,
         actions=actions,
         control_hz=control_hz,
+        readings=readings,
+        pictures=pictures,
     )
 
 
-def _recognise(path: Path, camera: str | None, control_hz: float | None) -> Source:
+def _recognise(path: Path, camera: str | None, control_hz: float | None, pictures: bool) -> Source:
     if path.is_file() and path.suffix in _HDF5:
-        return RobomimicSource(path, camera, control_hz)
+        return RobomimicSource(path, camera, control_hz, pictures=pictures)
     names = _listed(path)
     if (path / INFO_PATH).is_file():
-        return LeRobotSource(path, camera)
+        return LeRobotSource(path, camera, pictures=pictures)
     if hdf5 := [name for name in names if name.endswith(_HDF5)]:
         if len(hdf5) > 1:
             raise InputError(f"{path}: has several HDF5 files, give one of them: {short(hdf5)}")
-        return RobomimicSource(path / hdf5[0], camera, control_hz)
+        return RobomimicSource(path / hdf5[0], camera, control_hz, pictures=pictures)
     if any(name.lower().endswith((*VIDEOS, TABLE)) for name in names):
-        return PairsSource(path, camera)
+        return PairsSource(path, camera, pictures=pictures)
     raise InputError(
-        f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset v3.0), *.hdf5 "
+        f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset), *.hdf5 "
         "(robomimic) and pairs of NAME.mp4 and NAME.csv, see docs/recordings.md; "
         + (f"it holds: {short(names)}" if names else "it is empty")
     )

@@ -11,9 +11,10 @@ import numpy as np
 
 from simtune.errors import InputError
 from simtune.recordings import video
-from simtune.recordings.csv_table import is_time, read_header, read_rows
+from simtune.recordings.csv_table import MEASURED, is_reading, is_time, read_header, read_rows
+from simtune.recordings.readings import gather, readings_of
 from simtune.recordings.resample import typical_step_s
-from simtune.recordings.source import Rows, first_wrong, is_rate, short
+from simtune.recordings.source import Reading, Rows, first_wrong, is_rate, short
 
 VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # in any case of letters
 
@@ -21,39 +22,43 @@ VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # in any case of letters
 class PairsSource:
     """Videos and tables of the same names, an episode each, in the names' order.
 
+    Without `pictures` tables are enough, if they say when their rows were.
     Raises InputError where a file has no partner, or the tables' columns differ.
     """
 
     kind = "folder of mp4 and csv"
 
-    def __init__(self, folder: Path, camera: str | None = None):
-        if camera is not None:
+    def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
+        if pictures and camera is not None:
             raise InputError(f"{folder}: pairs of mp4 and csv have one camera; leave out --camera")
-        self.path, self.camera = folder, "mp4"
+        self.path, self.camera = folder, "mp4" if pictures else None
         self.robot_type: str | None = None
         seen = [p for p in sorted(folder.iterdir()) if not p.name.startswith(".")]
         self._videos = _by_name(path for path in seen if path.suffix.lower() in VIDEOS)
         self._tables = _by_name(path for path in seen if path.suffix.lower() == TABLE)
-        videos, tables = self._videos.keys(), self._tables.keys()
-        if tables and (lone := sorted(videos ^ tables)):
-            name, missing = lone[0], "csv" if lone[0] in videos else "mp4 or .mov"
-            there = (self._videos | self._tables)[name].name
-            raise InputError(
-                f"{folder}: {there} has no {name}.{missing} beside it; expected pairs "
-                "of a video and its actions, see docs/recordings.md"
-            )
-        self.episodes: Sequence[str] = sorted(videos, key=_natural)
-        self.files: Sequence[Path] = [*self._videos.values(), *self._tables.values()]
-        self._is_acted_on = bool(tables)
-        self._header = read_header(self._table(0)) if tables else []
-        self.action_names = tuple(name for name in self._header if not is_time(name))
+        self._check_partners()
+        self._is_acted_on = bool(self._tables)
+        self.episodes: Sequence[str] = sorted(self._tables or self._videos, key=_natural)
+        self._header = read_header(self._table(0)) if self._tables else []
+        self._is_timed = any(map(is_time, self._header))
+        measured = [name for name in self._header if is_reading(name)]
+        self._actions = [
+            column
+            for column, name in enumerate(self._header)
+            if not is_time(name) and not is_reading(name)
+        ]
+        self.action_names = tuple(self._header[column] for column in self._actions)
+        names = [name[len(MEASURED) + 1 :] for name in measured]
+        self.readings: Sequence[Reading] = readings_of(MEASURED, names, len(names))
+        videos = self._videos.values() if pictures or not self._is_timed else ()
+        self.files: Sequence[Path] = [*videos, *self._tables.values()]
         self.fps = self._fps()
 
     @property
     def codec(self) -> str:
         return video.probe(self._video(0)).codec
 
-    def rows(self, episode: int) -> Rows:
+    def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         if not self._is_acted_on:
             seen_s = video.frame_times(self._video(episode))
             return Rows(np.empty((len(seen_s), 0)), seen_s, float(seen_s[-1]))
@@ -65,18 +70,10 @@ class PairsSource:
                 f"got {short(header)}"
             )
         table = read_rows(path, len(header))
-        seen_s = video.frame_times(self._video(episode))
-        timed = [is_time(name) for name in header]
-        actions = table[:, ~np.array(timed)]
-        if any(timed):
-            return self._timed(episode, table[:, timed.index(True)], actions, seen_s)
-        if len(seen_s) - len(actions) not in (0, 1):
-            raise InputError(
-                f"{path}: {len(actions)} rows, {self._video(episode).name} has {len(seen_s)} "
-                "frames; expected a row a frame (the last may be missing), or a column 'time'; "
-                "is the video whole?"
-            )
-        return Rows(actions, seen_s[: len(actions)], float(seen_s[-1]))
+        measured = table[:, [is_reading(name) for name in header]]
+        times_s, until_s = self._times(episode, table)
+        found = gather(readings, len(table), lambda _: measured)
+        return Rows(table[:, self._actions], times_s, until_s, found)
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
         path = self._video(episode)
@@ -84,8 +81,27 @@ class PairsSource:
         tolerance_s = 1.6 * typical_step_s(video.frame_times(path))
         return video.frames_at(path, times_s.tolist(), tolerance_s=tolerance_s)
 
+    def _check_partners(self) -> None:
+        """Each video has a table if any has; each table has a video, if they are looked at."""
+        videos, tables = self._videos.keys(), self._tables.keys()
+        lone = videos - tables if self.camera is None else videos ^ tables
+        if tables and lone:
+            name = min(lone)
+            missing = "csv" if name in videos else "mp4 or .mov"
+            there = (self._videos | self._tables)[name].name
+            raise InputError(
+                f"{self.path}: {there} has no {name}.{missing} beside it; expected pairs "
+                "of a video and its actions, see docs/recordings.md"
+            )
+
     def _video(self, episode: int) -> Path:
-        return self._videos[self.episodes[episode]]
+        name = self.episodes[episode]
+        if name not in self._videos:  # and no pictures are asked for
+            raise InputError(
+                f"{self._tables[name]}: says nowhere when its rows were, and no video does; "
+                "expected a column 'time' of seconds"
+            )
+        return self._videos[name]
 
     def _table(self, episode: int) -> Path:
         return self._tables[self.episodes[episode]]
@@ -99,24 +115,37 @@ class PairsSource:
             raise InputError(f"{where}: its rows come {fps:g} times a second; in seconds?")
         return fps
 
-    def _timed(
-        self, episode: int, times_s: np.ndarray, actions: np.ndarray, seen_s: np.ndarray
-    ) -> Rows:
-        """Rows that say themselves when they began."""
-        path = self._table(episode)
+    def _times(self, episode: int, table: np.ndarray) -> tuple[np.ndarray, float]:
+        """(T,) seconds at which the rows of an episode's table began, and when it ends."""
+        if self._is_timed:
+            return self._told_times(episode, table[:, [is_time(name) for name in self._header]])
+        seen_s = video.frame_times(self._video(episode))
+        if len(seen_s) - len(table) not in (0, 1):
+            raise InputError(
+                f"{self._table(episode)}: {len(table)} rows, {self._video(episode).name} has "
+                f"{len(seen_s)} frames; expected a row a frame (the last may be missing), or a "
+                "column 'time'; is the video whole?"
+            )
+        return seen_s[: len(table)], float(seen_s[-1])
+
+    def _told_times(self, episode: int, column: np.ndarray) -> tuple[np.ndarray, float]:
+        """The same of rows that say themselves when they began."""
+        path, times_s = self._table(episode), column[:, 0]
         if (row := first_wrong(~(np.diff(times_s, prepend=-1e-9) > 0))) is not None:
             raise InputError(
                 f"{path}: row {row}: expected rising seconds since the video's first frame, "
                 f"got {times_s[row]:g}"
             )
-        step_s = typical_step_s(times_s)
+        if self.camera is None:
+            return times_s, float(times_s[-1])
+        step_s, seen_s = typical_step_s(times_s), video.frame_times(self._video(episode))
         spare_s = max(step_s, typical_step_s(seen_s)) if len(seen_s) > 1 else step_s
         if times_s[-1] > seen_s[-1] + 1.02 * spare_s:
             raise InputError(
                 f"{path}: actions until {times_s[-1]:g} s, {self._video(episode).name} ends at "
                 f"{seen_s[-1]:g} s; expected seconds since the video's first frame"
             )
-        return Rows(actions, times_s, min(float(seen_s[-1]), float(times_s[-1]) + step_s))
+        return times_s, min(float(seen_s[-1]), float(times_s[-1]) + step_s)
 
 
 def _by_name(paths: Iterable[Path]) -> dict[str, Path]:

@@ -5,6 +5,7 @@ import numpy as np
 from simtune.recordings.source import Rows
 
 _ON_TIME = 0.02  # of a step: what begins that near to a step's beginning is left as it is
+_BRIDGED = 3.5  # rows' steps: two rows may be missing in a row, as two frames may
 
 
 def typical_step_s(times_s: np.ndarray) -> float:
@@ -41,3 +42,22 @@ def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:
     summed = np.concatenate([np.zeros_like(summed[:1]), summed])
     at_times = [np.interp(times_s, edges_s, column) for column in summed.T]
     return (np.diff(at_times) / step_s).T
+
+
+def step_readings(rows: Rows, times_s: np.ndarray) -> np.ndarray:
+    """(K + 1, D) readings at (K + 1,) times, between two rows as on a straight line.
+
+    NaN before the first row and after the last one, beside a row without the reading, and where
+    more than two rows in a row are missing.
+    """
+    own_s, row_s = rows.times_s, typical_step_s(rows.times_s)
+    after = np.searchsorted(own_s, times_s).clip(1, len(own_s) - 1)
+    before_s, after_s = own_s[after - 1], own_s[after]
+    nearest_s = np.where(times_s - before_s < after_s - times_s, before_s, after_s)
+    is_on_time = np.abs(nearest_s - times_s) <= _ON_TIME * min(row_s, times_s[1] - times_s[0])
+    at_s = np.where(is_on_time, nearest_s, times_s)
+    known = np.where(np.isfinite(rows.readings), rows.readings, np.nan)
+    columns = [np.interp(at_s, own_s, column, np.nan, np.nan) for column in known.T]
+    found = np.reshape(columns, (known.shape[1], len(times_s))).T
+    found[~is_on_time & (after_s - before_s > _BRIDGED * row_s)] = np.nan
+    return found

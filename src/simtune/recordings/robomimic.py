@@ -1,6 +1,6 @@
-"""robomimic's HDF5: /data/demo_i with actions and pictures, which are stored one by one."""
+"""robomimic's HDF5: /data/demo_i with actions, readings and pictures, stored one by one."""
 
-import contextlib
+import functools
 import json
 import math
 from collections.abc import Iterator, Sequence
@@ -10,11 +10,20 @@ from typing import Any
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.recordings.source import MOST_ACTIONS, MOST_ROWS, Rows, choose_camera, is_rate, short
+from simtune.recordings import hdf5
+from simtune.recordings.readings import gather, readings_of
+from simtune.recordings.source import (
+    MOST_ACTIONS,
+    MOST_ROWS,
+    Reading,
+    Rows,
+    choose_camera,
+    is_rate,
+    short,
+)
 from simtune.recordings.video import MOST_PIXELS
 
 _BLOCK_BYTES = 1 << 24  # of pictures read at once: compressed ones are stored several together
-_MOST_CHUNK_BYTES = 1 << 28  # a chunk is unpacked whole
 
 
 class RobomimicSource:
@@ -27,18 +36,29 @@ class RobomimicSource:
     kind = "robomimic HDF5"
     codec = "raw"
 
-    def __init__(self, path: Path, camera: str | None = None, fps: float | None = None):
+    def __init__(
+        self,
+        path: Path,
+        camera: str | None = None,
+        fps: float | None = None,
+        *,
+        pictures: bool = True,
+    ):
         self.path = path
         self.files: Sequence[Path] = [path]
-        self._file = _open(path)
-        with _sound(path):
+        self._file = hdf5.open_file(path)
+        with hdf5.sound(path):
             data = self._file.get("data", {})
-            names = [name for name in _keys(data) if name.startswith("demo_")]
+            names = [name for name in hdf5.keys(data) if name.startswith("demo_")]
             if not names:
                 raise InputError(f"{path}: holds no episode; expected groups /data/demo_0, ...")
             self.episodes: Sequence[str] = sorted(names, key=lambda name: (len(name), name))
             self.robot_type, own_fps = _environment(data.attrs.get("env_args"))
-            self.camera = self._choose_camera(camera)
+            observed = self._observed()
+            self.camera = self._choose_camera(observed, camera) if pictures else None
+            self.readings: Sequence[Reading] = [
+                reading for key in observed for reading in _readings(key, observed[key])
+            ]
         self.action_names = tuple(f"action_{i}" for i in range(self._actions(0).shape[1]))
         self.fps = own_fps or fps or 0.0
         if not self.fps:
@@ -46,17 +66,18 @@ class RobomimicSource:
                 f"{path}: /data says no control_freq in env_args; give the rate as --control-hz"
             )
 
-    def rows(self, episode: int) -> Rows:
-        stored, pictures = self._actions(episode), self._pictures(episode)
-        if len(pictures) != len(stored) or len(stored) < 2:
+    def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
+        where, actions = self._where(episode), self._actions(episode)
+        num_pictures = len(actions) if self.camera is None else len(self._pictures(episode))
+        if num_pictures != len(actions) or len(actions) < 2:
             raise InputError(
-                f"{self.path}: {self.episodes[episode]} has {len(stored)} actions and "
-                f"{len(pictures)} pictures; expected as many, at least 2, a picture before each"
+                f"{where} has {len(actions)} actions and {num_pictures} pictures; "
+                "expected as many, at least 2, a picture before each"
             )
-        with _sound(f"{self.path}: {self.episodes[episode]}"):
-            actions = np.asarray(stored[()], np.float64)
         times_s = np.arange(len(actions)) / self.fps
-        return Rows(actions, times_s, float(times_s[-1]))
+        read = functools.partial(self._observation, episode, num_rows=len(actions))
+        found = gather(readings, len(actions), read)
+        return Rows(hdf5.read_floats(where, actions), times_s, float(times_s[-1]), found)
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
         stored = self._pictures(episode)
@@ -65,77 +86,75 @@ class RobomimicSource:
         for row in np.rint(times_s * self.fps).astype(int).clip(max=len(stored) - 1):
             if not first <= row < first + len(block):
                 first = row
-                with _sound(f"{self.path}, row {row}"):
+                with hdf5.sound(f"{self.path}, row {row}"):
                     block = stored[row : row + size]
             yield row / self.fps, block[row - first]
 
+    def _where(self, episode: int) -> str:
+        """How messages call an episode."""
+        return f"{self.path}: {self.episodes[episode]}"
+
+    def _stored(self, episode: int, key: str) -> Any:
+        group = f"data/{self.episodes[episode]}"
+        return hdf5.stored(self._where(episode), self._file, group, key)
+
     def _actions(self, episode: int) -> Any:
-        where, stored = self._dataset(episode, "actions")
+        stored = self._stored(episode, "actions")
         if stored.ndim != 2 or len(stored) > MOST_ROWS or not 0 < stored.shape[1] <= MOST_ACTIONS:
             raise InputError(
-                f"{where}: expected actions (T, A) with T up to {MOST_ROWS} and A from 1 to "
-                f"{MOST_ACTIONS}, got {stored.shape}"
+                f"{self._where(episode)}: expected actions (T, A) with T up to {MOST_ROWS} and A "
+                f"from 1 to {MOST_ACTIONS}, got {stored.shape}"
             )
         return stored
 
     def _pictures(self, episode: int) -> Any:
-        where, stored = self._dataset(episode, f"obs/{self.camera}")
-        if not _is_pictures(stored) or math.prod(stored.shape[1:3]) > MOST_PIXELS:
+        stored = self._stored(episode, f"obs/{self.camera}")
+        if not hdf5.is_pictures(stored) or math.prod(stored.shape[1:3]) > MOST_PIXELS:
             raise InputError(
-                f"{where}: expected obs/{self.camera} as (T, H, W, 3) uint8, "
+                f"{self._where(episode)}: expected obs/{self.camera} as (T, H, W, 3) uint8, "
                 f"got {stored.shape} {stored.dtype}"
             )
         return stored
 
-    def _dataset(self, episode: int, key: str) -> tuple[str, Any]:
-        """How messages call an episode, and its HDF5 dataset: in this file, of a size to read."""
-        where = f"{self.path}: {self.episodes[episode]}"
-        with _sound(where):
-            group = self._file["data"][self.episodes[episode]]
-            stored: Any = group.get(key) if _keys(group) else None
-            if not hasattr(stored, "shape"):
-                raise InputError(f"{where} has no {key}; there are: {short(_keys(group))}")
-            # An HDF5 file can borrow from any file that its reader may read.
-            if stored.file.filename != self._file.filename or stored.external or stored.is_virtual:
-                raise InputError(f"{where}: {key} leads out of the file")
-            chunk_bytes = math.prod(stored.chunks or ()) * stored.dtype.itemsize
-            if chunk_bytes > _MOST_CHUNK_BYTES:
-                raise InputError(
-                    f"{where}: {key} is stored in chunks of {chunk_bytes / 1e6:.0f} MB; "
-                    "expected some pictures each, write the file anew"
-                )
-            return where, stored
+    def _observation(self, episode: int, key: str, num_rows: int) -> np.ndarray:
+        """(T, D) of obs, which must be as wide as in the first episode."""
+        where, stored = self._where(episode), self._stored(episode, f"obs/{key}")
+        width = sum(reading.key == key for reading in self.readings)
+        if _width(stored) != width or len(stored) != num_rows:
+            raise InputError(
+                f"{where}: expected obs/{key} as numbers ({num_rows}, {width}), a row an "
+                f"action, got {stored.shape} {stored.dtype}"
+            )
+        return hdf5.read_floats(where, stored).reshape(num_rows, width)
 
-    def _choose_camera(self, camera: str | None) -> str:
-        """The key of the chosen camera's pictures, by what the first episode holds."""
+    def _observed(self) -> dict[str, Any]:
+        """What the first episode holds in obs, by its key."""
         demo = self._file["data"][self.episodes[0]]
-        observed = demo.get("obs", {}) if _keys(demo) else {}
-        cameras = [key for key in _keys(observed) if _is_pictures(observed.get(key))]
+        observed = demo.get("obs", {}) if hdf5.keys(demo) else {}
+        return {key: observed.get(key) for key in hdf5.keys(observed)}
+
+    def _choose_camera(self, observed: dict[str, Any], camera: str | None) -> str:
+        """The key of the chosen camera's pictures."""
+        cameras = [key for key, stored in observed.items() if hdf5.is_pictures(stored)]
         if not cameras:
             raise InputError(
                 f"{self.path}: no pictures (T, H, W, 3) uint8 in /data/{self.episodes[0]}/obs; "
-                f"there are: {short(_keys(observed))}"
+                f"there are: {short(list(observed))}"
             )
         return choose_camera(self.path, cameras, camera, "{}_image")
 
 
-def _open(path: Path) -> Any:
-    try:
-        import h5py
-    except ImportError:
-        raise InputError(f"{path}: reading HDF5 needs h5py: pip install h5py") from None
-    with _sound(path):
-        return h5py.File(path, "r")
+def _readings(key: str, stored: Any) -> list[Reading]:
+    """Of what is stored in obs as `key`; it gives its numbers no names."""
+    return readings_of(key, (), _width(stored))
 
 
-def _keys(group: Any) -> list[str]:
-    """Of a group; of what should be one and is not, none."""
-    return list(group) if hasattr(group, "keys") else []
-
-
-def _is_pictures(stored: Any) -> bool:
-    shape = getattr(stored, "shape", ())
-    return len(shape) == 4 and shape[3] == 3 and stored.dtype == np.uint8
+def _width(stored: Any) -> int:
+    """How many numbers a row of a dataset has; 0 where it holds something else."""
+    if getattr(getattr(stored, "dtype", None), "kind", "") not in ("f", "i", "u"):
+        return 0
+    width = stored.shape[1] if stored.ndim == 2 else 1
+    return width if stored.ndim in (1, 2) and width <= MOST_ACTIONS else 0
 
 
 def _environment(env_args: Any) -> tuple[str | None, float | None]:
@@ -146,15 +165,3 @@ def _environment(env_args: Any) -> tuple[str | None, float | None]:
     except (ValueError, TypeError, AttributeError, RecursionError):
         return None, None
     return name if isinstance(name, str) else None, float(fps) if is_rate(fps) else None
-
-
-@contextlib.contextmanager
-def _sound(where: object) -> Iterator[None]:
-    """What h5py raises for damaged files, as an InputError."""
-    try:
-        yield
-    except InputError:
-        raise
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else "damaged"
-        raise InputError(f"{where}: not readable as HDF5 ({reason}); copy the file again") from None

@@ -1,7 +1,7 @@
 """What each kind of recordings has to tell; what all of them share is in `dataset.py`."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, TypeGuard
 
@@ -11,12 +11,31 @@ from simtune.errors import InputError
 
 
 @dataclass(frozen=True)
+class Reading:
+    """One number of those that were measured beside each frame."""
+
+    key: str  # of what is stored together, such as "observation.state"
+    index: int  # among the numbers there
+    name: str  # of its own, such as "elbow"; "": it has none
+
+    @property
+    def place(self) -> str:
+        return f"{self.key}[{self.index}]"
+
+    @property
+    def full_name(self) -> str:
+        return f"{self.key}.{self.name}" if self.name else self.place
+
+
+@dataclass(frozen=True)
 class Rows:
-    """The actions of an episode, on the clock of its pictures."""
+    """The actions of an episode and its readings, on the clock of its pictures."""
 
     actions: np.ndarray  # (T, A) float64, all that were recorded
     times_s: np.ndarray  # (T,) when each began to be applied, rising
     until_s: float  # up to when both pictures and actions are known
+    # (T, D) float64, NaN where there is none; of no row where none were asked for
+    readings: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -28,8 +47,9 @@ class Source(Protocol):
     kind: str  # in words
     path: Path
     fps: float  # rows a second
-    camera: str
+    camera: str | None  # None: opened without pictures
     action_names: tuple[str, ...]  # (A,)
+    readings: Sequence[Reading]  # all that can be asked for
     robot_type: str | None
     episodes: Sequence[str]  # what each is called
     files: Sequence[Path]  # all that its content depends on
@@ -39,8 +59,8 @@ class Source(Protocol):
         """Of the pictures, e.g. "h264"."""
         ...
 
-    def rows(self, episode: int) -> Rows:
-        """Raises InputError where they are unsound."""
+    def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
+        """Raises InputError where they are unsound. No other readings are read."""
         ...
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
@@ -71,7 +91,8 @@ def first_wrong(wrong: np.ndarray) -> int | None:
 
 def short(names: Sequence[str], most: int = 12) -> str:
     """At most `most` of the names, for a message that stays one line."""
-    return ", ".join(names if len(names) <= most else [*names[:most], "..."])
+    names = names if len(names) <= most else [*names[:most], "..."]
+    return ", ".join(name if name.isprintable() else repr(name) for name in names)
 
 
 def choose_camera(where: Path, cameras: Sequence[str], asked: str | None, full_name: str) -> str:

@@ -34,7 +34,7 @@ def probe(path: str | Path) -> VideoFacts:
     """What the file's first video stream says of itself; InputError where there is none."""
     with _open(path) as (_, stream):
         return VideoFacts(
-            codec=stream.codec_context.name,
+            codec=stream.codec.canonical_name,  # not the decoder's, such as libdav1d
             height=stream.codec_context.height,
             width=stream.codec_context.width,
         )

@@ -1,4 +1,4 @@
-"""LeRobotDataset v3.0: many episodes share a parquet file of actions, and a video."""
+"""LeRobotDataset: v3.0, whose episodes share files, and v2, with a file an episode."""
 
 from simtune.recordings.lerobot.layout import INFO_PATH
 from simtune.recordings.lerobot.source import LeRobotSource

@@ -1,16 +1,18 @@
 """What goes into a LeRobotDataset v3.0, but for its frames."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from simtune.recordings.lerobot.layout import IMAGES_PREFIX
+from simtune.recordings.lerobot.layout import IMAGES_PREFIX, STATE
 from simtune.recordings.lerobot.stats import count_colours
 from simtune.trajectory import Trajectory
 
-# Of the table of rows.
+# Of the table of rows; without readings there is no STATE.
 COLUMNS = {
+    STATE: "float32",
     "action": "float32",
     "timestamp": "float32",
     "frame_index": "int64",
@@ -34,8 +36,9 @@ class Contents:
     """Gathered an episode at a time."""
 
     step_s: float
-    image_size: tuple[int, int]  # (height, width), pixels
+    image_size: tuple[int, int]  # (height, width), pixels; (0, 0): there are no pictures
     action_names: tuple[str, ...]
+    reading_names: Mapping[str, Sequence[str]]  # {sensor: its names}
     robot_type: str
     task: str
     columns: list[dict[str, np.ndarray]] = field(default_factory=list)  # an episode's rows
@@ -48,18 +51,30 @@ class Contents:
         return round(fps) if abs(fps - round(fps)) < 1e-6 * fps else fps
 
     @property
+    def has_pictures(self) -> bool:
+        return self.image_size != (0, 0)
+
+    @property
+    def names(self) -> dict[str, list[str]]:
+        """Of the numbers in each column that is a list; {column: names}."""
+        state = [name for names in self.reading_names.values() for name in names]
+        return {**({STATE: state} if state else {}), "action": list(self.action_names)}
+
+    @property
     def num_rows(self) -> int:
         return sum(len(columns["index"]) for columns in self.columns)
 
     def all_rows(self) -> dict[str, np.ndarray]:
         """The columns of all episodes, one after the other."""
-        return {name: np.concatenate([rows[name] for rows in self.columns]) for name in COLUMNS}
+        names = self.columns[0]
+        return {name: np.concatenate([rows[name] for rows in self.columns]) for name in names}
 
     def add(self, trajectory: Trajectory) -> None:
         """Note an episode's rows and colours. Raises ValueError where it does not fit in."""
         self._check(trajectory)
         frame_index = np.arange(len(trajectory) + 1)
         columns = {
+            **self._state(trajectory),
             "action": np.concatenate([trajectory.actions, trajectory.actions[-1:]]),
             "timestamp": frame_index / self.fps,
             "frame_index": frame_index,
@@ -67,8 +82,14 @@ class Contents:
             "index": frame_index + self.num_rows,
             "task_index": np.zeros_like(frame_index),
         }
-        self.columns.append({name: columns[name].astype(kind) for name, kind in COLUMNS.items()})
+        self.columns.append({name: found.astype(COLUMNS[name]) for name, found in columns.items()})
         self.colours.append(count_colours(trajectory.frames))
+
+    def _state(self, trajectory: Trajectory) -> dict[str, np.ndarray]:
+        """{STATE: (T + 1, D)} readings of all sensors; nothing where none was asked for."""
+        if not self.reading_names:
+            return {}
+        return {STATE: np.hstack([trajectory.readings[name] for name in self.reading_names])}
 
     def _check(self, trajectory: Trajectory) -> None:
         actions, size = trajectory.actions, trajectory.frames.shape[1:3]
@@ -79,6 +100,11 @@ class Contents:
             )
         if not np.isfinite(actions).all():
             raise ValueError(f"{where}: actions are not all finite")
+        for sensor, names in self.reading_names.items():
+            expected = (len(trajectory) + 1, len(names))
+            got = trajectory.readings.get(sensor, np.empty((0, 0))).shape
+            if got != expected:
+                raise ValueError(f"{where}: expected readings {expected} of {sensor}, got {got}")
         if size != self.image_size or trajectory.step_s != self.step_s:
             raise ValueError(
                 f"{where}: expected frames of {self.image_size} pixels every {self.step_s} s as in "

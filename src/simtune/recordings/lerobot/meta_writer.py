@@ -20,7 +20,7 @@ _TASK_TEXT = "__index_level_0__"  # as pandas calls the column of an index witho
 def write_meta(folder: Path, contents: Contents) -> None:
     """Of a dataset whose episodes are all in `contents`, in the first file of each kind."""
     _write_json(first_file(folder, INFO_PATH), _info(contents))
-    stats = _stats(contents.all_rows(), np.sum(contents.colours, 0))
+    stats = _stats(contents, contents.all_rows(), np.sum(contents.colours, 0))
     _write_json(folder / "meta/stats.json", stats)
 
     tasks = pa.table({"task_index": [0], _TASK_TEXT: [contents.task]})
@@ -42,45 +42,35 @@ def _episode_row(contents: Contents, index: int) -> dict[str, Any]:
         "length": stop - start,
         "dataset_from_index": start,
         "dataset_to_index": stop,
-        f"{video}/from_timestamp": start / contents.fps,
-        f"{video}/to_timestamp": stop / contents.fps,
     }
-    for part in ("data", video, "meta/episodes"):
+    if contents.has_pictures:
+        row[f"{video}/from_timestamp"] = start / contents.fps
+        row[f"{video}/to_timestamp"] = stop / contents.fps
+    for part in ("data", *([video] if contents.has_pictures else []), "meta/episodes"):
         row |= {f"{part}/{key}": value for key, value in FIRST.items()}
-    for name, values in _stats(columns, contents.colours[index]).items():
+    for name, values in _stats(contents, columns, contents.colours[index]).items():
         row |= {f"stats/{name}/{key}": value for key, value in values.items()}
     return row
 
 
-def _stats(columns: Mapping[str, np.ndarray], colours: np.ndarray) -> dict[str, dict[str, Any]]:
+def _stats(
+    contents: Contents, columns: Mapping[str, np.ndarray], colours: np.ndarray
+) -> dict[str, dict[str, Any]]:
     """Of some rows and of the (3, 256) histogram of their pictures."""
     stats = {name: column_stats(values) for name, values in columns.items()}
+    if not contents.has_pictures:
+        return stats
     return {CAMERA: image_stats(colours, len(columns["index"])), **stats}
 
 
 def _info(contents: Contents) -> dict[str, Any]:
     """meta/info.json."""
-    height, width = contents.image_size
-    num_episodes, names = len(contents.columns), list(contents.action_names)
-    video = {
-        "dtype": "video",
-        "shape": [height, width, 3],
-        "names": ["height", "width", "channels"],
-        "info": {
-            "video.height": height,
-            "video.width": width,
-            "video.codec": "h264",
-            "video.pix_fmt": "yuv420p",
-            "video.is_depth_map": False,
-            "video.fps": contents.fps,
-            "video.channels": 3,
-            "has_audio": False,
-        },
-    }
-    rows: dict[str, dict[str, Any]] = {
-        name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in COLUMNS.items()
-    }
-    rows["action"] |= {"shape": [len(names)], "names": names}
+    num_episodes = len(contents.columns)
+    features = {CAMERA: _video_feature(contents)} if contents.has_pictures else {}
+    for column in contents.columns[0]:
+        features[column] = {"dtype": COLUMNS[column], "shape": [1], "names": None}
+    for column, names in contents.names.items():
+        features[column] |= {"shape": [len(names)], "names": names}
     return {
         "codebase_version": CODEBASE_VERSION,
         "robot_type": contents.robot_type,
@@ -94,8 +84,27 @@ def _info(contents: Contents) -> dict[str, Any]:
         "fps": contents.fps,
         "splits": {"train": f"0:{num_episodes}"},
         "data_path": DATA_PATH,
-        "video_path": VIDEO_PATH,
-        "features": {CAMERA: video, **rows},
+        "video_path": VIDEO_PATH if contents.has_pictures else None,
+        "features": features,
+    }
+
+
+def _video_feature(contents: Contents) -> dict[str, Any]:
+    height, width = contents.image_size
+    return {
+        "dtype": "video",
+        "shape": [height, width, 3],
+        "names": ["height", "width", "channels"],
+        "info": {
+            "video.height": height,
+            "video.width": width,
+            "video.codec": "h264",
+            "video.pix_fmt": "yuv420p",
+            "video.is_depth_map": False,
+            "video.fps": contents.fps,
+            "video.channels": 3,
+            "has_audio": False,
+        },
     }
 
 

@@ -31,10 +31,13 @@ def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ())
             for column in wanted:
                 if not _holds_numbers(file.schema_arrow.field(column).type):
                     raise InputError(f"{path}: expected numbers in column {column!r}")
-            _check_sizes(path, file.metadata, wanted)
-            return file.read(wanted)
-    except (pa.ArrowException, OSError) as error:
-        reason = str(error).splitlines()[0].rstrip(". ") if str(error) else "damaged"
+                _check_size(path, file, column)
+            # Of "a" it reads "a.b" as well.
+            return file.read(wanted).select(wanted)
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        reason = (str(error).splitlines() or ["damaged"])[0].rstrip(". ")
+        # It may quote the damaged bytes, which no terminal should be shown.
+        reason = "".join(char if char.isprintable() else "?" for char in reason)
         raise InputError(
             f"{path}: not a readable parquet file ({reason}); copy the file again"
         ) from None
@@ -47,19 +50,22 @@ def _holds_numbers(kind: pa.DataType) -> bool:
     return any(is_one(kind) for is_one in numeric)
 
 
-def _check_sizes(path: Path, metadata: pq.FileMetaData, columns: Sequence[str]) -> None:
-    """Before anything is read of them."""
-    groups = map(metadata.row_group, range(metadata.num_row_groups))
-    leaves = [leaf for group in groups for leaf in map(group.column, range(group.num_columns))]
-    for name in columns:
-        # Of a list it is NAME.list.element, and names may have dots of their own.
-        stored = [leaf for leaf in leaves if f"{leaf.path_in_schema}.".startswith(f"{name}.")]
-        count = max(metadata.num_rows, sum(leaf.num_values for leaf in stored))
-        if count > _MOST_VALUES:
-            raise InputError(
-                f"{path}: has {count} values in column {name!r}; "
-                f"expected at most {_MOST_VALUES}: split the file, or copy it again"
-            )
+def _check_size(path: Path, file: pq.ParquetFile, column: str) -> None:
+    """Before anything is read of it."""
+    metadata, schema = file.metadata, file.schema
+    count = metadata.num_rows
+    for i in range(len(schema)):
+        leaf = schema.column(i)
+        # Of a list it is NAME.list.element, and names may have dots of their own. Of other columns
+        # nothing is asked: where the footer is damaged, to ask may end the process.
+        if leaf.max_repetition_level and f"{leaf.path}.".startswith(f"{column}."):
+            groups = map(metadata.row_group, range(metadata.num_row_groups))
+            count = max(count, sum(group.column(i).num_values for group in groups))
+    if count > _MOST_VALUES:
+        raise InputError(
+            f"{path}: has {count} values in column {column!r}; "
+            f"expected at most {_MOST_VALUES}: split the file, or copy it again"
+        )
 
 
 def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
@@ -71,10 +77,13 @@ def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
 
 
 def lists(values: pa.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
-    """(rows,) lengths of lists of numbers, and all of the numbers; plain ones count as one."""
+    """(rows,) lengths of lists of numbers, and all of the numbers.
+
+    A plain number counts as a list of one; one that is missing has the length -1.
+    """
     if not isinstance(values.type, _LISTS):
         return np.ones(len(values), int), _floats(values)
-    lengths = pc.list_value_length(values).fill_null(0)  # type: ignore[attr-defined]
+    lengths = pc.list_value_length(values).fill_null(-1)  # type: ignore[attr-defined]
     flat = pc.list_flatten(values)  # type: ignore[attr-defined]
     return lengths.to_numpy(), _floats(flat)
 

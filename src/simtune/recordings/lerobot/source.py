@@ -13,32 +13,34 @@ from simtune.recordings import video
 from simtune.recordings.lerobot.episodes import Episode
 from simtune.recordings.lerobot.meta import read_meta
 from simtune.recordings.lerobot.parquet import lists, numbers, read_table
-from simtune.recordings.source import Rows, first_wrong
+from simtune.recordings.readings import gather
+from simtune.recordings.source import Reading, Rows, first_wrong
 
 
 class LeRobotSource:
-    """A folder of the LeRobotDataset v3.0 layout. See `read_meta`; raises InputError."""
+    """A folder of a LeRobotDataset's layout. See `read_meta`; raises InputError."""
 
-    kind = "LeRobotDataset v3.0"
-
-    def __init__(self, folder: Path, camera: str | None = None):
-        meta = read_meta(folder, camera)
+    def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
+        meta = read_meta(folder, camera, pictures=pictures)
+        self.kind = f"LeRobotDataset {meta.version}"
         self.path, self.fps, self.camera = folder, meta.fps, meta.camera
         self.action_names, self.robot_type = meta.action_names, meta.robot_type
+        self.readings: Sequence[Reading] = meta.readings
         self.episodes: Sequence[str] = [f"episode {episode.index}" for episode in meta.episodes]
         self._episodes = meta.episodes
         tables = {path for part in ("meta", "data") for path in (folder / part).rglob("*.*")}
-        self.files: Sequence[Path] = [*tables, *{e.video_file for e in meta.episodes}]
+        videos = {e.video_file for e in meta.episodes if e.video_file}
+        self.files: Sequence[Path] = [*tables, *videos]
         # The latest is kept, since the next episode lies in it as a rule.
         self._data = functools.lru_cache(maxsize=1)(_read_data)
 
     @property
     def codec(self) -> str:
-        return video.probe(self._episodes[0].video_file).codec
+        return video.probe(self._video(self._episodes[0])).codec
 
-    def rows(self, episode: int) -> Rows:
+    def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         where = self._episodes[episode]
-        table = self._data(where.data_file)
+        table = self._data(where.data_file, tuple({reading.key: None for reading in readings}))
         rows = table.filter(pc.field("episode_index") == where.index)
         if len(rows) != where.num_rows:
             raise InputError(
@@ -49,16 +51,28 @@ class LeRobotSource:
         self._check_order(rows, where)
         self._check_times(rows["timestamp"].to_numpy(), where)
         times_s = np.arange(len(rows)) / self.fps
-        return Rows(self._actions(rows["action"], where), times_s, float(times_s[-1]))
+        actions = self._lists(rows["action"], len(self.action_names), "actions", where)
+
+        def read(key: str) -> np.ndarray:
+            num = sum(reading.key == key for reading in self.readings)
+            return self._lists(rows[key], num, f"numbers of {key!r}", where)
+
+        found = gather(readings, len(rows), read)
+        return Rows(actions, times_s, float(times_s[-1]), found)
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
         where = self._episodes[episode]
         # Half a frame, and a little: between two frames either will do.
         frames = video.frames_at(
-            where.video_file, (where.from_s + times_s).tolist(), tolerance_s=0.51 / self.fps
+            self._video(where), (where.from_s + times_s).tolist(), tolerance_s=0.51 / self.fps
         )
         for shown_s, picture in frames:
             yield shown_s - where.from_s, picture
+
+    def _video(self, where: Episode) -> Path:
+        if where.video_file is None:
+            raise ValueError("it was opened without pictures")
+        return where.video_file
 
     def _check_order(self, rows: pa.Table, where: Episode) -> None:
         """Rows must be the frames 0, 1, 2, ..., and those that meta/ calls this episode."""
@@ -88,19 +102,28 @@ class LeRobotSource:
                 "is fps in meta/info.json right?"
             )
 
-    def _actions(self, column: pa.ChunkedArray, where: Episode) -> np.ndarray:
-        """(T, A)."""
+    def _lists(self, column: pa.ChunkedArray, num: int, what: str, where: Episode) -> np.ndarray:
+        """(T, num), NaN where a number is missing, or a whole list."""
         lengths, flat = lists(column)
-        if (row := first_wrong(lengths != len(self.action_names))) is not None:
+        is_there = lengths >= 0
+        if (row := first_wrong(is_there & (lengths != num))) is not None:
             raise InputError(
-                f"{self.path}: episode {where.index}, row {row}: expected "
-                f"{len(self.action_names)} actions as meta/info.json says, got {lengths[row]}"
+                f"{self.path}: episode {where.index}, row {row}: expected {num} {what} "
+                f"as meta/info.json says, got {lengths[row]}"
             )
-        return flat.reshape(len(lengths), -1)
+        values = np.full((len(lengths), num), np.nan)
+        values[is_there] = flat.reshape(-1, num)
+        return values
 
 
-def _read_data(path: Path) -> pa.Table:
-    """A file of rows: "action" as it is stored, all other columns float64, NaN where missing."""
-    table = read_table(path, ["action", "episode_index", "frame_index", "timestamp"], ["index"])
-    columns = {name: numbers(table, name, path) for name in table.column_names if name != "action"}
-    return pa.table({"action": table["action"], **columns})
+def _read_data(path: Path, keys: Sequence[str]) -> pa.Table:
+    """A file of rows: actions and `keys` as they are stored, all other columns float64.
+
+    NaN where one is missing.
+    """
+    stored = ("action", *keys)
+    table = read_table(path, [*stored, "episode_index", "frame_index", "timestamp"], ["index"])
+    columns = {
+        name: numbers(table, name, path) for name in table.column_names if name not in stored
+    }
+    return pa.table({**{name: table[name] for name in stored}, **columns})

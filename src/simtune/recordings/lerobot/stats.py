@@ -9,18 +9,29 @@ _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
 
 def column_stats(values: np.ndarray) -> dict[str, Any]:
-    """Of a column (rows,) or (rows, A), lists of A numbers; integers keep min and max whole."""
-    values = values.reshape(len(values), -1)
+    """Of a column (rows,) or (rows, A), lists of A numbers; integers keep min and max whole.
+
+    Numbers that are not finite do not count; where none is, all are 0.
+    """
+    each = [_number_stats(column) for column in values.reshape(len(values), -1).T]
+    stats = {name: [found[name] for found in each] for name in each[0]}
+    return {**stats, "count": [len(values)]}
+
+
+def _number_stats(values: np.ndarray) -> dict[str, float]:
+    """Of (rows,)."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        known = np.zeros_like(values[:1])
     shares = list(_QUANTILES.values())
-    stats = {
-        "min": values.min(0),
-        "max": values.max(0),
-        "mean": values.mean(0, dtype=np.float64),
-        "std": values.std(0, dtype=np.float64),
-        "count": np.array([len(values)]),
-        **dict(zip(_QUANTILES, np.quantile(values.astype(float), shares, axis=0), strict=True)),
+    quantiles = np.quantile(known.astype(float), shares).tolist()
+    return {
+        "min": known.min().item(),
+        "max": known.max().item(),
+        "mean": float(known.mean(dtype=np.float64)),
+        "std": float(known.std(dtype=np.float64)),
+        **dict(zip(_QUANTILES, quantiles, strict=True)),
     }
-    return {name: value.tolist() for name, value in stats.items()}
 
 
 def count_colours(frames: Iterable[np.ndarray]) -> np.ndarray:

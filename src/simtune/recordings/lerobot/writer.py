@@ -4,7 +4,7 @@ import itertools
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ from simtune.errors import InputError
 from simtune.recordings.lerobot.contents import CAMERA, COLUMNS, Contents, first_file
 from simtune.recordings.lerobot.layout import DATA_PATH, VIDEO_PATH
 from simtune.recordings.lerobot.meta_writer import write_meta
+from simtune.recordings.readings import NO_READINGS
+from simtune.recordings.source import short
 from simtune.recordings.video_writer import VideoWriter
 from simtune.trajectory import Trajectory
 
@@ -30,9 +32,14 @@ def write_dataset(
     action_names: Sequence[str],
     robot_type: str,
     task: str,
+    reading_names: Mapping[str, Sequence[str]] = NO_READINGS,
     crf: int = _CRF,
 ) -> None:
     """Write trajectories, one an episode, as a LeRobotDataset v3.0 with one camera (h264).
+
+    Of `reading_names`, {sensor: what its numbers are called}, the readings become the feature
+    "observation.state" (float32), one sensor after the other; other readings are left out. Of
+    trajectories without pictures the dataset has no camera.
 
     A trajectory of T actions becomes T + 1 rows, one a frame; the last row's action, of which
     no frame shows the outcome, repeats the one before. Trajectories are taken one at a time, so
@@ -43,13 +50,14 @@ def write_dataset(
 
     Raises:
         InputError: the folder exists and is not empty, or the pictures have an odd side.
-        ValueError: there is no trajectory, or they do not fit together or `action_names`.
+        ValueError: there is no trajectory, or they do not fit together, or to the names.
     """
     with _whole_or_not_at_all(Path(folder)) as unfinished:
         trajectories = iter(trajectories)
         first = next(trajectories, None)
         if first is None:
             raise ValueError("a dataset needs at least one trajectory")
+        _check_names(reading_names)
         height, width = first.frames.shape[1:3]
         if height % 2 or width % 2:
             raise InputError(
@@ -60,12 +68,24 @@ def write_dataset(
             step_s=first.step_s,
             image_size=(height, width),
             action_names=tuple(action_names),
+            reading_names=reading_names,
             robot_type=robot_type,
             task=task,
         )
-        _write_video(unfinished, contents, itertools.chain([first], trajectories), crf)
+        trajectories = itertools.chain([first], trajectories)
+        if contents.has_pictures:
+            _write_video(unfinished, contents, trajectories, crf)
+        else:
+            for trajectory in trajectories:
+                contents.add(trajectory)
         _write_data(unfinished, contents)
         write_meta(unfinished, contents)
+
+
+def _check_names(reading_names: Mapping[str, Sequence[str]]) -> None:
+    names = [name for of_sensor in reading_names.values() for name in of_sensor]
+    if len(set(names)) < len(names) or not all(reading_names.values()):
+        raise ValueError(f"each sensor needs names, and no two the same, got {short(names)}")
 
 
 @contextmanager
@@ -101,16 +121,15 @@ def _write_video(
 
 
 def _write_data(folder: Path, contents: Contents) -> None:
-    num_actions = len(contents.action_names)
     features: dict[str, Any] = {
-        name: {"dtype": dtype, "_type": "Value"} for name, dtype in COLUMNS.items()
+        name: {"dtype": COLUMNS[name], "_type": "Value"} for name in contents.columns[0]
     }
     arrays = {name: pa.array(values.ravel()) for name, values in contents.all_rows().items()}
-    if num_actions > 1:  # lerobot stores features of one number as plain numbers
-        values = pa.list_(pa.field("element", pa.float32()), num_actions)
-        arrays["action"] = pa.FixedSizeListArray.from_arrays(arrays["action"], type=values)
-        feature = {"feature": features["action"], "length": num_actions, "_type": "List"}
-        features["action"] = feature
+    for name, names in contents.names.items():
+        if len(names) > 1:  # lerobot stores features of one number as plain numbers
+            values = pa.list_(pa.field("element", pa.float32()), len(names))
+            arrays[name] = pa.FixedSizeListArray.from_arrays(arrays[name], type=values)
+            features[name] = {"feature": features[name], "length": len(names), "_type": "List"}
     # Hugging Face's `datasets` reads the features from here.
     metadata = {"huggingface": json.dumps({"info": {"features": features}})}
     table = pa.table(arrays).replace_schema_metadata(metadata)

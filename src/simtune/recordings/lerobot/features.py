@@ -1,0 +1,81 @@
+"""What the features in meta/info.json say of actions, readings and cameras."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from simtune.errors import InputError
+from simtune.recordings.lerobot.layout import IMAGES_PREFIX, unexpected
+from simtune.recordings.readings import readings_of
+from simtune.recordings.source import MOST_ACTIONS, Reading, choose_camera, short
+
+_NESTED = 3  # lists in lists, at most
+_NUMERIC = re.compile(r"u?int\d+|float\d+")  # dtypes
+_NO_READINGS = ("action", "timestamp", "frame_index", "episode_index", "index", "task_index")
+
+
+def action_names(folder: Path, features: dict[str, Any]) -> tuple[str, ...]:
+    """What each number of an action is called. Raises InputError where there are none."""
+    if "action" not in features:
+        raise InputError(
+            f"{folder}: no column 'action', and without actions nothing can be replayed; "
+            f"there are: {short(list(features))}"
+        )
+    feature = features["action"] if isinstance(features["action"], dict) else {}
+    num = _num_values(feature)
+    if num is None:
+        expected = f"a shape [A] of 'action' with A from 1 to {MOST_ACTIONS}"
+        raise unexpected(folder, expected, feature.get("shape"))
+    names = tuple(_names(feature.get("names")))
+    return names if len(names) == num else tuple(f"action_{i}" for i in range(num))
+
+
+def readings(features: dict[str, Any]) -> tuple[Reading, ...]:
+    """All numbers that were measured, or noted down otherwise, beside each frame."""
+    found = []
+    for key, feature in features.items():
+        num = _num_values(feature) if isinstance(feature, dict) else None
+        if (
+            num is not None
+            and key not in _NO_READINGS
+            and _NUMERIC.match(str(feature.get("dtype")))
+        ):
+            found += readings_of(key, list(_names(feature.get("names"))), num)
+    return tuple(found)
+
+
+def choose_video(folder: Path, features: dict[str, Any], camera: str | None) -> str:
+    """The chosen camera's key. Raises InputError where there is no such one."""
+    dtypes = {key: f.get("dtype") for key, f in features.items() if isinstance(f, dict)}
+    cameras = [key for key, dtype in dtypes.items() if dtype == "video"]
+    if not cameras and "image" in dtypes.values():
+        raise InputError(
+            f"{folder}: its pictures are stored one by one; expected videos, "
+            "record it with lerobot's use_videos=True"
+        )
+    if not cameras:
+        raise InputError(
+            f"{folder}: no camera, that is no feature of dtype 'video'; "
+            f"there are: {short(list(features))}"
+        )
+    return choose_camera(folder, cameras, camera, IMAGES_PREFIX + "{}")
+
+
+def _num_values(feature: dict[str, Any]) -> int | None:
+    """Of a feature that is one list of numbers a row; None: it is something else."""
+    shape = feature.get("shape")
+    if not isinstance(shape, list) or len(shape) != 1 or type(shape[0]) is not int:
+        return None
+    return shape[0] if 0 < shape[0] <= MOST_ACTIONS else None
+
+
+def _names(names: object, depth: int = _NESTED) -> Iterator[str]:
+    """Of [...], {"motors": [...]} or [[...]], as some recorders have it."""
+    if isinstance(names, dict):
+        names = list(names.values())
+    for name in names if isinstance(names, list) else ():
+        if isinstance(name, list | dict) and depth:
+            yield from _names(name, depth - 1)
+        else:
+            yield str(name)

@@ -1,0 +1,73 @@
+"""An episode on a grid of equal steps, and what makes that impossible."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.recordings.resample import step_actions, step_readings, step_times, typical_step_s
+from simtune.recordings.source import MOST_ROWS, Reading, Rows, first_wrong, short
+
+
+@dataclass(frozen=True)
+class Steps:
+    """K steps: frames are due at the beginning of each, and at the end of the last."""
+
+    times_s: np.ndarray  # (K + 1,)
+    actions: np.ndarray  # (K, A) float32
+    readings: Mapping[str, np.ndarray]  # {sensor: (K + 1, D) float64}
+
+
+def make_steps(
+    where: str, rows: Rows, step_s: float, sensors: Mapping[str, Sequence[Reading]]
+) -> Steps:
+    """Of an episode's rows, which have the readings of all sensors one after the other.
+
+    Raises InputError, which names the episode as `where`, for what is not finite or does not last.
+    """
+    if (row := first_wrong(np.any(~np.isfinite(rows.actions), axis=1))) is not None:
+        values = short([f"{value:g}" for value in rows.actions[row]])
+        raise InputError(
+            f"{where}, row {row}: action is not finite: [{values}]; drop or repair the episode"
+        )
+    lasts_s = rows.until_s - rows.times_s[0]
+    if lasts_s > MOST_ROWS * step_s:
+        raise InputError(
+            f"{where} lasts {lasts_s:.3g} s, by its time stamps; expected at most {MOST_ROWS} "
+            f"steps of {step_s:.3g} s; mend them, or split the episode"
+        )
+    times_s = step_times(rows, step_s)
+    if len(times_s) < 2:
+        raise InputError(
+            f"{where} lasts {lasts_s:.3g} s; expected at least one step of "
+            f"{step_s:.3g} s, a frame before and a frame after an action"
+        )
+    actions = step_actions(rows, times_s).astype(np.float32)
+    return Steps(times_s, actions, _by_sensor(where, rows, times_s, sensors))
+
+
+def check_rate(where: str, rows: Rows, step_s: float) -> None:
+    """Raises InputError where an episode's own rate is another one."""
+    own_hz = 1 / typical_step_s(rows.times_s) if len(rows) > 1 else 1 / step_s
+    if abs(own_hz * step_s - 1) > 0.01:
+        raise InputError(
+            f"{where} has {own_hz:.4g} actions/s, the first episode {1 / step_s:.4g}; "
+            "give one rate for all as --control-hz"
+        )
+
+
+def _by_sensor(
+    where: str, rows: Rows, times_s: np.ndarray, sensors: Mapping[str, Sequence[Reading]]
+) -> dict[str, np.ndarray]:
+    if not sensors:
+        return {}
+    values = step_readings(rows, times_s)
+    of_all = [reading for readings in sensors.values() for reading in readings]
+    if (column := first_wrong(np.all(~np.isfinite(values), axis=0))) is not None:
+        raise InputError(
+            f"{where}: reading {of_all[column].full_name} is nowhere finite; "
+            "drop the episode, or leave the reading out"
+        )
+    ends = np.cumsum([len(readings) for readings in sensors.values()])
+    return dict(zip(sensors, np.split(values, ends[:-1], axis=1), strict=True))

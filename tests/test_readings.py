@@ -1,0 +1,494 @@
+"""Readings beside the frames: chosen by name, at the times of the frames; and without pictures."""
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from lerobot_v21 import DATA, write_v21
+
+from simtune.check.recording_warnings import warnings
+from simtune.check.table import table
+from simtune.errors import InputError
+from simtune.recordings import open_dataset, write_dataset, write_video
+from simtune.recordings.readings import choose_readings, readings_of
+from simtune.recordings.resample import step_readings
+from simtune.recordings.source import Rows
+from simtune.tasks import load_task
+from simtune.trajectory import Trajectory
+
+FPS, NUM_ROWS = 10.0, 12
+JOINTS = ["pan", "lift"]
+SENSORS = {"joints": ("lift", "pan"), "force": ("observation.force",)}
+
+
+def measured(rows: int = NUM_ROWS) -> np.ndarray:
+    """(T, 2) of two joints."""
+    return np.random.default_rng(1).normal(size=(rows, 2))
+
+
+def forces() -> np.ndarray:
+    """(T, 1) without a name."""
+    return np.random.default_rng(2).normal(size=(NUM_ROWS, 1))
+
+
+def frames() -> np.ndarray:
+    return np.zeros((NUM_ROWS, 16, 16, 3), np.uint8)
+
+
+def commands() -> np.ndarray:
+    return np.random.default_rng(3).normal(size=(NUM_ROWS, 1)).astype(np.float32)
+
+
+def write_lerobot(folder: Path, **columns: np.ndarray) -> None:
+    """Two episodes of it, without video."""
+    episode = {
+        "observation.state": measured(),
+        "observation.force": forces(),
+        "action": commands(),
+        **columns,
+    }
+    names = {"observation.state": [JOINTS], "observation.force": None, "action": ["servo"]}
+    write_v21(folder, [episode, episode], names | dict.fromkeys(columns), fps=FPS)
+
+
+def write_pairs(folder: Path, *, times: bool = True, video: bool = True) -> None:
+    folder.mkdir(exist_ok=True)
+    header = ["time"] * times + ["measured.pan", "servo", "measured.lift"]
+    if video:
+        write_video(folder / "swing.mp4", frames(), FPS)
+    with (folder / "swing.csv").open("w", newline="") as file:
+        rows = [
+            [*([t / FPS] * times), pan, action, lift]
+            for t, ((pan, lift), (action,)) in enumerate(
+                zip(measured(), commands().tolist(), strict=True)
+            )
+        ]
+        csv.writer(file).writerows([header, *rows])
+
+
+def write_robomimic(folder: Path, pictures: bool = True) -> None:
+    folder.mkdir(exist_ok=True)
+    with h5py.File(folder / "demo.hdf5", "w") as file:
+        data = file.create_group("data")
+        data.attrs["env_args"] = json.dumps({"env_kwargs": {"control_freq": FPS}})
+        for demo in ("demo_0", "demo_1"):
+            data[f"{demo}/actions"] = commands()
+            data[f"{demo}/obs/robot0_joint_pos"] = measured()
+            data[f"{demo}/obs/gripper"] = forces()[:, 0]
+            data[f"{demo}/obs/label"] = [b"a"] * NUM_ROWS
+            data[f"{demo}/obs/depth"] = np.zeros((NUM_ROWS, 4, 4))
+            if pictures:
+                data[f"{demo}/obs/front_image"] = frames()
+
+
+def message(*arguments: Any, **options: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        open_dataset(*arguments, **options).read(0)
+    assert "\n" not in str(caught.value)
+    return str(caught.value).replace(str(arguments[0]), "HERE")
+
+
+# --- names --------------------------------------------------------------------------------
+
+
+KNOWN = [
+    *readings_of("observation.state", ("pan", "lift", "grip"), 3),
+    *readings_of("observation.velocity", ("pan", "lift"), 2),
+    *readings_of("observation.force", (), 2),
+    *readings_of("other", ("a", "a", "b"), 3),
+]
+
+
+def chosen(*names: str) -> list[str]:
+    return [r.place for r in choose_readings(Path("HERE"), KNOWN, {"joints": names})["joints"]]
+
+
+@pytest.mark.parametrize(
+    ("name", "places"),
+    [
+        ("observation.state.lift", ["observation.state[1]"]),
+        ("observation.state[1]", ["observation.state[1]"]),
+        ("grip", ["observation.state[2]"]),
+        ("observation.force[1]", ["observation.force[1]"]),
+        ("observation.force", ["observation.force[0]", "observation.force[1]"]),
+        ("other", ["other[0]", "other[1]", "other[2]"]),
+        ("b", ["other[2]"]),
+    ],
+)
+def test_a_reading_is_chosen_by_full_name_short_name_or_place(name: str, places: list[str]):
+    assert chosen(name) == places
+
+
+def test_full_names_are_told_where_there_are_any():
+    names = [reading.full_name for reading in KNOWN]
+    assert names[:3] == [
+        "observation.state.pan",
+        "observation.state.lift",
+        "observation.state.grip",
+    ]
+    # Two of one name have none.
+    assert names[5:7] == ["observation.force[0]", "observation.force[1]"]
+    assert names[7:] == ["other[0]", "other[1]", "other.b"]
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (
+            ["pan"],
+            "HERE: 'pan' can be each of observation.state.pan, observation.velocity.pan; "
+            "name one of them",
+        ),
+        (["griip"], "HERE: no reading 'griip'; did you mean 'grip'? there are: observation.state."),
+        (["observation.stat.pan"], "did you mean 'observation.state.pan'? there are: "),
+        (["a"], "HERE: no reading 'a'; there are: observation.state.pan, "),
+        ([""], "HERE: no reading ''; there are: "),
+        (["observation.force[2]"], "did you mean 'observation.force[1]'?"),
+        (["grip", "observation.state"], "HERE: joints has observation.state.grip twice"),
+        ([], "HERE: expected a reading at least for joints, got none"),
+    ],
+)
+def test_what_cannot_be_chosen_is_said_with_what_there_is(names: list[str], said: str):
+    with pytest.raises(InputError) as caught:
+        chosen(*names)
+    assert said in str(caught.value)
+
+
+def test_recordings_without_readings_say_so(tmp_path):
+    write_video(tmp_path / "swing.mp4", frames(), FPS)
+    said = message(tmp_path, readings={"joints": ("pan",)})
+    assert said == "HERE: no reading 'pan'; the recordings have no readings"
+
+
+# --- of each kind of recordings ----------------------------------------------------------
+
+
+def assert_read(folder: Path, sensors: dict[str, tuple[str, ...]], names: Sequence[str]) -> None:
+    dataset = open_dataset(folder, readings=sensors, pictures=False)
+    assert dataset.reading_names == tuple(names)
+    trajectory = dataset.read(0)
+    joints = trajectory.readings["joints"]
+    assert joints.dtype == np.float64
+    np.testing.assert_allclose(joints, measured()[:, ::-1], rtol=1e-6)
+    if "force" in sensors:
+        np.testing.assert_allclose(trajectory.readings["force"], forces(), rtol=1e-6)
+    np.testing.assert_array_equal(trajectory.actions, commands()[:-1])
+    assert trajectory.frames.shape == (NUM_ROWS, 0, 0, 3)
+    assert not trajectory.has_pictures
+
+
+def test_readings_of_a_lerobot_dataset_are_its_parquet_file_s(tmp_path):
+    folder = tmp_path / "dataset"
+    write_lerobot(folder)
+    names = ["observation.state.pan", "observation.state.lift", "observation.force[0]"]
+    assert_read(folder, SENSORS, names)
+    state = {"state": ("observation.state",)}
+    read = open_dataset(folder, readings=state, pictures=False).read(1).readings["state"]
+    stored = pq.read_table(folder / DATA.format(chunk=0, episode=1))["observation.state"]
+    np.testing.assert_array_equal(read, np.array(stored.to_pylist()))
+    facts = open_dataset(folder, readings=SENSORS, pictures=False)
+    facts.skim(0)
+    assert facts.facts(1)["readings"] == {
+        "joints": ["observation.state.lift", "observation.state.pan"],
+        "force": ["observation.force[0]"],
+    }
+
+
+def test_readings_of_a_table_are_columns_called_measured(tmp_path):
+    write_pairs(tmp_path / "pairs")
+    sensors = {"joints": ("lift", "measured.pan")}
+    assert_read(tmp_path / "pairs", sensors, ["measured.pan", "measured.lift"])
+    dataset = open_dataset(tmp_path / "pairs", readings=sensors)
+    assert dataset.action_names == ("servo",)
+    trajectory = dataset.read(0)
+    assert trajectory.has_pictures
+    np.testing.assert_allclose(trajectory.readings["joints"], measured()[:, ::-1])
+
+
+def test_readings_of_robomimic_are_what_is_observed_and_low_dimensional(tmp_path):
+    write_robomimic(tmp_path / "demos")
+    names = ["gripper[0]", "robot0_joint_pos[0]", "robot0_joint_pos[1]"]
+    sensors = {"joints": ("robot0_joint_pos[1]", "robot0_joint_pos[0]"), "force": ("gripper",)}
+    assert_read(tmp_path / "demos", sensors, names)
+    trajectory = open_dataset(tmp_path / "demos", readings=sensors).read(0)
+    assert trajectory.has_pictures
+    np.testing.assert_array_equal(trajectory.readings["joints"], measured()[:, ::-1])
+
+
+def test_columns_that_nobody_asks_for_are_not_read(tmp_path):
+    write_lerobot(tmp_path / "dataset", label=np.full((NUM_ROWS, 1), np.nan))
+    path = tmp_path / "dataset" / DATA.format(chunk=0, episode=0)
+    broken = pq.read_table(path)
+    place = broken.column_names.index("label")
+    pq.write_table(broken.set_column(place, "label", [["text"] * NUM_ROWS]), path)
+    dataset = open_dataset(tmp_path / "dataset", readings=SENSORS, pictures=False)
+    assert not np.isnan(dataset.read(0).readings["joints"]).any()
+    said = message(tmp_path / "dataset", readings={"label": ("label",)}, pictures=False)
+    assert said.endswith("expected numbers in column 'label'")
+
+
+# --- written and read again --------------------------------------------------------------
+
+
+def trajectory_of(size: int = 0, **changes: Any) -> Trajectory:
+    rng = np.random.default_rng(4)
+    pictures = np.zeros((NUM_ROWS, size, size, 3), np.uint8)
+    readings = {"joints": measured(), "force": forces(), "unsaid": forces()}
+    actions = rng.normal(size=(NUM_ROWS - 1, 1)).astype(np.float32)
+    return replace(Trajectory(pictures, actions, 1 / FPS, readings), **changes)
+
+
+def write_back(folder: Path, trajectory: Trajectory, names: dict[str, Sequence[str]]) -> None:
+    options: dict[str, Any] = {"action_names": ["servo"], "robot_type": "arm", "task": "swing"}
+    write_dataset(folder, [trajectory] * 2, **options, reading_names=names)
+
+
+NAMES: dict[str, Sequence[str]] = {"force": ["grip.force"], "joints": JOINTS}
+
+
+@pytest.mark.parametrize("size", [0, 16])
+@pytest.mark.parametrize("names", [NAMES, {"force": ["grip"]}])
+def test_readings_that_are_written_are_read_again(tmp_path, size, names):
+    trajectory = trajectory_of(size)
+    trajectory.readings["joints"][3, 1] = np.nan
+    write_back(tmp_path / "dataset", trajectory, names)
+    dataset = open_dataset(tmp_path / "dataset", readings=names, pictures=size > 0)
+    for episode in range(2):
+        again = dataset.read(episode)
+        assert set(again.readings) == set(names)
+        for sensor, values in again.readings.items():
+            expected = trajectory.readings[sensor].astype(np.float32)
+            np.testing.assert_array_equal(values, expected)
+        np.testing.assert_array_equal(again.actions, trajectory.actions)
+        assert again.has_pictures == (size > 0)
+
+
+def test_the_feature_of_readings_is_laid_out_as_lerobot_does_it(tmp_path):
+    trajectory = trajectory_of()
+    trajectory.readings["joints"][:, 0] = np.nan
+    trajectory.readings["joints"][3, 1] = np.nan
+    write_back(tmp_path / "dataset", trajectory, NAMES)
+    info = json.loads((tmp_path / "dataset/meta/info.json").read_text())
+    assert info["features"]["observation.state"] == {
+        "dtype": "float32",
+        "shape": [3],
+        "names": ["grip.force", *JOINTS],
+    }
+    assert info["video_path"] is None
+    assert "video" not in {feature["dtype"] for feature in info["features"].values()}
+    assert not (tmp_path / "dataset/videos").exists()
+    rows = pq.read_table(tmp_path / "dataset/data/chunk-000/file-000.parquet")
+    assert rows.schema.field("observation.state").type.list_size == 3
+    schema = json.loads(rows.schema.metadata[b"huggingface"])["info"]["features"]
+    assert schema["observation.state"]["length"] == 3
+    stats = json.loads((tmp_path / "dataset/meta/stats.json").read_text())["observation.state"]
+    lift = np.delete(measured()[:, 1], 3).astype(np.float32)
+    assert stats["max"] == [pytest.approx(forces().max()), 0.0, pytest.approx(lift.max())]
+    assert stats["mean"][1:] == [0.0, pytest.approx(lift.mean(), abs=1e-6)]
+    assert stats["count"] == [2 * NUM_ROWS]
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (
+            {"joints": ["pan"]},
+            r"trajectory 0: expected readings \(12, 1\) of joints, got \(12, 2\)",
+        ),
+        ({"torque": ["pan"]}, r"expected readings \(12, 1\) of torque, got \(0, 0\)"),
+        ({"joints": ["pan", "pan"]}, "each sensor needs names, and no two the same, got pan, pan"),
+        ({"joints": []}, "each sensor needs names"),
+    ],
+)
+def test_readings_that_do_not_fit_their_names_are_refused(tmp_path, names, said):
+    with pytest.raises(ValueError, match=said):
+        write_back(tmp_path / "dataset", trajectory_of(), names)
+    assert not (tmp_path / "dataset").exists()
+
+
+def test_pictures_that_only_some_episodes_have_are_refused(tmp_path):
+    mixed = [trajectory_of(16), trajectory_of()]
+    with pytest.raises(ValueError, match=r"trajectory 1: expected frames of \(16, 16\) pixels"):
+        write_dataset(
+            tmp_path / "dataset", mixed, action_names=["servo"], robot_type="arm", task="swing"
+        )
+
+
+# --- what is missing ---------------------------------------------------------------------
+
+
+def test_what_was_not_measured_is_nan_and_the_rest_as_it_is(tmp_path):
+    state = measured()
+    state[3, 0], state[5, 1] = np.inf, np.nan
+    write_lerobot(tmp_path / "dataset", **{"observation.state": state})
+    dataset = open_dataset(
+        tmp_path / "dataset", readings={"joints": ("observation.state",)}, pictures=False
+    )
+    expected = state.astype(np.float32).astype(float)
+    expected[3, 0] = np.nan
+    np.testing.assert_array_equal(dataset.read(0).readings["joints"], expected)
+
+
+def test_a_reading_that_is_never_there_is_refused_by_name(tmp_path):
+    write_lerobot(tmp_path / "dataset", **{"observation.force": np.full((NUM_ROWS, 1), np.nan)})
+    said = message(tmp_path / "dataset", readings=SENSORS, pictures=False)
+    assert said == (
+        "HERE: episode 0: reading observation.force[0] is nowhere finite; "
+        "drop the episode, or leave the reading out"
+    )
+    with pytest.raises(InputError, match="nowhere finite"):
+        open_dataset(tmp_path / "dataset", readings=SENSORS, pictures=False).skim(0)
+
+
+def test_empty_cells_of_a_table_are_what_was_not_measured(tmp_path):
+    write_pairs(tmp_path / "pairs")
+    path = tmp_path / "pairs" / "swing.csv"
+    lines = path.read_text().splitlines()
+    cells = lines[4].split(",")
+    lines[4] = ",".join([cells[0], "", *cells[2:]])
+    path.write_text("\n".join(lines))
+    read = open_dataset(tmp_path / "pairs", readings={"joints": ("measured",)}).read(0)
+    assert np.argwhere(np.isnan(read.readings["joints"])).tolist() == [[3, 0]]
+    lines[4] = ",".join([*cells[:2], "", cells[3]])
+    path.write_text("\n".join(lines))
+    assert "row 3: action is not finite: [nan]" in message(tmp_path / "pairs")
+
+
+def test_a_null_row_of_a_lerobot_dataset_is_nan(tmp_path):
+    write_lerobot(tmp_path / "dataset")
+    path = tmp_path / "dataset" / DATA.format(chunk=0, episode=0)
+    stored = pq.read_table(path)
+    rows = stored["observation.state"].to_pylist()
+    rows[2], rows[4][1] = None, None
+    column = stored.column_names.index("observation.state")
+    pq.write_table(stored.set_column(column, "observation.state", [rows]), path)
+    dataset = open_dataset(tmp_path / "dataset", readings=SENSORS, pictures=False)
+    missing = np.argwhere(np.isnan(dataset.read(0).readings["joints"]))
+    assert missing.tolist() == [[2, 0], [2, 1], [4, 0]]
+
+
+# --- another rate ------------------------------------------------------------------------
+
+
+def test_another_rate_reads_on_the_line_between_two_rows(tmp_path):
+    write_lerobot(tmp_path / "dataset")
+    sensors = {"joints": ("observation.state",)}
+    for control_hz in (4.0, 25.0, 7.0):
+        dataset = open_dataset(
+            tmp_path / "dataset", readings=sensors, pictures=False, control_hz=control_hz
+        )
+        got = dataset.read(0).readings["joints"]
+        times_s = np.arange(len(got)) / control_hz
+        assert len(got) == int((NUM_ROWS - 1) / FPS * control_hz + 0.02) + 1
+        expected = [np.interp(times_s, np.arange(NUM_ROWS) / FPS, c) for c in measured().T]
+        np.testing.assert_allclose(got, np.transpose(expected), atol=1e-6)
+
+
+def test_nothing_is_made_up_where_nothing_was_measured():
+    values = np.arange(10.0)[:, None]
+    values[4] = np.nan
+    rows = Rows(np.zeros((10, 1)), np.arange(10) / 10, 1.0, values)
+    read = step_readings(rows, np.arange(21) / 20)[:, 0]
+    np.testing.assert_allclose(read[:7], np.arange(7) / 2)
+    assert np.isnan(read[7:10]).all()  # beside the missing one, and on it
+    np.testing.assert_allclose(read[10:19], np.arange(10, 19) / 2)
+    assert np.isnan(read[19:]).all()  # after the last
+    times_s = np.delete(np.arange(14), [3, 4, 8, 9, 10]) / 10
+    rows = Rows(np.zeros((9, 1)), times_s, 1.3, times_s[:, None])
+    read = step_readings(rows, np.arange(14) / 10)[:, 0]
+    assert np.flatnonzero(np.isnan(read)).tolist() == [8, 9, 10]  # three in a row
+    np.testing.assert_allclose(
+        np.delete(read, [8, 9, 10]), np.delete(np.arange(14), [8, 9, 10]) / 10
+    )
+
+
+def test_clocks_that_jitter_a_little_leave_readings_as_they_are():
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(30, 2))
+    values[7] = np.nan
+    times_s = (np.arange(30) + rng.uniform(-0.01, 0.01, 30)) / 30
+    rows = Rows(np.zeros((30, 1)), times_s, times_s[-1], values)
+    np.testing.assert_array_equal(step_readings(rows, np.arange(30) / 30), values)
+
+
+def test_a_table_that_ends_before_its_video_has_no_last_reading(tmp_path):
+    write_pairs(tmp_path / "pairs", times=False)
+    path = tmp_path / "pairs" / "swing.csv"
+    path.write_text("\n".join(path.read_text().splitlines()[:-1]))
+    read = open_dataset(tmp_path / "pairs", readings={"joints": ("measured",)}).read(0)
+    joints = read.readings["joints"]
+    np.testing.assert_allclose(joints[:-1], measured()[:-1])
+    assert np.isnan(joints[-1]).all()
+
+
+# --- without pictures --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("camera", [None, "nowhere"])
+def test_without_pictures_no_camera_has_to_exist(tmp_path, camera):
+    write_lerobot(tmp_path / "lerobot")
+    write_pairs(tmp_path / "pairs", video=False)
+    write_robomimic(tmp_path / "demos", pictures=False)
+    for kind, said in (
+        ("lerobot", "no camera"),
+        ("pairs", "swing.csv has no swing.mp4 or .mov"),
+        ("demos", "no pictures"),
+    ):
+        dataset = open_dataset(tmp_path / kind, camera=camera, pictures=False)
+        trajectory = dataset.read(0)
+        assert len(trajectory) == NUM_ROWS - 1
+        actions, film = dataset.skim(0, num_kept=3)
+        np.testing.assert_array_equal(actions, trajectory.actions)
+        assert film.shape == (0, 0, 0, 3)
+        assert said in message(tmp_path / kind)
+
+
+def test_a_table_without_times_needs_its_video_s(tmp_path):
+    write_pairs(tmp_path / "pairs", times=False)
+    sensors = {"joints": ("lift", "pan")}
+    assert_read(tmp_path / "pairs", sensors, ["measured.pan", "measured.lift"])
+    (tmp_path / "pairs" / "swing.mp4").unlink()
+    assert message(tmp_path / "pairs", pictures=False) == (
+        "HERE/swing.csv: says nowhere when its rows were, and no video does; "
+        "expected a column 'time' of seconds"
+    )
+
+
+def test_facts_without_pictures_leave_out_what_tells_of_them(tmp_path):
+    write_lerobot(tmp_path / "dataset")
+    dataset = open_dataset(tmp_path / "dataset", readings=SENSORS, pictures=False)
+    actions = [dataset.skim(episode)[0] for episode in range(2)]
+    facts = json.loads(json.dumps(dataset.facts(2)))
+    of_pictures = ("camera", "codec", "source_size", "image_size", "time_error_ms")
+    assert [facts[name] for name in of_pictures] == [None] * 5
+    assert (facts["steps"], facts["fps"]) == (2 * (NUM_ROWS - 1), FPS)
+    # Those who read the facts cope.
+    task = load_task("cartpole")
+    assert not any("frames" in said for said in warnings(task, facts, actions, 2))
+    result = {"task": "cartpole", "episodes": 2, "steps": 11, "step_s": 0.1, "recordings": facts}
+    printed = table(result | {"parameters": {}, "pairs": []})
+    assert f"{2 * (NUM_ROWS - 1)} steps, no pictures looked at" in printed[1]
+
+
+def test_videos_that_nobody_looks_at_do_not_count_as_content(tmp_path):
+    write_pairs(tmp_path / "pairs")
+    hashes = []
+    for _ in range(2):
+        hashes.append(open_dataset(tmp_path / "pairs", pictures=False).content_hash)
+        write_video(tmp_path / "pairs" / "swing.mp4", frames() + 200, FPS)
+    assert hashes[0] == hashes[1]
+
+
+def test_a_trajectory_knows_whether_it_has_pictures():
+    actions = np.zeros((2, 1), np.float32)
+    assert Trajectory(np.zeros((3, 4, 4, 3), np.uint8), actions, 0.1).has_pictures
+    blind = Trajectory(np.zeros((3, 0, 0, 3), np.uint8), actions, 0.1)
+    assert not blind.has_pictures
+    assert blind.first(1).frames.shape == (2, 0, 0, 3)
