@@ -27,6 +27,11 @@ class RecordingsConfig:
             return None
         return tuple(name.strip() for name in self.actions.split(","))
 
+    @property
+    def observed(self) -> tuple[str, ...] | None:
+        """Names of what is looked at, see `Observes`."""
+        return ("cameras",)
+
     def check_recordings(self, given: bool) -> None:
         """Raises InputError for what makes no sense, `given` recordings or none."""
         for name in ("camera", "actions", "control_hz"):
@@ -34,6 +39,21 @@ class RecordingsConfig:
                 raise InputError(f"{flag(name)} goes with recordings only")
         if self.control_hz is not None and not 0.01 <= self.control_hz <= 1000:
             raise InputError(f"--control-hz must lie in [0.01, 1000], got {self.control_hz:g}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observes:
+    """What of it is looked at; a command that does not ask looks at pictures alone."""
+
+    observe: str | None = None
+    """What to look at, NAME,NAME,...: `cameras`, `joints` (all of [[sensors]]), or sensors by name;
+    by default all that the tuning file declares."""
+
+    @property
+    def observed(self) -> tuple[str, ...] | None:
+        if self.observe is None:
+            return None
+        return tuple(name.strip() for name in self.observe.split(","))
 
 
 @dataclass(frozen=True, kw_only=True)

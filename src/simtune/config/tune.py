@@ -7,13 +7,13 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from simtune.config.checks import at_least, check_seed
-from simtune.config.real import RealConfig, RecordingsConfig
+from simtune.config.real import Observes, RealConfig, RecordingsConfig
 from simtune.errors import InputError
 from simtune.names import SearchName
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneConfig(RealConfig):
+class TuneConfig(Observes, RealConfig):
     """Find a simulator's parameters from video and actions of the real world.
 
     Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
@@ -59,7 +59,7 @@ class TuneConfig(RealConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckConfig(RecordingsConfig):
+class CheckConfig(Observes, RecordingsConfig):
     """Say, before any training, what each parameter changes and what recordings can tell of it.
 
     Takes seconds, beside reading recordings. What a parameter "shows" is the best that can be

@@ -10,6 +10,7 @@ import torch
 from simtune import outcome
 from simtune.check.recording_warnings import warnings_of
 from simtune.config import TrainConfig, TuneConfig
+from simtune.errors import InputError
 from simtune.experiment.settings import Settings
 from simtune.names import SearchName
 from simtune.networks import under
@@ -26,6 +27,7 @@ from simtune.simulation import AnySimulator, Points
 from simtune.tasks import AnyTask, load_any_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, make_search, needed_image_size
+from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
 from simtune.tuning.search import Search
 from simtune.vision.keypoints import Keypoints, every_keypoint, find_keypoints
 
@@ -138,7 +140,7 @@ def build_world(
     simulator = task.simulator(  # as the real world: actions last as long, pictures are alike
         image_size=image_size,
         step_s=real.step_s,
-        supersampling=real.observation.camera.supersampling,
+        supersampling=real.observation.supersampling,
     )
     state = trained or stored_state(config.out, run_config)  # of the run that goes on there
     context = SearchContext(
@@ -166,8 +168,10 @@ def _choose_keypoints(
 ) -> Keypoints | Points:
     """Those of a checkpoint's state, if there is one: its networks were trained on them.
 
-    Another machine may find others.
+    Another machine may find others. None where no camera films.
     """
+    if task.camera is None:
+        return Keypoints.none()
     if state is not None:
         return every_keypoint(simulator, task.camera).with_state(state["keypoints"])
     first = Distribution.first(task.parameters, task.parameters.nominal)
@@ -176,8 +180,20 @@ def _choose_keypoints(
 
 def build_search(world: World, name: SearchName, settings: Settings) -> Search:
     """The search of that name. Raises InputError where the recordings do not suit it."""
-    usual = choose_search_settings(world.config, name, world.task, world.recordings)
-    search = make_search(name, world.context, settings.search or usual)
+    if not world.context.observation.cameras:
+        search = _search_readings(world, name)
+    else:
+        usual = choose_search_settings(world.config, name, world.task, world.recordings)
+        search = make_search(name, world.context, settings.search or usual)
     if world.recordings:
         search.check(world.recordings)
     return search
+
+
+def _search_readings(world: World, name: SearchName) -> Search:
+    if name != "posterior":
+        raise InputError(f"--search {name} looks at pictures: have a camera observed")
+    assert isinstance(world.config, TuneConfig), "a policy on pixels has a camera"
+    return ReadingsSearch(
+        world.context, ReadingsConfig(precision=world.config.relative_precision)
+    )

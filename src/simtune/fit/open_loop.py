@@ -160,7 +160,7 @@ class OpenLoop:
         starts = np.arange(0, num_steps - length + 1, length)
         episode = np.repeat(np.arange(len(states)), len(starts))
         step = np.tile(starts, len(states))
-        known = np.isfinite(readings.values[episode, step]).all(-1)
+        known = np.isfinite(readings.values[episode, step]).any(-1) | (step == 0)
         episode, step = episode[known], step[known]
         if len(step) > at_most:
             kept = np.linspace(0, len(step) - 1, at_most).round().astype(int)
@@ -172,6 +172,15 @@ class OpenLoop:
             states[episode, step],
             left[episode, step],
         )
+
+    def replay(self, readings: Readings, unit: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+        """(E, T + 1, D) what (N,) parameters predict of whole episodes, from their first readings.
+
+        Nothing but these is looked at: a start's velocity is that of the first few.
+        """
+        whole = self.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
+        predicted, _ = self.play(whole, whole.states[None], unit[None])
+        return predicted[0] + offsets
 
     def play(
         self, stretches: Stretches, states: np.ndarray, units: np.ndarray

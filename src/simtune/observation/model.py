@@ -40,6 +40,15 @@ class Sensor(Protocol):
         """(n, D) what it would measure of n simulated worlds' present state, without noise."""
         ...
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Of recordings, where its readings are."""
+        ...
+
+    def from_recorded(self, recorded: np.ndarray, step_s: float) -> np.ndarray:
+        """(T + 1, D) readings, of the moments of the frames; `recorded`: as they were written."""
+        ...
+
     def measure(self, observed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(..., D) readings of what was observed without noise, with the noise of the real one."""
         ...

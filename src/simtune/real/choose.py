@@ -1,6 +1,7 @@
 """The real world that a command names: `pseudo`, a robot, or recordings."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,8 @@ import numpy as np
 
 from simtune.config import ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.robot import Driver
-from simtune.errors import InputError
+from simtune.errors import InputError, UnknownName
+from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
@@ -52,11 +54,15 @@ def choose_real(
         else:
             simulator = task.simulator(image_size=image_size)
         steps = task.episode_steps
-        real = truth.make_real(simulator, episode_steps=steps, seed=config.seed, gap=gap)
+        seen = observed(task, config.observed, is_simulated=gap is None)
+        real = truth.make_real(
+            simulator, episode_steps=steps, seed=config.seed, gap=gap, observation=seen
+        )
         return real, truth.wrong_start(config.seed, config.start_factor), truth
     if config.real in ROBOTS:
         return _robot(config, task, image_size, out), space.nominal.copy(), None
-    real = RecordedReal(open_recordings(config.real, task, config, image_size))
+    seen = observed(task, config.observed, is_simulated=False)
+    real = RecordedReal(open_recordings(config.real, task, config, image_size, seen), seen)
     if real_episodes != 0:
         real.collect(real_episodes)
     return real, space.nominal.copy(), None
@@ -78,10 +84,29 @@ def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None)
     return real
 
 
+def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) -> ObservationModel:
+    """What is observed of a task's real world; `names`: of `--observe`, None for all there is.
+
+    Raises InputError where there is no such sensor, or nothing is left.
+    """
+    sensors = task.sensors if isinstance(task, Task) else ()
+    has_camera = not isinstance(task, Task) or task.camera is not None
+    there = ["cameras"] * has_camera + ["joints"] * bool(sensors) + [s.name for s in sensors]
+    for name in names or ():
+        if name not in there:
+            raise UnknownName("sensor", name, f"{task.name}, as --observe has it", there)
+    of = ObservationModel.of_simulator if is_simulated else ObservationModel.of_reality
+    return of(sensors).only(there if names is None else names)
+
+
 def open_recordings(
-    path: str | Path, task: AnyTask, config: RecordingsConfig, image_size: int
+    path: str | Path,
+    task: AnyTask,
+    config: RecordingsConfig,
+    image_size: int,
+    observation: ObservationModel,
 ) -> Dataset:
-    """Recordings whose actions fit a task. Raises InputError for others."""
+    """Recordings of what is observed, whose actions fit a task. Raises InputError for others."""
     return open_dataset(
         path,
         camera=config.camera,
@@ -89,6 +114,8 @@ def open_recordings(
         num_actions=len(task.load_actions().names),
         actions=config.action_names,
         control_hz=config.control_hz,
+        readings={sensor.name: sensor.columns for sensor in observation.sensors},
+        pictures=bool(observation.cameras),
     )
 
 

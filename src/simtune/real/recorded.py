@@ -1,6 +1,9 @@
 """The real world as recordings: what was filmed is all there will ever be."""
 
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
@@ -14,9 +17,9 @@ _A_FEW = 10  # episodes taken where no number is asked for: more would mostly co
 class RecordedReal(RealWorld):
     """A dataset in the place of a robot. Episodes are read when first asked for, and kept."""
 
-    observation = ObservationModel.of_reality()  # a camera filmed it, as far as is known
-
-    def __init__(self, dataset: Dataset):
+    def __init__(self, dataset: Dataset, observation: ObservationModel | None = None):
+        """`observation`: what the dataset was opened for; by default a camera's pictures."""
+        self.observation = observation or ObservationModel.of_reality()
         self._dataset, self.step_s = dataset, dataset.step_s
         self._collected: list[Trajectory] = []
 
@@ -33,8 +36,17 @@ class RecordedReal(RealWorld):
         """
         num_episodes = how_many(self._dataset, num_episodes)
         for episode in range(len(self._collected), num_episodes):
-            self._collected.append(self._dataset.read(episode))
+            read = self._dataset.read(episode)
+            self._collected.append(replace(read, readings=self._in_units(read)))
         return self._collected[:num_episodes]
+
+
+    def _in_units(self, read: Trajectory) -> dict[str, np.ndarray]:
+        """The readings as a fit has them; see `Sensor.from_recorded`."""
+        return {
+            sensor.name: sensor.from_recorded(read.readings[sensor.name], self.step_s)
+            for sensor in self.observation.sensors
+        }
 
 
 class ClosedReal(RealWorld):

@@ -37,6 +37,7 @@ from simtune.run.files import (
 from simtune.trajectory import Trajectory
 
 POSTERIOR = "posterior.npz"
+REPLAY = "replay.json"
 _CHECKPOINTS = "checkpoints"
 _LOGS = ("metrics.jsonl", "events.jsonl")
 _NUM_LINES = "log_lines"  # of each, in a checkpoint's state
@@ -148,6 +149,10 @@ class RunFolder:
     def write_curves(self, curves: Mapping[str, Mapping[str, Any]]) -> None:
         """Replace curves.json: {name: {"candidates": (n,), "prob_higher": (n,)}}."""
         write_json(self.path / "curves.json", curves)
+
+    def write_replay(self, curves: Mapping[str, Any]) -> None:
+        """Replace replay.json: what sensors read in an episode, and would have in the simulator."""
+        write_json(self.path / REPLAY, curves)
 
     def write_posterior(
         self, names: Sequence[str], draws: np.ndarray, correlation: np.ndarray

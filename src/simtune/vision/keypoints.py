@@ -32,6 +32,11 @@ class Keypoints:
     camera: int
     image_size: int
 
+    @classmethod
+    def none(cls) -> "Keypoints":
+        """Where no camera films."""
+        return cls(np.zeros(0, int), np.zeros((0, 3)), 0, 1)
+
     def __len__(self) -> int:
         return len(self.geoms)
 

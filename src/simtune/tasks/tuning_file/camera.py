@@ -33,16 +33,16 @@ class FilmingCamera:
 def read_camera(file: TomlTable, spec: mujoco.MjSpec) -> FilmingCamera | None:
     """`camera = "NAME"`, a table [camera], or nothing where the model has just one.
 
-    Nor where sensors measure, and no camera is named: then None films.
+    Where sensors measure, one that is not named is not looked at: None.
 
     Raises InputError.
     """
     known = [camera.name for camera in spec.cameras if camera.name]
     if "camera" not in file:
-        if len(known) == 1:
-            return FilmingCamera(known[0])
         if "sensors" in file:
             return None
+        if len(known) == 1:
+            return FilmingCamera(known[0])
         there = (
             f"name one of {', '.join(known)}" if known else "the model has no camera with a name"
         )
