@@ -9,10 +9,10 @@ import pytest
 from keypoint_evidence import observed_keypoints
 from servo import cartpole_with_servo
 
-from simtune.fit import Observed, ParticleConfig, Physics, ShootingConfig, Stage
+from simtune.fit import Observed, ParticleConfig, Physics, ShootingConfig
 from simtune.fit.particles import Particles
 from simtune.fit.shooting import Shooting
-from simtune.parameters import ParameterSpace, delay
+from simtune.parameters import Parameter, ParameterSpace, delay
 from simtune.randomization import Distribution
 from simtune.simulation import JointActions, random_actions
 from simtune.tasks import Task, load_task
@@ -72,7 +72,25 @@ def detected(rollouts) -> Observed:
     return observed_keypoints(rollouts.observed, rollouts.actions, noise_px=0.2)
 
 
+def lagging_cartpole() -> Task:
+    """The time constant of such a filter is to be found as well."""
+    dynamics = [p for p in CARTPOLE.parameters if not p.is_appearance]
+    lag = Parameter(
+        name="lag",
+        field="actuator_dynprm",
+        objects=("slide",),
+        component=0,
+        nominal=0.05,
+        low=0.005,
+        high=0.5,
+        unit="s",
+        kind="lag",
+    )
+    return replace(CARTPOLE, parameters=ParameterSpace([*dynamics, lag]))
+
+
 CASES = {"delay": (late_cartpole, [0.08, 7.0, 0.19]), "filter": (slow_cartpole, [0.08, 7.0])}
+CASES["lag"] = lagging_cartpole, [0.08, 7.0, 0.12]
 SERVOS = {
     "late servo": (servo_cartpole, [0.08, 7.0, 0.19]),
     "slow servo": (partial(servo_cartpole, slow_s=0.15), [0.08, 7.0]),
@@ -103,7 +121,7 @@ def test_fit_recovers_delay_and_gain_from_windows_inside_episodes(name):
     task, truth = make(), np.array(truth)
     physics, rollouts = played(task, truth)
     space, fitted, rng = task.parameters, np.arange(len(truth)), np.random.default_rng(1)
-    config = ShootingConfig(stages=(Stage(4, 4, 4.0), Stage(12, 8)), longer=())
+    config = ShootingConfig(longer=())
     states = physics.states(rollouts.states)
     rough = states + SPREAD * rng.normal(size=states.shape)
     start = space.from_unit(space.to_unit(truth) + 0.1)
@@ -115,4 +133,5 @@ def test_fit_recovers_delay_and_gain_from_windows_inside_episodes(name):
     unit = space.to_unit(start)
     followed = particles.follow(detected(rollouts), rough, unit, np.full(len(unit), 0.1))
     error = np.abs(physics.space.difference(followed.states, states)).mean((0, 1))
-    assert (error[:2] < SPREAD[:2]).all()  # without any memory .2 to .5
+    # Without any memory .2 to .5; segments begin as the first guess at a lag has filters follow.
+    assert (error[:2] < SPREAD[:2] * (1.6 if name == "lag" else 1)).all()

@@ -417,7 +417,7 @@ def test_actions_are_made_for_the_model(load):
     [
         ("mapping = 'scale'\n", 4, r"no mapping 'scale' in \[actions\]; did you mean 'scaled'?"),
         ("gain = 3\n", 4, r"no key 'gain' in \[actions\]"),
-        ("actuators = ['elbo']\n", 3, "no actuator 'elbo' in the model; did you mean 'elbow'?"),
+        ("actuators = ['elbo']\n", 4, "no actuator 'elbo' in the model; did you mean 'elbow'?"),
         ("actuators = []\n", 4, "actuators must be a name or a list of names"),
         ("actuators = ['elbow', 3]\n", 4, "actuators must be a name or a list of names"),
         ("mapping = 'scaled'\n", 3, "sled has no ctrlrange"),
@@ -1009,7 +1009,7 @@ def test_a_change_of_the_reward_is_noticed_and_not_by_who_tunes(load, folder):
         (
             'reward = "policy.py:f"\nfree_joints = "elbw"',
             "def f(data): return data.qpos[:, 0]",
-            "no hinge or slide 'elbw' in the model; did you mean 'elbow'",
+            "no joint 'elbw' in the model; did you mean 'elbow'",
         ),
         (
             'reward = "policy.py:f"\nsymmetric_hinges = { elbow = 1 }',

@@ -1,6 +1,7 @@
 """Python that writes what was found into a user's own copy of the model, without simtune."""
 
 import inspect
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,6 +10,7 @@ import mujoco
 from simtune.export.inferred import write_down_inferred
 from simtune.export.mjcf import not_copied
 from simtune.parameters import ModelWriter, field_of, rows_of
+from simtune.tasks.tuning_file.name_all import name_all
 
 _SCRIPT = '''"""Write what simtune found into a MuJoCo model.
 
@@ -42,11 +44,11 @@ def apply(model: mujoco.MjModel) -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-{inferred}
+{functions}
 
 if __name__ == "__main__":
     spec = mujoco.MjSpec.from_file(sys.argv[1])
-    write_down_inferred(spec)
+{named}    write_down_inferred(spec)
 {prepared}{not_copied}    model = spec.compile()
     apply(model)
     spec.copy_back(model)
@@ -69,8 +71,17 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
         f"    spec.{kind}({name!r}).{attribute} = {value!r}\n"
         for kind, name, attribute, value in not_copied(writer, model)
     )
-    inferred = inspect.getsource(write_down_inferred)
-    rest = {"note": note, "prepared": prepared, "not_copied": left_out, "inferred": inferred}
+    functions, named = inspect.getsource(write_down_inferred), ""
+    if any(re.fullmatch(r"\w+ \d+", name) for _, _, name, _ in _found(writer, model)):
+        functions = f"{inspect.getsource(name_all)}\n\n{functions}"
+        named = "    name_all(spec)\n"
+    rest = {
+        "note": note,
+        "prepared": prepared,
+        "not_copied": left_out,
+        "functions": functions,
+        "named": named,
+    }
     return _SCRIPT.format(rows="\n".join(rows), **rest)
 
 

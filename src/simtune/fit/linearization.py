@@ -64,7 +64,7 @@ class WindowPlayer:
             states.reshape(-1, size),
             np.repeat(units, num_windows, 0),
             np.tile(windows.actions, (groups, 1, 1)),
-            np.tile(windows.actuator_states, (groups, 1)),
+            windows.left_behind(units).reshape(groups * num_windows, -1),
         )
         shape = (groups, num_windows)
         return (

@@ -7,7 +7,9 @@ do not tell enough, the horizon is extended as long as the motion is explained a
 swing shows its period late.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +32,7 @@ _FULL_STEPS = 3  # iterations of a stage; later ones take half of each step in t
 _EXTENDED_BLUR = 3.0
 _DERIVED_EVERY = 2  # iterations (the chord method): derivatives cost most, and change slowly
 _TRIED = 2  # worlds, with which it is seen whether a step is one for the better
+_LAG_DELTA = 0.01  # in unit coordinates
 _ENOUGH = 0.01  # standard deviation of a parameter, in unit coordinates
 _AS_WELL = 1.0  # by so much −log likelihood may rise: distances half as large again, or so
 
@@ -86,11 +89,13 @@ class Shooting:
         self._physics, self._space, self.config = physics, physics.space, config
         self._prior_std, self.fitted = prior_std * _PRIOR, np.asarray(fitted)
         self._player = WindowPlayer(physics, self._prior_std, self.fitted)
+        self._lags = [i for i in self.fitted if physics.parameters.parameters[i].is_lag]
 
     def fit(self, observed: Observed, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
         """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
         unit = self._physics.parameters.to_unit(parameters)
-        return self._fit(self._cut(observed, states, unit), unit, self.config.stages)
+        replay = partial(self._physics.replay_actuators, observed.actions, states)
+        return self._fit(self._cut(observed, states, unit), unit, self.config.stages, replay)
 
     def extend_horizon(
         self, observed: Observed, states: np.ndarray, parameters: np.ndarray, fit: ShootingFit
@@ -109,11 +114,13 @@ class Shooting:
             if is_known or window > observed.actions.shape[1]:
                 break
             unit[self.fitted] = found.unit
-            longer = self._cut(observed, self._improved(states, found), unit, window)
+            improved = self._improved(states, found)
+            longer = self._cut(observed, improved, unit, window)
+            replay = partial(self._physics.replay_actuators, observed.actions, improved)
             # Blurred at first: what ends far away after such a time is no outlier yet.
             count = config.longer_iterations
             stages = (Stage(window, count, _EXTENDED_BLUR), Stage(window, count))
-            found = self._fit(longer, unit, stages)
+            found = self._fit(longer, unit, stages, replay)
             if np.median(found.misfit) > limit:
                 break
             best = found
@@ -141,8 +148,14 @@ class Shooting:
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
         return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)
 
-    def _fit(self, whole: Windows, unit: np.ndarray, stages: tuple[Stage, ...]) -> ShootingFit:
-        """From (N,) parameters in unit coordinates."""
+    def _fit(
+        self,
+        whole: Windows,
+        unit: np.ndarray,
+        stages: tuple[Stage, ...],
+        replay: Callable[[np.ndarray], np.ndarray],
+    ) -> ShootingFit:
+        """From (N,) parameters in unit coordinates, for which `replay` is `replay_actuators`."""
         windows, num = whole, len(whole.states)
         damping = np.full(num, _FIRST_DAMPING)
         point = LinearizationPoint(whole.states.copy(), unit, damping, FIRST_VARIANCE)
@@ -155,6 +168,7 @@ class Shooting:
                 share = 1.0 if iteration < _FULL_STEPS else 0.5
                 share = 0.0 if stage.blur > _STATES_ONLY else share
                 if slopes is None or iteration % _DERIVED_EVERY == 0:
+                    windows = self._with_lags(windows, point.unit, replay)
                     slopes = self._player.differentiate(windows, point)
                 point, covariance, predicted = self._step(windows, point, slopes, share, stage.blur)
                 slopes = slopes._replace(predicted=predicted)
@@ -169,6 +183,21 @@ class Shooting:
             -evidence.log_likelihood(predicted[0]) / (num_frames * evidence.num_observations),
             evidence.distances(predicted[0]),
         )
+
+    def _with_lags(
+        self, windows: Windows, unit: np.ndarray, replay: Callable[[np.ndarray], np.ndarray]
+    ) -> Windows:
+        """How far filters had followed when a window began depends on the lag that is fitted."""
+        if not self._lags:
+            return windows
+        begun = replay(unit)[windows.episode, windows.step]
+        by_lag = {}
+        for lag in self._lags:
+            step = np.zeros_like(unit)
+            step[lag] = -_LAG_DELTA if unit[lag] > 0.5 else _LAG_DELTA
+            changed = replay(unit + step)[windows.episode, windows.step]
+            by_lag[lag] = unit[lag], (changed - begun) / step[lag]
+        return replace(windows, actuator_states=begun, by_lag=by_lag)
 
     def _step(
         self,

@@ -1,6 +1,7 @@
 """Short stretches of what was observed, each with an initial state of its own."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,6 +19,16 @@ class Windows:
     actuator_states: np.ndarray  # (W, S) what earlier actions left, of `Physics.replay_actuators`
     episode: np.ndarray  # (W,)
     step: np.ndarray  # (W,) at which each begins
+    # Of actuators with a lag: how (W, S) `actuator_states` change with unit coordinates, for each
+    # of some parameters by index: (its coordinate, (W, S) slopes)
+    by_lag: Mapping[int, tuple[float, np.ndarray]] = field(default_factory=dict)
+
+    def left_behind(self, units: np.ndarray) -> np.ndarray:
+        """(G, W, S) what actions left in worlds of (G, N) parameters, nearly."""
+        states = np.repeat(self.actuator_states[None], len(units), 0)
+        for index, (unit, slopes) in self.by_lag.items():
+            states += (units[:, index] - unit)[:, None, None] * slopes
+        return states
 
     def first(self, steps: int) -> "Windows":
         """Only the first `steps` steps of each window."""

@@ -23,6 +23,8 @@ action mappings get that batch. Its pitfalls:
   are left out by `roll_out` and `Rollouts.finished` alone. MuJoCo's silent reset is off.
 * **Controls may come late.** Actuators with a delay need room for past controls before the model
   is compiled (`prepare_spec`); Runge and Kutta's integrator shifts them by half a step.
+* **Servos have held their first control** when an episode begins (`held_controls`). MuJoCo's own
+  delays and filters begin at 0, and would swing a robot there.
 * **Steps need not divide evenly.** At a recording's rate the timestep is adjusted, and parts of a
   policy step may differ by one substep.
 * **A `Simulator` keeps one batch**, for the last number of worlds asked for: `play` is not

@@ -1,8 +1,9 @@
 """Actuators that follow their controls late: what MuJoCo must know before it compiles a model.
 
 MuJoCo keeps the controls of an actuator's last `nsample` steps and drives it by that of
-`actuator_delay` seconds ago; before an episode's start they were 0. It reads before it remembers,
-so any delay is at least one step; 0 is none. Between two steps it can
+`actuator_delay` seconds ago; before an episode's start they were 0, but for servos
+(`held_controls`). It reads before it remembers, so any delay is at least one step; 0 is none.
+Between two steps it can
 
 * hold the earlier one, but rounding errors of the time then decide whether a delay of whole steps
   is one step longer: measured, in up to three of four steps;

@@ -5,6 +5,7 @@ from functools import partial
 import mujoco
 
 from simtune.simulation import DirectActions, JointActions, MapActions, MocapActions, ScaledActions
+from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _MAPPINGS = ("direct", "scaled", "joints", "mocap")
@@ -16,14 +17,14 @@ def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
     map_actions: MapActions
     if mapping == "direct":
         table.allow("mapping", "actuators")
-        map_actions = partial(DirectActions, actuators=table.names("actuators", None))
+        map_actions = partial(DirectActions, actuators=_actuators(table, model))
     elif mapping == "scaled":
         table.allow("mapping", "actuators", "range", "gain", "offset")
         if "offset" in table and "gain" not in table:
             raise table.error("offset needs gain: a control is offset + gain · action", "offset")
         map_actions = partial(
             ScaledActions,
-            actuators=table.names("actuators", None),
+            actuators=_actuators(table, model),
             action_range=table.array("range", None),
             gain=table.array("gain", None),
             offset=table.array("offset", 0.0),
@@ -32,7 +33,7 @@ def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
         table.allow("mapping", "actuators", "per_unit", "range")
         map_actions = partial(
             JointActions,
-            actuators=table.names("actuators", None),
+            actuators=_actuators(table, model),
             per_unit=table.array("per_unit", 1.0),
             action_range=table.array("range", None),
         )
@@ -49,3 +50,11 @@ def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
     with table.at():
         map_actions(model)
     return map_actions
+
+
+def _actuators(table: TomlTable, model: mujoco.MjModel) -> tuple[str, ...] | None:
+    """Those named, in that order; None: all."""
+    if "actuators" not in table:
+        return None
+    with table.at("actuators"):
+        return find_objects(model, "actuator", table.names("actuators"))

@@ -1,7 +1,7 @@
 """How a tuning file names objects of a model: by name, by a pattern, or by what they belong to."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
 import mujoco
@@ -30,7 +30,7 @@ def find_objects(model: mujoco.MjModel, kind: str, given: Sequence[str]) -> tupl
     known, found = names_of(model, kind), []
     for one in given:
         if one in known:
-            found.append(one)
+            found.append(one)  # also twice, of which others complain
             continue
         meant = _belonging(model, kind, one)
         if meant is None:
@@ -74,25 +74,3 @@ def find_keyframe(model: mujoco.MjModel, name: str) -> int:
     if name not in known:
         raise UnknownName("keyframe", name, "the model", filter(None, known))
     return known.index(name)
-
-
-def name_all(spec: mujoco.MjSpec) -> None:
-    """Call "geom 12" by its index in the compiled model what has no name.
-
-    Raises ValueError where MuJoCo cannot compile the model.
-    """
-    spec.compile()
-    for kind, elements in _elements(spec):
-        taken = {element.name for element in elements}
-        for element in elements:
-            name = f"{kind} {element.id}"
-            if not element.name and element.id >= 0 and name not in taken:
-                element.name = name
-
-
-def _elements(spec: mujoco.MjSpec) -> Iterator[tuple[str, list]]:
-    for kind, plural in (("body", "bodies"), ("equality", "equalities")):
-        yield kind, list(getattr(spec, plural))
-    for kind in ("joint", "geom", "site", "camera", "light", "tendon", "actuator"):
-        yield kind, list(getattr(spec, f"{kind}s"))
-    yield "keyframe", list(spec.keys)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import mujoco
 
-from simtune.parameters import ModelWriter, Parameter, ParameterSpace, camera_pose, colour
+from simtune.parameters import ModelWriter, Parameter, ParameterSpace, camera_pose, colour, field_of
 from simtune.parameters.fields import KINDS
 from simtune.simulation import prepare_spec
 from simtune.tasks.tuning_file.field_defaults import (
@@ -17,6 +17,7 @@ from simtune.tasks.tuning_file.field_defaults import (
     own_values,
     usual_unit,
 )
+from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _NUMBERS = ("nominal", "low", "high", "scale", "unit")
@@ -55,7 +56,7 @@ def _read(entry: TomlTable, model: mujoco.MjModel, camera: str | None) -> list[P
         entry.allow("name", "field", "objects", "component", *_NUMBERS)
         field = entry.text("field")
         component = entry.whole("component", None, least=0)
-        return [_number(entry, model, field, entry.names("objects", ()), component)]
+        return [_number(entry, model, field, _objects(entry, model, field, ()), component)]
     if "kind" not in entry:
         raise entry.error(f"{name} has neither kind nor field: expected one of them")
     field, kind = KINDS[entry.choice("kind", KINDS)]
@@ -66,10 +67,21 @@ def _read(entry: TomlTable, model: mujoco.MjModel, camera: str | None) -> list[P
     asks = kind.asks_component
     component = entry.whole("component", None, least=0) if asks else kind.component
     entry.allow("name", "kind", "objects", *["component"] * asks, *_NUMBERS)
-    films = (camera,) if field.prefix == "cam" else None
-    objects = entry.names("objects", films) if films else entry.names("objects")
+    objects = _objects(entry, model, field.name, (camera,) if field.prefix == "cam" else None)
     apart = kind.name if kind.is_apart else ""
     return [_number(entry, model, field.name, objects, component, apart)]
+
+
+def _objects(
+    entry: TomlTable, model: mujoco.MjModel, field: str, default: tuple[str, ...] | None = None
+) -> tuple[str, ...]:
+    """The names meant by `objects`, which is needed where there is no default."""
+    given = entry.names("objects") if default is None else entry.names("objects", default)
+    owner = field_of(field).object_type
+    if owner is None or "objects" not in entry:
+        return given
+    with entry.at("objects"):
+        return find_objects(model, owner.name, given)
 
 
 def _number(
@@ -137,7 +149,7 @@ def _some_parameter(
 def _colour(entry: TomlTable, model: mujoco.MjModel, field: str) -> list[Parameter]:
     """NAME_r, NAME_g and NAME_b."""
     entry.allow("name", "kind", "objects", "nominal")
-    objects = entry.names("objects")
+    objects = _objects(entry, model, field)
     channels = [_some_parameter(entry, model, field, objects, i) for i in range(3)]
     given = entry.numbers("nominal", 3, None)
     red, green, blue = given or (own_nominal(model, channel) for channel in channels)
@@ -147,8 +159,8 @@ def _colour(entry: TomlTable, model: mujoco.MjModel, field: str) -> list[Paramet
 def _camera_pose(entry: TomlTable, model: mujoco.MjModel, camera: str | None) -> list[Parameter]:
     """NAME_x, NAME_y, NAME_z, NAME_pitch, NAME_yaw and NAME_roll."""
     entry.allow("name", "kind", "objects", "within_m", "within_rad")
-    cameras = entry.names("objects", (camera,))
-    if len(cameras) > 1:
+    cameras = _objects(entry, model, "cam_pos", (camera,))
+    if len(cameras) != 1:
         raise entry.error("a camera_pose is of one camera", "objects")
     position = own_values(model, _some_parameter(entry, model, "cam_pos", cameras))[0]
     x, y, z = map(float, position)

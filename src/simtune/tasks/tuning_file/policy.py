@@ -11,6 +11,7 @@ from mujoco.batch import Batch
 from simtune.errors import InputError, UnknownName, blame
 from simtune.simulation.actions import HINGE_OR_SLIDE
 from simtune.tasks.batch_state import computed
+from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.tasks.tuning_file.user_code import load_user_code
 
@@ -57,7 +58,8 @@ def read_policy(table: TomlTable, model: mujoco.MjModel) -> dict[str, Any]:
             policy["declared_policy"] += source
     if "steps" in table:
         policy["policy_steps"] = table.whole("steps")
-    policy["free_joints"] = table.names("free_joints", ())
+    with table.at("free_joints"):
+        policy["free_joints"] = find_objects(model, "joint", table.names("free_joints", ()))
     hinges = table.table("symmetric_hinges")
     policy["symmetric_hinges"] = {name: hinges.whole(name, least=2) for name in hinges}
     known = [model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] in HINGE_OR_SLIDE]
