@@ -24,11 +24,12 @@ from simtune.budget import Budget
 from simtune.fit.open_loop import Groups, OpenLoop, Readings, Slopes, Stretches
 
 _PRIOR_STD = 0.3  # of parameters, in unit coordinates: nothing is known within a factor of 3
-_HUBER = 3.0
+_HUBER = 5.0  # root mean squares
+_CLIPPED = 3  # times: each time less of what stands out is left
 _LARGEST_STEP = 0.12
-_FIRST_DAMPING = 1e-3
-_DAMPING = (1e-6, 1e6)
-_TRIED = 4  # steps, each with more damping, before it is over
+_FIRST_DAMPING = 1e-2
+_DAMPING = (1e-4, 1e6)
+_TRIED = 7  # steps, each with more damping, before it is over
 _ENOUGH = 1e-4  # share of the cost, that a step has to gain for another one to follow
 _SMALLEST_NOISE = 1e-6
 _FEWEST = 2.0  # effective observations of a reading
@@ -262,11 +263,15 @@ def _jackknife(equations: _Equations, information: np.ndarray) -> np.ndarray:
 
 
 def _spread(residuals: np.ndarray) -> np.ndarray:
-    """(D,) root mean square of (W, K, D), those that stand out counted as Huber counts them."""
-    flat = residuals.reshape(-1, residuals.shape[-1])
-    usual = np.nanmedian(np.abs(flat), 0) * 1.4826
-    limit = np.maximum(_HUBER * usual, _SMALLEST_NOISE)
-    return np.sqrt(np.nanmean(np.square(np.clip(flat, -limit, limit)), 0)) + _SMALLEST_NOISE
+    """(D,) root mean square of (W, K, D), but for what stands out far, such as lost packets.
+
+    Not the median's: where a simulator is wrong in a different way now and then, that counts.
+    """
+    size = np.abs(residuals.reshape(-1, residuals.shape[-1]))
+    rms = np.sqrt(np.nanmean(np.square(size), 0))
+    for _ in range(_CLIPPED):
+        rms = np.sqrt(np.nanmean(np.square(np.minimum(size, _HUBER * rms)), 0))
+    return rms + _SMALLEST_NOISE
 
 
 def correlation_times(residuals: np.ndarray) -> np.ndarray:
