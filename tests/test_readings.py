@@ -146,7 +146,10 @@ def test_full_names_are_told_where_there_are_any():
             "HERE: 'pan' can be each of observation.state.pan, observation.velocity.pan; "
             "name one of them",
         ),
-        (["griip"], "HERE: no reading 'griip'; did you mean 'grip'? there are: observation.state."),
+        (
+            ["griip"],
+            "HERE: no reading 'griip'; did you mean 'grip'? there are: observation.state.pan",
+        ),
         (["observation.stat.pan"], "did you mean 'observation.state.pan'? there are: "),
         (["a"], "HERE: no reading 'a'; there are: observation.state.pan, "),
         ([""], "HERE: no reading ''; there are: "),

@@ -226,10 +226,8 @@ def test_second_camera(dataset: Path):
 
 
 def test_unread_columns_do_not_matter(dataset: Path):
-    edit_table(
-        dataset / DATA,
-        lambda rows: [row | {"next.reward": 1.0, "observation.state": [0.0]} for row in rows],
-    )
+    unread = {"next.reward": 1.0, "observation.state": [0.0], "action.note": "a name's beginning"}
+    edit_table(dataset / DATA, lambda rows: [row | unread for row in rows])
     trajectory = read_dataset(dataset).trajectories[0]
     assert set(vars(trajectory)) == {"frames", "actions", "step_s", "readings"}
     assert not trajectory.readings

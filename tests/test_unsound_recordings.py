@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,8 +16,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from lerobot_v21 import DATA as DATA_V21
+from lerobot_v21 import EPISODES as LINES
+from lerobot_v21 import VIDEO as VIDEO_V21
+from lerobot_v21 import write_v21
 
-from simtune.recordings import write_dataset, write_video
+from simtune.errors import InputError
+from simtune.recordings import open_dataset, write_dataset, write_video
 from simtune.trajectory import Trajectory
 
 NUM_STEPS, FPS, SIZE = 24, 12.5, 32
@@ -26,6 +31,7 @@ DATA = "data/chunk-000/file-000.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 INFO = "meta/info.json"
 HDF5 = "demo.hdf5"
+DATA_1, VIDEO_1 = (name.format(chunk=0, episode=1) for name in (DATA_V21, VIDEO_V21))
 MOST_MB = 150  # of growth; all of them need 25, and huge ones would need gigabytes
 
 
@@ -44,6 +50,19 @@ def trajectories() -> list[Trajectory]:
 def write_lerobot(folder: Path) -> None:
     names = ["slide"]
     write_dataset(folder, trajectories(), action_names=names, robot_type="arm", task="balance")
+
+
+def write_lines(folder: Path) -> None:
+    """A LeRobotDataset v2.1, with readings."""
+    episodes = [
+        {
+            "action": np.concatenate([trajectory.actions, [[0.0]]]),
+            "observation.state": np.zeros((NUM_STEPS + 1, 2)),
+            "frames": trajectory.frames,
+        }
+        for trajectory in trajectories()
+    ]
+    write_v21(folder, episodes, {"action": ["slide"], "observation.state": ["x", "v"]}, fps=FPS)
 
 
 def write_pairs(folder: Path) -> None:
@@ -66,9 +85,10 @@ def write_hdf5(folder: Path) -> None:
         for i, trajectory in enumerate(trajectories()):
             data[f"demo_{i}/actions"] = np.concatenate([trajectory.actions, [[0.0]]])
             data[f"demo_{i}/obs/agentview_image"] = trajectory.frames
+            data[f"demo_{i}/obs/joints"] = np.zeros((NUM_STEPS + 1, 2))
 
 
-SOUND = {"lerobot": write_lerobot, "pairs": write_pairs, "hdf5": write_hdf5}
+SOUND = {"lerobot": write_lerobot, "v21": write_lines, "pairs": write_pairs, "hdf5": write_hdf5}
 
 
 # --- ways to spoil them -------------------------------------------------------------------
@@ -80,6 +100,17 @@ def cut(name: str, share: float) -> Callable[[Path], None]:
     def spoil(folder: Path) -> None:
         content = (folder / name).read_bytes()
         (folder / name).write_bytes(content[: int(len(content) * share)])
+
+    return spoil
+
+
+def flipped(name: str, place: bytes) -> Callable[[Path], None]:
+    """Flip a bit where a file has these bytes first, so that they are no UTF-8 any more."""
+
+    def spoil(folder: Path) -> None:
+        content = bytearray((folder / name).read_bytes())
+        content[content.index(place)] ^= 0x80
+        (folder / name).write_bytes(content)
 
     return spoil
 
@@ -100,6 +131,10 @@ def feature(name: str, **changes: object) -> Callable[[Path], None]:
         info(features=features | {name: features.get(name, {}) | changes})(folder)
 
     return spoil
+
+
+def gone(name: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).unlink()
 
 
 def text(name: str, content: str) -> Callable[[Path], None]:
@@ -186,10 +221,11 @@ def linked(data: h5py.Group, folder: Path) -> None:
     data["demo_1/actions"] = h5py.ExternalLink("../elsewhere.h5", "/actions")
 
 
-def borrowed(data: h5py.Group, _: Path) -> None:
-    del data["demo_1/actions"]
-    source = [("/etc/passwd", 0, 200)]
-    data["demo_1"].create_dataset("actions", (25, 1), "f8", external=source)
+def borrow(group: h5py.Group, name: str, shape: tuple[int, ...]) -> None:
+    """Its bytes are those of another file."""
+    del group[name]
+    source = [("/etc/passwd", 0, 8 * int(np.prod(shape)))]
+    group.create_dataset(name, shape, "f8", external=source)
 
 
 @dataclass(frozen=True)
@@ -203,12 +239,21 @@ def lerobot(spoil: Callable[[Path], object], message: str) -> Case:
     return Case("lerobot", spoil, message)
 
 
+def lines(spoil: Callable[[Path], object], message: str) -> Case:
+    return Case("v21", spoil, message)
+
+
 def pairs(spoil: Callable[[Path], object], message: str) -> Case:
     return Case("pairs", spoil, message)
 
 
 def demos(spoil: Callable[[Path], object], message: str) -> Case:
     return Case("hdf5", spoil, message)
+
+
+def listed(*lengths: int, indexes: Sequence[int] = (0, 1)) -> Callable[[Path], None]:
+    rows = zip(indexes, lengths, strict=True)
+    return text(LINES, "\n".join(f'{{"episode_index": {i}, "length": {n}}}' for i, n in rows))
 
 
 def set_rows(**changes: object) -> Callable[[list[dict]], list[dict]]:
@@ -262,6 +307,54 @@ CASES = {
         lambda folder: (folder / INFO).open("r+b").truncate(10**10),
         "expected a few kB, got 10000 MB",
     ),
+    "a flipped byte of a name": lerobot(
+        flipped(DATA, b"action"), "file-000.parquet: not a readable parquet file .*copy the file"
+    ),
+    "a flipped byte of a list's name": lerobot(
+        flipped(EPISODES, b"episode_index"), "not a readable parquet file .*copy the file again"
+    ),
+    "a flipped byte of an episode": lines(
+        flipped(DATA_1, b"timestamp"), "episode_000001.parquet: not a readable parquet file"
+    ),
+    "no lines": lines(gone(LINES), "meta/episodes.jsonl: missing; copy the dataset again"),
+    "half a line": lines(cut(LINES, 0.7), "episodes.jsonl: line 2: not readable as JSON"),
+    "lines of bytes": lines(
+        lambda folder: (folder / LINES).write_bytes(b"\xff\xfe\0"), "jsonl: not readable as JSON"
+    ),
+    "deep lines": lines(text(LINES, "[" * 100_000), "line 1: not readable as JSON"),
+    "huge lines": lines(
+        lambda folder: (folder / LINES).open("r+b").truncate(10**10), "a few kB, got 10000 MB"
+    ),
+    "no line": lines(text(LINES, "\n"), "holds no episode"),
+    "a line doubled": lines(listed(25, 25, indexes=(0, 0)), "line 2: episode 0 is listed twice"),
+    "a line without length": lines(
+        text(LINES, '{"episode_index": 0}'), "line 1: expected a number in 'length', got None"
+    ),
+    "an infinite line": lines(
+        text(LINES, '{"episode_index": Infinity, "length": 9}'), "a number in 'episode_index'"
+    ),
+    "too short a line": lines(listed(25, 24), "expected 24 rows of episode 1, got 25; copy"),
+    "too long a line": lines(listed(25, 10**9), "episode 1 has 1000000000 rows; expected at most"),
+    "a line too few": lines(listed(25, indexes=(0,)), "expected 2 episodes .*jsonl lists 1"),
+    "no rows of an episode": lines(gone(DATA_1), "episode_000001.parquet: missing, though"),
+    "no video of an episode": lines(gone(VIDEO_1), "episode 1, step 0: .*: no such video"),
+    "half a video": lines(cut(VIDEO_1, 0.6), "episode 1.*copy the file again"),
+    "rows elsewhere": lines(
+        info(data_path="../secret/{episode_index}"), "leads out of the dataset"
+    ),
+    "film elsewhere": lines(info(video_path="/etc/{episode_index:06d}"), "leads out of the data"),
+    "chunks elsewhere": lines(
+        info(data_path="{episode_chunk}/../../{episode_index}"), "leads out of the dataset"
+    ),
+    "a sly chunk": lines(
+        info(data_path="{episode_chunk.real}/{episode_index}"), "expected a data_path like"
+    ),
+    "one file for all": lines(info(video_path="video.mp4"), "expected a video_path like"),
+    "chunks of none": lines(info(chunks_size=0), "expected a whole chunks_size of at least 1"),
+    "deep names": lines(
+        feature("action", names=json.loads("[" * 500 + "]" * 500), shape=[2]),
+        r"takes 1 actions, the recording has 2 \(action_0, action_1\)",
+    ),
     "no partner": pairs(
         lambda folder: (folder / "swing1.csv").unlink(), "swing1.mp4 has no swing1.csv"
     ),
@@ -312,7 +405,10 @@ CASES = {
         "chunks of 1920 MB",
     ),
     "another file": demos(hdf5(linked), "demo_1: actions leads out of the file"),
-    "another file's bytes": demos(hdf5(borrowed), "demo_1: actions leads out of the file"),
+    "another file's bytes": demos(
+        hdf5(lambda data, _: borrow(data["demo_1"], "actions", (25, 1))),
+        "demo_1: actions leads out of the file",
+    ),
 }
 
 # Runs commands in one process, as imports take seconds; says what each did and took.
@@ -380,3 +476,96 @@ def test_it_is_refused_in_one_line(told, name: str, command: str):
     assert re.search(CASES[name].message, lines[0]), lines[0]
     assert len(lines[0]) < 500
     assert said["mb"] < MOST_MB
+
+
+# --- readings, which commands ask for by a tuning file only --------------------------------
+
+
+def measured(name: str, *cells: str) -> Callable[[Path], None]:
+    """Both tables with one reading more, in the second of which its first cells are these."""
+
+    def spoil(folder: Path) -> None:
+        for i in range(2):
+            rows = [[0.1, "0.2"] for _ in range(NUM_STEPS)]
+            for row, cell in enumerate(cells if i else ()):
+                rows[row][1] = cell
+            write_table(folder, i, ["slide", name], rows)
+
+    return spoil
+
+
+def state(value: object) -> Callable[[Path], None]:
+    return rows(DATA_1, set_rows(**{"observation.state": value}))
+
+
+STATE = "observation.state"
+OF_KIND = {"v21": (STATE,), "pairs": ("measured.x",), "hdf5": ("joints",)}
+READING_CASES = {
+    "too few numbers": lines(
+        state([0.1]), "episode 1, row 0: expected 2 numbers of 'observation.state' as meta/"
+    ),
+    "one number for two": lines(state(0.1), "expected 2 numbers of 'observation.state' .* got 1"),
+    "never finite": lines(
+        state([0.1, float("nan")]), "episode 1: reading observation.state.v is nowhere finite; drop"
+    ),
+    "all missing": lines(state(None), "expected 2 numbers|nowhere finite"),
+    "text": lines(state("left"), "expected numbers in column 'observation.state'"),
+    "lists of text": lines(state(["a", "b"]), "expected numbers in column 'observation.state'"),
+    "no such column": lines(
+        rows(DATA_1, lambda found: [{k: r[k] for k in r if k != STATE} for r in found]),
+        "episode_000001.parquet: no column 'observation.state'; there are: action",
+    ),
+    "a text feature": lines(
+        feature(STATE, dtype="string"), "no reading 'observation.state'; .* have no readings"
+    ),
+    "a matrix": lines(feature(STATE, shape=[2, 2]), "no reading 'observation.state'"),
+    "a huge shape": lines(feature(STATE, shape=[10**9]), "no reading 'observation.state'"),
+    "a word": pairs(measured("measured.x", "0", "up"), "swing1.csv: row 1: could not conv.* 'up'"),
+    "all cells empty": pairs(
+        measured("measured.x", *[""] * NUM_STEPS), "swing1: reading measured.x is nowhere finite"
+    ),
+    "an action": pairs(measured("x"), "no reading 'measured.x'; the recordings have no readings"),
+    "another name": pairs(
+        measured("measured.y"), "no reading 'measured.x'; did you mean 'measured.y'. there are: y"
+    ),
+    "wide": demos(
+        replaced("demo_1", "obs/joints", shape=(25, 3), dtype="f4"),
+        r"demo_1: expected obs/joints as numbers \(25, 2\), a row an action, got \(25, 3\) float32",
+    ),
+    "short": demos(
+        replaced("demo_1", "obs/joints", shape=(24, 2), dtype="f4"),
+        r"expected obs/joints as numbers \(25, 2\), a row an action, got \(24, 2\)",
+    ),
+    "huge": demos(
+        replaced("demo_1", "obs/joints", shape=(10**12, 2), dtype="f8", chunks=(1000, 2)),
+        r"expected obs/joints as numbers .* got \(1000000000000, 2\)",
+    ),
+    "words": demos(
+        replaced("demo_1", "obs/joints", data=[[b"a", b"b"]] * 25), r"as numbers .* got \(25, 2\)"
+    ),
+    "no joints": demos(
+        hdf5(lambda data, _: data.pop("demo_1/obs/joints")), "demo_1 has no obs/joints"
+    ),
+    "joints elsewhere": demos(
+        hdf5(lambda data, _: borrow(data["demo_1/obs"], "joints", (25, 2))),
+        "demo_1: obs/joints leads out of the file",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", READING_CASES)
+def test_unsound_readings_are_refused_in_one_line(tmp_path: Path, name: str):
+    case = READING_CASES[name]
+    SOUND[case.kind](tmp_path / "recordings")
+    case.spoil(tmp_path / "recordings")
+
+    def read_all() -> None:
+        readings = {"joints": OF_KIND[case.kind]}
+        dataset = open_dataset(tmp_path / "recordings", readings=readings, pictures=False)
+        for episode in range(dataset.num_episodes):
+            dataset.read(episode)
+
+    with pytest.raises(InputError, match=case.message) as caught:
+        read_all()
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400

@@ -71,12 +71,12 @@ def _called(where: Path, known: Sequence[Reading], name: str) -> list[Reading]:
             return found
     if not known:
         raise InputError(f"{where}: no reading {name!r}; the recordings have no readings")
-    # Names alone, too: who types one of them means it.
-    names = [call(reading) for call in _CALLS for reading in known]
-    close = difflib.get_close_matches(name, filter(None, names), n=1)
+    calls = [call(reading) for call in _CALLS for reading in known if call(reading)]
+    close = difflib.get_close_matches(name, calls, n=1)
     hint = f"did you mean {close[0]!r}? " if close else ""
-    there = short([reading.full_name for reading in known])
-    raise InputError(f"{where}: no reading {name!r}; {hint}there are: {there}")
+    # As short as they may be asked for, since there may be many.
+    there = [r.name if calls.count(r.name) == 1 else r.full_name for r in known]
+    raise InputError(f"{where}: no reading {name!r}; {hint}there are: {short(there)}")
 
 
 _CALLS: tuple[Callable[[Reading], str], ...] = (

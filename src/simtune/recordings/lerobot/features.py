@@ -75,7 +75,7 @@ def _names(names: object, depth: int = _NESTED) -> Iterator[str]:
     if isinstance(names, dict):
         names = list(names.values())
     for name in names if isinstance(names, list) else ():
-        if isinstance(name, list | dict) and depth:
-            yield from _names(name, depth - 1)
-        else:
+        if not isinstance(name, list | dict):
             yield str(name)
+        elif depth:
+            yield from _names(name, depth - 1)
