@@ -63,9 +63,7 @@ def replay(context: SearchContext, trajectories: list[Trajectory], estimate: Est
     late = readings.delayed(estimate.latency_steps)
     after = loop.replay(late, space.to_unit(estimate.mean), offsets)
     units = tuple(sensor.unit for sensor in joints for _ in sensor.joints)
-    return Replayed(
-        labels, units, offsets, simulator.step_s, readings.values, before, after
-    )
+    return Replayed(labels, units, offsets, simulator.step_s, readings.values, before, after)
 
 
 def _rms(residuals: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from simtune.errors import InputError
 from simtune.fit.sensitivity import analyze
 from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
-from simtune.real.choose import open_recordings
+from simtune.real.choose import observed, open_recordings
 from simtune.real.recorded import how_many
 from simtune.recordings import Dataset
 from simtune.simulation import Simulator
@@ -38,7 +38,8 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     image_size = needed_image_size("posterior")
     facts: dict[str, Any] = {"task": task.name, "seed": config.seed}
     if config.real:
-        dataset = open_recordings(config.real, task, config, image_size)
+        seen = observed(task, config.observed, is_simulated=False)
+        dataset = open_recordings(config.real, task, config, image_size, seen)
         num_replayed = how_many(dataset, config.episodes)
         recorded, film = look_through(dataset, say, min(num_replayed, _LOOKED_AT))
         facts["recordings"] = dataset.facts(len(recorded))

@@ -194,6 +194,4 @@ def _search_readings(world: World, name: SearchName) -> Search:
     if name != "posterior":
         raise InputError(f"--search {name} looks at pictures: have a camera observed")
     assert isinstance(world.config, TuneConfig), "a policy on pixels has a camera"
-    return ReadingsSearch(
-        world.context, ReadingsConfig(precision=world.config.relative_precision)
-    )
+    return ReadingsSearch(world.context, ReadingsConfig(precision=world.config.relative_precision))

@@ -244,4 +244,4 @@ def _filled(values: np.ndarray) -> np.ndarray:
 def _slope(values: np.ndarray) -> np.ndarray:
     """(E, T, D) changes a step, of a parabola through the readings near by."""
     width = min(_SMOOTHED, values.shape[1] - (values.shape[1] + 1) % 2)
-    return savgol_filter(values, width, min(2, width - 1), deriv=1, axis=1)
+    return np.asarray(savgol_filter(values, width, min(2, width - 1), deriv=1, axis=1))

@@ -69,58 +69,49 @@ class OutputError:
         """`finds_offset`: (D,) bool; `prior`: (N,) first guess, in unit coordinates."""
         self._loop, self._finds_offset, self._prior = loop, finds_offset, prior
         self._fitted = loop.fitted
+        self._groups: Groups | None = None  # what can be derived by at once
 
     def fit(
         self,
         readings: Readings,
         unit: np.ndarray,
         offsets: np.ndarray,
-        stages: tuple[Stage, ...],
+        stage: Stage,
         budget: Budget,
     ) -> OutputErrorFit:
         """From (N,) parameters and (D,) offsets; `budget` ends it early."""
-        point, groups = None, None
-        for stage in stages:
-            steps = stage.steps or readings.actions.shape[1]
-            stretches = self._loop.cut(readings, unit, offsets, steps, stage.at_most)
-            shift = np.zeros((len(stretches.states), len(self._loop.start_tangents)))
-            point = _Point(unit, offsets, stretches.states, shift)
-            point, groups = self._descend(stretches, point, groups, stage.iterations, budget)
-            unit, offsets = point.unit, point.offsets
-        assert point is not None, "there is a stage"
-        return self._conclude(stretches, point)
+        steps = stage.steps or readings.actions.shape[1]
+        stretches = self._loop.cut(readings, unit, offsets, steps, stage.at_most)
+        shift = np.zeros((len(stretches.states), len(self._loop.start_tangents)))
+        begin = _Point(unit, offsets, stretches.states, shift)
+        return self._conclude(stretches, self._descend(stretches, begin, stage.iterations, budget))
 
     def _descend(
-        self,
-        stretches: Stretches,
-        point: _Point,
-        groups: Groups | None,
-        iterations: int,
-        budget: Budget,
-    ) -> tuple[_Point, Groups | None]:
-        """The lowest point found, and what was learnt of what can be derived by at once."""
+        self, stretches: Stretches, point: _Point, iterations: int, budget: Budget
+    ) -> _Point:
+        """The lowest point found."""
         loop, damping = self._loop, _FIRST_DAMPING
         noise = _spread(self._residuals(stretches, point, self._predict(stretches, point)))
         start_std = loop.start_std(noise)
         for _ in range(iterations):
-            slopes = loop.differentiate(stretches, point.states, point.unit, start_std, groups)
-            groups = groups or Groups.of(slopes, noise)
+            slopes = loop.differentiate(
+                stretches, point.states, point.unit, start_std, self._groups
+            )
+            # Known from the first time on: later, many are derived by at once.
+            self._groups = self._groups or Groups.of(slopes, noise)
             equations = self._linearize(stretches, point, slopes, noise)
-            before, after = self._cost(stretches, point, slopes.predicted, noise), np.inf
+            before, gain = self._cost(stretches, point, slopes.predicted, noise), 0.0
             for _ in range(_TRIED):
                 tried = self._step(point, equations, damping, start_std, stretches)
                 predicted = self._predict(stretches, tried)
-                after = self._cost(stretches, tried, predicted, noise)
-                damping = float(np.clip(damping * (0.2 if after < before else 8), *_DAMPING))
-                if after < before:
+                gain = before - self._cost(stretches, tried, predicted, noise)
+                damping = float(np.clip(damping * (0.2 if gain > 0 else 8), *_DAMPING))
+                if gain > 0:
+                    point, noise = tried, _spread(self._residuals(stretches, tried, predicted))
                     break
-            if not after < before:
+            if gain < _ENOUGH * before or budget.is_over:
                 break
-            point = tried
-            noise = _spread(self._residuals(stretches, point, predicted))
-            if before - after < _ENOUGH * before or budget.is_over:
-                break
-        return point, groups
+        return point
 
     def _predict(self, stretches: Stretches, point: _Point) -> np.ndarray:
         return self._loop.play(stretches, point.states[None], point.unit[None])[0][0]
@@ -215,9 +206,7 @@ class OutputError:
         """How sure the parameters are, as if each residual counted as 1/τ of a measurement."""
         loop, num = self._loop, len(self._fitted)
         before = _spread(self._residuals(stretches, point, self._predict(stretches, point)))
-        slopes = loop.differentiate(
-            stretches, point.states, point.unit, loop.start_std(before)
-        )
+        slopes = loop.differentiate(stretches, point.states, point.unit, loop.start_std(before))
         residuals = self._residuals(stretches, point, slopes.predicted)
         noise, times = _spread(residuals), correlation_times(residuals)
         count = np.maximum(np.isfinite(residuals).sum((0, 1)) / times, _FEWEST)
@@ -225,7 +214,9 @@ class OutputError:
         spent = self._finds_offset + num / len(noise)
         unsure = np.sqrt(times * count / np.maximum(count - spent, count / 4))
         equations = self._linearize(stretches, point, slopes, noise * unsure)
-        information, _ = self._with_prior(equations.information.sum(0), 0 * equations.slope[0], point.unit)
+        information, _ = self._with_prior(
+            equations.information.sum(0), equations.slope.sum(0), point.unit
+        )
         covariance = np.linalg.inv(information)
         scatter = _jackknife(equations, information)[:num]
         std = np.sqrt(np.diag(covariance))[:num]

@@ -24,7 +24,8 @@ class Sensor(Protocol):
     Trajectories have its readings, (T + 1, D), by its name.
     """
 
-    name: str
+    @property
+    def name(self) -> str: ...
 
     @property
     def labels(self) -> tuple[str, ...]:

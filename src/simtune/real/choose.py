@@ -10,7 +10,7 @@ import numpy as np
 from simtune.config import ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.robot import Driver
 from simtune.errors import InputError, UnknownName
-from simtune.observation import ObservationModel
+from simtune.observation import ObservationModel, Sensor
 from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
@@ -89,7 +89,7 @@ def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) 
 
     Raises InputError where there is no such sensor, or nothing is left.
     """
-    sensors = task.sensors if isinstance(task, Task) else ()
+    sensors: tuple[Sensor, ...] = task.sensors if isinstance(task, Task) else ()
     has_camera = not isinstance(task, Task) or task.camera is not None
     there = ["cameras"] * has_camera + ["joints"] * bool(sensors) + [s.name for s in sensors]
     for name in names or ():

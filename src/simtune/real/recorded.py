@@ -40,7 +40,6 @@ class RecordedReal(RealWorld):
             self._collected.append(replace(read, readings=self._in_units(read)))
         return self._collected[:num_episodes]
 
-
     def _in_units(self, read: Trajectory) -> dict[str, np.ndarray]:
         """The readings as a fit has them; see `Sensor.from_recorded`."""
         return {

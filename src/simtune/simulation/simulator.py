@@ -30,8 +30,12 @@ class Simulator(AnySimulator):
         self.space, self.step_s, self.script = scene.space, scene.step_s, scene.script
         self.image_size, self.supersampling = drawing.image_size, drawing.supersampling
         size = self.image_size * self.supersampling
-        self._renderer = None if scene.camera is None else make_renderer(
-            drawing.renderer, self.model, self.space, scene.camera, size, drawing.quality
+        self._renderer = (
+            None
+            if scene.camera is None
+            else make_renderer(
+                drawing.renderer, self.model, self.space, scene.camera, size, drawing.quality
+            )
         )
         self._mapping, self._state_space = scene.map_actions(self.model), StateSpace(self.model)
         self._initialize, self._held = scene.initialize, HeldControls(self.model)

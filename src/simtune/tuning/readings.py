@@ -11,7 +11,7 @@ begins. A single round is all there is:
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -49,7 +49,7 @@ class ReadingsConfig:
     late_iterations: int = 3
     whole_iterations: int = 15
     precision: float = 0.01
-    range_update: RangeUpdateConfig = RangeUpdateConfig()
+    range_update: RangeUpdateConfig = field(default_factory=RangeUpdateConfig)
 
 
 class ReadingsSearch:
@@ -88,7 +88,9 @@ class ReadingsSearch:
     def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
         """Fit, and judge."""
         readings, loop = self._look_at(real)
-        offset_found = np.repeat([s.finds_offsets for s in self.sensors], [s.size for s in self.sensors])
+        offset_found = np.repeat(
+            [s.finds_offsets for s in self.sensors], [s.size for s in self.sensors]
+        )
         first_guess = self._simulator.space.to_unit(self._context.start)
         fit = OutputError(loop, offset_found, first_guess)
         budget.report("fitting short stretches", 0.05)
@@ -99,7 +101,7 @@ class ReadingsSearch:
             readings.delayed(late),
             far.unit,
             far.offsets,
-            (Stage(0, self.config.whole_iterations, 10**9),),
+            Stage(0, self.config.whole_iterations, 10**9),
             budget,
         )
         estimate = self._conclude(found, late)
@@ -129,7 +131,7 @@ class ReadingsSearch:
         for number in range(config.num_starts):
             begin = rng.uniform(low, high) if number else first_guess
             zero = np.zeros(readings.values.shape[-1])
-            found.append(fit.fit(readings, begin, zero, (stage,), budget))
+            found.append(fit.fit(readings, begin, zero, stage, budget))
             if budget.is_over:
                 break
         return min(found, key=lambda its: its.cost)
@@ -146,7 +148,7 @@ class ReadingsSearch:
             budget.report("looking for a delay", number / longest)
             stage = self._stretch(self.config.late_iterations)
             late = readings.delayed(number)
-            its = fit.fit(late, best.unit, best.offsets, (stage,), budget)
+            its = fit.fit(late, best.unit, best.offsets, stage, budget)
             if its.cost < best.cost - _CLEARLY_BETTER:
                 best, steps = its, number
             elif number > steps + 2 or budget.is_over:
@@ -199,7 +201,9 @@ class ReadingsSearch:
 
     def _events(self) -> list[Event]:
         why = "joint readings"
-        ends = zip(self.first.space.names, self.distribution.low, self.distribution.high, strict=True)
+        ends = zip(
+            self.first.space.names, self.distribution.low, self.distribution.high, strict=True
+        )
         return [Event("narrowed", name, float(low), float(high), why) for name, low, high in ends]
 
     def _metrics(self, loop: OpenLoop, found: OutputErrorFit) -> dict[str, float]:

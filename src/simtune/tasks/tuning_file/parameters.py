@@ -67,7 +67,8 @@ def _read(entry: TomlTable, model: mujoco.MjModel, camera: str | None) -> list[P
     asks = kind.asks_component
     component = entry.whole("component", None, least=0) if asks else kind.component
     entry.allow("name", "kind", "objects", *["component"] * asks, *_NUMBERS)
-    objects = _objects(entry, model, field.name, (camera,) if field.prefix == "cam" else None)
+    films = (camera,) if camera and field.prefix == "cam" else None
+    objects = _objects(entry, model, field.name, films)
     apart = kind.name if kind.is_apart else ""
     return [_number(entry, model, field.name, objects, component, apart)]
 
@@ -159,7 +160,7 @@ def _colour(entry: TomlTable, model: mujoco.MjModel, field: str) -> list[Paramet
 def _camera_pose(entry: TomlTable, model: mujoco.MjModel, camera: str | None) -> list[Parameter]:
     """NAME_x, NAME_y, NAME_z, NAME_pitch, NAME_yaw and NAME_roll."""
     entry.allow("name", "kind", "objects", "within_m", "within_rad")
-    cameras = _objects(entry, model, "cam_pos", (camera,))
+    cameras = _objects(entry, model, "cam_pos", (camera,) if camera else None)
     if len(cameras) != 1:
         raise entry.error("a camera_pose is of one camera", "objects")
     position = own_values(model, _some_parameter(entry, model, "cam_pos", cameras))[0]

@@ -45,7 +45,7 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
     unit = entry.choice("unit", (*_UNITS, "percent"), usual)
     if unit != "percent" and (is_hinge != (unit in _TURNS)).any():
         odd = names[int((is_hinge != (unit in _TURNS)).argmax())]
-        raise entry.error(f"{unit} is no unit of {odd}; give hinges and slides sensors each", "unit")
+        raise entry.error(f"{unit} is no unit of {odd}; give slides a sensor of their own", "unit")
     quantity = entry.choice("quantity", ("position", "velocity"), "position")
     if quantity == "velocity" and unit == "percent":
         raise entry.error("percent are of a joint's range: no unit of a velocity", "unit")
@@ -79,7 +79,7 @@ def _joint(entry: TomlTable, model: mujoco.MjModel, name: str) -> int:
         known = [model.joint(i).name for i in range(model.njnt)]
         raise entry.error(UnknownName("joint", name, "the model", known), "joints")
     if model.jnt_type[index] not in HINGE_OR_SLIDE:
-        raise entry.error(f"{name} is neither hinge nor slide: no single number measures it", "joints")
+        raise entry.error(f"{name} is neither hinge nor slide: no one number measures it", "joints")
     return index
 
 
