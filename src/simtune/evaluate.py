@@ -1,4 +1,4 @@
-"""`simtune evaluate`: score a trained policy once more, on other episodes."""
+"""`simtune evaluate`: score a run once more, on other episodes."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import Any
 
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
+from simtune.evaluate_replay import evaluate_replay
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.outcome import summary
@@ -14,6 +15,7 @@ from simtune.run import checkpoint
 from simtune.run.config import stored_config
 
 _OPTIONS = [field.name for field in fields(TrainConfig)]
+_EPISODES = 20
 _PATHS = ("robot", "real_parameters")  # options that config.json holds as text
 
 
@@ -23,6 +25,8 @@ def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[s
     Nothing is written. Raises InputError where there is no policy, or no world to score it in.
     """
     config.check()
+    if config.real is not None:
+        return evaluate_replay(config.run_folder, config.real, config.episodes)
     if _run_config(config.run_folder)["real"] != "pseudo" and config.parameters is None:
         raise InputError(
             f"{config.run_folder} is of the real world, where no return is known; give "
@@ -34,7 +38,7 @@ def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[s
     else:
         assert trained.truth is not None, "of a pseudo-real world"
         world = trained.truth.for_oracle()
-    scores, _ = trained.score(world, config.episodes, config.seed)
+    scores, _ = trained.score(world, config.episodes or _EPISODES, config.seed)
     returns = summary(scores.pop("return"))
     return returns | {goal: summary(reached) for goal, reached in scores.items()}
 
@@ -87,5 +91,8 @@ def _run_config(run_folder: Path) -> dict[str, Any]:
     is_run = (run_folder / "config.json").is_file()
     stored = stored_config(run_folder) if is_run else None
     if stored is None or not set(_OPTIONS) <= stored["config"].keys():
-        raise InputError(f"{run_folder} is no folder that `simtune train` wrote")
+        raise InputError(
+            f"{run_folder} is no folder that `simtune train` wrote; one of `simtune tune` with "
+            "joint readings needs --real DIR"
+        )
     return stored["config"]

@@ -16,7 +16,8 @@ from simtune.tuning.combinations import combinations
 from simtune.tuning.joint import Joint
 from simtune.tuning.search import Estimate, Search
 
-_IN_RESULT = ("correlations", "ranks", "warnings")  # of an estimate, beside its numbers
+# Of an estimate, beside its numbers
+_IN_RESULT = ("correlations", "ranks", "warnings", "latency_steps")
 _ARRAYS = ("mean", "low", "high")
 
 

@@ -1,16 +1,16 @@
 """Joint readings beside the simulator's, before and after tuning, replayed open loop."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.fit import OpenLoop, Physics, Readings
-from simtune.observation import JointSensor
+from simtune.fit import Readings, open_loop
+from simtune.observation import ObservationModel
 from simtune.run.files import plain
-from simtune.simulation import Simulator
+from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Estimate, SearchContext
 
 
 @dataclass(frozen=True)
@@ -45,23 +45,29 @@ class Replayed:
         return {"step_s": self.step_s, "sensors": curves}
 
 
-def replay(context: SearchContext, trajectories: list[Trajectory], estimate: Estimate) -> Replayed:
-    """Each episode from its first readings, in the simulator as it was and as it was tuned."""
-    simulator, sensors = context.simulator, context.observation.sensors
-    assert isinstance(simulator, Simulator), "sensors measure a model's joints"
-    joints = tuple(sensor for sensor in sensors if isinstance(sensor, JointSensor))
-    still = np.zeros((1, 1, simulator.num_actions))
-    rng = np.random.default_rng(context.seed)
-    start = simulator.roll_out(context.start[None], still, rng, keep_diverged=True)
-    physics = Physics(simulator, context.observation.observe_beside(), start.states[0, 0])
-    loop = OpenLoop(physics, joints, np.arange(len(simulator.space)))
+class Tuned(NamedTuple):
+    """What tuning found, as far as a replay asks."""
+
+    mean: np.ndarray  # (N,)
+    offsets: Mapping[str, float]  # by what a reading is called
+    latency_steps: int
+
+
+def replay(
+    simulator: AnySimulator,
+    observation: ObservationModel,
+    trajectories: list[Trajectory],
+    start: np.ndarray,
+    tuned: Tuned,
+) -> Replayed:
+    """Each episode from its first readings, in the simulator of `start` (N,), and as tuned."""
+    loop = open_loop(simulator, observation, start)
+    joints, labels, space = loop.sensors, observation.reading_labels, simulator.space
     readings = Readings.of(trajectories, joints)
-    labels = context.observation.reading_labels
-    offsets = np.array([estimate.offsets.get(label, 0.0) for label in labels])
-    space = simulator.space
-    before = loop.replay(readings, space.to_unit(context.start), np.zeros(len(labels)))
-    late = readings.delayed(estimate.latency_steps)
-    after = loop.replay(late, space.to_unit(estimate.mean), offsets)
+    offsets = np.array([tuned.offsets.get(label, 0.0) for label in labels])
+    before = loop.replay(readings, space.to_unit(start), np.zeros(len(labels)))
+    late = readings.delayed(tuned.latency_steps)
+    after = loop.replay(late, space.to_unit(tuned.mean), offsets)
     units = tuple(sensor.unit for sensor in joints for _ in sensor.joints)
     return Replayed(labels, units, offsets, simulator.step_s, readings.values, before, after)
 

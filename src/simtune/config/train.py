@@ -84,18 +84,22 @@ class TrainConfig(RealConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateConfig:
-    """Score the policy of a training once more, on other episodes of its pseudo-real world.
+    """Score a run once more, on other episodes. Prints one JSON object, and writes nothing.
 
-    Or in any other simulated world. Prints one JSON object, and writes nothing.
+    Of a run of `train`: its policy, in its pseudo-real world or in any other simulated one. Of a
+    run of `tune` with joint readings: --real replays other recordings open loop, each from its
+    first readings, in the simulator before and after tuning.
     """
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
-    """A folder that `simtune train` wrote."""
+    """A folder that `simtune train` or `simtune tune` wrote."""
+    real: Path | None = None
+    """Recordings to replay in the simulator of a run of `tune`."""
     parameters: Path | None = None
     """A JSON object of the world to score in, {name: value}, or a run's result.json; by default the
     pseudo-real world."""
-    episodes: int = 20
-    """How many episodes."""
+    episodes: int | None = None
+    """How many episodes: by default 20, or all of the recordings."""
     seed: int = 1000
     """Of the episodes; the training's own seed repeats those that it was scored on."""
 

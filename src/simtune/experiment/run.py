@@ -11,7 +11,7 @@ from simtune import outcome
 from simtune.comparison import write_comparison
 from simtune.experiment.experiment import Experiment
 from simtune.progress import ReportProgress, silent
-from simtune.replayed import replay
+from simtune.replayed import Tuned, replay
 from simtune.report import write_report
 from simtune.run import RunFolder
 from simtune.trajectory import Trajectory
@@ -103,11 +103,9 @@ class Run:
         result["warnings"] = warnings + result["warnings"]
         if experiment.search_name:
             result |= self._write_posterior()
-        self.folder.write_result(result)
         self.folder.write_curves(outcome.curves(self.estimate))
         if real and experiment.search_name and real[0].readings:
             result["sensors"] = self._write_replay(real)
-            self.folder.write_result(result)
         if real and experiment.search_name and real[0].has_pictures:
             self._report("filming the comparison", 1.0)
             write_comparison(
@@ -119,13 +117,16 @@ class Run:
                 experiment.config.seed,
                 experiment.settings.comparison,
             )
+        self.folder.write_result(result)
         write_report(self.folder.path)
         return result
 
     def _write_replay(self, real: list[Trajectory]) -> dict[str, Any]:
         """Write replay.json, the first episode's curves; what result.json says of each reading."""
         experiment = self.experiment
-        replayed = replay(experiment.context, real, self.estimate)
+        context, found = experiment.context, self.estimate
+        tuned = Tuned(found.mean, found.offsets, found.latency_steps)
+        replayed = replay(context.simulator, context.observation, real, context.start, tuned)
         self.folder.write_replay(replayed.curves())
         return replayed.scores()
 

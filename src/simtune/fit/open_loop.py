@@ -12,7 +12,8 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from simtune.fit.physics import Physics
-from simtune.observation import JointSensor
+from simtune.observation import JointSensor, ObservationModel
+from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory, delayed
 
 _SMOOTHED = 7  # readings, through which a parabola goes, to know a velocity by
@@ -229,6 +230,21 @@ class OpenLoop:
         is_owner = groups.owner[groups.number] == np.arange(len(delta))[:, None]  # (U, D)
         slopes = changes[:, groups.number] * is_owner[:, None] / delta[:, None, None]
         return Slopes(predicted[0], slopes[:, :num_fitted], slopes[:, num_fitted:])
+
+
+def open_loop(
+    simulator: AnySimulator, observation: ObservationModel, start: np.ndarray
+) -> OpenLoop:
+    """What replays readings in a simulator; `start`: (N,) parameters of a world to begin with.
+
+    What no sensor measures is, and stays, as a simulated episode of that world begins.
+    """
+    assert isinstance(simulator, Simulator), "sensors measure a model's joints"
+    joints = tuple(sensor for sensor in observation.sensors if isinstance(sensor, JointSensor))
+    still, rng = np.zeros((1, 1, simulator.num_actions)), np.random.default_rng(0)
+    begun = simulator.roll_out(start[None], still, rng, keep_diverged=True)
+    physics = Physics(simulator, observation.observe_beside(), begun.states[0, 0])
+    return OpenLoop(physics, joints, np.arange(len(simulator.space)))
 
 
 def _filled(values: np.ndarray) -> np.ndarray:

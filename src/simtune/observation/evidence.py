@@ -16,8 +16,15 @@ class Evidence(Protocol):
     solution, residuals are compared more coarsely.
     """
 
-    name: str  # in messages, such as "keypoints"
-    unit: str  # of `typical_distance`
+    @property
+    def name(self) -> str:
+        """In messages, such as "keypoints"."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """Of `typical_distance`."""
+        ...
 
     @property
     def scale(self) -> np.ndarray:

@@ -89,14 +89,14 @@ def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) 
 
     Raises InputError where there is no such sensor, or nothing is left.
     """
-    sensors: tuple[Sensor, ...] = task.sensors if isinstance(task, Task) else ()
+    sensors: Sequence[Sensor] = task.sensors if isinstance(task, Task) else ()
     has_camera = not isinstance(task, Task) or task.camera is not None
     there = ["cameras"] * has_camera + ["joints"] * bool(sensors) + [s.name for s in sensors]
     for name in names or ():
         if name not in there:
             raise UnknownName("sensor", name, f"{task.name}, as --observe has it", there)
     of = ObservationModel.of_simulator if is_simulated else ObservationModel.of_reality
-    return of(sensors).only(there if names is None else names)
+    return of(tuple(sensors)).only(there if names is None else names)
 
 
 def open_recordings(
@@ -112,7 +112,7 @@ def open_recordings(
         camera=config.camera,
         image_size=image_size,
         num_actions=len(task.load_actions().names),
-        actions=config.action_names,
+        actions=config.action_names or (task.action_columns if isinstance(task, Task) else None),
         control_hz=config.control_hz,
         readings={sensor.name: sensor.columns for sensor in observation.sensors},
         pictures=bool(observation.cameras),

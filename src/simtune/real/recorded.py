@@ -24,6 +24,11 @@ class RecordedReal(RealWorld):
         self._collected: list[Trajectory] = []
 
     @property
+    def num_episodes(self) -> int:
+        """How many there are."""
+        return self._dataset.num_episodes
+
+    @property
     def facts(self) -> dict[str, Any]:
         """What to note down of what was collected; JSON. Empty before there is any."""
         return self._dataset.facts(len(self._collected)) if self._collected else {}

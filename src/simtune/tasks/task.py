@@ -51,6 +51,7 @@ class Task:
     # Starts every simulation of the batch anew, whose parameters are written already.
     initialize: Callable[[Batch, np.random.Generator], None]
     map_actions: MapActions = DirectActions  # what actions do, made for a model
+    action_columns: tuple[str, ...] | None = None  # of recordings, by name; None: all they have
     # (nsim,) reward of the batch's present state, after step(stage=mjSTAGE_VEL), which is one
     # control timestep; a policy step's reward is the sum over its action_repeat of them.
     # Tuning looks at no reward: None where no policy is to be trained.

@@ -19,7 +19,7 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.fit import OpenLoop, OutputError, OutputErrorFit, Physics, Readings
+from simtune.fit import OpenLoop, OutputError, OutputErrorFit, Readings, open_loop
 from simtune.fit import OutputErrorStage as Stage
 from simtune.fit.uncertainty import latency_warning, tell_apart
 from simtune.observation import JointSensor
@@ -64,7 +64,6 @@ class ReadingsSearch:
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
         self.sensors = tuple(s for s in context.observation.sensors if isinstance(s, JointSensor))
-        self._observe = context.observation.observe_beside()
         self.first = self.distribution = Distribution.first(simulator.space, context.start)
         self.stop_reason = ""
 
@@ -112,13 +111,8 @@ class ReadingsSearch:
         return Round(estimate, self._events(), self._metrics(loop, found))
 
     def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoop]:
-        simulator, space = self._simulator, self._simulator.space
-        rng = np.random.default_rng(self._context.seed)
-        still = np.zeros((1, 1, simulator.num_actions))
-        start = simulator.roll_out(self._context.start[None], still, rng, keep_diverged=True)
-        physics = Physics(simulator, self._observe, start.states[0, 0])
-        loop = OpenLoop(physics, self.sensors, np.arange(len(space)))
-        return Readings.of(real, self.sensors), loop
+        loop = open_loop(self._simulator, self._context.observation, self._context.start)
+        return Readings.of(real, loop.sensors), loop
 
     def _from_afar(
         self, fit: OutputError, readings: Readings, first_guess: np.ndarray, budget: Budget

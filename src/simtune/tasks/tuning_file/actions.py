@@ -16,10 +16,10 @@ def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
     mapping = table.choice("mapping", _MAPPINGS, "direct")
     map_actions: MapActions
     if mapping == "direct":
-        table.allow("mapping", "actuators")
+        table.allow("mapping", "columns", "actuators")
         map_actions = partial(DirectActions, actuators=_actuators(table, model))
     elif mapping == "scaled":
-        table.allow("mapping", "actuators", "range", "gain", "offset")
+        table.allow("mapping", "columns", "actuators", "range", "gain", "offset")
         if "offset" in table and "gain" not in table:
             raise table.error("offset needs gain: a control is offset + gain · action", "offset")
         map_actions = partial(
@@ -30,7 +30,7 @@ def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
             offset=table.array("offset", 0.0),
         )
     elif mapping == "joints":
-        table.allow("mapping", "actuators", "per_unit", "range")
+        table.allow("mapping", "columns", "actuators", "per_unit", "range")
         map_actions = partial(
             JointActions,
             actuators=_actuators(table, model),
@@ -38,7 +38,7 @@ def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
             action_range=table.array("range", None),
         )
     else:
-        table.allow("mapping", "body", "axes", "metres_per_unit", "range", "workspace_m")
+        table.allow("mapping", "columns", "body", "axes", "metres_per_unit", "range", "workspace_m")
         map_actions = partial(
             MocapActions,
             body=table.text("body"),
@@ -50,6 +50,18 @@ def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
     with table.at():
         map_actions(model)
     return map_actions
+
+
+def read_columns(table: TomlTable, map_actions: MapActions, model: mujoco.MjModel) -> tuple | None:
+    """Names of the recordings' actions, in the model's order; None: all of them."""
+    columns = table.names("columns", None)
+    if columns is None:
+        return None
+    if len(columns) != (count := len(map_actions(model).names)):
+        raise table.error(
+            f"expected {count} columns, one for each action; got {len(columns)}", "columns"
+        )
+    return columns
 
 
 def _actuators(table: TomlTable, model: mujoco.MjModel) -> tuple[str, ...] | None:

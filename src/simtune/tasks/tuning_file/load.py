@@ -5,7 +5,7 @@ from pathlib import Path
 from simtune.simulation.delays import count_substeps
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
-from simtune.tasks.tuning_file.actions import read_actions
+from simtune.tasks.tuning_file.actions import read_actions, read_columns
 from simtune.tasks.tuning_file.camera import read_camera
 from simtune.tasks.tuning_file.environment import read_environment_task
 from simtune.tasks.tuning_file.initial_state import read_initial_state
@@ -45,6 +45,8 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
             f"{model.opt.timestep:g} s; expected at most {_MOST_SUBSTEPS}; is it in seconds?",
             "control_timestep_s",
         )
+    actions = file.table("actions")
+    map_actions = read_actions(actions, model)
     return Task(
         name=file.text("name", path.stem),
         description=file.text("description", f"{file.text('model')}, of {path.name}"),
@@ -57,6 +59,7 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
         action_repeat=action_repeat,
         episode_steps=file.whole("episode_steps", 200),
         initialize=read_initial_state(file.table("initial_state"), model),
-        map_actions=read_actions(file.table("actions"), model),
+        map_actions=map_actions,
+        action_columns=read_columns(actions, map_actions, model),
         **read_policy(file.table("policy"), model),
     )

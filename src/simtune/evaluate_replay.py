@@ -1,0 +1,60 @@
+"""`simtune evaluate RUN --real DIR`: other recordings, replayed open loop in a tuned simulator."""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simtune.config import TuneConfig
+from simtune.errors import InputError
+from simtune.real.choose import observed, open_recordings
+from simtune.real.recorded import RecordedReal
+from simtune.replayed import Tuned, replay
+from simtune.report.data import RunData, read_run
+from simtune.tasks import Task, load_any_task
+
+_SMALLEST_PX = 1  # nothing is drawn
+
+
+def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None) -> dict[str, Any]:
+    """{"sensors": {joint: its unit, rms before and after tuning}, "episodes"}.
+
+    Raises InputError for a run without joint readings, or recordings that do not go with it.
+    """
+    run = read_run(run_folder)
+    if "sensors" not in run.result:
+        raise InputError(
+            f"{run_folder} has no joint readings to replay: --real goes with a finished run of "
+            "`simtune tune` on a tuning file with [[sensors]]"
+        )
+    task = load_any_task(run.config["task"])
+    if not isinstance(task, Task) or task.content_hash != run.config["task_content"]:
+        raise InputError(
+            f"{run.config['task']}, or its model, is not what {run_folder} was made with: "
+            "bring it back, or tune anew"
+        )
+    real = _open(run, task, recordings)
+    trajectories = real.collect(num_episodes or real.num_episodes)
+    parameters, space = run.parameters, task.parameters
+    start, mean = (np.array([parameters[n][k] for n in space.names]) for k in ("initial", "mean"))
+    offsets = {name: facts["offset"] for name, facts in run.result["sensors"].items()}
+    simulator = task.simulator(image_size=_SMALLEST_PX, step_s=real.step_s)
+    tuned = Tuned(mean, offsets, run.result.get("latency_steps", 0))
+    scores = replay(simulator, real.observation, trajectories, start, tuned).scores()
+    kept = ("unit", "rms_before", "rms")
+    sensors = {name: {key: facts[key] for key in kept} for name, facts in scores.items()}
+    return {"sensors": sensors, "episodes": len(trajectories)}
+
+
+def _open(run: RunData, task: Task, recordings: Path) -> RecordedReal:
+    """With the run's own options; nothing but readings."""
+    options = {f.name: run.config[f.name] for f in fields(TuneConfig) if f.name in run.config}
+    options |= {"out": run.path, "real": str(recordings)}
+    config = TuneConfig(**options)
+    names = tuple(sensor.name for sensor in task.sensors)
+    asked = config.observed
+    if asked is not None and "joints" not in asked:
+        names = tuple(name for name in names if name in asked)
+    seen = observed(task, names, is_simulated=False)
+    return RecordedReal(open_recordings(recordings, task, config, _SMALLEST_PX, seen), seen)
