@@ -1,6 +1,7 @@
 """`simtune record`: film a task's world into a LeRobotDataset v3."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ from simtune.errors import InputError
 from simtune.evaluate import load_trained
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment
+from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
-from simtune.real.choose import read_parameters
+from simtune.real.choose import observed, read_parameters
 from simtune.recordings import write_dataset
 from simtune.simulation import (
     OPENGL_DM_CONTROL,
@@ -46,17 +48,19 @@ def record(
         quality=OPENGL_DM_CONTROL,
     )
     rng, world, num_steps = np.random.default_rng(config.seed), parameters[None], task.episode_steps
+    seen = observed(task, None, is_simulated=True)
 
     def play() -> Rollouts:
         act = _actor(config.policy, trained, simulator, world, num_steps, rng)
-        return simulator.play(world, act, num_steps, rng)
+        return simulator.play(world, act, num_steps, rng, observe=seen.observe_beside())
 
     write_dataset(
         config.out,
-        _film(config.episodes, simulator, play, report),
+        _film(config.episodes, simulator, play, seen, rng, report),
         action_names=simulator.action_mapping.names,
         robot_type=task.name,
         task=task.description,
+        reading_names={sensor.name: sensor.column_names for sensor in task.sensors},
     )
     return config.out
 
@@ -65,7 +69,12 @@ _ATTEMPTS = 10
 
 
 def _film(
-    num_episodes: int, simulator: Simulator, play: Callable[[], Rollouts], report: ReportProgress
+    num_episodes: int,
+    simulator: Simulator,
+    play: Callable[[], Rollouts],
+    seen: ObservationModel,
+    rng: np.random.Generator,
+    report: ReportProgress,
 ) -> Iterator[Trajectory]:
     """Episodes one after the other; one that diverges is played again from another start."""
     for done in range(num_episodes):
@@ -74,8 +83,9 @@ def _film(
         rollouts = next(filter(len, attempts), None)
         if rollouts is None:
             raise RuntimeError(f"the physics diverged {_ATTEMPTS} times; see the parameters")
-        frames = simulator.film(rollouts)[0]
-        yield Trajectory(frames, rollouts.actions[0].astype(np.float32), simulator.step_s)
+        (filmed,) = seen.record(simulator, rollouts, rng)
+        written = {s.name: s.to_recorded(filmed.readings[s.name]) for s in seen.sensors}
+        yield replace(filmed, readings=written)
 
 
 def _trained(policy: str, task: Task, settings: Settings | None) -> TrainingExperiment | None:

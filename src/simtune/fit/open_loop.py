@@ -16,8 +16,11 @@ from simtune.observation import JointSensor, ObservationModel
 from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory, delayed
 
-_SMOOTHED = 7  # readings, through which a parabola goes, to know a velocity by
+# Readings, through which a parabola goes, to know a velocity by; more of them would smooth away how
+# a robot that was at rest begins to move. So far off that may be, in noise a step:
+_SMOOTHED, _VELOCITY_ERROR = 3, 3.0
 _UNIT_DELTA = 1e-3
+_FIRST, _BEGIN_ITERATIONS = 5, 3  # steps that say what a replay begins with
 _STATE_DELTA = 0.05  # of what is unknown of a state
 _SIDE_EFFECT = 0.1  # of the largest effect on a reading: one that can wait
 
@@ -88,8 +91,10 @@ class Groups:
             taken += [np.zeros_like(its)] * (group == len(taken))
             taken[group] = taken[group] | its
             number[unknown] = group
+        # Whose main effect a reading is goes before whose side effect on it is larger
+        order = effect + main * effect.max()
         owner = np.stack(
-            [np.where(number[:, None] == g, effect, -1.0).argmax(0) for g in range(len(taken))]
+            [np.where(number[:, None] == g, order, -1.0).argmax(0) for g in range(len(taken))]
         )
         return cls(number, owner)
 
@@ -129,7 +134,7 @@ class OpenLoop:
                 where = np.searchsorted(self._places, sensor.places)
                 column[where] = noise[at : at + sensor.size]
             at += sensor.size
-        return np.concatenate([column, column / self.physics.simulator.step_s])
+        return np.concatenate([column, _VELOCITY_ERROR * column / self.physics.simulator.step_s])
 
     def states(self, values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) as (E, T + 1, D) readings with their (D,) offsets say.
@@ -177,11 +182,34 @@ class OpenLoop:
     def replay(self, readings: Readings, unit: np.ndarray, offsets: np.ndarray) -> np.ndarray:
         """(E, T + 1, D) what (N,) parameters predict of whole episodes, from their first readings.
 
-        Nothing but these is looked at: a start's velocity is that of the first few.
+        The first few say what an episode begins with; later ones are not looked at.
         """
         whole = self.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
-        predicted, _ = self.play(whole, whole.states[None], unit[None])
+        states = self._begin(whole, unit, offsets)
+        predicted, _ = self.play(whole, states[None], unit[None])
         return predicted[0] + offsets
+
+    def _begin(self, whole: Stretches, unit: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+        """(W, nq + nv) starts that explain the first few readings best (Gauss-Newton)."""
+        first = whole._replace(
+            actions=whole.actions[:, :_FIRST], values=whole.values[:, : _FIRST + 1]
+        )
+        noise = np.concatenate([np.full(s.size, s.noise_or_usual) for s in self.sensors])
+        start_std = self.start_std(noise)
+        states, shift = first.states, np.zeros((len(first.states), len(start_std)))
+        for _ in range(_BEGIN_ITERATIONS):
+            slopes = self.differentiate(first, states, unit, start_std)
+            left = (slopes.predicted + offsets - first.values) / noise
+            known = np.isfinite(left)
+            r = np.where(known, left, 0.0).reshape(len(left), -1)
+            by_start = np.where(known[:, None], slopes.by_start / noise, 0.0)
+            j = by_start.reshape(*shift.shape, -1)
+            hessian = j @ j.swapaxes(1, 2) + np.eye(shift.shape[1])
+            gradient = (j @ r[..., None])[..., 0] + shift
+            shift = shift - np.linalg.solve(hessian, gradient[..., None])[..., 0]
+            tangents = (shift * start_std) @ self.start_tangents
+            states = self.physics.space.move(first.states, tangents)
+        return states
 
     def play(
         self, stretches: Stretches, states: np.ndarray, units: np.ndarray

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from simtune.budget import Budget
 from simtune.fit.open_loop import Groups, OpenLoop, Readings, Slopes, Stretches
@@ -69,7 +70,6 @@ class OutputError:
         """`finds_offset`: (D,) bool; `prior`: (N,) first guess, in unit coordinates."""
         self._loop, self._finds_offset, self._prior = loop, finds_offset, prior
         self._fitted = loop.fitted
-        self._groups: Groups | None = None  # what can be derived by at once
 
     def fit(
         self,
@@ -84,34 +84,43 @@ class OutputError:
         stretches = self._loop.cut(readings, unit, offsets, steps, stage.at_most)
         shift = np.zeros((len(stretches.states), len(self._loop.start_tangents)))
         begin = _Point(unit, offsets, stretches.states, shift)
-        return self._conclude(stretches, self._descend(stretches, begin, stage.iterations, budget))
+        return self._conclude(stretches, *self._descend(stretches, begin, stage.iterations, budget))
 
     def _descend(
         self, stretches: Stretches, point: _Point, iterations: int, budget: Budget
-    ) -> _Point:
-        """The lowest point found."""
-        loop, damping = self._loop, _FIRST_DAMPING
+    ) -> tuple[_Point, Slopes]:
+        """The lowest point found, and all derivatives there.
+
+        They are first taken one by one, then of many unknowns at once (`Groups`), until that gains
+        nothing; then one by one again, to see whether it is over.
+        """
+        loop, damping, groups = self._loop, _FIRST_DAMPING, None
         noise = _spread(self._residuals(stretches, point, self._predict(stretches, point)))
         start_std = loop.start_std(noise)
-        for _ in range(iterations):
-            slopes = loop.differentiate(
-                stretches, point.states, point.unit, start_std, self._groups
-            )
-            # Known from the first time on: later, many are derived by at once.
-            self._groups = self._groups or Groups.of(slopes, noise)
+        iteration = 0
+        while True:
+            slopes = loop.differentiate(stretches, point.states, point.unit, start_std, groups)
+            if groups is None and (iteration >= iterations or budget.is_over):
+                return point, slopes
             equations = self._linearize(stretches, point, slopes, noise)
-            before, gain = self._cost(stretches, point, slopes.predicted, noise), 0.0
+            before, gain, tried = self._cost(stretches, point, slopes.predicted, noise), 0.0, point
+            predicted = slopes.predicted
             for _ in range(_TRIED):
                 tried = self._step(point, equations, damping, start_std, stretches)
                 predicted = self._predict(stretches, tried)
                 gain = before - self._cost(stretches, tried, predicted, noise)
                 damping = float(np.clip(damping * (0.2 if gain > 0 else 8), *_DAMPING))
                 if gain > 0:
-                    point, noise = tried, _spread(self._residuals(stretches, tried, predicted))
                     break
-            if gain < _ENOUGH * before or budget.is_over:
-                break
-        return point
+            is_over = gain < _ENOUGH * before
+            if is_over and groups is None:
+                return point, slopes
+            if gain > 0:
+                point = tried
+                noise = _spread(self._residuals(stretches, point, predicted))
+            iteration += 1
+            is_last = is_over or iteration >= iterations or budget.is_over
+            groups = None if is_last else groups or Groups.of(slopes, noise)
 
     def _predict(self, stretches: Stretches, point: _Point) -> np.ndarray:
         return self._loop.play(stretches, point.states[None], point.unit[None])[0][0]
@@ -202,11 +211,9 @@ class OutputError:
         states = self._loop.physics.space.move(stretches.states, tangents)
         return replace(point, unit=new, offsets=offsets, states=states, shift=shift)
 
-    def _conclude(self, stretches: Stretches, point: _Point) -> OutputErrorFit:
+    def _conclude(self, stretches: Stretches, point: _Point, slopes: Slopes) -> OutputErrorFit:
         """How sure the parameters are, as if each residual counted as 1/τ of a measurement."""
         loop, num = self._loop, len(self._fitted)
-        before = _spread(self._residuals(stretches, point, self._predict(stretches, point)))
-        slopes = loop.differentiate(stretches, point.states, point.unit, loop.start_std(before))
         residuals = self._residuals(stretches, point, slopes.predicted)
         noise, times = _spread(residuals), correlation_times(residuals)
         count = np.maximum(np.isfinite(residuals).sum((0, 1)) / times, _FEWEST)
@@ -245,12 +252,14 @@ def _jackknife(equations: _Equations, information: np.ndarray) -> np.ndarray:
     """(P + offsets,) standard deviations, by leaving out each stretch in turn (Tukey 1958).
 
     One step of Newton from the solution of all: θ₍₋w₎ − θ = (I − I_w)⁻¹ g_w. It sees what differs
-    from episode to episode, such as what the hand carries.
+    from episode to episode, such as what the hand carries. Of few it is unsure itself, so 90 %
+    intervals are as wide as Student's.
     """
     left = information - equations.information  # (W, P, P)
     moved = np.linalg.solve(left, equations.slope[..., None])[..., 0]
     num = len(moved)
-    return np.sqrt((num - 1) / num * np.square(moved - moved.mean(0)).sum(0))
+    unsure = stdtrit(max(num - 1, 1), 0.95) / ndtri(0.95)
+    return unsure * np.sqrt((num - 1) / num * np.square(moved - moved.mean(0)).sum(0))
 
 
 def _spread(residuals: np.ndarray) -> np.ndarray:

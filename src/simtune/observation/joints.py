@@ -7,6 +7,7 @@ import numpy as np
 
 from simtune.observation.joint_readings import JointReadings
 
+_STATE = "observation.state."  # the feature of a LeRobotDataset
 _USUAL_NOISE = 1e-3  # rad, m, or those a second: of an encoder of which nothing is known
 
 
@@ -30,6 +31,13 @@ class JointSensor:
     @property
     def labels(self) -> tuple[str, ...]:
         return self.joints
+
+    @property
+    def column_names(self) -> tuple[str, ...]:
+        """(D,) what each number is called in a recording that is written."""
+        if len(self.columns) != self.size:
+            return self.joints
+        return tuple(column.removeprefix(_STATE) for column in self.columns)
 
     @property
     def size(self) -> int:

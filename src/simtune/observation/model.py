@@ -50,6 +50,10 @@ class Sensor(Protocol):
         """(T + 1, D) readings, of the moments of the frames; `recorded`: as they were written."""
         ...
 
+    def to_recorded(self, readings: np.ndarray) -> np.ndarray:
+        """(..., D) as they are written."""
+        ...
+
     def measure(self, observed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(..., D) readings of what was observed without noise, with the noise of the real one."""
         ...

@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 
-from simtune.errors import UnknownName
 from simtune.observation import JointSensor
 from simtune.simulation.actions import HINGE_OR_SLIDE
+from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _KEYS = ("name", "columns", "joints", "quantity", "unit", "noise", "offset", "latency_s")
@@ -34,29 +34,21 @@ def read_sensors(file: TomlTable, model: mujoco.MjModel) -> tuple[JointSensor, .
 
 def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
     entry.allow(*_KEYS)
-    names = entry.names("joints")
+    with entry.at("joints"):
+        names = find_objects(model, "joint", entry.names("joints"))
     ids = np.array([_joint(entry, model, name) for name in names])
-    columns = entry.names("columns", names)
+    is_velocity = entry.choice("quantity", ("position", "velocity"), "position") == "velocity"
+    usual_columns = tuple(f"{name}.vel" for name in names) if is_velocity else names
+    columns = entry.names("columns", usual_columns)
     if len(columns) not in (1, len(names)):
         count = f"{len(names)} columns, one for each joint, or a single one that holds them all"
         raise entry.error(f"expected {count}; got {len(columns)}", "columns")
-    is_hinge = model.jnt_type[ids] == _HINGE
-    usual = "rad" if is_hinge.all() else "m"
-    unit = entry.choice("unit", (*_UNITS, "percent"), usual)
-    if unit != "percent" and (is_hinge != (unit in _TURNS)).any():
-        odd = names[int((is_hinge != (unit in _TURNS)).argmax())]
-        raise entry.error(f"{unit} is no unit of {odd}; give slides a sensor of their own", "unit")
-    quantity = entry.choice("quantity", ("position", "velocity"), "position")
-    if quantity == "velocity" and unit == "percent":
-        raise entry.error("percent are of a joint's range: no unit of a velocity", "unit")
-    factor, shift = _percent(entry, model, ids) if unit == "percent" else (_UNITS[unit], 0.0)
-    per_unit = np.broadcast_to(factor, len(names)).astype(float)
+    factor, shift = _recorded_per_unit(entry, model, ids, is_velocity)
     noise, offset = entry.number("noise", None, above=0), entry.number("offset", None)
     latency_s = entry.number("latency_s", 0.0)
     if not 0 <= latency_s <= _LONGEST_LATENCY_S:
         bound = f"lie in [0, {_LONGEST_LATENCY_S:g}] s"
         raise entry.error(f"latency_s must {bound}, got {latency_s:g}", "latency_s")
-    is_velocity = quantity == "velocity"
     addresses = model.jnt_dofadr if is_velocity else model.jnt_qposadr
     return JointSensor(
         name=entry.text("name"),
@@ -64,20 +56,37 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         joints=names,
         places=addresses[ids].copy(),
         is_velocity=is_velocity,
-        unit=("rad" if is_hinge.all() else "m") + "/s" * is_velocity,
-        factor=per_unit,
-        shift=np.broadcast_to(shift, len(names)).astype(float),
-        noise=None if noise is None else noise / float(per_unit.mean()),
-        offset=None if offset is None else offset / float(per_unit.mean()),
+        unit=_own_unit(model, ids) + "/s" * is_velocity,
+        factor=factor,
+        shift=shift,
+        noise=None if noise is None else noise / float(factor.mean()),
+        offset=None if offset is None else offset / float(factor.mean()),
         latency_s=latency_s,
     )
 
 
+def _own_unit(model: mujoco.MjModel, ids: np.ndarray) -> str:
+    return "rad" if (model.jnt_type[ids] == _HINGE).all() else "m"
+
+
+def _recorded_per_unit(
+    entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, is_velocity: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """(D,) what joints' rad or m are multiplied by in a recording, and what is added."""
+    unit = entry.choice("unit", (*_UNITS, "percent"), _own_unit(model, ids))
+    if unit == "percent":
+        if is_velocity:
+            raise entry.error("percent are of a joint's range: no unit of a velocity", "unit")
+        return _percent(entry, model, ids)
+    is_odd = (model.jnt_type[ids] == _HINGE) != (unit in _TURNS)
+    if is_odd.any():
+        odd = model.joint(int(ids[is_odd.argmax()])).name
+        raise entry.error(f"{unit} is no unit of {odd}; give slides a sensor of their own", "unit")
+    return np.full(len(ids), _UNITS[unit]), np.zeros(len(ids))
+
+
 def _joint(entry: TomlTable, model: mujoco.MjModel, name: str) -> int:
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
-    if index < 0:
-        known = [model.joint(i).name for i in range(model.njnt)]
-        raise entry.error(UnknownName("joint", name, "the model", known), "joints")
+    index = model.joint(name).id
     if model.jnt_type[index] not in HINGE_OR_SLIDE:
         raise entry.error(f"{name} is neither hinge nor slide: no one number measures it", "joints")
     return index

@@ -1,0 +1,160 @@
+"""Tuning by joint readings alone: found again, in recordings, and scored on others."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from servo_arm import TUNE, write_arm
+
+from simtune.budget import Budget
+from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
+from simtune.errors import InputError
+from simtune.evaluate import evaluate
+from simtune.experiment.experiment import Experiment, build_experiment
+from simtune.record import record
+from simtune.trajectory import Trajectory, delayed
+from simtune.tune import tune
+
+TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_arm(tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture(scope="module")
+def truth(arm: Path) -> Path:
+    path = arm.parent / "truth.json"
+    path.write_text(json.dumps(TRUTH))
+    return path
+
+
+def pseudo(arm: Path, truth: Path, out: Path, seed: int = 0) -> Experiment:
+    config = TuneConfig(task=str(arm), out=out, real_parameters=truth, real_episodes=4, seed=seed)
+    return build_experiment(config)
+
+
+def errors_in_std(experiment: Experiment, real: list[Trajectory]) -> np.ndarray:
+    """(N,) errors, in terms of the standard deviations that are claimed."""
+    found, space = experiment.search.run_round(real, Budget()).estimate, experiment.space
+    width = space.to_unit(found.high) - space.to_unit(found.low)
+    return (space.to_unit(found.mean) - space.to_unit(space.from_dict(TRUTH))) / (width / 3.29)
+
+
+def test_no_camera_is_looked_at_where_sensors_measure(arm: Path, truth: Path, tmp_path: Path):
+    experiment = pseudo(arm, truth, tmp_path / "run")
+    (first, *_) = experiment.recordings
+    assert not first.has_pictures
+    assert first.readings["encoders"].shape == (61, 2)
+    with pytest.raises(ValueError, match="no camera"):
+        experiment.simulator.render(np.zeros((1, 5)), experiment.space.nominal[None])
+
+
+@pytest.mark.thorough
+def test_servos_are_found_again_within_their_intervals(arm: Path, truth: Path, tmp_path: Path):
+    experiment = pseudo(arm, truth, tmp_path / "run")
+    found = experiment.search.run_round(experiment.recordings, Budget()).estimate
+    real = experiment.space.from_dict(TRUTH)
+    assert np.abs(found.mean / real - 1).max() < 0.05
+    assert (found.low < real).all()
+    assert (real < found.high).all()
+    assert found.verdict == ["identified"] * 4
+    # Noise of .002 rad, known from nothing but what is left
+    noise = experiment.search.run_round(experiment.recordings, Budget()).metrics
+    assert noise["rms/shoulder"] == pytest.approx(0.002, rel=0.1)
+
+
+@pytest.mark.slow
+def test_intervals_hold_nine_times_of_ten(arm: Path, truth: Path, tmp_path: Path):
+    seeds = range(12)
+    worlds = [pseudo(arm, truth, tmp_path / f"{seed}", seed) for seed in seeds]
+    errors = np.abs([errors_in_std(world, world.recordings) for world in worlds])
+    assert 0.8 < (errors < 1.645).mean() <= 0.99
+
+
+@pytest.mark.thorough
+def test_an_offset_of_an_encoder_is_found_and_harms_nothing(arm: Path, truth: Path, tmp_path: Path):
+    experiment = pseudo(arm, truth, tmp_path / "run")
+    real = [
+        replace(t, readings={"encoders": t.readings["encoders"] + [0.05, -0.03]})
+        for t in experiment.recordings
+    ]
+    found = experiment.search.run_round(real, Budget()).estimate
+    # Gravity tells the shoulder's true angle, by how far its servo sags
+    assert found.offsets["elbow"] - found.offsets["shoulder"] == pytest.approx(-0.08, abs=0.02)
+    assert np.abs(found.mean / experiment.space.from_dict(TRUTH) - 1).max() < 0.1
+
+
+@pytest.mark.thorough
+def test_a_delay_that_nobody_declared_is_found(arm: Path, truth: Path, tmp_path: Path):
+    experiment = pseudo(arm, truth, tmp_path / "run")
+    observation = replace(experiment.context.observation, max_latency_steps=2)
+    search = type(experiment.search)(replace(experiment.context, observation=observation))
+    # What the robot did, it was told three steps earlier than the recording says
+    real = [replace(t, actions=_earlier(t.actions, 3)) for t in experiment.recordings]
+    found = search.run_round(real, Budget()).estimate
+    assert found.latency_steps == 3
+    assert "3 steps later" in " ".join(found.warnings)
+
+
+def _earlier(actions: np.ndarray, steps: int) -> np.ndarray:
+    shifted = np.concatenate([actions[steps:], np.repeat(actions[-1:], steps, 0)])
+    assert np.array_equal(delayed(shifted, steps)[steps:], actions[steps:])
+    return shifted
+
+
+@pytest.mark.thorough
+def test_gaps_and_lost_packets_do_no_harm(arm: Path, truth: Path, tmp_path: Path):
+    experiment, rng = pseudo(arm, truth, tmp_path / "run"), np.random.default_rng(0)
+    real = []
+    for trajectory in experiment.recordings:
+        values = trajectory.readings["encoders"].copy()
+        values[rng.random(values.shape) < 0.2] = np.nan
+        values[rng.integers(len(values), size=2), 0] = 1.9  # nonsense
+        real.append(replace(trajectory, readings={"encoders": values}))
+    found = experiment.search.run_round(real, Budget()).estimate
+    assert np.abs(found.mean / experiment.space.from_dict(TRUTH) - 1).max() < 0.15
+
+
+@pytest.mark.thorough
+def test_recordings_are_tuned_to_and_others_replayed(arm: Path, truth: Path, tmp_path: Path):
+    for name, seed in (("some", 0), ("others", 1)):
+        options = {"parameters": truth, "episodes": 3, "seed": seed, "out": tmp_path / name}
+        record(RecordConfig(task=str(arm), **options))
+    run = tmp_path / "run"
+    config = TuneConfig(task=str(arm), real=str(tmp_path / "some"), out=run)
+    result = tune(config)
+    assert result["stopped"] != "the time is over"
+    score = evaluate(EvaluateConfig(run_folder=run, real=tmp_path / "others"))
+    assert score["episodes"] == 3
+    for joint in ("shoulder", "elbow"):
+        its = score["sensors"][joint]
+        assert its["unit"] == "rad"
+        assert its["rms"] < 0.006 < its["rms_before"]
+    assert (run / "replay.json").is_file()
+    assert (run / "posterior.npz").is_file()
+    assert not (run / "videos" / "real.mp4").exists()
+
+
+def test_a_run_without_readings_cannot_be_replayed(tmp_path: Path):
+    (tmp_path / "config.json").write_text('{"config": {"task": "cartpole"}}')
+    with pytest.raises(InputError, match=r"no joint readings to replay: .*\[\[sensors\]\]"):
+        evaluate(EvaluateConfig(run_folder=tmp_path, real=tmp_path))
+
+
+def test_what_cannot_be_observed_is_refused(arm: Path, truth: Path, tmp_path: Path):
+    config = TuneConfig(task=str(arm), out=tmp_path / "run", observe="encoder")
+    with pytest.raises(InputError, match=r"no sensor 'encoder' .* did you mean 'encoders'"):
+        build_experiment(config)
+    colour = TUNE + '\n[[parameters]]\nname = "upper"\nkind = "light"\nobjects = "sun"\n'
+    (tmp_path / "lit").mkdir()
+    lit = write_arm(tmp_path / "lit", colour)
+    mjcf = (lit.parent / "arm.xml").read_text()
+    (lit.parent / "arm.xml").write_text(
+        mjcf.replace("<worldbody>", '<worldbody><light name="sun" pos="0 0 1"/>')
+    )
+    with pytest.raises(InputError, match="shows in pictures only"):
+        build_experiment(TuneConfig(task=str(lit), out=tmp_path / "run"))
