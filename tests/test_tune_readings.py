@@ -139,6 +139,50 @@ def test_recordings_are_tuned_to_and_others_replayed(arm: Path, truth: Path, tmp
     assert not (run / "videos" / "real.mp4").exists()
 
 
+SERVO = """
+[[parameters]]
+name = "elbow_lag"
+kind = "lag"
+objects = "elbow"
+nominal = 0.05
+
+[[parameters]]
+name = "shoulder_limit"
+kind = "torque_limit"
+objects = "shoulder"
+nominal = 15
+
+[[parameters]]
+name = "shoulder_delay"
+kind = "delay"
+objects = "shoulder"
+nominal = 0.1
+high = 0.5
+
+[[parameters]]
+name = "elbow_armature"
+kind = "armature"
+objects = "elbow"
+"""
+SERVO_TRUTH = {
+    "elbow_lag": 0.12,
+    "shoulder_limit": 9.0,
+    "shoulder_delay": 0.23,
+    "elbow_armature": 0.025,
+}
+
+
+@pytest.mark.thorough
+def test_what_servos_really_are_is_found_within_five_per_cent(tmp_path: Path):
+    head = TUNE[: TUNE.index("[[parameters]]")]
+    arm, truth = write_arm(tmp_path, head + SERVO), tmp_path / "truth.json"
+    truth.write_text(json.dumps(SERVO_TRUTH))
+    experiment = pseudo(arm, truth, tmp_path / "run")
+    found = experiment.search.run_round(experiment.recordings, Budget()).estimate
+    real = experiment.space.from_dict(SERVO_TRUTH)
+    assert np.abs(found.mean / real - 1).max() < 0.05
+
+
 def test_a_run_without_readings_cannot_be_replayed(tmp_path: Path):
     (tmp_path / "config.json").write_text('{"config": {"task": "cartpole"}}')
     with pytest.raises(InputError, match=r"no joint readings to replay: .*\[\[sensors\]\]"):
