@@ -16,6 +16,7 @@ from simtune.comparison import overlay
 from simtune.errors import InputError
 from simtune.report import write_report
 from simtune.report.data import read_run
+from simtune.report.joint_plots import error_plot, reading_plot
 from simtune.report.pair_plots import pair_plot
 from simtune.report.rank_plots import expected
 from simtune.report.trust import Pair
@@ -498,3 +499,103 @@ def test_report_shows_a_parameter_named_like_a_colour_as_a_number(tmp_path):
     (path / "result.json").write_text(json.dumps(result))
     write_report(path)
     assert "gear_r" in (path / "report.html").read_text()
+
+
+# --- joint readings -------------------------------------------------------------------------
+
+
+def make_readings_run(path: Path) -> Path:
+    """A run folder as a tuning by joint readings alone leaves it."""
+    make_run(path)
+    shutil.rmtree(path / "videos")
+    times, rng = np.arange(221) / 30, np.random.default_rng(0)
+    measured = np.sin(times)
+    measured[50:60] = np.nan
+    curves = {"unit": "rad", "measured": measured.tolist()}
+    curves |= {"before": (measured + 0.2).tolist()}
+    curves |= {"after": (measured + 0.005 * rng.normal(size=221)).tolist()}
+    sensors = {name: curves for name in ("elbow", "wrist")}
+    (path / "replay.json").write_text(json.dumps({"step_s": 1 / 30, "sensors": sensors}))
+
+    def read(result):
+        result["sensors"] = {
+            "elbow": {"unit": "rad", "offset": -0.0123, "rms_before": 0.2, "rms": 0.00512},
+            "wrist": {"unit": "rad", "offset": 0.0, "rms_before": None, "rms": 0.75},
+        }
+        result["recordings"] = {"camera": None, "readings": {"arm": ["state.elbow"]}}
+
+    _edit(path / "result.json", read)
+    return path
+
+
+@pytest.fixture
+def readings_run(tmp_path) -> Path:
+    return make_readings_run(tmp_path / "readings")
+
+
+def test_report_shows_joints_over_time_and_what_is_left(readings_run):
+    html, page = _report(readings_run)
+    assert page.text.count("Joints") == 1
+    for words in ("200 mrad", "5.12 mrad", "-12.3 mrad", "0.750 rad", "arm: state.elbow"):
+        assert words in page.text
+    assert page.count("svg") == 2 * len(PARAMETERS) + 2 + 4
+    lines = html.count("class='measured'") - 1  # but for the legend's
+    assert lines == 2 * 2  # each in two parts, around what was not read
+    assert html.count("class='after'") == 4 * 2
+    assert len(html) < 500_000
+
+
+def test_report_of_readings_alone_speaks_of_no_videos(readings_run):
+    _, page = _report(readings_run)
+    assert page.count("video") == 0
+    assert page.count("script") == 0
+    for word in ("video", "pixel", "side by side", "view"):
+        assert word not in page.text.lower()
+    assert "these recordings do not tell" in page.text
+    assert "changes the recordings least" in page.text
+    assert "output error" in page.text
+
+
+def test_report_of_videos_and_readings_has_both(run_path):
+    def read(result):
+        result["sensors"] = {"elbow": {"unit": "rad", "offset": 0, "rms_before": 1, "rms": 0.1}}
+
+    _edit(run_path / "result.json", read)
+    _, page = _report(run_path)
+    assert page.count("video") == 3
+    assert "Joints" in page.text
+    assert "The first episode" not in page.text  # nothing to draw
+    assert "the joint readings beside it" in page.text
+    assert "these videos do not tell" in page.text
+
+
+@pytest.mark.parametrize(
+    "replay",
+    [
+        {},
+        {"sensors": []},
+        {"step_s": None, "sensors": {"elbow": {"measured": [1, 2]}}},
+        {"step_s": 0.1, "sensors": {"elbow": 3, "wrist": {"measured": "?", "after": [1, 2]}}},
+        {"step_s": 0.1, "sensors": {"elbow": {"measured": [None, float("nan")], "after": [1]}}},
+        {"step_s": 0.1, "sensors": {"elbow": {"unit": 3, "measured": []}}},
+    ],
+)
+def test_report_copes_with_curves_that_are_not_there(readings_run, replay):
+    (readings_run / "replay.json").write_text(json.dumps(replay))
+    html, page = _report(readings_run)
+    assert page.count("svg") == 2 * len(PARAMETERS) + 2
+    assert "5.12 mrad" in page.text
+    assert "The first episode" not in html
+
+
+def test_what_is_left_is_drawn_in_thousandths(readings_run):
+    run = read_run(readings_run)
+    plot = error_plot(run, "elbow")
+    texts = [mark.words for mark in plot.marks if mark.tag == "text"]
+    assert "mrad" in texts
+    assert "200" in texts
+    assert (plot.y.low, plot.y.high) == pytest.approx((-20, 215), abs=12)
+    after = [mark for mark in plot.marks if mark.attributes.get("class") == "after"]
+    assert len(after) == 2
+    assert reading_plot(run, "elbow").y.high == pytest.approx(1.2 + 0.06 * 2, abs=0.1)
+    assert error_plot(run, "gone") is None

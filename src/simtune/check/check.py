@@ -8,6 +8,7 @@ from simtune.check.conclusions import conclude
 from simtune.check.film import compare
 from simtune.check.film_picture import draw_film, new_file
 from simtune.check.library import MOST_STEPS, make_library
+from simtune.check.readings import ReadEpisodes, read_episodes, reading_changes
 from simtune.check.recording_warnings import warnings
 from simtune.config import CheckConfig
 from simtune.errors import InputError
@@ -17,6 +18,7 @@ from simtune.progress import ReportProgress, silent
 from simtune.real.choose import observed, open_recordings
 from simtune.real.recorded import how_many
 from simtune.recordings import Dataset
+from simtune.run.files import plain
 from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
 from simtune.tuning import needed_image_size
@@ -34,34 +36,60 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     """
     config.check()
     task = load_task(config.task)
-    space = task.parameters
-    image_size = needed_image_size("posterior")
+    seen = observed(task, config.observed, is_simulated=not config.real)
+    camera = task.camera if seen.cameras else None
     facts: dict[str, Any] = {"task": task.name, "seed": config.seed}
+    read: ReadEpisodes | None = None
     if config.real:
-        seen = observed(task, config.observed, is_simulated=False)
-        dataset = open_recordings(config.real, task, config, image_size, seen)
-        num_replayed = how_many(dataset, config.episodes)
-        recorded, film = look_through(dataset, say, min(num_replayed, _LOOKED_AT))
-        facts["recordings"] = dataset.facts(len(recorded))
-        facts["warnings"] = warnings(task, facts["recordings"], recorded, num_replayed)
-        # Supersampled as in tuning: a real camera averages over its pixels.
-        simulator = task.simulator(image_size=image_size, step_s=dataset.step_s, supersampling=2)
-        steps = min(len(actions) for actions in recorded[:num_replayed])
-        actions = np.stack([actions[:steps] for actions in recorded[:num_replayed]])
-        say("comparing pictures", 0.0)
-        facts["film"], more = _look_at(film, task, simulator, actions, config)
-        facts["warnings"] += more
+        simulator, actions, read, more = _of_recordings(config, task, seen, say)
+        facts |= more
     else:
-        simulator = task.simulator(image_size=image_size)
+        simulator = task.simulator(image_size=needed_image_size("posterior"))
         num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
-        worlds = np.tile(space.nominal, (num, 1))
+        worlds = np.tile(task.parameters.nominal, (num, 1))
         act = simulator.explore(num, task.episode_steps, rng)
         actions = simulator.play(worlds, act, task.episode_steps, rng).actions
         facts["actions"] = "scripted" if task.script else "random"
-    observation = ObservationModel.of_reality() if config.real else ObservationModel.of_simulator()
-    information = analyze(simulator, task.camera, actions, config.seed, observation)
+    readings = None
+    if seen.sensors:
+        say("replaying readings", 0.5)
+        readings, assumed = reading_changes(simulator, seen, actions, read, config.seed)
+        facts["assumed"] = assumed
+    information = analyze(simulator, camera, actions, config.seed, seen, readings)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
-    return facts | conclude(space, information)
+    return plain(facts | conclude(task.parameters, information))
+
+
+def _of_recordings(
+    config: CheckConfig, task: Task, seen: ObservationModel, say: ReportProgress
+) -> tuple[Simulator, np.ndarray, ReadEpisodes | None, dict[str, Any]]:
+    """A simulator at their rate, their actions (E, T, A), their readings, and what is to be said.
+
+    Actions are cut to the shortest episode's.
+    """
+    image_size, has_camera = needed_image_size("posterior"), bool(seen.cameras)
+    dataset = open_recordings(config.real or "", task, config, image_size, seen)
+    num = how_many(dataset, config.episodes)
+    recorded, film = look_through(dataset, say, min(num, _LOOKED_AT) * has_camera)
+    facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
+    search = "posterior" if has_camera else "readings"
+    facts["warnings"] = warnings(task, facts["recordings"], recorded, num, search)
+    # Supersampled as in tuning: a real camera averages over its pixels.
+    simulator = task.simulator(
+        image_size=image_size, step_s=dataset.step_s, supersampling=seen.supersampling
+    )
+    steps = min(len(actions) for actions in recorded[:num])
+    actions = np.stack([actions[:steps] for actions in recorded[:num]])
+    if has_camera:
+        say("comparing pictures", 0.0)
+        facts["film"], more = _look_at(film, task, simulator, actions, config)
+        facts["warnings"] += more
+    read = None
+    if seen.sensors:
+        read = read_episodes(dataset, num, simulator, seen)
+        facts["servos"] = read.facts
+        facts["warnings"] += read.warnings
+    return simulator, actions, read, facts
 
 
 def _look_at(

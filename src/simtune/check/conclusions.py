@@ -13,6 +13,8 @@ Shows = Literal["shows clearly", "shows weakly", "does not show"]
 _INTERVAL = 2 * 1.645  # standard deviations: the central 90 % of a normal distribution
 _TOGETHER = 0.8  # correlation from which on two errors are rather one: (1 + r) / (1 − r) is 9
 _NOTHING = "changes neither picture nor motion: it cannot be found from video"
+_NOTHING_READ = "changes no reading: it cannot be found from these sensors"
+_NOTHING_AT_ALL = "changes neither picture, motion nor readings: it cannot be found from them"
 
 
 def conclude(space: ParameterSpace, information: Sensitivity) -> dict[str, Any]:
@@ -29,7 +31,7 @@ def conclude(space: ParameterSpace, information: Sensitivity) -> dict[str, Any]:
         | {
             "interval_share": float(share[i]),
             "verdict": shows[i],
-            "note": _note(name, information.shows_nothing[i], pairs),
+            "note": _note(name, _nothing(information) * bool(information.shows_nothing[i]), pairs),
         }
         for i, name in enumerate(space.names)
     }
@@ -49,9 +51,16 @@ def _shows(share: float) -> Shows:
     return "shows weakly" if share <= limits.weak_share else "does not show"
 
 
-def _note(name: str, shows_nothing: bool, pairs: list[dict[str, Any]]) -> str:
-    if shows_nothing:
+def _nothing(information: Sensitivity) -> str:
+    """What to say of a parameter that shows nowhere."""
+    if information.readings is None:
         return _NOTHING
+    return _NOTHING_AT_ALL if information.sees_pictures else _NOTHING_READ
+
+
+def _note(name: str, shows_nothing: str, pairs: list[dict[str, Any]]) -> str:
+    if shows_nothing:
+        return shows_nothing
     named = {n for pair in pairs for n in pair["parameters"] if name in pair["parameters"]}
     return f"together with {', '.join(sorted(named - {name}))}: see below" if named else ""
 
@@ -62,11 +71,22 @@ def _numbers(space: ParameterSpace, information: Sensitivity, i: int) -> dict[st
         "unit": parameter.unit,
         "value": float(information.parameters[i]),
         "changed_to": float(information.changed[i]),
-        "picture_levels": float(information.levels[i]),
-        "picture_share": float(information.pixel_share[i]),
-        "motion_rms_px": float(information.rms_px[i]),
-        "motion_largest_px": float(information.largest_px[i]),
     }
+    if information.sees_pictures:
+        numbers |= {
+            "picture_levels": float(information.levels[i]),
+            "picture_share": float(information.pixel_share[i]),
+            "motion_rms_px": float(information.rms_px[i]),
+            "motion_largest_px": float(information.largest_px[i]),
+        }
+    if readings := information.readings:
+        main = int(readings.main[i])
+        numbers |= {
+            "reading": readings.labels[main],  # that changes most
+            "reading_unit": readings.units[main],
+            "reading_rms": float(readings.rms[i, main]),
+            "reading_largest": float(readings.largest[i, main]),
+        }
     if parameter.is_appearance:
         return numbers  # a picture tells at once how bright things are: no motion to predict by
     return numbers | ({"std_percent": 100 * std} if space.is_log[i] else {"std": std})

@@ -2,8 +2,20 @@
 
 from typing import Any
 
-_PREDICTED = ("motion", "at most", "told to")
-_HEAD = ("parameter", "value", "tried", "picture", "of pixels", *_PREDICTED, "verdict")
+from simtune.check.aligned import aligned
+from simtune.check.servo_table import servo_lines
+
+_PICTURE = ("picture", "of pixels", "motion", "at most")
+_READING = ("reads", "at most", "of")
+_PICTURE_LEGEND = (
+    "picture: levels of 256 by which pixels change that change, if a parameter is as tried;",
+    "motion: pixels of 64 by which what moves is elsewhere after 12 steps, root mean square;",
+)
+_READING_LEGEND = (
+    "reads: by how much the reading that tells most is elsewhere in open-loop replays of whole",
+    "episodes, root mean square, if a parameter is as tried;",
+)
+_TOLD = "told to: standard deviation that the best fit to such {} could have"
 
 
 def table(result: dict[str, Any]) -> list[str]:
@@ -17,28 +29,35 @@ def table(result: dict[str, Any]) -> list[str]:
     lines += [f"warning: {warning}" for warning in result.get("warnings", ())]
     if path := result.get("film", {}).get("pictures"):
         lines.append(f"pictures of the recordings beside the simulator's: {path}")
+    if servos := result.get("servos"):
+        lines += ["", *servo_lines(servos)]
     lines += ["", *_rows(result["parameters"]), ""]
     if pairs := result["pairs"]:
         lines += [*(pair["says"] for pair in pairs), ""]
-    return [*lines, *_LEGEND]
+    return lines + _legend(result)
 
 
-_LEGEND = (
-    "picture: levels of 256 by which pixels change that change, if a parameter is as tried;",
-    "motion: pixels of 64 by which what moves is elsewhere after 12 steps, root mean square;",
-    "told to: standard deviation that the best fit to such videos could have.",
-)
+def _legend(result: dict[str, Any]) -> list[str]:
+    pictures, readings = _shown(result["parameters"])
+    lines = [*_PICTURE_LEGEND * pictures, *_READING_LEGEND * readings]
+    what = " and ".join(["videos"] * pictures + ["readings"] * readings)
+    said = result.get("assumed")
+    told = _TOLD.format(what)
+    return [*lines, *([f"{told},", f"{said}."] if said else [f"{told}."])]
+
+
+def _shown(parameters: dict[str, dict[str, Any]]) -> tuple[bool, bool]:
+    """Whether pictures, and whether readings were looked at."""
+    some = next(iter(parameters.values()), {"picture_levels": 0.0})
+    return "picture_levels" in some, "reading" in some
 
 
 def _rows(parameters: dict[str, dict[str, Any]]) -> list[str]:
     """A line a parameter, columns below each other, numbers to the right."""
-    rows = [_HEAD, *(_cells(name, p) for name, p in parameters.items())]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for name, *numbers, verdict in rows:
-        columns = [f"{n:>{width}s}" for n, width in zip(numbers, widths[1:-1], strict=True)]
-        lines.append("  ".join([f"{name:{widths[0]}s}", *columns, verdict]))
-    return lines
+    pictures, readings = _shown(parameters)
+    columns = (*_PICTURE * pictures, *_READING * readings)
+    head = ("parameter", "value", "tried", *columns, "told to", "verdict")
+    return aligned([head, *(_cells(name, p) for name, p in parameters.items())])
 
 
 def _of_recordings(facts: dict[str, Any]) -> list[str]:
@@ -61,22 +80,43 @@ def _of_recordings(facts: dict[str, Any]) -> list[str]:
 
 
 def _cells(name: str, p: dict[str, Any]) -> tuple[str, ...]:
-    moves, changes = p["motion_largest_px"] > 0, p["picture_share"] > 0
     unit = f" {p['unit']}" if p["unit"] not in ("1", "×") else ""
     return (
         name,
         f"{p['value']:.4g}{unit}",
         f"{p['changed_to']:.4g}",
-        f"{p['picture_levels']:.0f}" if changes else "–",
-        f"{100 * p['picture_share']:.2g} %" if changes else "–",
-        f"{p['motion_rms_px']:.2g} px" if moves else "–",
-        f"{p['motion_largest_px']:.2g} px" if moves else "–",
+        *_picture_cells(p),
+        *_reading_cells(p),
         _predicted(p, unit),
         f"{p['verdict']}; {p['note']}" if p["note"] else p["verdict"],
     )
 
 
+def _picture_cells(p: dict[str, Any]) -> tuple[str, ...]:
+    if "picture_levels" not in p:
+        return ()
+    moves, changes = p["motion_largest_px"] > 0, p["picture_share"] > 0
+    return (
+        f"{p['picture_levels']:.0f}" if changes else "–",
+        f"{100 * p['picture_share']:.2g} %" if changes else "–",
+        f"{p['motion_rms_px']:.2g} px" if moves else "–",
+        f"{p['motion_largest_px']:.2g} px" if moves else "–",
+    )
+
+
+def _reading_cells(p: dict[str, Any]) -> tuple[str, ...]:
+    if "reading" not in p:
+        return ()
+    if not p["reading_largest"] > 0:
+        return ("–",) * len(_READING)
+    unit = p["reading_unit"]
+    sizes = (f"{p[key]:.2g} {unit}" for key in ("reading_rms", "reading_largest"))
+    return (*sizes, p["reading"])
+
+
 def _predicted(p: dict[str, Any], unit: str) -> str:
-    if not p["motion_largest_px"]:
-        return "visible" if p["picture_share"] else "–"
+    if not (p.get("motion_largest_px") or p.get("reading_largest")):
+        return "visible" if p.get("picture_share") else "–"
+    if "std" not in p and "std_percent" not in p:
+        return "visible"
     return f"{p['std_percent']:.2g} %" if "std_percent" in p else f"{p['std']:.2g}{unit}"

@@ -1,14 +1,16 @@
-"""What parameters change in pictures and in motion, and how well video could tell them, at best.
+"""What parameters change in pictures, motion and readings, and how well these tell them, at best.
 
 Nothing is learnt here: the simulator is asked what happens if one parameter is another.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
+from simtune.fit.reading_sensitivity import ReadingChanges
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.parameters import ParameterSpace
@@ -22,10 +24,7 @@ WINDOW_STEPS = 12  # chaotic motion diverges anyway: no fit follows it for longe
 _FACTOR, _TENTH = 1.2, 0.1  # what a parameter is changed by: on a log scale, on a linear one
 _LEVELS = 2  # of 256: a pixel that changes by no more looks the same
 _STILL_PX = 0.01  # a keypoint that moves by less stays: a detector is off by fifty times as much
-_DETECTOR_PX, _SURE = (
-    0.5,
-    0.98,
-)  # how far off the detector is, and how probably it looks at the right place
+_DETECTOR_PX, _SURE = 0.5, 0.98  # how far off the detector is; how probably at the right place
 _NUM_PICTURES = 24
 
 
@@ -45,63 +44,103 @@ class Sensitivity:
     picture_std: np.ndarray  # (N,) by its colours, as far as a camera shows them truly
     first_width: np.ndarray  # (N,) of that range
     correlation: np.ndarray  # (N, N) of errors in estimates from motion, 0 for what moves nothing
+    sees_pictures: bool = True  # without a camera nothing changes in any
+    readings: ReadingChanges | None = None  # of joints, whose motion counts as motion, too
 
     @property
     def shows_nothing(self) -> np.ndarray:
         """(N,) bool."""
-        return (self.pixel_share == 0) & (self.largest_px <= _STILL_PX)
+        unseen = (self.pixel_share == 0) & (self.largest_px <= _STILL_PX)
+        return unseen if self.readings is None else unseen & ~self.readings.changes
 
 
 def analyze(
     simulator: Simulator,
-    camera: str,
+    camera: str | None,
     actions: np.ndarray,
     seed: int,
     observation: ObservationModel,
+    readings: ReadingChanges | None = None,
 ) -> Sensitivity:
-    """At the nominal parameters, in episodes of (E, T, A) actions.
+    """At the nominal parameters, in episodes of (E, T, A) actions; `readings`: what these say.
 
     Raises RuntimeError if all of them diverge.
     """
-    space, rng = simulator.space, np.random.default_rng((seed, 1))
-    nominal = _nominal(space)
+    space = simulator.space
+    nominal = where_analyzed(space)
     first = Distribution.first(space, nominal)
-    keypoints = find_keypoints(simulator, camera, first, seed)
-    worlds = np.tile(nominal, (len(actions), 1))
-    episodes = simulator.roll_out(worlds, actions.astype(float), rng, keypoints.observe)
-    if not len(episodes):
-        raise RuntimeError("every episode diverged; check the timestep and the actions")
     changed = one_by_one(space, nominal)
-    levels, share = picture_changes(simulator, episodes, changed)
-    moves = ~space.is_appearance
-    rms, largest = np.zeros((2, len(space)))
-    rms[moves], largest[moves] = motion_changes(simulator, keypoints, episodes, changed[moves])
     scale = _along_scale(space, space.high) - _along_scale(space, space.low)
     width = scale * (space.to_unit(first.high) - space.to_unit(first.low))
     prior = width / np.sqrt(12)  # standard deviation of a uniform distribution
-    covariance = np.diag(prior**2)
-    moving = np.flatnonzero(largest > _STILL_PX)
-    if len(moving):
-        best = motion_covariance(simulator, keypoints, episodes, moving)
-        best *= np.outer(scale[moving], scale[moving])
-        known = np.linalg.inv(best) + np.diag(prior[moving] ** -2)
-        covariance[np.ix_(moving, moving)] = np.linalg.inv(known)
+    information, seen = np.diag(prior**-2), _Seen.nothing(len(space))
+    if camera is not None:
+        seen = _look(simulator, camera, first, actions, seed, changed)
+        information += seen.information / np.outer(scale, scale)
+    if readings is not None:
+        information += readings.information / np.outer(scale, scale)
+    covariance = np.linalg.inv(information)
     std = np.sqrt(np.diag(covariance))
     step = np.diag(_along_scale(space, changed) - _along_scale(space, nominal))
-    error = _colour_error(share * simulator.image_size**2, observation)
-    by_picture = step * error / np.maximum(levels, 1e-9)
+    by_picture = np.full(len(space), np.inf)
+    if camera is not None:
+        error = _colour_error(seen.share * simulator.image_size**2, observation)
+        by_picture = step * error / np.maximum(seen.levels, 1e-9)
     return Sensitivity(
         nominal,
         np.diag(changed),
-        levels,
-        share,
-        rms,
-        largest,
+        seen.levels,
+        seen.share,
+        seen.rms,
+        seen.largest,
         std,
         (by_picture**-2 + prior**-2) ** -0.5,
         width,
         covariance / np.outer(std, std) - np.eye(len(space)),
+        camera is not None,
+        readings,
     )
+
+
+class _Seen(NamedTuple):
+    """By a camera, of N parameters; see `Sensitivity`."""
+
+    levels: np.ndarray
+    share: np.ndarray
+    rms: np.ndarray
+    largest: np.ndarray
+    information: np.ndarray  # (N, N) Fisher's, in unit coordinates
+
+    @classmethod
+    def nothing(cls, num: int) -> "_Seen":
+        none = np.zeros(num)
+        return cls(none, none, none, none, np.zeros((num, num)))
+
+
+def _look(
+    simulator: Simulator,
+    camera: str,
+    first: Distribution,
+    actions: np.ndarray,
+    seed: int,
+    changed: np.ndarray,
+) -> _Seen:
+    """What a camera sees of (N, N) parameters, one changed in each; see `analyze`."""
+    space, rng = simulator.space, np.random.default_rng((seed, 1))
+    keypoints = find_keypoints(simulator, camera, first, seed)
+    worlds = np.tile(where_analyzed(space), (len(actions), 1))
+    episodes = simulator.roll_out(worlds, actions.astype(float), rng, keypoints.observe)
+    if not len(episodes):
+        raise RuntimeError("every episode diverged; check the timestep and the actions")
+    levels, share = picture_changes(simulator, episodes, changed)
+    moves = ~space.is_appearance
+    rms, largest = np.zeros((2, len(space)))
+    rms[moves], largest[moves] = motion_changes(simulator, keypoints, episodes, changed[moves])
+    moving, information = np.flatnonzero(largest > _STILL_PX), np.zeros((len(space),) * 2)
+    if len(moving):
+        best = motion_covariance(simulator, keypoints, episodes, moving)
+        information[np.ix_(moving, moving)] = np.linalg.inv(best)
+    return _Seen(levels, share, rms, largest, information)
 
 
 def one_by_one(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
@@ -196,6 +235,6 @@ def _colour_error(num_pixels: np.ndarray, observation: ObservationModel) -> np.n
     return np.hypot(1, 255 * np.hypot(added.offset, noise))
 
 
-def _nominal(space: ParameterSpace) -> np.ndarray:
+def where_analyzed(space: ParameterSpace) -> np.ndarray:
     """(N,); a delay of 0 is a tenth of the longest: near 0 the motion changes in jumps."""
     return np.where(space.is_delay & (space.nominal == 0), _TENTH * space.high, space.nominal)

@@ -108,6 +108,11 @@ class Dataset:
         frames = [kept[step] for step in kept_steps] if kept else []
         return steps.actions, np.stack(frames) if frames else np.empty((0, 0, 0, 3), np.uint8)
 
+    def measured(self, episode: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """An episode's actions (T, A), and {sensor: (T + 1, D)} readings; no picture is decoded."""
+        steps = self._steps(episode)
+        return steps.actions, dict(steps.readings)
+
     def facts(self, num_episodes: int) -> dict[str, Any]:
         """What to note down of the first episodes, once they were read or skimmed; JSON.
 

@@ -49,6 +49,7 @@ class RunData:
     curves: dict[str, dict[str, list[float]]]
     posterior: Posterior | None
     videos: dict[str, bytes]  # mp4 files by name
+    replay: dict[str, Any]  # the first episode's joint readings, empty where there are none
 
     def get(self, key: str) -> Any:
         """A fact about the run: of the result, or else the last measurement, or the config."""
@@ -63,6 +64,25 @@ class RunData:
         """An object in the result; empty where there is none."""
         value = self.result.get(key)
         return value if isinstance(value, dict) else {}
+
+    @property
+    def readings(self) -> dict[str, dict[str, Any]]:
+        """How well each joint reading is explained, by its label."""
+        listed = self.object("sensors")
+        return {name: facts for name, facts in listed.items() if isinstance(facts, dict)}
+
+    @property
+    def has_pictures(self) -> bool:
+        """Whether a camera was looked at, as far as anything says; else it was readings alone."""
+        recordings = self.object("recordings")
+        if "camera" in recordings:
+            return recordings["camera"] is not None
+        return bool(self.videos) or not self.readings
+
+    @property
+    def evidence(self) -> str:
+        """What parameters were told by."""
+        return "videos" if self.has_pictures else "recordings"
 
     @property
     def is_tuned(self) -> bool:
@@ -121,6 +141,7 @@ def read_run(path: Path) -> RunData:
         metrics=read_jsonl(path / "metrics.jsonl"),
         events=read_jsonl(path / "events.jsonl"),
         curves=_read_object(path / "curves.json"),
+        replay=_read_object(path / "replay.json"),
         posterior=_read_posterior(path / POSTERIOR),
         videos={name: file.read_bytes() for name, file in videos.items() if file.is_file()},
     )

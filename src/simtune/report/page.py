@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
 from simtune.errors import InputError
-from simtune.report import pair_plots, plots, rank_plots, trust, words
+from simtune.report import joint_plots, pair_plots, plots, rank_plots, trust, words
 from simtune.report.data import POLICY_VIDEO, VIDEOS, RunData, read_run
 from simtune.run import write_atomically
 from simtune.validate import is_number
@@ -60,9 +60,11 @@ def _environment() -> Environment:
     filters = (words.number, words.count, words.percent, words.share, words.interval)
     environment.filters |= {f.__name__: f for f in (*filters, words.unit, words.duration)}
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode()
+    environment.filters["in_thousandths"] = joint_plots.in_thousandths
     environment.tests["finite"] = is_number
     drawn = (plots.estimate_plot, plots.survival_plot, rank_plots.rank_histogram)
     drawn += (rank_plots.rank_dots, pair_plots.pair_plot)
+    drawn += (joint_plots.reading_plot, joint_plots.error_plot)
     environment.globals |= {f.__name__: f for f in drawn}
     return environment
 

@@ -18,7 +18,7 @@ def ranks(run: RunData) -> dict[str, list[float]]:
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """Two parameters that the videos can hardly tell from each other."""
+    """Two parameters that can hardly be told from each other."""
 
     a: str
     b: str

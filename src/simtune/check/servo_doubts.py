@@ -1,0 +1,130 @@
+"""What of a joint's readings no servo in a model can explain: a sentence each."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.check.servos import Episodes, Servo, delayed_by, predict
+
+_MOVED = 0.05  # of what is commanded: a joint that moves less stands
+_STUCK_S = 0.7  # of the very same reading
+_STUCK_COMMANDED = 0.15  # of all that is commanded, meanwhile
+_FOLLOWS = 0.8  # correlation, from which on a joint follows its command
+_HARDLY = 0.4
+_SCALE = 1.25  # a slope this many times another one may be the same
+_FAR = (0.5, 0.75)  # of the way to where a command goes at most: near below, far above
+_SHORT, _CLEARLY = 0.1, 4.0  # of that way; times what is left near by
+_FEWEST = 20  # frames far out
+_WAYS = 30  # delays, with which readings are compared with commands
+_DEGREES = 180 / np.pi
+_UNITS = {"rad": (_DEGREES, "degrees", "deg"), "m": (1000.0, "mm", "mm")}
+
+
+class Following(NamedTuple):
+    correlation: float  # at the delay where it is largest either way
+    slope: float  # of readings against commands, there
+
+
+def doubts(
+    name: str, unit: str, commands: Episodes, measured: Episodes, servo: Servo, step_s: float
+) -> list[str]:
+    """Of a joint's (T,) commands and (T + 1,) readings in each episode, in `unit`."""
+    if not servo.commanded > 0 or not np.isfinite(servo.travel):
+        return []
+    values = np.concatenate(list(measured))
+    if (value := np.nanmin(values)) == np.nanmax(values):
+        return [
+            f"{name} reads {value:.4g} {unit} all the time, while it is commanded over "
+            f"{servo.commanded:.3g} {unit}: is the sensor stuck, or another column meant?"
+        ]
+    following = follows(commands, measured, servo)
+    if odd := _other_scale(name, unit, following):
+        return [odd]
+    if servo.travel < _MOVED * servo.commanded:
+        return [
+            f"{name} does not move, though commanded over {servo.commanded:.3g} {unit}: it reads "
+            f"within {servo.travel:.2g} {unit}; is it switched on, and this its column?"
+        ]
+    found = _stuck(name, unit, commands, measured, servo, step_s)
+    if abs(following.correlation) < _HARDLY:
+        return [
+            *found,
+            f"{name} hardly follows its command (correlation {following.correlation:.2f}): is it "
+            "another joint's column?",
+        ]
+    return found + _falls_short(name, unit, commands, measured, servo, step_s)
+
+
+def follows(commands: Episodes, measured: Episodes, servo: Servo) -> Following:
+    """How readings go with commands, whatever their units and signs."""
+    longest = 2 * servo.lag_steps + 0.5 * _WAYS
+    y = np.concatenate([its[: len(c)] for c, its in zip(commands, measured, strict=True)])
+    known, best = np.isfinite(y), Following(0.0, 0.0)
+    for lag in np.linspace(0, longest, _WAYS):
+        x = np.concatenate([delayed_by(c, lag) for c in commands])[known]
+        (xx, xy), (_, yy) = np.cov(x, y[known])
+        if xx > 0 and yy > 0 and abs(xy) > abs(best.correlation) * np.sqrt(xx * yy):
+            best = Following(float(xy / np.sqrt(xx * yy)), float(xy / xx))
+    return best
+
+
+def _other_scale(name: str, unit: str, following: Following) -> str | None:
+    if abs(following.correlation) < _FOLLOWS:
+        return None
+    size, sign = abs(following.slope), "the sign is reversed, too" if following.slope < 0 else ""
+    factor, other, key = _UNITS.get(unit, (np.nan, "", ""))
+    also = f"; {sign}" * bool(sign)
+    times = f"{name} moves {following.slope:.3g} times as far as its command"
+    if factor / _SCALE < size < factor * _SCALE:
+        return f'{times}: are its readings {other}? give the sensor unit = "{key}"{also}'
+    if factor / _SCALE < 1 / size < factor * _SCALE:
+        where = f"{unit} already, or are the actions {other}?"
+        return f"{times}: are its readings {where} see unit and [actions]{also}"
+    if following.slope < 0:
+        return f"{times}: the sign of its readings, or of its actions, is reversed"
+    return None
+
+
+def _stuck(
+    name: str, unit: str, commands: Episodes, measured: Episodes, servo: Servo, step_s: float
+) -> list[str]:
+    """The longest time for which the very same number is read, while it is commanded elsewhere."""
+    longest = (0, 0.0, 0)  # steps, the reading, the episode
+    for episode, (command, its) in enumerate(zip(commands, measured, strict=True)):
+        late = delayed_by(command, servo.lag_steps)
+        ends = np.flatnonzero(np.append(np.diff(its[: len(late)]) != 0, True)) + 1
+        for start, end in zip([0, *ends[:-1]], ends, strict=True):
+            meanwhile = np.ptp(late[start:end])
+            if meanwhile > _STUCK_COMMANDED * servo.commanded and end - start > longest[0]:
+                longest = int(end - start), float(its[start]), episode
+    steps, value, episode = longest
+    if steps * step_s < _STUCK_S:
+        return []
+    return [
+        f"{name} reads {value:.4g} {unit} for {steps * step_s:.2g} s of episode {episode}, while "
+        "it is commanded elsewhere: does its sensor get stuck, or the joint?"
+    ]
+
+
+def _falls_short(
+    name: str, unit: str, commands: Episodes, measured: Episodes, servo: Servo, step_s: float
+) -> list[str]:
+    """Where commands go farthest, readings that stay behind what holds near by."""
+    x = np.concatenate(predict(servo, commands, step_s))
+    y = np.concatenate([its[: len(c)] for c, its in zip(commands, measured, strict=True)])
+    x, y = x[np.isfinite(y)], y[np.isfinite(y)]
+    middle = float(np.median(x))
+    for end in np.percentile(x, (1, 99)):
+        way = (x - middle) / (end - middle) if end != middle else np.zeros(len(x))
+        near, far = way < _FAR[0], way > _FAR[1]
+        if min(near.sum(), far.sum()) < _FEWEST or np.ptp(x[near]) == 0:
+            continue
+        line = np.polynomial.Polynomial.fit(x[near], y[near], 1)
+        usual = np.std(y[near] - line(x[near]))
+        short = float(np.mean(line(x[far]) - y[far]) * np.sign(end - middle))
+        if short > max(_SHORT * abs(end - middle), _CLEARLY * usual):
+            return [
+                f"{name} stays {short:.2g} {unit} behind where it is commanded to about "
+                f"{end:.3g} {unit}, and follows elsewhere: a torque limit, or a stop?"
+            ]
+    return []

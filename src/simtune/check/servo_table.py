@@ -1,0 +1,37 @@
+"""The table of how joints follow their commands, in plain text."""
+
+from typing import Any
+
+from simtune.check.aligned import aligned
+
+_HEAD = ("joint", "moves", "lag", "steps", "offset", "left", "with a lag of 1st order", "noise")
+_LEGEND = (
+    "lag: the constant delay behind the command that leaves least; offset: measured − commanded, "
+    "so late;",
+    "left: root mean square of the rest, and with a first-order lag instead of some of the delay.",
+)
+
+
+def servo_lines(servos: dict[str, dict[str, Any]]) -> list[str]:
+    """A line a joint, in its unit, but for those too small: in thousandths of it."""
+    return [*aligned([_HEAD, *(_cells(name, s) for name, s in servos.items())]), "", *_LEGEND]
+
+
+def _cells(name: str, servo: dict[str, Any]) -> tuple[str, ...]:
+    unit = servo["unit"]
+    lag = servo["lag_s"]
+    return (
+        name,
+        _size(servo["travel"], unit),
+        "–" if lag is None else f"{1e3 * lag:.0f} ms",
+        "–" if lag is None else f"{servo['lag_steps']:.1f}",
+        *(_small(servo[key], unit) for key in ("offset", "rms", "filtered_rms", "noise")),
+    )
+
+
+def _size(value: float | None, unit: str) -> str:
+    return "–" if value is None else f"{value:.2f} {unit}"
+
+
+def _small(value: float | None, unit: str) -> str:
+    return "–" if value is None else f"{1e3 * value:.1f} m{unit}"

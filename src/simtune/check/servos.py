@@ -1,0 +1,153 @@
+"""How joints follow their commands: delay, offset, and what these leave. No simulator is asked.
+
+A command at time t is that of the action that begins then; between two of them it is read on a
+straight line, and before an episode's first one it was held. So a servo that is perfect, and holds
+each action for a step, is late by about half a step.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+_LONGEST_LAG_S = 0.6
+_FEWEST_LAG_STEPS = 4.0  # looked at, however long a step is
+_GRID = 25  # delays looked at first
+_FINER, _TIMES = 5, 4  # each time the spacing is a fifth
+_TIME_CONSTANTS = 10  # of a first-order lag, looked at first
+_NORMAL = 1.4826  # standard deviations in a median absolute deviation
+_MOST = (1, 99)  # percentiles, between which a joint moves: a lost packet is no motion
+
+Episodes = Sequence[np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Servo:
+    """Of one joint; all lengths in its sensor's unit."""
+
+    lag_s: float  # the constant delay that leaves least
+    lag_steps: float
+    offset: float  # measured − command, delayed
+    rms: float  # what delay and offset leave
+    time_constant_s: float  # of a first-order lag, where a shorter delay and an offset go with it
+    filtered_lag_s: float
+    filtered_offset: float
+    filtered_rms: float  # what these leave
+    noise: float  # standard deviation; motion that jerks counts as noise, too
+    travel: float  # how far it moves
+    commanded: float  # how far its command does
+
+
+def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> Servo:
+    """Of a joint's (T,) commands and (T + 1,) readings in each episode; NaN is no reading.
+
+    What its command does not tell is NaN, such as the delay of one that never changes.
+    """
+    travel, commanded = _travel(measured), _travel(commands)
+    noise = noise_of(measured)
+    if not commanded > 0 or not np.isfinite(travel):
+        unknown = dict.fromkeys(Servo.__annotations__, np.nan)
+        return Servo(**(unknown | {"noise": noise, "travel": travel, "commanded": commanded}))
+    longest = max(_FEWEST_LAG_STEPS, _LONGEST_LAG_S / step_s)
+
+    def left(lag: float) -> float:
+        return _offset_and_rms(commands, measured, lag)[1]
+
+    lag = _lowest(left, longest)
+    offset, rms = _offset_and_rms(commands, measured, lag)
+    time_constant, its_lag = _first_order(commands, measured, longest)
+    filtered = [filtered_by(c, time_constant) for c in commands]
+    its_offset, its_rms = _offset_and_rms(filtered, measured, its_lag)
+    return Servo(
+        lag_s=lag * step_s,
+        lag_steps=lag,
+        offset=offset,
+        rms=rms,
+        time_constant_s=time_constant * step_s,
+        filtered_lag_s=its_lag * step_s,
+        filtered_offset=its_offset,
+        filtered_rms=its_rms,
+        noise=noise,
+        travel=travel,
+        commanded=commanded,
+    )
+
+
+def predict(servo: Servo, commands: Episodes, step_s: float) -> list[np.ndarray]:
+    """(T,) readings that the first-order lag, its delay and its offset predict."""
+    filtered = (filtered_by(c, servo.time_constant_s / step_s) for c in commands)
+    late = servo.filtered_lag_s / step_s
+    return [delayed_by(c, late) + servo.filtered_offset for c in filtered]
+
+
+def delayed_by(command: np.ndarray, steps: float) -> np.ndarray:
+    """(T,) of (T,) a command, `steps` steps ago; before, the first one."""
+    times = np.arange(len(command))
+    return np.interp(times - steps, times, command)
+
+
+def filtered_by(command: np.ndarray, steps: float) -> np.ndarray:
+    """(T,) what follows a (T,) command with a time constant of `steps` steps; 0: at once.
+
+    Exact where the command runs on straight lines, and was held before.
+    """
+    if steps < 1e-3:
+        return command
+    stays = np.exp(-1 / steps)
+    now, before = 1 - steps * (1 - stays), steps * (1 - stays) - stays
+    first = np.array([(before + stays) * command[0]])
+    return lfilter([now, before], [1, -stays], command, zi=first)[0]
+
+
+def noise_of(measured: Episodes) -> float:
+    """Standard deviation of white noise, by second differences: their variance is 6 times its.
+
+    By their median, so that what jumps now and then does not count.
+    """
+    second = np.concatenate([np.diff(values, 2) for values in measured])
+    second = np.abs(second[np.isfinite(second)])
+    return float(_NORMAL * np.median(second) / np.sqrt(6)) if len(second) else float("nan")
+
+
+def _offset_and_rms(commands: Episodes, measured: Episodes, lag: float) -> tuple[float, float]:
+    pairs = zip(commands, measured, strict=True)
+    away = np.concatenate([its[: len(c)] - delayed_by(c, lag) for c, its in pairs])
+    return float(np.nanmean(away)), float(np.nanstd(away))
+
+
+def _first_order(commands: Episodes, measured: Episodes, longest: float) -> tuple[float, float]:
+    """Time constant and delay, steps, that leave least."""
+
+    def with_constant(steps: float) -> tuple[float, float]:
+        filtered = [filtered_by(c, steps) for c in commands]
+
+        def left(lag: float) -> float:
+            return _offset_and_rms(filtered, measured, lag)[1]
+
+        lag = _lowest(left, longest, num=_GRID // 2, times=_TIMES - 1)
+        return left(lag), lag
+
+    constant = _lowest(lambda s: with_constant(s)[0], longest, num=_TIME_CONSTANTS, times=2)
+    return constant, with_constant(constant)[1]
+
+
+def _lowest(
+    cost: Callable[[float], float], most: float, num: int = _GRID, times: int = _TIMES
+) -> float:
+    """Between 0 and `most`, where the cost is lowest: of a grid, and of finer ones around."""
+    grid = np.linspace(0, most, num)
+    spacing = grid[1]
+    for _ in range(times):
+        best = grid[int(np.argmin([cost(float(x)) for x in grid]))]
+        spacing /= _FINER
+        around = best + spacing * np.arange(-_FINER + 1, _FINER)
+        grid = around[(around >= 0) & (around <= most)]
+    return float(grid[int(np.argmin([cost(float(x)) for x in grid]))])
+
+
+def _travel(episodes: Episodes) -> float:
+    values = np.concatenate(list(episodes))
+    if not np.isfinite(values).any():
+        return float("nan")
+    return float(np.ptp(np.nanpercentile(values, _MOST)))

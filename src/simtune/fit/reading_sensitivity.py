@@ -1,0 +1,120 @@
+"""What parameters change in joint readings, and how well these could tell them, at best."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simtune.fit.open_loop import OpenLoop, Readings, Stretches
+from simtune.fit.physics import Physics
+from simtune.observation import JointSensor, ObservationModel
+from simtune.simulation import Simulator
+
+_EPISODES, _LONGEST_S = 4, 8.0  # replayed; what else there is is taken to tell as much
+_TOO_FAR = 1e3  # a reading no joint has: what a world that diverged is taken to predict
+
+
+@dataclass(frozen=True)
+class ReadingChanges:
+    """Of N parameters and D readings; lengths in the readings' units."""
+
+    labels: tuple[str, ...]  # (D,)
+    units: tuple[str, ...]
+    rms: np.ndarray  # (N, D) by which they are elsewhere with another parameter
+    largest: np.ndarray  # (N, D)
+    noise: np.ndarray  # (D,) standard deviation of an independent error in each reading
+    information: np.ndarray  # (N, N) Fisher's, of all episodes, in unit coordinates
+
+    @property
+    def main(self) -> np.ndarray:
+        """(N,) the reading that changes most, as its noise counts."""
+        return (self.rms / self.noise).argmax(1)
+
+    @property
+    def changes(self) -> np.ndarray:
+        """(N,) bool: whether any reading shows the parameter at all."""
+        return self.largest.max(1) > 1e-9
+
+
+class ReplayedReadings:
+    """A few episodes, replayed open loop with one parameter changed after the other."""
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        observation: ObservationModel,
+        nominal: np.ndarray,
+        actions: np.ndarray,
+        readings: Readings | None = None,
+        seed: int = 0,
+    ):
+        """At (N,) parameters; of recordings with `readings`, else of (E, T, A) actions.
+
+        Raises RuntimeError if every episode diverges.
+        """
+        self._sensors = tuple(s for s in observation.sensors if isinstance(s, JointSensor))
+        self._labels = observation.reading_labels
+        episodes, num_steps = actions.shape[:2]
+        given = np.ones((episodes, num_steps + 1, 1)) if readings is None else readings.values
+        self._num_frames = np.isfinite(given).any(-1).sum()
+        steps, observe = round(_LONGEST_S / simulator.step_s), observation.observe_beside()
+        actions = actions[:_EPISODES, :steps].astype(float)
+        played = simulator.roll_out(
+            np.tile(nominal, (len(actions), 1)), actions, np.random.default_rng((seed, 1)), observe
+        )
+        if not len(played):
+            raise RuntimeError("every episode diverged; check the timestep and the actions")
+        physics = Physics(simulator, observe, played.states[0, 0])
+        self._loop = OpenLoop(physics, self._sensors, np.arange(len(nominal)))
+        self._unit = simulator.space.to_unit(nominal)
+        if readings is None:
+            starts = played.states[:, 0]
+            states = physics.states(starts)
+            self._stretches = Stretches(played.actions, played.observed, states, starts)
+            return
+        few = Readings(
+            readings.actions[:_EPISODES, :steps], readings.values[:_EPISODES, : steps + 1]
+        )
+        still = np.zeros(few.values.shape[-1])
+        self._stretches = self._loop.cut(few, self._unit, still, 10**9, _EPISODES)
+
+    def changes(self, changed: np.ndarray, noise: np.ndarray) -> ReadingChanges:
+        """With (N, N) parameters, one changed in each; noise (D,) of independent readings."""
+        units = [sensor.unit for sensor in self._sensors for _ in sensor.labels]
+        worlds = np.vstack([self._unit, self._loop.physics.parameters.to_unit(changed)])
+        starts = np.repeat(self._stretches.states[None], len(worlds), 0)
+        predicted, _ = self._loop.play(self._stretches, starts, worlds)
+        kept = (np.abs(predicted) < _TOO_FAR).all((0, 2, 3))
+        away = (predicted[1:] - predicted[0])[:, kept if kept.any() else slice(None)]
+        return ReadingChanges(
+            self._labels,
+            tuple(units),
+            np.sqrt(np.square(away).mean((1, 2))),
+            np.abs(away).max((1, 2)),
+            noise,
+            self._information(noise),
+        )
+
+    def _information(self, noise: np.ndarray) -> np.ndarray:
+        """(N, N); what offsets and where episodes start would explain as well is taken out."""
+        stretches, num = self._stretches, len(self._unit)
+        own = [np.full(s.size, s.noise_or_usual) for s in self._sensors]
+        start_std = self._loop.start_std(np.concatenate(own))
+        slopes = self._loop.differentiate(stretches, stretches.states, self._unit, start_std)
+        known = np.isfinite(stretches.values) / noise  # (W, K + 1, D)
+        by_start, by_parameter = (
+            (by * known[:, None]).reshape(*by.shape[:2], -1)
+            for by in (slopes.by_start, slopes.by_parameter)
+        )
+        has_offset = np.repeat(
+            [s.finds_offsets for s in self._sensors], [s.size for s in self._sensors]
+        )
+        ones = np.eye(len(noise))[has_offset][None, :, None] * known[:, None]
+        shared = np.concatenate([by_parameter, ones.reshape(len(ones), has_offset.sum(), -1)], 1)
+        hessian = by_start @ by_start.swapaxes(1, 2) + np.eye(by_start.shape[1])
+        cross = by_start @ shared.swapaxes(1, 2)
+        each = shared @ shared.swapaxes(1, 2) - cross.swapaxes(1, 2) @ np.linalg.solve(
+            hessian, cross
+        )
+        every = each.sum(0) * self._num_frames / known.any(-1).sum()
+        mixed, offsets = every[:num, num:], every[num:, num:]
+        return every[:num, :num] - mixed @ np.linalg.pinv(offsets) @ mixed.T

@@ -1,0 +1,256 @@
+"""`simtune check` of joint readings: what shows in them, against derivatives done by hand."""
+
+import json
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simtune import cli
+from simtune.check import check, table
+from simtune.check.readings import read_episodes, reading_changes
+from simtune.config import CheckConfig
+from simtune.fit.reading_sensitivity import ReplayedReadings
+from simtune.fit.sensitivity import one_by_one
+from simtune.real.choose import observed, open_recordings
+from simtune.recordings import write_dataset
+from simtune.tasks import Task, load_task
+from simtune.trajectory import Trajectory
+
+STEP_S, NUM_STEPS = 0.05, 60
+SCENE = """
+<mujoco>
+  <option timestep="0.005" gravity="0 0 0" integrator="implicitfast"/>
+  <worldbody>
+    <camera name="front" pos="0 -3 0" xyaxes="1 0 0 0 0 1"/>
+    <body name="cart">
+      <joint name="slide" type="slide" axis="1 0 0" damping="1"/>
+      <geom size=".1" mass="2"/>
+    </body>
+    <body name="arm" pos="0 0 1">
+      <joint name="elbow" axis="0 1 0" damping=".1"/>
+      <geom type="capsule" fromto="0 0 0 .4 0 0" size=".03" mass="1"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="push" joint="slide" ctrllimited="true" ctrlrange="-4 4"/>
+    <position name="servo" joint="elbow" kp="40" kv="4" gear="2"/>
+  </actuator>
+  <keyframe><key name="rest" qpos="0 0"/></keyframe>
+</mujoco>
+"""
+TUNE = """
+model = "scene.xml"
+control_timestep_s = 0.05
+episode_steps = 60
+camera = "front"
+
+[initial_state]
+kind = "keyframe"
+keyframe = "rest"
+
+[[sensors]]
+name = "arm"
+joints = "elbow"
+unit = "deg"
+noise = 0.1
+
+[[sensors]]
+name = "cart"
+joints = "slide"
+
+[[parameters]]
+name = "cart_mass"
+kind = "mass"
+objects = "cart"
+
+[[parameters]]
+name = "push_gain"
+kind = "gain"
+objects = "push"
+
+[[parameters]]
+name = "servo_gain"
+kind = "gain"
+objects = "servo"
+
+[[parameters]]
+name = "arm_r"
+field = "geom_rgba"
+objects = "geom 1"
+component = 0
+low = 0
+high = 1
+"""
+BLIND = TUNE.replace('camera = "front"\n', "")
+TRUTH = {"servo_gain": 55.0}
+
+
+def write_task(folder: Path, text: str = BLIND) -> Task:
+    (folder / "scene.xml").write_text(SCENE)
+    (folder / "tune.toml").write_text(text)
+    return load_task(str(folder / "tune.toml"))
+
+
+@pytest.fixture(scope="module")
+def blind(tmp_path_factory) -> Task:
+    return write_task(tmp_path_factory.mktemp("blind"))
+
+
+def episodes(task: Task, num: int = 3) -> list[Trajectory]:
+    """Of a world with another gain; targets of the elbow in rad: half the control, by the gear."""
+    times, rng = np.arange(NUM_STEPS) * STEP_S, np.random.default_rng(0)
+    simulator = task.simulator(image_size=16)
+    phases = rng.uniform(0, 6, (num, 2, 1))
+    push = 3 * np.sign(np.sin(3 * times + phases[:, 0]))
+    turn = 1.2 * np.sin((2 + 0.1 * phases[:, 1]) * times)  # from rest
+    actions = np.stack([push, turn], -1)
+    worlds = np.tile(task.parameters.from_dict(TRUTH), (num, 1))
+    model = observed(task, ["joints"], is_simulated=True)
+    played = simulator.roll_out(worlds, actions, rng, model.observe_beside())
+    readings = model.readings(played.observed, rng)
+    return [
+        Trajectory(
+            np.empty((NUM_STEPS + 1, 0, 0, 3), np.uint8),
+            actions[i].astype(np.float32),
+            STEP_S,
+            {s.name: s.to_recorded(readings[s.name][i]) for s in task.sensors},
+        )
+        for i in range(num)
+    ]
+
+
+@pytest.fixture(scope="module")
+def recorded(blind, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded") / "dataset"
+    names = {"arm": ["elbow"], "cart": ["slide"]}
+    write_dataset(
+        folder,
+        episodes(blind),
+        action_names=["push", "servo"],
+        robot_type="arm",
+        task="swing",
+        reading_names=names,
+    )
+    return folder
+
+
+def test_changes_equal_a_plain_replay(blind):
+    simulator, space = blind.simulator(image_size=16), blind.parameters
+    seen = observed(blind, None, is_simulated=True)
+    actions = np.stack([t.actions for t in episodes(blind)])
+    changed = one_by_one(space, space.nominal)
+    replayed = ReplayedReadings(simulator, seen, space.nominal, actions)
+    found = replayed.changes(changed, np.array([1e-3, 1e-3]))
+    rng, worlds = np.random.default_rng((0, 1)), np.tile(space.nominal, (3, 1))
+    before = simulator.roll_out(worlds, actions.astype(float), rng, seen.observe_beside())
+    for i, parameters in enumerate(changed):
+        after = simulator.roll_out(
+            np.tile(parameters, (3, 1)),
+            actions.astype(float),
+            rng,
+            seen.observe_beside(),
+            starts=before.states[:, 0],
+        )
+        away = after.observed - before.observed
+        np.testing.assert_allclose(found.rms[i], np.sqrt(np.square(away).mean((0, 1))), atol=1e-9)
+        np.testing.assert_allclose(found.largest[i], np.abs(away).max((0, 1)), atol=1e-9)
+    assert found.labels == ("elbow", "slide")
+    assert found.units == ("rad", "m")
+    assert found.changes.tolist() == [True, True, True, False]
+    assert found.main[:3].tolist() == [1, 1, 0]
+
+
+def test_twice_the_noise_tells_a_quarter(blind):
+    simulator, space = blind.simulator(image_size=16), blind.parameters
+    seen = observed(blind, None, is_simulated=True)
+    actions = np.stack([t.actions for t in episodes(blind)])
+    replayed = ReplayedReadings(simulator, seen, space.nominal, actions)
+    # Starts, of which a little is known before, blur that hardly
+    one, two = (replayed.changes(space.nominal[None], np.full(2, n)) for n in (1e-3, 2e-3))
+    gains = np.array([1, 2])
+    np.testing.assert_allclose(
+        two.information[gains, gains] / one.information[gains, gains], 0.25, rtol=0.3
+    )
+    eigenvalues = np.linalg.eigvalsh(one.information[:2, :2])
+    assert eigenvalues[0] < 0.03 * eigenvalues[1]  # mass and gain: their ratio alone
+
+
+def test_servos_of_recordings(blind, recorded):
+    config = CheckConfig(task="blind", real=recorded)
+    seen = observed(blind, None, is_simulated=False)
+    dataset = open_recordings(recorded, blind, config, 16, seen)
+    simulator = blind.simulator(image_size=16, step_s=dataset.step_s)
+    read = read_episodes(dataset, 3, simulator, seen)
+    assert list(read.servos) == ["elbow"]  # the cart has a motor
+    servo = read.servos["elbow"]
+    assert read.facts["elbow"]["unit"] == "rad"
+    # Of a servo the error in velocity is kv / kp of it, beside the joint's own damping
+    assert 0.03 < servo.lag_s < 0.15
+    assert servo.commanded == pytest.approx(1.2, rel=0.02)  # half of −1.2 to 1.2
+    assert abs(servo.offset) < 0.02
+    assert servo.filtered_rms < servo.rms < 0.05
+    assert read.warnings == []
+    _, assumed = reading_changes(simulator, seen, np.zeros((1, 20, 2)), read, 0)
+    assert "0.5 s at a time" in assumed
+
+
+def test_readings_in_other_units_are_noticed(recorded, tmp_path):
+    task = write_task(tmp_path, BLIND.replace('unit = "deg"\nnoise = 0.1', 'unit = "rad"'))
+    config = CheckConfig(task="x", real=recorded)
+    seen = observed(task, None, is_simulated=False)
+    dataset = open_recordings(recorded, task, config, 16, seen)
+    (said,) = read_episodes(dataset, 3, task.simulator(image_size=16, step_s=STEP_S), seen).warnings
+    assert 'are its readings degrees? give the sensor unit = "deg"' in said
+
+
+def test_check_without_a_camera(tmp_path):
+    write_task(tmp_path)
+    result = check(CheckConfig(task=str(tmp_path / "tune.toml"), episodes=3))
+    said = result["parameters"]
+    assert said["servo_gain"]["verdict"] == "shows clearly"
+    assert said["servo_gain"]["reading"] == "elbow"
+    assert said["arm_r"]["verdict"] == "does not show"
+    assert said["arm_r"]["note"] == "changes no reading: it cannot be found from these sensors"
+    assert "picture_levels" not in said["servo_gain"]
+    (pair,) = result["pairs"]
+    assert pair["parameters"] == ["cart_mass", "push_gain"]
+    assert "their ratio, cart_mass / push_gain" in pair["says"]
+    printed = "\n".join(table(result))
+    assert "told to: standard deviation that the best fit to such readings could have" in printed
+    for word in ("picture", "video", "pixel"):
+        assert word not in printed
+
+
+@pytest.mark.thorough
+def test_check_with_a_camera_and_sensors_shows_both(tmp_path):
+    write_task(tmp_path, TUNE)
+    config = CheckConfig(task=str(tmp_path / "tune.toml"), episodes=2)
+    both = check(config)
+    one = check(CheckConfig(task=config.task, episodes=2, observe="cameras"))
+    assert both["parameters"]["arm_r"]["verdict"] == "shows clearly"
+    gain = both["parameters"]["servo_gain"]
+    assert gain["std_percent"] < one["parameters"]["servo_gain"]["std_percent"]
+    assert gain["reading_rms"] > 0 < gain["motion_rms_px"]
+    assert "reading" not in one["parameters"]["servo_gain"]
+    printed = "\n".join(table(both))
+    assert "best fit to such videos and readings could have" in printed
+
+
+def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, capsys):
+    write_task(tmp_path)
+    arguments = ["simtune", "check", str(tmp_path / "tune.toml"), "--real", str(recorded)]
+    monkeypatch.setattr(sys, "argv", arguments)
+    cli.main()
+    lines = capsys.readouterr().out.splitlines()
+    head, row = next((a, b) for a, b in pairwise(lines) if "lag" in a)
+    assert head.split()[:4] == ["joint", "moves", "lag", "steps"]
+    assert row.startswith("elbow")
+    monkeypatch.setattr(sys, "argv", [*arguments, "--json"])
+    cli.main()
+    result = json.loads(capsys.readouterr().out)
+    assert set(result["servos"]) == {"elbow"}
+    assert result["recordings"]["camera"] is None
+    assert "film" not in result

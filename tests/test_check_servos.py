@@ -1,0 +1,163 @@
+"""How joints follow their commands: by hand, and on servos whose answer is known."""
+
+import numpy as np
+import pytest
+
+from simtune.check.servo_doubts import doubts
+from simtune.check.servos import Servo, delayed_by, filtered_by, fit_servo, noise_of
+
+STEP_S = 0.02
+
+
+def commands(num: int = 3, steps: int = 400, size: float = 0.5, seed: int = 0) -> list[np.ndarray]:
+    """Smooth ones, that rest at first."""
+    rng, times = np.random.default_rng(seed), np.arange(steps) * STEP_S
+    made = []
+    for _ in range(num):
+        phase, ramp = rng.uniform(0, 6, 3), np.minimum(1, times / 2)
+        waves = sum(np.sin(w * times + p) for w, p in zip((1.1, 2.3, 4.7), phase, strict=True))
+        made.append(size * ramp * waves)
+    return made
+
+
+def reads(command: np.ndarray, noise: float = 0.0, seed: int = 1) -> np.ndarray:
+    """(T + 1,) readings of what follows (T,) with noise."""
+    rng = np.random.default_rng(seed)
+    return np.append(command, command[-1]) + noise * rng.normal(size=len(command) + 1)
+
+
+def said_of(asked: list[np.ndarray], read: list[np.ndarray], unit: str = "rad") -> list[str]:
+    return doubts("elbow", unit, asked, read, fit_servo(asked, read, STEP_S), STEP_S)
+
+
+# --- numbers ------------------------------------------------------------------------------
+
+
+def test_a_command_is_read_between_two_steps():
+    command = np.array([1.0, 1.0, 3.0, 7.0])
+    np.testing.assert_allclose(delayed_by(command, 1), [1, 1, 1, 3])
+    np.testing.assert_allclose(delayed_by(command, 0.25), [1, 1, 2.5, 6])
+
+
+def test_a_filtered_ramp_is_late_by_the_time_constant_in_the_end():
+    ramp = np.arange(100.0)
+    late = ramp - filtered_by(ramp, 5.0)
+    expected = 5 * (1 - np.exp(-ramp / 5))  # from rest, solved by hand
+    np.testing.assert_allclose(late, expected, atol=1e-12)
+    np.testing.assert_array_equal(filtered_by(ramp, 0), ramp)
+
+
+def test_noise_by_second_differences():
+    rng = np.random.default_rng(0)
+    ramp = 0.1 * np.arange(20_000)
+    assert noise_of([ramp + 0.02 * rng.normal(size=20_000)]) == pytest.approx(0.02, rel=0.03)
+    # 1.4826 · median |0, 3, −6, 3| / √6
+    assert noise_of([np.array([0, 0, 0, 3.0, 0, 0])]) == pytest.approx(1.4826 * 3 / np.sqrt(6))
+    assert np.isnan(noise_of([np.full(4, np.nan)]))
+
+
+@pytest.mark.parametrize("lag", [0.0, 1.0, 3.4, 11.7])
+def test_delay_and_offset_of_a_servo_that_only_is_late(lag):
+    asked = commands()
+    read = [reads(delayed_by(c, lag)) + 0.03 for c in asked]
+    read[1][50:60] = np.nan
+    servo = fit_servo(asked, read, STEP_S)
+    assert servo.lag_steps == pytest.approx(lag, abs=0.05)
+    assert servo.lag_s == pytest.approx(lag * STEP_S, abs=0.001)
+    assert servo.offset == pytest.approx(0.03, abs=1e-3)
+    assert servo.rms < 1e-3
+    assert servo.filtered_rms <= servo.rms + 1e-3
+    assert servo.commanded == pytest.approx(servo.travel, rel=0.01)
+    assert said_of(asked, read) == []
+
+
+def test_a_first_order_lag_is_told_from_a_delay():
+    asked = commands()
+    read = [reads(delayed_by(filtered_by(c, 6.0), 2.5), 0.001) - 0.01 for c in asked]
+    servo = fit_servo(asked, read, STEP_S)
+    assert servo.time_constant_s == pytest.approx(0.12, rel=0.1)
+    assert servo.filtered_lag_s == pytest.approx(0.05, abs=0.01)
+    assert servo.filtered_offset == pytest.approx(-0.01, abs=1e-3)
+    assert servo.filtered_rms == pytest.approx(0.001, rel=0.2)
+    assert servo.rms > 10 * servo.filtered_rms
+    assert 0.001 < servo.noise < 0.002  # what it moves in two steps counts, too
+    assert said_of(asked, read) == []
+
+
+def test_nothing_is_told_of_a_command_that_never_changes():
+    still = [np.full(100, 0.3)]
+    read = [reads(still[0], 0.01)]
+    servo = fit_servo(still, read, STEP_S)
+    assert np.isnan([servo.lag_s, servo.offset, servo.filtered_rms]).all()
+    assert servo.noise == pytest.approx(0.01, rel=0.4)
+    assert said_of(still, read) == []
+    nothing = [np.full(101, np.nan)]
+    assert isinstance(fit_servo(commands(1, 100), nothing, STEP_S), Servo)
+    assert said_of(commands(1, 100), nothing) == []
+
+
+# --- what no model explains -----------------------------------------------------------------
+
+
+def test_a_joint_that_does_not_move():
+    asked = commands()
+    (said,) = said_of(asked, [reads(np.full(400, 0.2), 0.001, i) for i in range(3)])
+    assert said.startswith("elbow does not move, though commanded over 2")
+
+
+def test_a_reading_that_stands_still_all_the_time():
+    (said,) = said_of(commands(), [np.full(401, 0.25)] * 3)
+    assert said.startswith("elbow reads 0.25 rad all the time, while it is commanded over")
+
+
+def test_a_reading_that_gets_stuck_for_a_while():
+    asked = commands()
+    read = [reads(delayed_by(c, 3), 1e-3) for c in asked]
+    read[2][200:260] = 0.125
+    (said,) = said_of(asked, read)
+    assert "reads 0.125 rad for 1.2 s of episode 2, while it is commanded elsewhere" in said
+
+
+def test_a_joint_that_rests_when_it_is_asked_to_is_not_stuck():
+    asked = commands()
+    for command in asked:
+        command[100:200] = command[100]
+    assert said_of(asked, [reads(delayed_by(c, 3)) for c in asked]) == []
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit", "said"),
+    [
+        (180 / np.pi, "rad", 'are its readings degrees? give the sensor unit = "deg"'),
+        (np.pi / 180, "rad", "are its readings rad already, or are the actions degrees?"),
+        (1000, "m", 'are its readings mm? give the sensor unit = "mm"'),
+        (-1, "rad", "the sign of its readings, or of its actions, is reversed"),
+        (-180 / np.pi, "rad", "the sign is reversed, too"),
+    ],
+)
+def test_other_units_and_signs(factor, unit, said):
+    asked = commands()
+    read = [factor * reads(delayed_by(filtered_by(c, 4), 2), 0.01) + 0.2 for c in asked]
+    (found,) = said_of(asked, read, unit)
+    assert said in found
+    assert found.startswith("elbow moves ")
+
+
+def test_another_joint_s_column():
+    (said,) = said_of(commands(), [reads(c) for c in commands(seed=7)])
+    assert "hardly follows its command" in said
+
+
+def test_a_joint_that_stays_behind_where_it_is_commanded_farthest():
+    asked = commands()
+    read = [reads(np.minimum(delayed_by(filtered_by(c, 4), 2), 0.5), 0.002) for c in asked]
+    (said,) = said_of(asked, read)
+    assert "a torque limit, or a stop?" in said
+    assert "and follows elsewhere" in said
+
+
+def test_a_soft_servo_is_no_doubt():
+    """It gives way everywhere alike: a gain and a gravity explain it."""
+    asked = commands()
+    read = [reads(0.85 * delayed_by(filtered_by(c, 4), 2), 0.002) - 0.1 for c in asked]
+    assert said_of(asked, read) == []
