@@ -44,6 +44,7 @@ def a_fit(motion: float = 0.3, picture: float = 0.004, latency_steps: int = 0) -
         sensors=(KEYPOINTS,),
         start=np.zeros(1),
         latency_steps=latency_steps,
+        offsets=np.zeros(0),
     )
 
 

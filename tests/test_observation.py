@@ -72,6 +72,7 @@ class PositionSensor:
     size: int = 2
     std: float = 0.003
     name: str = "encoder"
+    labels: tuple[str, ...] = ("slider", "hinge_1")
 
     def observe(self, batch) -> np.ndarray:
         return np.array(batch.qpos).reshape(batch.nsim, -1)[:, : self.size]

@@ -7,6 +7,7 @@ import numpy as np
 
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.observed import Observed
+from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.particles import Particles
 from simtune.fit.physics import Physics
 from simtune.fit.pictures import PictureFit, fit_pictures
@@ -67,7 +68,7 @@ class ReplayFit:
         latency_steps = latencies[0]
         if len(latencies) > 1:
             latency_steps = self._find_latency(observed, start.parameters, latencies)
-        observed = observed.delayed(latency_steps)
+        observed, offsets = self._find_offsets(observed.delayed(latency_steps), start.parameters)
         num, kept = len(observed), num_fitted(len(observed))
         fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
         states, start = self._follow(observed, fitted, start)
@@ -97,6 +98,7 @@ class ReplayFit:
             tuple((part.name, part.unit) for part in observed.evidence.parts),
             motion.full_states[0, 0],
             latency_steps,
+            offsets,
         )
 
     def _shooting(self, fitted: np.ndarray, config: ShootingConfig | None = None) -> Shooting:
@@ -143,16 +145,30 @@ class ReplayFit:
         self, observed: Observed, parameters: np.ndarray, latencies: Sequence[int]
     ) -> int:
         """The latency of the actions, in steps, with which the motion fits clearly best."""
-        stages = (Stage(4, 3, 3.0), Stage(8, 3))
-        num_windows = max(12, self._config.shooting.num_windows // 3)
-        quick = ShootingConfig(stages=stages, num_windows=num_windows)
         misfits = []
         for steps in latencies:
-            late = observed.delayed(steps)
-            fit = self._shooting(self._moving, quick).fit(late, self._estimator(late), parameters)
+            fit = self._fit_quickly(observed.delayed(steps), parameters)
             misfits.append(float(np.median(fit.misfit)))
         best = int(np.argmin(misfits))
         return latencies[best if misfits[best] < misfits[0] - _CLEARLY_BETTER else 0]
+
+    def _find_offsets(
+        self, observed: Observed, parameters: np.ndarray
+    ) -> tuple[Observed, np.ndarray]:
+        """Without what encoders show too much, as pictures tell; (D,) that, of all joints read."""
+        if not has_unknown_offsets(observed):
+            return observed, np.zeros(0)
+        fit = self._fit_quickly(loosened(observed), parameters)
+        unit = self.space.to_unit(parameters)
+        unit[self._moving] = fit.unit
+        return without_offsets(observed, self._physics, fit, self.space.from_unit(unit))
+
+    def _fit_quickly(self, observed: Observed, parameters: np.ndarray) -> ShootingFit:
+        stages = (Stage(4, 3, 3.0), Stage(8, 3))
+        num_windows = max(12, self._config.shooting.num_windows // 3)
+        quick = ShootingConfig(stages=stages, num_windows=num_windows)
+        states = self._estimator(observed)
+        return self._shooting(self._moving, quick).fit(observed, states, parameters)
 
     def _fit_pictures(
         self, motion: ShootingFit, observed: Observed, parameters: np.ndarray

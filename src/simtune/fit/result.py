@@ -37,6 +37,7 @@ class FitResult:
     sensors: tuple[tuple[str, str], ...]  # names and units of the misfits in motion
     start: np.ndarray  # (S,) the full state in which the first episode began
     latency_steps: int  # by which the actions seem to take effect late
+    offsets: np.ndarray  # (D,) measured − true, of joints that are read beside pictures; or none
 
     @property
     def is_moving(self) -> np.ndarray:

@@ -18,12 +18,15 @@ class JointReadings:
     noise: float
     middle: np.ndarray  # (D,) and how far they vary: what a network sees is about 1 in size
     spread: np.ndarray
+    finds_offset: bool = False  # whether they may show a constant more than the truth
 
     @classmethod
-    def of(cls, name: str, unit: str, values: np.ndarray, noise: float) -> "JointReadings":
+    def of(
+        cls, name: str, unit: str, values: np.ndarray, noise: float, finds_offset: bool = False
+    ) -> "JointReadings":
         flat = values.reshape(-1, values.shape[-1])
         middle, spread = np.nanmean(flat, 0), np.nanstd(flat, 0)
-        return cls(name, unit, values, noise, middle, np.maximum(spread, noise))
+        return cls(name, unit, values, noise, middle, np.maximum(spread, noise), finds_offset)
 
     @property
     def scale(self) -> np.ndarray:

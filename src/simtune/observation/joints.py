@@ -78,4 +78,6 @@ class JointSensor:
 
     def evidence(self, readings: np.ndarray) -> JointReadings:
         """Of (E, T + 1, D) readings."""
-        return JointReadings.of(self.name, self.unit, readings, self.noise_or_usual)
+        return JointReadings.of(
+            self.name, self.unit, readings, self.noise_or_usual, self.finds_offsets
+        )

@@ -12,6 +12,7 @@ A round is sequential neural posterior estimation with a truncated prior, and th
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -245,7 +246,10 @@ class PosteriorSearch:
             self._bootstrap = stage.bootstrap(observed, fit, start, num, rng, may_be_last, part)
         assert self._bootstrap is not None, "made in a round"
         ranges = (self.searched, self.first)
-        return conclude(prob_higher, fit, self._bootstrap, *ranges, config.range_update)
+        estimate, curves = conclude(prob_higher, fit, self._bootstrap, *ranges, config.range_update)
+        labels = self.context.observation.reading_labels
+        offsets = dict(zip(labels, fit.offsets.tolist(), strict=False))
+        return replace(estimate, offsets=offsets), curves
 
     def _num_refits(self, budget: Budget, fit_s: float) -> int:
         """As many as there is time for, after a fit that took so long."""

@@ -1,0 +1,105 @@
+"""Joint readings as evidence, and what encoders show more than the truth beside pictures."""
+
+import numpy as np
+import pytest
+from test_fit import MOVING, SPACE, observed_of, rough_states, simulator  # noqa: F401
+
+from simtune.fit import Observed, Physics
+from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
+from simtune.fit.open_loop import Groups, Slopes
+from simtune.fit.output_error import correlation_times
+from simtune.fit.shooting import Shooting, ShootingConfig, Stage
+from simtune.observation import AllEvidence, JointReadings, JointSensor, ObservationModel
+from simtune.randomization import Distribution
+from simtune.simulation import random_actions
+from simtune.vision.keypoints import find_keypoints
+
+
+def sensor_of(**changed) -> JointSensor:
+    usual = {"name": "encoders", "columns": ("a", "b"), "joints": ("a", "b")}
+    usual |= {"places": np.array([0, 1]), "factor": np.ones(2), "shift": np.zeros(2)}
+    return JointSensor(**(usual | changed))
+
+
+def test_readings_are_brought_to_units_and_to_the_frames_moments():
+    sensor = sensor_of(
+        factor=np.full(2, 180 / np.pi), shift=np.array([10.0, 0.0]), offset=0.1, latency_s=0.05
+    )
+    angles = np.arange(4.0)[:, None] + np.array([0.0, 1.0])
+    recorded = np.degrees(angles) + np.array([10.0, 0.0])
+    readings = sensor.from_recorded(recorded, step_s=0.1)
+    # Half a step later, less the offset; of the last frame nothing is known yet
+    np.testing.assert_allclose(readings[:3, 0], [0.4, 1.4, 2.4])
+    np.testing.assert_allclose(readings[:3, 1], [1.4, 2.4, 3.4])
+    assert np.isnan(readings[3]).all()
+    there = sensor_of(factor=np.full(2, 2.0), shift=np.ones(2), offset=0.1)
+    values = np.array([[0.3, 0.4]])
+    np.testing.assert_allclose(there.from_recorded(there.to_recorded(values), 0.1), values)
+
+
+def test_student_weights_and_gaps_by_hand():
+    values = np.array([[[0.0, np.nan]], [[0.2, 1.0]]])
+    evidence = JointReadings.of("encoders", "rad", values, noise=0.1)
+    residuals, weights = evidence.linearize(np.full((2, 1, 2), 0.1))
+    np.testing.assert_allclose(residuals[:, 0, 0], [1.0, -1.0])
+    np.testing.assert_allclose(weights[:, 0, 0], 5 / (4 + 1))
+    assert residuals[0, 0, 1] == weights[0, 0, 1] == 0
+    likelihood = evidence.log_likelihood(np.full((2, 1, 2), 0.1))
+    np.testing.assert_allclose(likelihood[0], -2.5 * np.log(1.25))
+    assert evidence.typical_distance(np.full((2, 1, 2), 0.1)) == pytest.approx(0.1)
+
+
+def test_what_two_sensors_measure_is_told_apart_by_name():
+    one, other = sensor_of(), sensor_of(name="second", joints=("b", "c"))
+    model = ObservationModel.of_simulator((one, other))
+    assert model.reading_labels == ("a", "encoders/b", "second/b", "c")
+    assert model.only(("joints",)).cameras == ()
+    assert model.only(("cameras", "second")).reading_labels == ("b", "c")
+
+
+def test_white_noise_counts_fully_and_a_slow_residual_once_in_its_time():
+    rng = np.random.default_rng(0)
+    white, slow = rng.normal(size=(20, 400)), np.zeros((20, 400))
+    for t in range(1, 400):
+        slow[:, t] = 0.9 * slow[:, t - 1] + rng.normal(size=20)
+    times = correlation_times(np.stack([white, slow], -1))
+    assert times[0] < 1.3
+    assert times[1] == pytest.approx((1 + 0.9) / (1 - 0.9), rel=0.2)  # of a first-order process
+
+
+def test_unknowns_that_share_no_reading_are_derived_by_at_once():
+    # Four parameters of two readings; the fourth hardly shows, and only where the first does more
+    effects = np.array([[1.0, 0.02], [0.9, 0.0], [0.0, 1.0], [0.0, 0.01]])
+    by_parameter = np.broadcast_to(effects[None, :, None, :], (3, 4, 5, 2))
+    slopes = Slopes(np.zeros((3, 5, 2)), by_parameter, np.zeros((3, 0, 5, 2)))
+    groups = Groups.of(slopes, np.ones(2))
+    assert groups.number[0] == groups.number[2] != groups.number[1]
+    its_group = groups.owner[groups.number[3]]
+    assert its_group[1] == 3  # not who has a larger side effect there
+    assert groups.owner[groups.number[0]].tolist() == [0, 2]
+
+
+@pytest.mark.thorough
+def test_an_encoders_offset_is_found_by_what_pictures_show(simulator):  # noqa: F811
+    rng, noise = np.random.default_rng(0), 0.002
+    keypoints = find_keypoints(simulator, "fixed", Distribution.first(SPACE, SPACE.nominal), 0)
+    sensor = sensor_of(joints=("slider", "hinge_1"), noise=noise)
+    see = ObservationModel.of_simulator((sensor,)).observe_beside(keypoints.observe)
+    actions = random_actions(3, 60, simulator.model, rng)
+    worlds = np.repeat(SPACE.nominal[None], 3, 0)
+    rollouts = simulator.roll_out(worlds, actions, rng, see)
+    seen = rollouts.observed
+    of_pictures = type(rollouts)(**{**vars(rollouts), "observed": seen[..., :-2]})
+    tracks = observed_of(of_pictures, 0.3, 0.0, rng).evidence.parts[0]
+    shown = seen[..., -2:] + [0.02, -0.06] + noise * rng.normal(size=seen[..., -2:].shape)
+    both = AllEvidence((tracks, sensor.evidence(shown)))
+    observed = Observed(both, rollouts.actions.astype(float))
+    assert has_unknown_offsets(observed)
+    physics = Physics(simulator, see, rollouts.states[0, 0])
+    config = ShootingConfig(stages=(Stage(4, 3, 3.0), Stage(8, 3)), num_windows=24)
+    shooting = Shooting(physics, np.array([0.1, 0.1, 0.5, 0.5]), MOVING, config)
+    fit = shooting.fit(loosened(observed), rough_states(rollouts, rng), SPACE.nominal)
+    corrected, offsets = without_offsets(observed, physics, fit, SPACE.nominal)
+    np.testing.assert_allclose(offsets, [0.02, -0.06], atol=0.006)
+    left = corrected.evidence.parts[1].typical_distance(seen[..., -2:])
+    assert left < 3 * noise
