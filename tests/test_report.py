@@ -554,6 +554,7 @@ def test_report_of_readings_alone_speaks_of_no_videos(readings_run):
     assert "these recordings do not tell" in page.text
     assert "changes the recordings least" in page.text
     assert "output error" in page.text
+    assert "Other actions may." in page.text
 
 
 def test_report_of_videos_and_readings_has_both(run_path):
