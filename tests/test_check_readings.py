@@ -11,6 +11,7 @@ import pytest
 from simtune import cli
 from simtune.check import check, table
 from simtune.check.readings import read_episodes, reading_changes
+from simtune.check.servo_commands import commands_of, servos_of
 from simtune.config import CheckConfig
 from simtune.fit.reading_sensitivity import ReplayedReadings
 from simtune.fit.sensitivity import one_by_one
@@ -195,6 +196,39 @@ def test_servos_of_recordings(blind, recorded):
     assert read.warnings == []
     _, assumed = reading_changes(simulator, seen, np.zeros((1, 20, 2)), read, 0)
     assert "0.5 s at a time" in assumed
+
+
+@pytest.mark.parametrize(
+    ("actions", "target"),
+    [
+        ("", 0.6),  # the control, by the gear
+        ("mapping = 'scaled'\nactuators = ['servo', 'push']\ngain = [0.5, 1]\noffset = 0.2", 0.4),
+        ("mapping = 'joints'\nactuators = ['servo']\nper_unit = 0.1", 0.25 + 0.1),  # by 1 at most
+    ],
+)
+def test_commands_of_a_servo_by_hand(tmp_path, actions, target):
+    task = write_task(tmp_path, BLIND + f"\n[actions]\n{actions}\n" * bool(actions))
+    simulator = task.simulator(image_size=16)
+    num, column = len(simulator.action_mapping.names), 0 if "servo" in actions else 1
+    given = np.zeros((300, num), np.float32)
+    given[:, column] = 1.2
+    frames = np.empty((301, 0, 0, 3), np.uint8)
+    readings = {"arm": np.full((301, 1), 0.25), "cart": np.zeros((301, 1))}
+    trajectory = Trajectory(frames, given, STEP_S, readings)
+    servo, none = servos_of(simulator, task.sensors)
+    assert none is None  # a motor moves the cart
+    assert servo is not None
+    (controls,) = commands_of(simulator, task.sensors, [trajectory])
+    np.testing.assert_allclose(servo.targets(controls), np.full(300, target), rtol=1e-6)
+
+
+def test_what_integrates_its_control_is_no_servo_of_positions(tmp_path):
+    scene = SCENE.replace('<position name="servo" joint="elbow" kp="40" kv="4" gear="2"/>', "")
+    speed = '<intvelocity name="servo" joint="elbow" kp="40" kv="4" actrange="-1 1"/>'
+    (tmp_path / "scene.xml").write_text(scene.replace("</actuator>", f"{speed}</actuator>"))
+    (tmp_path / "tune.toml").write_text(BLIND)
+    task = load_task(str(tmp_path / "tune.toml"))
+    assert servos_of(task.simulator(image_size=16), task.sensors) == [None, None]
 
 
 def test_readings_in_other_units_are_noticed(recorded, tmp_path):

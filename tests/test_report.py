@@ -554,6 +554,7 @@ def test_report_of_readings_alone_speaks_of_no_videos(readings_run):
     assert "these recordings do not tell" in page.text
     assert "changes the recordings least" in page.text
     assert "output error" in page.text
+    assert "Other actions may." in page.text
 
 
 def test_report_of_videos_and_readings_has_both(run_path):
@@ -599,3 +600,14 @@ def test_what_is_left_is_drawn_in_thousandths(readings_run):
     assert len(after) == 2
     assert reading_plot(run, "elbow").y.high == pytest.approx(1.2 + 0.06 * 2, abs=0.1)
     assert error_plot(run, "gone") is None
+
+
+def test_curves_that_diverged_before_tuning_leave_the_others_to_be_seen(readings_run):
+    def diverge(replay):
+        replay["sensors"]["elbow"]["before"][100:] = [-1e3] * 121
+
+    _edit(readings_run / "replay.json", diverge)
+    run = read_run(readings_run)
+    plot = reading_plot(run, "elbow")
+    assert plot is not None
+    assert -6 < plot.y.low < plot.y.high < 2

@@ -72,8 +72,7 @@ def _of_recordings(
     num = how_many(dataset, config.episodes)
     recorded, film = look_through(dataset, say, min(num, _LOOKED_AT) * has_camera)
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
-    search = "posterior" if has_camera else "readings"
-    facts["warnings"] = warnings(task, facts["recordings"], recorded, num, search)
+    facts["warnings"] = warnings(task, facts["recordings"], recorded, num)
     # Supersampled as in tuning: a real camera averages over its pixels.
     simulator = task.simulator(
         image_size=image_size, step_s=dataset.step_s, supersampling=seen.supersampling

@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
-from mujoco.batch import Batch
 
+from simtune.check.servo_commands import commands_of, servos_of
 from simtune.check.servo_doubts import doubts
 from simtune.check.servos import Servo, fit_servo
 from simtune.fit import Readings
@@ -22,8 +21,6 @@ from simtune.trajectory import Trajectory
 _CORRELATED_S = 0.5  # for which what is left of a reading goes on: a model's fault, no noise
 _LEFT = 0.03  # of how far a reading moves, that a fit may leave where no servo says how much
 _FEWEST_STEPS = 8
-_CHUNK = 256  # worlds of which controls are asked at once
-_JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 _ASSUMED_OF_RECORDINGS = (
     f"as if what a lag and an offset leave of each reading, for {_CORRELATED_S:g} s at a "
     "time, were left by the best fit, too"
@@ -40,16 +37,6 @@ class ReadEpisodes(NamedTuple):
     warnings: list[str]
 
 
-class _ServoOf(NamedTuple):
-    """A servo of positions: its joint's target is shift + factor · control."""
-
-    name: str
-    control: int
-    factor: float
-    shift: float
-    limits: tuple[float, float]
-
-
 def read_episodes(
     dataset: Dataset, num: int, simulator: Simulator, observation: ObservationModel
 ) -> ReadEpisodes:
@@ -59,13 +46,13 @@ def read_episodes(
     sensors = [s for s in observation.sensors if isinstance(s, JointSensor)]
     labels = observation.reading_labels
     units = [sensor.unit for sensor in sensors for _ in sensor.labels]
-    followed = _servos_of(simulator, sensors)
-    commands = _commands(simulator, sensors, trajectories) if any(followed) else []
+    followed = servos_of(simulator, sensors)
+    commands = commands_of(simulator, sensors, trajectories) if any(followed) else []
     read = Readings.of(trajectories, sensors).values
     for column, its in enumerate(followed):
         if its is None or len(trajectories[0]) < _FEWEST_STEPS:
             continue
-        asked = [its.shift + its.factor * np.clip(c[:, its.control], *its.limits) for c in commands]
+        asked = [its.targets(c) for c in commands]
         measured = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
         servo = fit_servo(asked, measured, simulator.step_s)
         servos[labels[column]] = servo
@@ -114,51 +101,3 @@ def _trajectory(dataset: Dataset, episode: int, observation: ObservationModel) -
     }
     frames = np.empty((len(actions) + 1, 0, 0, 3), np.uint8)
     return Trajectory(frames, actions, dataset.step_s, readings)
-
-
-def _servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[_ServoOf | None]:
-    """Of each reading the servo that actions command; None where there is none."""
-    model, commanded = simulator.model, simulator.action_mapping.names
-    by_joint: dict[str, _ServoOf] = {}
-    for i in range(model.nu):
-        name, pull = model.actuator(i).name or f"actuator {i}", -model.actuator_biasprm[i, 1]
-        if name not in commanded or pull <= 0 or model.actuator_trntype[i] != _JOINT:
-            continue
-        per_length = 1 / (pull * model.actuator_gear[i, 0])
-        limited = bool(model.actuator_ctrllimited[i])
-        low, high = model.actuator_ctrlrange[i] if limited else (-np.inf, np.inf)
-        by_joint[model.joint(int(model.actuator_trnid[i, 0])).name] = _ServoOf(
-            name,
-            int(model.actuator_ctrladr[i]),
-            float(model.actuator_gainprm[i, 0] * per_length),
-            float(model.actuator_biasprm[i, 0] * per_length),
-            (float(low), float(high)),
-        )
-    return [
-        None if sensor.is_velocity else by_joint.get(joint)
-        for sensor in sensors
-        for joint in sensor.joints
-    ]
-
-
-def _commands(
-    simulator: Simulator, sensors: Sequence[JointSensor], trajectories: Sequence[Trajectory]
-) -> list[np.ndarray]:
-    """(T, nu) controls of each episode, as the task's actions give them.
-
-    Relative ones displace joints from where they were measured.
-    """
-    batch, every = Batch(simulator.model, _CHUNK), []
-    for trajectory in trajectories:
-        controls = []
-        for start in range(0, len(trajectory), _CHUNK):
-            actions = trajectory.actions[start : start + _CHUNK].astype(float)
-            for sensor in sensors:
-                if not sensor.is_velocity:
-                    its = trajectory.readings[sensor.name][start : start + len(actions)]
-                    batch.qpos[: len(its), sensor.places] = np.nan_to_num(its)
-            padded = np.pad(actions, ((0, _CHUNK - len(actions)), (0, 0)), mode="edge")
-            applied = simulator.action_mapping.apply(batch, padded)
-            controls.append(applied[: len(actions)])
-        every.append(np.concatenate(controls))
-    return every

@@ -12,6 +12,7 @@ from simtune.validate import is_number
 _MOST_POINTS = 300  # of a line: more than there are pixels
 _KINDS = ("measured", "before", "after")  # drawn in this order
 _UNIT_PX = 12  # above the plot, for the unit
+_MOST_SPANS = (2, 20)  # times what is measured; what is left after: that curves before may take
 _SMALL = 0.5  # what is left, where no number is larger, is written in thousandths
 
 
@@ -56,8 +57,7 @@ def _plot(
     longest = max(map(len, curves.values()))
     times = np.arange(longest) * step_s
     x = Axis(0, max(times[-1], step_s), LEFT + 4, WIDTH - RIGHT - 4)
-    shown = np.append(known, 0.0) if zero else known
-    low, high = float(shown.min()), float(shown.max())
+    low, high = _ends(curves, zero)
     air = 0.06 * (high - low) or 1e-3  # always linear: an angle's zero is nowhere special
     y = Axis(low - air, high + air, HEIGHT - BOTTOM, TOP + _UNIT_PX)
     plot = Plot(title, x, y)
@@ -70,6 +70,20 @@ def _plot(
         for line in _lines(times, curves[name]) if name in curves else []:
             plot.line(line, name)
     return plot
+
+
+def _ends(curves: dict[str, np.ndarray], zero: bool) -> tuple[float, float]:
+    """Of the vertical axis. What diverged before tuning is drawn at its edge: the rest is seen."""
+    kept = [its for name, its in curves.items() if name != "before"] or [*curves.values()]
+    every, core = (np.concatenate([*its, [0.0] * zero]) for its in (curves.values(), kept))
+    low, high, span = (
+        np.nanmin(core),
+        np.nanmax(core),
+        _MOST_SPANS[zero] * np.ptp(core[np.isfinite(core)]),
+    )
+    if not span:
+        return float(np.nanmin(every)), float(np.nanmax(every))
+    return float(max(np.nanmin(every), low - span)), float(min(np.nanmax(every), high + span))
 
 
 def _lines(times: np.ndarray, values: np.ndarray) -> list[list[tuple[float, float]]]:
