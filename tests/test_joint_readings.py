@@ -23,7 +23,10 @@ def sensor_of(**changed) -> JointSensor:
 
 def test_readings_are_brought_to_units_and_to_the_frames_moments():
     sensor = sensor_of(
-        factor=np.full(2, 180 / np.pi), shift=np.array([10.0, 0.0]), offset=0.1, latency_s=0.05
+        factor=np.full(2, 180 / np.pi),
+        shift=np.array([10.0, 0.0]),
+        offset=np.full(2, 0.1),
+        latency_s=0.05,
     )
     angles = np.arange(4.0)[:, None] + np.array([0.0, 1.0])
     recorded = np.degrees(angles) + np.array([10.0, 0.0])
@@ -32,7 +35,7 @@ def test_readings_are_brought_to_units_and_to_the_frames_moments():
     np.testing.assert_allclose(readings[:3, 0], [0.4, 1.4, 2.4])
     np.testing.assert_allclose(readings[:3, 1], [1.4, 2.4, 3.4])
     assert np.isnan(readings[3]).all()
-    there = sensor_of(factor=np.full(2, 2.0), shift=np.ones(2), offset=0.1)
+    there = sensor_of(factor=np.full(2, 2.0), shift=np.ones(2), offset=np.array([0.1, 0.2]))
     values = np.array([[0.3, 0.4]])
     np.testing.assert_allclose(there.from_recorded(there.to_recorded(values), 0.1), values)
 

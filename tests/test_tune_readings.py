@@ -202,3 +202,26 @@ def test_what_cannot_be_observed_is_refused(arm: Path, truth: Path, tmp_path: Pa
     )
     with pytest.raises(InputError, match="shows in pictures only"):
         build_experiment(TuneConfig(task=str(lit), out=tmp_path / "run"))
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ('name = "joints"', "'joints' is what --observe calls all of a kind"),
+        ('joints = "wrist"', "no joint 'wrist' in the model; there are: shoulder, elbow"),
+        ('unit = "mm"', "mm is no unit of shoulder"),
+        ("noise = 0", "noise must be a finite number above 0, got 0"),
+        ("latency_s = 2.0", r"latency_s must lie in \[0, 1\] s, got 2"),
+        ('columns = ["a", "b", "c"]', "expected 2 columns, one for each joint, .* got 3"),
+        ('quantity = "torque"', "'torque'.*there are: position, velocity"),
+        ('quantities = "position"', "quantities"),
+    ],
+)
+def test_a_wrong_sensor_is_told_with_its_line(line: str, complaint: str, tmp_path: Path):
+    sensor = {"name": '"encoders"', "joints": '["shoulder", "elbow"]', "noise": "0.002"}
+    key, _, value = line.partition(" = ")
+    written = "\n".join(f"{k} = {v}" for k, v in (sensor | {key: value}).items())
+    begin, end = TUNE.index('name = "encoders"'), TUNE.index("[[parameters]]")
+    arm = write_arm(tmp_path, TUNE[:begin] + written + "\n\n" + TUNE[end:])
+    with pytest.raises(InputError, match=rf"tune\.toml:\d+: .*{complaint}"):
+        build_experiment(TuneConfig(task=str(arm), out=tmp_path / "run"))

@@ -25,7 +25,7 @@ class JointSensor:
     factor: np.ndarray
     shift: np.ndarray
     noise: float | None = None  # standard deviation, in `unit`; None: not known
-    offset: float | None = None  # measured − true, in `unit`; None: not known, one for each joint
+    offset: np.ndarray | None = None  # (D,) measured − true, in `unit`; None: not known
     latency_s: float = 0.0  # by which a reading is older than the picture beside it
 
     @property
@@ -48,6 +48,10 @@ class JointSensor:
         return self.offset is None and not self.is_velocity
 
     @property
+    def _known_offset(self) -> np.ndarray:
+        return np.zeros(self.size) if self.offset is None else self.offset
+
+    @property
     def noise_or_usual(self) -> float:
         return _USUAL_NOISE if self.noise is None else self.noise
 
@@ -56,7 +60,7 @@ class JointSensor:
 
         `recorded`: (T + 1, D) as they were written, one a step of `step_s` seconds.
         """
-        readings = (recorded - self.shift) / self.factor - (self.offset or 0.0)
+        readings = (recorded - self.shift) / self.factor - self._known_offset
         if not self.latency_s:
             return readings
         frames = np.arange(len(readings))
@@ -66,7 +70,7 @@ class JointSensor:
 
     def to_recorded(self, readings: np.ndarray) -> np.ndarray:
         """(..., D) the inverse, but for a latency."""
-        return (readings + (self.offset or 0.0)) * self.factor + self.shift
+        return (readings + self._known_offset) * self.factor + self.shift
 
     def observe(self, batch: Any) -> np.ndarray:
         """(n, D) of n simulated worlds."""

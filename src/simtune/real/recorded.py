@@ -47,10 +47,17 @@ class RecordedReal(RealWorld):
 
     def _in_units(self, read: Trajectory) -> dict[str, np.ndarray]:
         """The readings as a fit has them; see `Sensor.from_recorded`."""
-        return {
-            sensor.name: sensor.from_recorded(read.readings[sensor.name], self.step_s)
-            for sensor in self.observation.sensors
-        }
+        found = {}
+        for sensor in self.observation.sensors:
+            recorded = read.readings[sensor.name]
+            if recorded.shape[1] != sensor.size:
+                raise InputError(
+                    f"{self._dataset.where}: {', '.join(sensor.columns)} holds {recorded.shape[1]} "
+                    f"numbers, sensor {sensor.name} has {sensor.size} joints; name a column for "
+                    "each joint"
+                )
+            found[sensor.name] = sensor.from_recorded(recorded, self.step_s)
+        return found
 
 
 class ClosedReal(RealWorld):

@@ -19,6 +19,7 @@ _UNITS = {
     "mm": 1000.0,
 }
 _TURNS = ("rad", "deg")
+_KINDS = ("cameras", "joints")
 
 
 def read_sensors(file: TomlTable, model: mujoco.MjModel) -> tuple[JointSensor, ...]:
@@ -26,6 +27,8 @@ def read_sensors(file: TomlTable, model: mujoco.MjModel) -> tuple[JointSensor, .
     sensors: list[JointSensor] = []
     for entry in file.tables("sensors"):
         sensor = _read(entry, model)
+        if sensor.name in _KINDS:
+            raise entry.error(f"{sensor.name!r} is what --observe calls all of a kind", "name")
         if sensor.name in [other.name for other in sensors]:
             raise entry.error(f"there are two sensors {sensor.name!r}", "name")
         sensors.append(sensor)
@@ -60,7 +63,7 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         factor=factor,
         shift=shift,
         noise=None if noise is None else noise / float(factor.mean()),
-        offset=None if offset is None else offset / float(factor.mean()),
+        offset=None if offset is None else offset / factor,
         latency_s=latency_s,
     )
 
@@ -96,6 +99,8 @@ def _percent(
     entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What a joint's position is multiplied by, and what is added: 0 to 100 over its range."""
+    if len(set(model.jnt_type[ids].tolist())) > 1:
+        raise entry.error("give hinges and slides sensors of their own", "joints")
     low, high = model.jnt_range[ids].T
     if not np.all(model.jnt_limited[ids]):
         name = model.joint(int(ids[np.argmin(model.jnt_limited[ids])])).name
