@@ -62,8 +62,8 @@ class RealConfig(RecordingsConfig):
 
     real: str = "pseudo"
     """The real world: `pseudo`, a simulated one that is filmed and scored against, recordings of
-    video and actions (a LeRobotDataset v3, pairs of mp4 and csv, or HDF5: docs/recordings.md), or
-    a robot: `xarm`, `lerobot`."""
+    video and actions (a LeRobotDataset v3 or v2, pairs of mp4 and csv, or HDF5:
+    docs/recordings.md), or a robot: `xarm`, `lerobot`."""
     robot: Path | None = None
     """With `xarm` and `lerobot`: a TOML file of the robot, its limits and its camera."""
     move: bool = False

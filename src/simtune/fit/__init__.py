@@ -3,11 +3,12 @@
 from simtune.fit.bootstrap import FEW_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.observed import Observed
-from simtune.fit.open_loop import OpenLoop, Readings, open_loop
+from simtune.fit.open_loop import OpenLoop, open_loop
 from simtune.fit.output_error import OutputError, OutputErrorFit
 from simtune.fit.output_error import Stage as OutputErrorStage
 from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
+from simtune.fit.readings import Readings
 from simtune.fit.replay_fit import ReplayFit, num_fitted
 from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.shooting import ShootingConfig, Stage

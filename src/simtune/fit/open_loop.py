@@ -5,103 +5,19 @@ begins anew: a short one is nearly linear in what is unknown, a whole one is wha
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from simtune.fit.physics import Physics
+from simtune.fit.readings import Readings, Stretches, filled, velocities
+from simtune.fit.slopes import Groups, Slopes
 from simtune.observation import JointSensor, ObservationModel
 from simtune.simulation import AnySimulator, Simulator
-from simtune.trajectory import Trajectory, delayed
 
-# Readings, through which a parabola goes, to know a velocity by; more of them would smooth away how
-# a robot that was at rest begins to move. So far off that may be, in noise a step:
-_SMOOTHED, _VELOCITY_ERROR = 3, 3.0
+_VELOCITY_ERROR = 3.0  # of a start's, in noise a step
 _UNIT_DELTA = 1e-3
 _FIRST, _BEGIN_ITERATIONS = 5, 3  # steps that say what a replay begins with
 _STATE_DELTA = 0.05  # of what is unknown of a state
-_SIDE_EFFECT = 0.1  # of the largest effect on a reading: one that can wait
-
-
-@dataclass(frozen=True)
-class Readings:
-    """Of E episodes, the shorter ones filled up with NaN and their last action."""
-
-    actions: np.ndarray  # (E, T, A)
-    values: np.ndarray  # (E, T + 1, D) of all sensors side by side; NaN where nothing was read
-
-    @classmethod
-    def of(cls, trajectories: Sequence[Trajectory], sensors: Sequence[JointSensor]) -> "Readings":
-        steps = max(len(t) for t in trajectories)
-        actions, values = [], []
-        for trajectory in trajectories:
-            missing = steps - len(trajectory)
-            its = np.hstack([trajectory.readings[sensor.name] for sensor in sensors])
-            actions.append(np.pad(trajectory.actions, ((0, missing), (0, 0)), mode="edge"))
-            values.append(np.pad(its, ((0, missing), (0, 0)), constant_values=np.nan))
-        return cls(np.stack(actions).astype(float), np.stack(values))
-
-    def delayed(self, steps: int) -> "Readings":
-        """The same, had the actions come so much later."""
-        return Readings(delayed(self.actions, steps), self.values)
-
-
-class Stretches(NamedTuple):
-    """W stretches of K steps."""
-
-    actions: np.ndarray  # (W, K, A)
-    values: np.ndarray  # (W, K + 1, D)
-    states: np.ndarray  # (W, nq + nv) in which each begins, as far as readings say
-    actuator_states: np.ndarray  # (W, S) what earlier actions left
-
-
-class Slopes(NamedTuple):
-    """What W stretches predict, and how that changes with what is unknown."""
-
-    predicted: np.ndarray  # (W, K + 1, D)
-    by_parameter: np.ndarray  # (W, P, K + 1, D) in unit coordinates
-    by_start: np.ndarray  # (W, S, K + 1, D) in terms of what is unknown of the start
-
-
-@dataclass(frozen=True)
-class Groups:
-    """Unknowns that are derived by at once, since no reading depends on two of a group.
-
-    An arm's elbow moves by its own servo's numbers, hardly by those of the others. So few worlds
-    give nearly all of the derivatives (Curtis, Powell and Reid 1974), and what is left out shows
-    in a step only, not in what is minimised.
-    """
-
-    number: np.ndarray  # (U,) the group of each unknown
-    owner: np.ndarray  # (G, D) the unknown of a group that a reading depends on most
-
-    @classmethod
-    def of(cls, slopes: "Slopes", noise: np.ndarray) -> "Groups":
-        """By derivatives, by all unknowns one by one; `noise`: (D,) of readings."""
-        every = np.concatenate([slopes.by_parameter, slopes.by_start], 1)
-        effect = np.sqrt(np.square(every).mean((0, 2))) / noise  # (U, D)
-        main = effect > _SIDE_EFFECT * effect.max(0)
-        main |= effect >= effect.max(1, keepdims=True)  # none without a reading of its own
-        number, taken = np.zeros(len(every[0]), int), []
-        for unknown, its in enumerate(main):
-            free = (group for group, used in enumerate(taken) if not (used & its).any())
-            group = next(free, len(taken))
-            taken += [np.zeros_like(its)] * (group == len(taken))
-            taken[group] = taken[group] | its
-            number[unknown] = group
-        # Whose main effect a reading is goes before whose side effect on it is larger
-        order = effect + main * effect.max()
-        owner = np.stack(
-            [np.where(number[:, None] == g, order, -1.0).argmax(0) for g in range(len(taken))]
-        )
-        return cls(number, owner)
-
-    @classmethod
-    def one_by_one(cls, num_unknown: int, num_readings: int) -> "Groups":
-        number = np.arange(num_unknown)
-        return cls(number, np.repeat(number[:, None], num_readings, 1))
 
 
 class OpenLoop:
@@ -146,13 +62,13 @@ class OpenLoop:
         for sensor in sorted(self.sensors, key=lambda s: s.is_velocity):
             at = sum(s.size for s in self.sensors[: self.sensors.index(sensor)])
             its = slice(at, at + sensor.size)
-            read = _filled(values[..., its]) - offsets[its]
+            read = filled(values[..., its]) - offsets[its]
             if sensor.is_velocity:
                 states[..., nq + sensor.places] = read
                 continue
             states[..., sensor.places] = read
             dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
-            states[..., nq + dofs] = _slope(read) / self.physics.simulator.step_s
+            states[..., nq + dofs] = velocities(read) / self.physics.simulator.step_s
         return states
 
     def cut(
@@ -273,19 +189,3 @@ def open_loop(
     begun = simulator.roll_out(start[None], still, rng, keep_diverged=True)
     physics = Physics(simulator, observation.observe_beside(), begun.states[0, 0])
     return OpenLoop(physics, joints, np.arange(len(simulator.space)))
-
-
-def _filled(values: np.ndarray) -> np.ndarray:
-    """(E, T, D) without gaps: straight lines through them."""
-    filled, steps = values.copy(), np.arange(values.shape[1])
-    for episode, column in np.ndindex(len(values), values.shape[2]):
-        its = filled[episode, :, column]
-        known = np.isfinite(its)
-        its[~known] = np.interp(steps[~known], steps[known], its[known]) if known.any() else 0.0
-    return filled
-
-
-def _slope(values: np.ndarray) -> np.ndarray:
-    """(E, T, D) changes a step, of a parabola through the readings near by."""
-    width = min(_SMOOTHED, values.shape[1] - (values.shape[1] + 1) % 2)
-    return np.asarray(savgol_filter(values, width, min(2, width - 1), deriv=1, axis=1))

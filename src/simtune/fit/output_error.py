@@ -22,17 +22,17 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from simtune.budget import Budget
-from simtune.fit.open_loop import Groups, OpenLoop, Readings, Slopes, Stretches
+from simtune.fit.open_loop import OpenLoop
+from simtune.fit.readings import Readings, Stretches
+from simtune.fit.residuals import HUBER, correlation_times, spread
+from simtune.fit.slopes import Groups, Slopes
 
 _PRIOR_STD = 0.3  # of parameters, in unit coordinates: nothing is known within a factor of 3
-_HUBER = 5.0  # root mean squares
-_CLIPPED = 3  # times: each time less of what stands out is left
 _LARGEST_STEP = 0.12
 _FIRST_DAMPING = 1e-2
 _DAMPING = (1e-4, 1e6)
 _TRIED = 7  # steps, each with more damping, before it is over
 _ENOUGH = 1e-4  # share of the cost, that a step has to gain for another one to follow
-_SMALLEST_NOISE = 1e-6
 _FEWEST = 2.0  # effective observations of a reading
 
 
@@ -95,7 +95,7 @@ class OutputError:
         nothing; then one by one again, to see whether it is over.
         """
         loop, damping, groups = self._loop, _FIRST_DAMPING, None
-        noise = _spread(self._residuals(stretches, point, self._predict(stretches, point)))
+        noise = spread(self._residuals(stretches, point, self._predict(stretches, point)))
         start_std = loop.start_std(noise)
         iteration = 0
         while True:
@@ -117,7 +117,7 @@ class OutputError:
                 return point, slopes
             if gain > 0:
                 point = tried
-                noise = _spread(self._residuals(stretches, point, predicted))
+                noise = spread(self._residuals(stretches, point, predicted))
             iteration += 1
             is_last = is_over or iteration >= iterations or budget.is_over
             groups = None if is_last else groups or Groups.of(slopes, noise)
@@ -133,7 +133,7 @@ class OutputError:
         self, stretches: Stretches, point: _Point, predicted: np.ndarray, noise: np.ndarray
     ) -> float:
         size = np.abs(np.nan_to_num(self._residuals(stretches, point, predicted) / noise))
-        huber = np.where(size < _HUBER, size**2 / 2, _HUBER * (size - _HUBER / 2))
+        huber = np.where(size < HUBER, size**2 / 2, HUBER * (size - HUBER / 2))
         away = (point.unit - self._prior)[self._fitted] / _PRIOR_STD
         return float(huber.sum() + np.square(point.shift).sum() / 2 + np.square(away).sum() / 2)
 
@@ -149,7 +149,7 @@ class OutputError:
         residuals = self._residuals(stretches, point, slopes.predicted) / noise
         known = np.isfinite(residuals)
         residuals = np.nan_to_num(residuals)
-        weights = known * np.minimum(1, _HUBER / np.maximum(np.abs(residuals), 1e-12))
+        weights = known * np.minimum(1, HUBER / np.maximum(np.abs(residuals), 1e-12))
         num = len(residuals)
         r, w = residuals.reshape(num, -1), weights.reshape(num, -1)
         by_start = (slopes.by_start / noise).reshape(num, -1, r.shape[1])
@@ -215,7 +215,7 @@ class OutputError:
         """How sure the parameters are, as if each residual counted as 1/τ of a measurement."""
         loop, num = self._loop, len(self._fitted)
         residuals = self._residuals(stretches, point, slopes.predicted)
-        noise, times = _spread(residuals), correlation_times(residuals)
+        noise, times = spread(residuals), correlation_times(residuals)
         count = np.maximum(np.isfinite(residuals).sum((0, 1)) / times, _FEWEST)
         # Each column pays for its own offset and for its share of the parameters
         spent = self._finds_offset + num / len(noise)
@@ -260,34 +260,3 @@ def _jackknife(equations: _Equations, information: np.ndarray) -> np.ndarray:
     num = len(moved)
     unsure = stdtrit(max(num - 1, 1), 0.95) / ndtri(0.95)
     return unsure * np.sqrt((num - 1) / num * np.square(moved - moved.mean(0)).sum(0))
-
-
-def _spread(residuals: np.ndarray) -> np.ndarray:
-    """(D,) root mean square of (W, K, D), but for what stands out far, such as lost packets.
-
-    Not the median's: where a simulator is wrong in a different way now and then, that counts.
-    """
-    size = np.abs(residuals.reshape(-1, residuals.shape[-1]))
-    rms = np.sqrt(np.nanmean(np.square(size), 0))
-    for _ in range(_CLIPPED):
-        rms = np.sqrt(np.nanmean(np.square(np.minimum(size, _HUBER * rms)), 0))
-    return rms + _SMALLEST_NOISE
-
-
-def correlation_times(residuals: np.ndarray) -> np.ndarray:
-    """(D,) integrated autocorrelation times, steps, of (W, K, D) residuals; 1 of white noise.
-
-    1 + 2 Σ ρ(l), summed up to where pairs of ρ get negative (Geyer 1992's initial sequence).
-    """
-    values = np.nan_to_num(residuals)
-    num_steps, known = values.shape[1], np.isfinite(residuals)
-    size = 2 ** int(np.ceil(np.log2(2 * num_steps)))
-    power = np.abs(np.fft.rfft(values, size, axis=1)) ** 2
-    pairs = np.abs(np.fft.rfft(known.astype(float), size, axis=1)) ** 2
-    covariance = np.fft.irfft(power, size, axis=1).sum(0)[:num_steps]
-    counts = np.maximum(np.fft.irfft(pairs, size, axis=1).sum(0)[:num_steps], 1)
-    covariance = covariance / counts
-    rho = covariance / np.maximum(covariance[:1], 1e-30)  # (K, D)
-    even = rho[: num_steps - num_steps % 2].reshape(-1, 2, rho.shape[1]).sum(1)
-    kept = np.minimum.accumulate(even > 0, axis=0)
-    return np.maximum(1.0, 2 * (even * kept).sum(0) - 1)

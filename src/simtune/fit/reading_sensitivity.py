@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simtune.fit.open_loop import OpenLoop, Readings, Stretches
+from simtune.fit.open_loop import OpenLoop
 from simtune.fit.physics import Physics
+from simtune.fit.readings import Readings, Stretches
 from simtune.observation import JointSensor, ObservationModel
 from simtune.simulation import Simulator
 

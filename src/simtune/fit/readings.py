@@ -1,0 +1,63 @@
+"""Joint readings of whole episodes, and stretches of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from simtune.observation import JointSensor
+from simtune.trajectory import Trajectory, delayed
+
+# Readings, through which a parabola goes, to know a velocity by: more of them would smooth away
+# how a robot that was at rest begins to move.
+_SMOOTHED = 3
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Of E episodes, the shorter ones filled up with NaN and their last action."""
+
+    actions: np.ndarray  # (E, T, A)
+    values: np.ndarray  # (E, T + 1, D) of all sensors side by side; NaN where nothing was read
+
+    @classmethod
+    def of(cls, trajectories: Sequence[Trajectory], sensors: Sequence[JointSensor]) -> "Readings":
+        steps = max(len(t) for t in trajectories)
+        actions, values = [], []
+        for trajectory in trajectories:
+            missing = steps - len(trajectory)
+            its = np.hstack([trajectory.readings[sensor.name] for sensor in sensors])
+            actions.append(np.pad(trajectory.actions, ((0, missing), (0, 0)), mode="edge"))
+            values.append(np.pad(its, ((0, missing), (0, 0)), constant_values=np.nan))
+        return cls(np.stack(actions).astype(float), np.stack(values))
+
+    def delayed(self, steps: int) -> "Readings":
+        """The same, had the actions come so much later."""
+        return Readings(delayed(self.actions, steps), self.values)
+
+
+class Stretches(NamedTuple):
+    """W stretches of K steps."""
+
+    actions: np.ndarray  # (W, K, A)
+    values: np.ndarray  # (W, K + 1, D)
+    states: np.ndarray  # (W, nq + nv) in which each begins, as far as readings say
+    actuator_states: np.ndarray  # (W, S) what earlier actions left
+
+
+def filled(values: np.ndarray) -> np.ndarray:
+    """(E, T, D) without gaps: straight lines through them."""
+    filled, steps = values.copy(), np.arange(values.shape[1])
+    for episode, column in np.ndindex(len(values), values.shape[2]):
+        its = filled[episode, :, column]
+        known = np.isfinite(its)
+        its[~known] = np.interp(steps[~known], steps[known], its[known]) if known.any() else 0.0
+    return filled
+
+
+def velocities(values: np.ndarray) -> np.ndarray:
+    """(E, T, D) changes a step, of a parabola through the readings near by."""
+    width = min(_SMOOTHED, values.shape[1] - (values.shape[1] + 1) % 2)
+    return np.asarray(savgol_filter(values, width, min(2, width - 1), deriv=1, axis=1))

@@ -1,0 +1,38 @@
+"""What a simulator leaves unexplained of readings: how much, and for how long it goes on."""
+
+import numpy as np
+
+HUBER = 5.0  # root mean squares: what stands out by more counts linearly (Huber 1964)
+_CLIPPED = 3  # times: each time less of what stands out is left
+_SMALLEST = 1e-6
+
+
+def spread(residuals: np.ndarray) -> np.ndarray:
+    """(D,) root mean square of (W, K, D), but for what stands out far, such as lost packets.
+
+    Not the median's: where a simulator is wrong in a different way now and then, that counts.
+    """
+    size = np.abs(residuals.reshape(-1, residuals.shape[-1]))
+    rms = np.sqrt(np.nanmean(np.square(size), 0))
+    for _ in range(_CLIPPED):
+        rms = np.sqrt(np.nanmean(np.square(np.minimum(size, HUBER * rms)), 0))
+    return rms + _SMALLEST
+
+
+def correlation_times(residuals: np.ndarray) -> np.ndarray:
+    """(D,) integrated autocorrelation times, steps, of (W, K, D) residuals; 1 of white noise.
+
+    1 + 2 Σ ρ(l), summed up to where pairs of ρ get negative (Geyer 1992's initial sequence).
+    """
+    values = np.nan_to_num(residuals)
+    num_steps, known = values.shape[1], np.isfinite(residuals)
+    size = 2 ** int(np.ceil(np.log2(2 * num_steps)))
+    power = np.abs(np.fft.rfft(values, size, axis=1)) ** 2
+    pairs = np.abs(np.fft.rfft(known.astype(float), size, axis=1)) ** 2
+    covariance = np.fft.irfft(power, size, axis=1).sum(0)[:num_steps]
+    counts = np.maximum(np.fft.irfft(pairs, size, axis=1).sum(0)[:num_steps], 1)
+    covariance = covariance / counts
+    rho = covariance / np.maximum(covariance[:1], 1e-30)  # (K, D)
+    even = rho[: num_steps - num_steps % 2].reshape(-1, 2, rho.shape[1]).sum(1)
+    kept = np.minimum.accumulate(even > 0, axis=0)
+    return np.maximum(1.0, 2 * (even * kept).sum(0) - 1)

@@ -1,0 +1,55 @@
+"""How predictions change with what is unknown, and what of it can be derived by at once."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+_SIDE_EFFECT = 0.1  # of the largest effect on a reading: one that can wait
+
+
+class Slopes(NamedTuple):
+    """What W stretches predict, and how that changes with what is unknown."""
+
+    predicted: np.ndarray  # (W, K + 1, D)
+    by_parameter: np.ndarray  # (W, P, K + 1, D) in unit coordinates
+    by_start: np.ndarray  # (W, S, K + 1, D) in terms of what is unknown of the start
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Unknowns that are derived by at once, since no reading depends on two of a group.
+
+    An arm's elbow moves by its own servo's numbers, hardly by those of the others. So few worlds
+    give nearly all of the derivatives (Curtis, Powell and Reid 1974), and what is left out shows
+    in a step only, not in what is minimised.
+    """
+
+    number: np.ndarray  # (U,) the group of each unknown
+    owner: np.ndarray  # (G, D) the unknown of a group that a reading depends on most
+
+    @classmethod
+    def of(cls, slopes: Slopes, noise: np.ndarray) -> "Groups":
+        """By derivatives, by all unknowns one by one; `noise`: (D,) of readings."""
+        every = np.concatenate([slopes.by_parameter, slopes.by_start], 1)
+        effect = np.sqrt(np.square(every).mean((0, 2))) / noise  # (U, D)
+        main = effect > _SIDE_EFFECT * effect.max(0)
+        main |= effect >= effect.max(1, keepdims=True)  # none without a reading of its own
+        number, taken = np.zeros(len(every[0]), int), []
+        for unknown, its in enumerate(main):
+            free = (group for group, used in enumerate(taken) if not (used & its).any())
+            group = next(free, len(taken))
+            taken += [np.zeros_like(its)] * (group == len(taken))
+            taken[group] = taken[group] | its
+            number[unknown] = group
+        # Whose main effect a reading is goes before whose side effect on it is larger
+        order = effect + main * effect.max()
+        owner = np.stack(
+            [np.where(number[:, None] == g, order, -1.0).argmax(0) for g in range(len(taken))]
+        )
+        return cls(number, owner)
+
+    @classmethod
+    def one_by_one(cls, num_unknown: int, num_readings: int) -> "Groups":
+        number = np.arange(num_unknown)
+        return cls(number, np.repeat(number[:, None], num_readings, 1))
