@@ -191,6 +191,23 @@ def test_intervals_widen_where_reality_fits_worse_than_refits():
     np.testing.assert_allclose(same, bootstrap.inflation() * a_fit().std)
 
 
+def test_a_fit_that_claims_less_than_refits_usually_do_is_no_surer_than_they_are():
+    claims = iter([0.004, 0.02, 0.028])
+    replay_fit = FakeReplayFit(lambda _: replace(a_fit(), std=np.full(len(SPACE), next(claims))))
+    start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
+    surest = replace(a_fit(), std=np.full(len(SPACE), 0.002))
+    made = run_bootstrap(replay_fit, observe_nothing, surest, start, 3, np.random.default_rng(0))
+    usual = np.sqrt(np.mean(np.square([0.004, 0.02, 0.028])))
+    std = inflate(surest, made).std / made.inflation()
+    np.testing.assert_allclose(std[MOVING], usual)
+    np.testing.assert_allclose(std[APPEARANCE], 0.002)
+    # One that knows itself to be unsure stays so.
+    unsure = replace(a_fit(), std=np.full(len(SPACE), 0.05))
+    np.testing.assert_allclose(inflate(unsure, made).std / made.inflation(), 0.05)
+    none = run_bootstrap(replay_fit, observe_nothing, surest, start, 0, np.random.default_rng(0))
+    np.testing.assert_allclose(inflate(surest, none).std, none.inflation() * 0.002)
+
+
 def test_the_worst_sensor_widens_intervals():
     bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
     bootstrap = replace(bootstrap, misfits=[Misfit((0.3, 0.01), 0.004)] * 8)

@@ -43,6 +43,8 @@ class Bootstrap:
     errors: np.ndarray  # (K, N) in terms of each fit's own standard deviations
     is_moving: np.ndarray  # (N,) bool: the others are appearance, which is easier to find
     misfits: list[Misfit] = field(default_factory=list)  # also of fits whose errors say nothing
+    # (N,) standard deviations that no fit is believed to be surer than; see `_usual_std`
+    usual_std: np.ndarray | float = 0.0
 
     def inflation(self) -> np.ndarray:
         """(N,) factors by which standard deviations have to be multiplied."""
@@ -89,7 +91,7 @@ def run_bootstrap(
     std = np.clip(2 * fit.std, _SMALLEST_STD, smallest)
     # As far as the real one's fit had to go: what begins near the truth ends there easily.
     away = np.maximum(start.std, np.abs(unit - space.to_unit(start.parameters)))
-    errors, misfits, astray = [], [], []
+    errors, stds, misfits, astray = [], [], [], []
     for number in range(num):
         if number and not budget.allows_another(number):
             break
@@ -103,13 +105,29 @@ def run_bootstrap(
             observed, PointEstimate(begin, start.std), (fit.latency_steps,), extend_horizon
         )
         misfits.append(refit.misfit)
-        errors.append((space.to_unit(refit.parameters) - truth) / refit.claimed_std)
+        errors.append(space.to_unit(refit.parameters) - truth)
+        stds.append(refit.std)
         # Either may be NaN.
         pairs = zip(refit.misfit.motion, fit.misfit.motion, strict=True)
         astray.append(any(its > _ASTRAY * real for its, real in pairs))
     # Where all of them went astray, the real one may well have: then they do count.
     kept = ~np.array(astray, bool) | np.all(astray)
-    return Bootstrap(np.array(errors).reshape(-1, len(unit))[kept], fit.is_moving, misfits)
+    shape = (-1, len(unit))
+    off, std = np.array(errors).reshape(shape)[kept], np.array(stds).reshape(shape)[kept]
+    usual_std = _usual_std(std, fit.is_moving)
+    claimed = np.hypot(np.maximum(std, usual_std), fit.discrepancy_std)
+    return Bootstrap(off / claimed, fit.is_moving, misfits, usual_std)
+
+
+def _usual_std(std: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
+    """(N,) root mean square of what (K, N) refits claim of what moves.
+
+    How far apart a fit's two sides end says most of what it claims, and that is a single draw:
+    sides that are both off may well meet. Few such draws tell together what is usual.
+    """
+    if not len(std):
+        return np.zeros(len(is_moving))
+    return np.where(is_moving, np.sqrt(np.square(std).mean(0)), 0.0)
 
 
 def _ratio(value: float, known) -> float:
