@@ -17,7 +17,10 @@ from simtune.fit import (
 )
 from simtune.fit.result import Misfit, block_correlation
 from simtune.observation import AllEvidence, ObservationModel
+from simtune.randomization import Distribution
 from simtune.tasks import load_task
+from simtune.tuning.fit_stage import conclude
+from simtune.tuning.range_update import RangeUpdateConfig, normal_curves
 
 SPACE = load_task("cartpole").parameters
 APPEARANCE = np.flatnonzero([p.is_appearance for p in SPACE])
@@ -257,7 +260,7 @@ def test_misfit_that_cannot_be_told_makes_everything_that_moves_unsure():
     nowhere = replace(bootstrap, misfits=[lost.misfit] * 2)
     for known in (nowhere, replace(bootstrap, misfits=[])):  # nothing to compare with
         assert np.isfinite(inflate(lost, known).std).all()
-        assert model_checks(lost, known) == []
+        assert not any("No setting" in warning for warning in model_checks(lost, known))
     one_lost = replace(bootstrap, misfits=[lost.misfit, a_fit().misfit])
     assert model_checks(a_fit(motion=0.9), one_lost), "a refit that was lost silences nothing"
 
@@ -290,3 +293,17 @@ def test_blocks_of_covariances_become_one_correlation():
     blocks = (np.array([0, 2]), motion), (np.array([1]), pictures)
     expected = [[1, 0, 0.5, 0], [0, 1, 0, 0], [0.5, 0, 1, 0], [0, 0, 0, 1]]
     np.testing.assert_allclose(block_correlation(4, blocks), expected)
+
+
+def test_without_a_refit_nothing_is_called_identified_and_that_is_said():
+    first = Distribution.first(SPACE, SPACE.nominal)
+    curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
+    judged, none = bootstrap_of(np.zeros((3, len(SPACE)))), bootstrap_of(np.zeros((0, len(SPACE))))
+    config = RangeUpdateConfig()
+    sure, _ = conclude(curves, a_fit(), judged, first, first, config)
+    assert sure.verdict == ["identified"] * len(SPACE)
+    assert sure.warnings == []
+    unsure, _ = conclude(curves, a_fit(), none, first, first, config)
+    assert "identified" not in unsure.verdict
+    (warning,) = unsure.warnings
+    assert "no time to fit a known world" in warning

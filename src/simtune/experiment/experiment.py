@@ -73,9 +73,7 @@ class Experiment(World):
 
     def warnings(self, real: list[Trajectory]) -> list[str]:
         """What may be wrong with recordings; of other real episodes nothing is known."""
-        looks_at_pictures = bool(self.context.observation.cameras)
-        name = self.search_name if looks_at_pictures else None
-        return warnings_of(self.task, self.real.facts, real, name)
+        return warnings_of(self.task, self.real.facts, real, self.search_name)
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """What a checkpoint has to hold besides `state`."""

@@ -12,6 +12,11 @@ _WORTH_TELLING = 0.6  # correlation
 # Times as far off as the worst refit's: with few of them, the worst one is not very bad yet.
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
 
+_NOT_JUDGED = (
+    "There was no time to fit a known world for comparison, so nothing tells how far these "
+    "estimates can be trusted: none is called identified. Give it more minutes."
+)
+
 
 def inflate(fit: FitResult, bootstrap: Bootstrap) -> FitResult:
     """A fit with the standard deviations that refits show, larger still where it fits worse.
@@ -56,6 +61,8 @@ def ranks(bootstrap: Bootstrap, names: tuple[str, ...]) -> dict[str, list[float]
 
 def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
     """Warnings for a user who would trust the estimates."""
+    if not bootstrap.misfits:
+        return [_NOT_JUDGED, *latency_warning(fit.latency_steps)]
     warnings = []
     ratios = bootstrap.motion_ratios(fit.misfit)
     limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / max(1, len(bootstrap.misfits))

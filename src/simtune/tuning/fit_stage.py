@@ -31,7 +31,7 @@ from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves, with_fit
-from simtune.tuning.search import Estimate, SearchContext
+from simtune.tuning.search import Estimate, SearchContext, Verdict
 from simtune.vision.detector import Detections
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints
@@ -164,6 +164,10 @@ class FitStage:
         )
 
 
+def _at_most_weak(verdict: Verdict) -> Verdict:
+    return "weak" if verdict == "identified" else verdict
+
+
 def conclude(
     prob_higher: np.ndarray,
     fit: FitResult,
@@ -176,8 +180,10 @@ def conclude(
     names = searched.space.names
     mean, std = in_range(inflate(fit, bootstrap), searched)
     curves = with_fit(prob_higher, mean, std, config)
+    read = read_curves(curves, searched, first, config)
     estimate = replace(
-        read_curves(curves, searched, first, config),
+        read,
+        verdict=read.verdict if bootstrap.misfits else [_at_most_weak(v) for v in read.verdict],
         correlation=fit.claimed_correlation,
         correlations=correlations(fit, names),
         ranks=ranks(bootstrap, names),
