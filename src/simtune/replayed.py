@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simtune.fit import Readings, open_loop
-from simtune.observation import ObservationModel
+from simtune.observation import ObservationModel, units_of
 from simtune.run.files import plain
 from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory
@@ -68,8 +68,9 @@ def replay(
     before = loop.replay(readings, space.to_unit(start), np.zeros(len(labels)))
     late = readings.delayed(tuned.latency_steps)
     after = loop.replay(late, space.to_unit(tuned.mean), offsets)
-    units = tuple(sensor.unit for sensor in joints for _ in sensor.joints)
-    return Replayed(labels, units, offsets, simulator.step_s, readings.values, before, after)
+    return Replayed(
+        labels, units_of(joints), offsets, simulator.step_s, readings.values, before, after
+    )
 
 
 def _rms(residuals: np.ndarray) -> np.ndarray:

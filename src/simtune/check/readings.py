@@ -12,7 +12,7 @@ from simtune.check.servos import Servo, fit_servo
 from simtune.fit import Readings
 from simtune.fit.reading_sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one, where_analyzed
-from simtune.observation import JointSensor, ObservationModel
+from simtune.observation import ObservationModel, joints_of, units_of, usual_noise
 from simtune.recordings import Dataset
 from simtune.run.files import plain
 from simtune.simulation import Simulator
@@ -43,9 +43,8 @@ def read_episodes(
     """The first `num` episodes. Raises InputError where one is unsound."""
     trajectories = [_trajectory(dataset, episode, observation) for episode in range(num)]
     servos, found = {}, []
-    sensors = [s for s in observation.sensors if isinstance(s, JointSensor)]
-    labels = observation.reading_labels
-    units = [sensor.unit for sensor in sensors for _ in sensor.labels]
+    sensors = joints_of(observation.sensors)
+    labels, units = observation.reading_labels, units_of(sensors)
     followed = servos_of(simulator, sensors)
     commands = commands_of(simulator, sensors, trajectories) if any(followed) else []
     read = Readings.of(trajectories, sensors).values
@@ -72,11 +71,11 @@ def reading_changes(
     seed: int,
 ) -> tuple[ReadingChanges, str]:
     """Of every parameter, in episodes of (E, T, A) actions; and what is assumed of errors."""
-    sensors = tuple(s for s in observation.sensors if isinstance(s, JointSensor))
+    sensors = joints_of(observation.sensors)
     nominal = where_analyzed(simulator.space)
     readings = Readings.of(recorded.trajectories, sensors) if recorded else None
     replayed = ReplayedReadings(simulator, observation, nominal, actions, readings, seed)
-    noise = np.concatenate([np.full(s.size, s.noise_or_usual) for s in sensors])
+    noise = usual_noise(sensors)
     if recorded and readings:
         left = _left(readings.values, recorded.servos, observation.reading_labels)
         noise = np.maximum(noise, left) * np.sqrt(max(1.0, _CORRELATED_S / simulator.step_s))
@@ -95,9 +94,6 @@ def _left(values: np.ndarray, servos: Mapping[str, Servo], labels: Sequence[str]
 def _trajectory(dataset: Dataset, episode: int, observation: ObservationModel) -> Trajectory:
     """Its readings in their sensors' units, without pictures."""
     actions, recorded = dataset.measured(episode)
-    readings = {
-        sensor.name: sensor.from_recorded(recorded[sensor.name], dataset.step_s)
-        for sensor in observation.sensors
-    }
+    readings = observation.in_units(recorded, dataset.step_s, dataset.where)
     frames = np.empty((len(actions) + 1, 0, 0, 3), np.uint8)
     return Trajectory(frames, actions, dataset.step_s, readings)

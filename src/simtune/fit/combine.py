@@ -30,19 +30,28 @@ class Combined:
     variance: float  # between experiments
 
     def step(self, unit: np.ndarray, largest: float) -> np.ndarray:
-        """(P,) damped Newton step from `unit`, none of it longer than `largest`.
-
-        What stands at a bound and is drawn beyond stays there, and the others step as is best then.
-        """
-        free = np.ones(len(unit), bool)
+        """(P,) damped Newton step from `unit`, none of it longer than `largest`."""
         damped = self.information + _DAMPING * np.eye(len(unit))
-        while True:
-            change = np.zeros(len(unit))
-            change[free] = -np.linalg.solve(damped[np.ix_(free, free)], self.slope[free])
-            beyond = (unit <= 0) & (change < 0) | (unit >= 1) & (change > 0)
-            if not beyond.any():
-                return change * (largest / np.abs(change).max(initial=largest))
-            free &= ~beyond
+        return step_within_bounds(damped, self.slope, unit, largest)
+
+
+def step_within_bounds(
+    damped: np.ndarray, slope: np.ndarray, unit: np.ndarray, largest: float
+) -> np.ndarray:
+    """(P + Q,) Newton step of P unit coordinates, none of which moves by more than `largest`.
+
+    Q others come after them, and have no bounds. What stands at a bound and is drawn beyond stays
+    there, and the others step as is best then.
+    """
+    num, free = len(unit), np.ones(len(slope), bool)
+    while True:
+        change = np.zeros(len(slope))
+        change[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
+        its = change[:num]
+        beyond = (unit <= 0) & (its < 0) | (unit >= 1) & (its > 0)
+        if not beyond.any():
+            return change * (largest / np.abs(its).max(initial=largest))
+        free[:num] &= ~beyond
 
 
 def combine(

@@ -42,12 +42,9 @@ def without_offsets(
     `fit`: of the `loosened` ones, in a world of (N,) parameters.
     """
     full_states = fit.full_states  # (W, K, S)
-    count = full_states.shape[0] * full_states.shape[1]
     at = fit.episode[:, None], fit.step[:, None] + np.arange(full_states.shape[1])
-    states = physics.states(full_states).reshape(count, -1)
-    units = np.repeat(physics.parameters.to_unit(parameters)[None], count, 0)
-    at_once = np.zeros((count, 0, physics.simulator.num_actions))
-    _, predicted = physics.play(states, units, at_once)
+    states = physics.states(full_states).reshape(-1, len(physics.some_state))
+    predicted = physics.predict(states, physics.parameters.to_unit(parameters))
     predicted = predicted.reshape(*full_states.shape[:2], -1)
     parts, offsets, start = [], [], 0
     for part in observed.evidence.parts:

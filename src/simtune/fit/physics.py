@@ -53,6 +53,12 @@ class Physics:
         )
         return played.states, np.nan_to_num(played.observed, nan=_NOTHING_LIKE_IT)
 
+    def predict(self, states: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        """(n, D) predictions of (n, nq + nv) states, in a world of (N,) parameters."""
+        units = np.repeat(unit[None], len(states), 0)
+        at_once = np.zeros((len(states), 0, self.simulator.num_actions))
+        return self.play(states, units, at_once)[1][:, 0]
+
     def replay_actuators(
         self, actions: np.ndarray, states: np.ndarray, unit: np.ndarray
     ) -> np.ndarray:

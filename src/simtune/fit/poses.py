@@ -29,10 +29,8 @@ def uncertain_poses(
     tangents = np.zeros((1 + nv, 1, 2 * nv))
     tangents[1 + np.arange(nv), 0, np.arange(nv)] = delta
     moved = space.move(states, np.repeat(tangents, num, 1)).reshape((1 + nv) * num, -1)
-    units = np.repeat(physics.parameters.to_unit(parameters)[None], len(moved), 0)
-    at_once = np.zeros((len(moved), 0, physics.simulator.num_actions))
-    _, seen = physics.play(moved, units, at_once)
-    seen = seen[:, 0].reshape(1 + nv, num, -1) / scale
+    seen = physics.predict(moved, physics.parameters.to_unit(parameters))
+    seen = seen.reshape(1 + nv, num, -1) / scale
     information = np.square((seen[1:] - seen[:1]) / delta[:, None, None]).sum(-1).T  # (M, nv)
     std = 1 / np.sqrt(information + largest[:nv] ** -2.0)
     return std[..., None] * np.eye(nv, 2 * nv)

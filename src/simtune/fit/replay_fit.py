@@ -204,8 +204,6 @@ class ReplayFit:
         space = self._physics.space
         changes = np.diag(_PRIOR_STDS * self._estimator.prior_std)[: space.nv]
         moved = space.move(self._physics.some_state, np.vstack([0 * changes[:1], changes]))
-        units = np.repeat(self.space.to_unit(self.space.nominal)[None], len(moved), 0)
-        still = np.zeros((len(moved), 1, self._physics.simulator.num_actions))
-        _, predicted = self._physics.play(moved, units, still)
-        difference = np.abs(predicted[1:, 0] - predicted[:1, 0]) / observed.evidence.scale
+        predicted = self._physics.predict(moved, self.space.to_unit(self.space.nominal))
+        difference = np.abs(predicted[1:] - predicted[:1]) / observed.evidence.scale
         return changes[difference.max(1, initial=0) < _UNSEEN]

@@ -7,7 +7,13 @@ simulator's own, how late actions may take effect and how wrong any picture may 
 
 from simtune.observation.evidence import AllEvidence, Evidence
 from simtune.observation.joint_readings import JointReadings
-from simtune.observation.joints import JointSensor
+from simtune.observation.joints import (
+    JointSensor,
+    finds_offset,
+    joints_of,
+    units_of,
+    usual_noise,
+)
 from simtune.observation.model import Camera, ObservationModel, Sensor
 
 __all__ = [
@@ -18,4 +24,8 @@ __all__ = [
     "JointSensor",
     "ObservationModel",
     "Sensor",
+    "finds_offset",
+    "joints_of",
+    "units_of",
+    "usual_noise",
 ]

@@ -1,5 +1,6 @@
 """What encoders measure: positions or velocities of joints, in whatever unit they were written."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,3 +86,23 @@ class JointSensor:
         return JointReadings.of(
             self.name, self.unit, readings, self.noise_or_usual, self.finds_offsets
         )
+
+
+def joints_of(sensors: Iterable[object]) -> tuple[JointSensor, ...]:
+    """Those of the sensors that measure joints."""
+    return tuple(sensor for sensor in sensors if isinstance(sensor, JointSensor))
+
+
+def units_of(sensors: Sequence[JointSensor]) -> tuple[str, ...]:
+    """(D,) of all their readings side by side."""
+    return tuple(sensor.unit for sensor in sensors for _ in sensor.joints)
+
+
+def usual_noise(sensors: Sequence[JointSensor]) -> np.ndarray:
+    """(D,) the same: standard deviations."""
+    return np.concatenate([np.full(sensor.size, sensor.noise_or_usual) for sensor in sensors])
+
+
+def finds_offset(sensors: Sequence[JointSensor]) -> np.ndarray:
+    """(D,) bool, the same: whether what each shows too much is to be found."""
+    return np.concatenate([np.full(sensor.size, sensor.finds_offsets) for sensor in sensors])

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from simtune.errors import InputError
 from simtune.observation.evidence import AllEvidence, Evidence
 from simtune.simulation import AnySimulator, Rollouts
 from simtune.trajectory import Trajectory
@@ -142,6 +143,21 @@ class ObservationModel:
         """
         motion, appearance = _DISCREPANCY_STD
         return np.where(is_appearance, appearance, motion) * (not self.is_simulated)
+
+    def in_units(
+        self, recorded: Mapping[str, np.ndarray], step_s: float, where: str
+    ) -> dict[str, np.ndarray]:
+        """{sensor: (T + 1, D)} readings of an episode of recordings; see `Sensor.from_recorded`.
+
+        Raises InputError, with `where` they lie, for more or fewer numbers than a sensor has.
+        """
+        for sensor in self.sensors:
+            if (count := recorded[sensor.name].shape[1]) != sensor.size:
+                raise InputError(
+                    f"{where}: {', '.join(sensor.columns)} holds {count} numbers, sensor "
+                    f"{sensor.name} has {sensor.size} joints; name a column for each joint"
+                )
+        return {s.name: s.from_recorded(recorded[s.name], step_s) for s in self.sensors}
 
     def observe_beside(self, *others: Callable[[Any], np.ndarray]) -> Callable[[Any], np.ndarray]:
         """(n, D) what others, such as keypoints, and then all sensors would measure of n worlds."""

@@ -3,8 +3,6 @@
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
 from simtune.real import RealWorld
@@ -42,22 +40,9 @@ class RecordedReal(RealWorld):
         num_episodes = how_many(self._dataset, num_episodes)
         for episode in range(len(self._collected), num_episodes):
             read = self._dataset.read(episode)
-            self._collected.append(replace(read, readings=self._in_units(read)))
+            readings = self.observation.in_units(read.readings, self.step_s, self._dataset.where)
+            self._collected.append(replace(read, readings=readings))
         return self._collected[:num_episodes]
-
-    def _in_units(self, read: Trajectory) -> dict[str, np.ndarray]:
-        """The readings as a fit has them; see `Sensor.from_recorded`."""
-        found = {}
-        for sensor in self.observation.sensors:
-            recorded = read.readings[sensor.name]
-            if recorded.shape[1] != sensor.size:
-                raise InputError(
-                    f"{self._dataset.where}: {', '.join(sensor.columns)} holds {recorded.shape[1]} "
-                    f"numbers, sensor {sensor.name} has {sensor.size} joints; name a column for "
-                    "each joint"
-                )
-            found[sensor.name] = sensor.from_recorded(recorded, self.step_s)
-        return found
 
 
 class ClosedReal(RealWorld):
