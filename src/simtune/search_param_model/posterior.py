@@ -5,7 +5,8 @@ function of the candidate the answer is the survival curve of the marginal poste
 
 Rendering is what costs and physics is nearly free, so only a part of the simulated steps is
 drawn: enough to train the detector, and to measure its errors on worlds it was not trained on. The
-posterior network learns from the true keypoints of all steps, spoilt by such measured errors.
+posterior network learns from the true keypoints of all steps, spoilt by what was measured in poses
+like theirs.
 """
 
 from collections.abc import Sequence
@@ -111,10 +112,11 @@ class PosteriorSearchParamModel:
         """What it got wrong in worlds of whose frames these are the `detections`."""
         num_worlds, num_filmed = worlds.frames.shape[:2]
         found = detections.keypoints.reshape(num_worlds, num_filmed, -1, 2)
+        keypoints = worlds.filmed_keypoints()
         estimated = detections.visible.reshape(num_worlds, num_filmed, -1).mean(1)
         truth = distribution.to_range_unit(worlds.parameters)[:, self.visible]
         visible = self._to_range_unit(estimated, distribution) - truth
-        return DetectorErrors(found - worlds.filmed_keypoints(), visible)
+        return DetectorErrors(keypoints, found - keypoints, visible)
 
     def train_posterior_net(
         self,
