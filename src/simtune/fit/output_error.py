@@ -22,6 +22,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from simtune.budget import Budget
+from simtune.fit.combine import step_within_bounds
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.readings import Readings, Stretches
 from simtune.fit.residuals import HUBER, correlation_times, spread
@@ -191,16 +192,8 @@ class OutputError:
             equations.information.sum(0), equations.slope.sum(0), point.unit
         )
         damped = information + damping * np.diag(np.diag(information))
-        free, unit = np.ones(len(slope), bool), point.unit[self._fitted]
-        while True:  # what stands at a bound and is drawn beyond stays there
-            change = np.zeros(len(slope))
-            change[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
-            its = change[:num]
-            beyond = (unit <= 0) & (its < 0) | (unit >= 1) & (its > 0)
-            if not beyond.any():
-                break
-            free[:num] &= ~beyond
-        change *= _LARGEST_STEP / np.abs(change[:num]).max(initial=_LARGEST_STEP)
+        unit = point.unit[self._fitted]
+        change = step_within_bounds(damped, slope, unit, _LARGEST_STEP)
         new = point.unit.copy()
         new[self._fitted] = np.clip(unit + change[:num], 0, 1)
         offsets = point.offsets.copy()
