@@ -3,7 +3,7 @@
 from simtune.fit.bootstrap import FEW_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.observed import Observed
-from simtune.fit.open_loop import OpenLoop, open_loop
+from simtune.fit.open_loop import OpenLoop
 from simtune.fit.output_error import OutputError, OutputErrorFit
 from simtune.fit.output_error import Stage as OutputErrorStage
 from simtune.fit.particles import ParticleConfig
@@ -40,7 +40,6 @@ __all__ = [
     "inflate",
     "model_checks",
     "num_fitted",
-    "open_loop",
     "ranks",
     "run_bootstrap",
 ]

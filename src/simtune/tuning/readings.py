@@ -19,7 +19,7 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.fit import OpenLoop, OutputError, OutputErrorFit, Readings, open_loop
+from simtune.fit import OpenLoop, OutputError, OutputErrorFit, Readings
 from simtune.fit import OutputErrorStage as Stage
 from simtune.fit.uncertainty import latency_warning, tell_apart
 from simtune.observation import JointSensor
@@ -111,7 +111,7 @@ class ReadingsSearch:
         return Round(estimate, self._events(), self._metrics(loop, found))
 
     def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoop]:
-        loop = open_loop(self._simulator, self._context.observation, self._context.start)
+        loop = OpenLoop.of(self._simulator, self._context.observation, self._context.start)
         return Readings.of(real, loop.sensors), loop
 
     def _from_afar(
