@@ -4,8 +4,7 @@ from simtune.fit.bootstrap import FEW_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.observed import Observed
 from simtune.fit.open_loop import OpenLoop
-from simtune.fit.output_error import OutputError, OutputErrorFit
-from simtune.fit.output_error import Stage as OutputErrorStage
+from simtune.fit.output_error import OutputError, OutputErrorFit, ReplayStage
 from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings
@@ -24,12 +23,12 @@ __all__ = [
     "OpenLoop",
     "OutputError",
     "OutputErrorFit",
-    "OutputErrorStage",
     "ParticleConfig",
     "Physics",
     "PointEstimate",
     "Readings",
     "ReplayFit",
+    "ReplayStage",
     "ShootingConfig",
     "Stage",
     "StateEstimator",

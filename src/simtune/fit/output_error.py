@@ -37,7 +37,7 @@ _ENOUGH = 1e-4  # share of the cost, that a step has to gain for another one to 
 _FEWEST = 2.0  # effective observations of a reading
 
 
-class Stage(NamedTuple):
+class ReplayStage(NamedTuple):
     steps: int  # of a stretch; 0: all of an episode
     iterations: int
     at_most: int  # stretches
@@ -77,7 +77,7 @@ class OutputError:
         readings: Readings,
         unit: np.ndarray,
         offsets: np.ndarray,
-        stage: Stage,
+        stage: ReplayStage,
         budget: Budget,
     ) -> OutputErrorFit:
         """From (N,) parameters and (D,) offsets; `budget` ends it early."""

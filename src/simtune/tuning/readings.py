@@ -19,8 +19,7 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.fit import OpenLoop, OutputError, OutputErrorFit, Readings
-from simtune.fit import OutputErrorStage as Stage
+from simtune.fit import OpenLoop, OutputError, OutputErrorFit, Readings, ReplayStage
 from simtune.fit.uncertainty import latency_warning, tell_apart
 from simtune.observation import JointSensor
 from simtune.randomization import Distribution
@@ -100,7 +99,7 @@ class ReadingsSearch:
             readings.delayed(late),
             far.unit,
             far.offsets,
-            Stage(0, self.config.whole_iterations, 10**9),
+            ReplayStage(0, self.config.whole_iterations, 10**9),
             budget,
         )
         estimate = self._conclude(found, late)
@@ -149,9 +148,9 @@ class ReadingsSearch:
                 break
         return steps
 
-    def _stretch(self, iterations: int) -> Stage:
+    def _stretch(self, iterations: int) -> ReplayStage:
         steps = max(_FEWEST_STEPS, round(self.config.stretch_s / self._simulator.step_s))
-        return Stage(steps, iterations, self.config.stretches)
+        return ReplayStage(steps, iterations, self.config.stretches)
 
     def _conclude(self, found: OutputErrorFit, late: int) -> Estimate:
         space, config = self.first.space, self.config.range_update
