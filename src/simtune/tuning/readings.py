@@ -203,11 +203,9 @@ class ReadingsSearch:
         return {}
 
     def state(self) -> dict[str, Any]:
-        ranges = {k: getattr(self.distribution, k).tolist() for k in ("mean", "low", "high")}
-        return {"stop_reason": self.stop_reason, "distribution": ranges}
+        return {"stop_reason": self.stop_reason, "distribution": self.distribution.state()}
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         """Nothing but the result is kept: a round is over in a minute or two."""
         self.stop_reason = state["stop_reason"]
-        ranges = {k: np.array(v) for k, v in state["distribution"].items()}
-        self.distribution = self.distribution.with_interval(**ranges)
+        self.distribution = self.distribution.with_state(state["distribution"])
