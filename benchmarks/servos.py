@@ -20,6 +20,7 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from simtune.budget import Budget
+from simtune.check.servos import delayed_by
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.replayed import Replayed, Tuned, replay
@@ -49,10 +50,28 @@ def main(
     """
     config = TuneConfig(task=str(task), real=str(real), out=Path("runs/servos"), observe="joints")
     experiment = build_experiment(config)
-    episodes = experiment.recordings
-    parts = [list(range(i, len(episodes), folds)) for i in range(1 if quick else folds)]
-    left, seconds = {}, []
-    for part in parts:
+    rms_mrad, seconds = _cross_validate(experiment, folds, 1 if quick else folds, minutes)
+    for name, values in rms_mrad.items():
+        print(f"{name:28s} {np.round(values, 1)}  mean {values.mean():.2f}")
+    figures = _figures(rms_mrad, seconds)
+    if not quick:
+        figures["halves"] = _compare(experiment, *_tune_halves(experiment, minutes))
+        print(f"two halves: {figures['halves']}")
+    rows = [
+        {"predictor": name, "rms_mrad": f"{v.round(1).tolist()}"[1:-1], "mean": f"{v.mean():.1f}"}
+        for name, v in rms_mrad.items()
+    ]
+    record_figures(record, ["predictor"], rows)
+    print(json.dumps({"benchmark": "servos", "quick": quick, **machine(), **figures}))
+
+
+def _cross_validate(
+    experiment: Experiment, folds: int, at_most: int, minutes: float
+) -> tuple[dict[str, np.ndarray], list[float]]:
+    """{predictor: (D,) root mean squares in new episodes, mrad}, and seconds of each fold."""
+    episodes, left, seconds = experiment.recordings, {}, []
+    for first in range(at_most):
+        part = list(range(first, len(episodes), folds))
         known = [e for i, e in enumerate(episodes) if i not in part]
         began_s = time.monotonic()
         found = _tune(experiment, known, minutes)
@@ -61,10 +80,12 @@ def main(
         for name, squares in _left(experiment, known, new, found).items():
             left.setdefault(name, []).append(squares)
         print(f"fold of episodes {part}: {seconds[-1]:.0f} s", flush=True)
-    rms_mrad = {n: 1e3 * np.sqrt(np.concatenate(v).mean(0)) for n, v in left.items()}
-    for name, values in rms_mrad.items():
-        print(f"{name:28s} {np.round(values, 1)}  mean {values.mean():.2f}")
-    figures = {
+    return {n: 1e3 * np.sqrt(np.concatenate(v).mean(0)) for n, v in left.items()}, seconds
+
+
+def _figures(rms_mrad: dict[str, np.ndarray], seconds: list[float]) -> dict[str, object]:
+    """JSON."""
+    return {
         "rms_mrad": {n: v.round(2).tolist() for n, v in rms_mrad.items()},
         "mean_mrad": {n: round(float(v.mean()), 2) for n, v in rms_mrad.items()},
         "to_delay": round(float(np.max(rms_mrad["tuned"] / rms_mrad["constant delay"])), 3),
@@ -72,17 +93,12 @@ def main(
         "seconds": round(float(np.median(seconds)), 1),
         "cores": len(os.sched_getaffinity(0)),
     }
-    if not quick:
-        half = len(episodes) // 2
-        pair = [_tune(experiment, its, minutes) for its in (episodes[:half], episodes[half:])]
-        figures["halves"] = _compare(experiment, *pair)
-        print(f"two halves: {figures['halves']}")
-    rows = [
-        {"predictor": name, "rms_mrad": f"{v.round(1).tolist()}"[1:-1], "mean": f"{v.mean():.1f}"}
-        for name, v in rms_mrad.items()
-    ]
-    record_figures(record, ["predictor"], rows)
-    print(json.dumps({"benchmark": "servos", "quick": quick, **machine(), **figures}))
+
+
+def _tune_halves(experiment: Experiment, minutes: float) -> list[Estimate]:
+    """To one half of the episodes, and to the other."""
+    episodes, half = experiment.recordings, len(experiment.recordings) // 2
+    return [_tune(experiment, its, minutes) for its in (episodes[:half], episodes[half:])]
 
 
 def _tune(experiment: Experiment, episodes: list[Trajectory], minutes: float) -> Estimate:
@@ -104,7 +120,7 @@ def _left(
     data, others = ([_columns(t, sensor.name) for t in part] for part in (known, new))
     for name, predict, start in (
         ("the command itself", lambda u, y, p: u, np.zeros(0)),
-        ("constant delay", lambda u, y, p: _late(u, p[0]) + p[1], np.array([4.0, 0.0])),
+        ("constant delay", lambda u, y, p: delayed_by(u, abs(p[0])) + p[1], np.array([4.0, 0.0])),
         ("first-order lag", _lagging, np.array([0.5, 1.0, 0.0])),
     ):
         columns = []
@@ -122,14 +138,9 @@ def _columns(trajectory: Trajectory, name: str) -> tuple[np.ndarray, np.ndarray]
     return np.vstack([actions, actions[-1:]]), trajectory.readings[name]
 
 
-def _late(command: np.ndarray, steps: float) -> np.ndarray:
-    at = np.arange(len(command))
-    return np.interp(at - abs(steps), at, command)
-
-
 def _lagging(command: np.ndarray, measured: np.ndarray, p: np.ndarray) -> np.ndarray:
     """x[t + 1] = x[t] + share · (u[t − delay] − x[t]) from the first reading; plus an offset."""
-    share, late = 1 / (1 + np.exp(-p[0])), _late(command, p[1])
+    share, late = 1 / (1 + np.exp(-p[0])), delayed_by(command, abs(p[1]))
     begin = np.array([(1 - share) * (measured[0] - p[2])])
     followed, _ = lfilter([share], [1, share - 1], late[:-1], zi=begin)
     return np.concatenate([[measured[0] - p[2]], followed]) + p[2]

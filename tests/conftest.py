@@ -3,12 +3,14 @@
 import ctypes
 import gc
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ctypes.util import find_library
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import pytest
 import torch
@@ -22,13 +24,14 @@ from simtune.agents.teacher import TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
 from simtune.algorithm import train
 from simtune.comparison import StartSearchConfig
+from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.experiment.settings import Settings
 from simtune.robot.latch import Latch
 from simtune.robot.safe_arm import SafeArm
 from simtune.robot.xarm import XArm
 from simtune.simulation import make_renderer
-from simtune.tasks import TASKS, cartpole
+from simtune.tasks import TASKS, Task, cartpole, load_task
 from simtune.tune import tune
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.vision.detector import DetectorConfig
@@ -139,6 +142,39 @@ def quick_commands(monkeypatch, quick):
     monkeypatch.setattr("simtune.tune.tune", partial(tune, settings=quick))
     monkeypatch.setattr("simtune.algorithm.train", partial(train, settings=quick))
     monkeypatch.setattr("simtune.evaluate.evaluate", partial(evaluate, settings=quick))
+
+
+@pytest.fixture
+def folder(request, tmp_path) -> Path:
+    """Has the model SCENE of the test's file, as scene.xml."""
+    (tmp_path / "scene.xml").write_text(request.module.SCENE)
+    return tmp_path
+
+
+@pytest.fixture
+def load(folder):
+    """Loads a tuning file of some text, beside scene.xml."""
+
+    def load(text: str) -> Task:
+        (folder / "tune.toml").write_text(text, encoding="utf-8")
+        return load_task(str(folder / "tune.toml"))
+
+    return load
+
+
+@pytest.fixture
+def refuses(folder, load):
+    """Such a file must end in one clear line that names its place."""
+
+    def refuses(text: str, line: int, message: str) -> None:
+        with pytest.raises(InputError) as caught:
+            load(text)
+        said = str(caught.value)
+        assert said.startswith(f"{folder / 'tune.toml'}:{line}: "), said
+        assert re.search(message, said), said
+        assert "\n" not in said
+
+    return refuses
 
 
 @pytest.fixture

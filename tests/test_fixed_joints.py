@@ -1,13 +1,8 @@
 """`fixed_joints` and [[actuators]]: a humanoid whose legs do not matter becomes an arm."""
 
-import re
-
 import mujoco
 import numpy as np
 import pytest
-
-from simtune.errors import InputError
-from simtune.tasks import Task, load_task
 
 SCENE = """
 <mujoco>
@@ -61,31 +56,6 @@ SCENE = """
 """
 HEAD = 'model = "scene.xml"\ncontrol_timestep_s = 0.05\n'
 MASS = '[[parameters]]\nname = "m"\nkind = "mass"\nobjects = "arm"\n'
-
-
-@pytest.fixture
-def load(tmp_path):
-    """Loads a file of some text."""
-    (tmp_path / "scene.xml").write_text(SCENE)
-
-    def load(text: str) -> Task:
-        (tmp_path / "tune.toml").write_text(text, encoding="utf-8")
-        return load_task(str(tmp_path / "tune.toml"))
-
-    return load
-
-
-@pytest.fixture
-def refuses(load):
-    def refuses(text: str, line: int, message: str) -> None:
-        with pytest.raises(InputError) as caught:
-            load(text)
-        said = str(caught.value)
-        assert f"tune.toml:{line}: " in said, said
-        assert re.search(message, said), said
-        assert "\n" not in said
-
-    return refuses
 
 
 def poses(model: mujoco.MjModel, positions: dict[str, float], qpos: np.ndarray) -> dict:

@@ -12,7 +12,6 @@ from test_servos import a_run
 from simtune.config import ExportConfig
 from simtune.errors import InputError, UnknownName
 from simtune.export import export
-from simtune.tasks import Task, load_task
 
 SCENE = """
 <mujoco>
@@ -43,17 +42,6 @@ SCENE = """
 CUBE = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 HEAD = 'model = "scene.xml"\ncontrol_timestep_s = 0.05\n'
 MASS = '[[parameters]]\nname = "m"\nkind = "mass"\nobjects = "forearm"\n'
-
-
-@pytest.fixture
-def load(tmp_path):
-    (tmp_path / "scene.xml").write_text(SCENE)
-
-    def load(text: str) -> Task:
-        (tmp_path / "tune.toml").write_text(text, encoding="utf-8")
-        return load_task(str(tmp_path / "tune.toml"))
-
-    return load
 
 
 @pytest.fixture

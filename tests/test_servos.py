@@ -46,16 +46,15 @@ HEAD = 'model = "scene.xml"\ncontrol_timestep_s = 0.02\n'
 
 
 @pytest.fixture
-def load(tmp_path):
-    (tmp_path / "scene.xml").write_text(SCENE)
+def load(load):
+    """Loads a file with some parameters."""
 
-    def load(*parameters: str, **top: str) -> Task:
+    def with_parameters(*parameters: str, **top: str) -> Task:
         lines = [f"{key} = {value}\n" for key, value in top.items()]
         tables = [f"\n[[parameters]]\n{text}\n" for text in parameters]
-        (tmp_path / "tune.toml").write_text("".join([HEAD, *lines, *tables]))
-        return load_task(str(tmp_path / "tune.toml"))
+        return load("".join([HEAD, *lines, *tables]))
 
-    return load
+    return with_parameters
 
 
 def parameter(name: str, kind: str, objects: str, **more: float) -> str:

@@ -87,23 +87,6 @@ MASS = '[[parameters]]\nname = "m"\nkind = "mass"\nobjects = "bob"\n'
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    (tmp_path / "scene.xml").write_text(SCENE)
-    return tmp_path
-
-
-@pytest.fixture
-def load(folder):
-    """Loads a file of some text."""
-
-    def load(text: str) -> Task:
-        (folder / "tune.toml").write_text(text, encoding="utf-8")
-        return load_task(str(folder / "tune.toml"))
-
-    return load
-
-
-@pytest.fixture
 def declare(load):
     """The parameters of a file with some tables [[parameters]]."""
 
@@ -111,21 +94,6 @@ def declare(load):
         return load(f"{HEAD}[[parameters]]\n{text}").parameters
 
     return declare
-
-
-@pytest.fixture
-def refuses(folder, load):
-    """A file must end in one clear line that names its place."""
-
-    def refuses(text: str, line: int, message: str) -> None:
-        with pytest.raises(InputError) as caught:
-            load(text)
-        said = str(caught.value)
-        assert said.startswith(f"{folder / 'tune.toml'}:{line}: "), said
-        assert re.search(message, said), said
-        assert "\n" not in said
-
-    return refuses
 
 
 # --- examples -------------------------------------------------------------------------------

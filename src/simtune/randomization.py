@@ -37,6 +37,14 @@ class Distribution:
         """The same kind of distribution, elsewhere."""
         return replace(self, mean=mean, low=self.space.clip(low), high=self.space.clip(high))
 
+    def state(self) -> dict[str, list[float]]:
+        """What `with_state` takes; JSON."""
+        return {key: getattr(self, key).tolist() for key in ("mean", "low", "high")}
+
+    def with_state(self, state: dict[str, list[float]]) -> "Distribution":
+        """The same kind of distribution, where the one with that state was."""
+        return self.with_interval(**{key: np.array(values) for key, values in state.items()})
+
     def sample(self, num: int, rng: np.random.Generator) -> np.ndarray:
         """(num, N) parameters."""
         uniform = rng.uniform(size=(num, len(self.space)))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.fit import Readings, open_loop
+from simtune.fit import OpenLoop, Readings
 from simtune.observation import ObservationModel, units_of
 from simtune.run.files import plain
 from simtune.simulation import AnySimulator
@@ -61,7 +61,7 @@ def replay(
     tuned: Tuned,
 ) -> Replayed:
     """Each episode from its first readings, in the simulator of `start` (N,), and as tuned."""
-    loop = open_loop(simulator, observation, start)
+    loop = OpenLoop.of(simulator, observation, start)
     joints, labels, space = loop.sensors, observation.reading_labels, simulator.space
     readings = Readings.of(trajectories, joints)
     offsets = np.array([tuned.offsets.get(label, 0.0) for label in labels])

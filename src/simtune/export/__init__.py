@@ -28,11 +28,7 @@ def export(config: ExportConfig) -> Path:
     if not run.is_tuned:
         raise InputError(f"{run.path} is of --method {run.result['method']}, which tunes nothing")
     task = load(run.config["task"])
-    if run.config.get("task_content") != task.content_hash:  # it may be a file that was edited
-        raise InputError(
-            f"{run.config['task']}, or its model, is not what {run.path} was made with: "
-            "bring it back, or tune anew"
-        )
+    run.check_same_task(task.content_hash)
     space = task.parameters
     draws = draw_samples(run, space, config.samples) if config.samples else None
     if isinstance(task, EnvironmentTask) or config.is_file:

@@ -3,9 +3,8 @@
 from simtune.fit.bootstrap import FEW_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.observed import Observed
-from simtune.fit.open_loop import OpenLoop, open_loop
-from simtune.fit.output_error import OutputError, OutputErrorFit
-from simtune.fit.output_error import Stage as OutputErrorStage
+from simtune.fit.open_loop import OpenLoop
+from simtune.fit.output_error import OutputError, OutputErrorFit, ReplayStage
 from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings
@@ -24,12 +23,12 @@ __all__ = [
     "OpenLoop",
     "OutputError",
     "OutputErrorFit",
-    "OutputErrorStage",
     "ParticleConfig",
     "Physics",
     "PointEstimate",
     "Readings",
     "ReplayFit",
+    "ReplayStage",
     "ShootingConfig",
     "Stage",
     "StateEstimator",
@@ -40,7 +39,6 @@ __all__ = [
     "inflate",
     "model_checks",
     "num_fitted",
-    "open_loop",
     "ranks",
     "run_bootstrap",
 ]

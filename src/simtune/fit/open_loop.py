@@ -11,7 +11,7 @@ import numpy as np
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, Stretches, filled, velocities
 from simtune.fit.slopes import Groups, Slopes
-from simtune.observation import JointSensor, ObservationModel
+from simtune.observation import JointSensor, ObservationModel, joints_of, usual_noise
 from simtune.simulation import AnySimulator, Simulator
 
 _VELOCITY_ERROR = 3.0  # of a start's, in noise a step
@@ -26,7 +26,10 @@ class OpenLoop:
     def __init__(self, physics: Physics, sensors: Sequence[JointSensor], fitted: np.ndarray):
         """`fitted`: (P,) indices of the parameters to derive by."""
         self.physics, self.sensors, self.fitted = physics, tuple(sensors), fitted
-        self._rest = physics.some_state
+        ends = np.cumsum([0, *(sensor.size for sensor in sensors)]).tolist()
+        self.num_readings = ends[-1]  # D
+        # Each sensor with its part of the readings
+        self._columns = list(zip(self.sensors, map(slice, ends, ends[1:]), strict=True))
         # (S, nq + nv) changes of a start: of each measured position, and of its velocity
         places = sorted({int(p) for s in sensors if not s.is_velocity for p in s.places})
         self._places, space = np.array(places, int), physics.space
@@ -37,38 +40,44 @@ class OpenLoop:
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
         self.start_tangents = tangents
 
-    @property
-    def num_readings(self) -> int:
-        """D."""
-        return sum(sensor.size for sensor in self.sensors)
+    @classmethod
+    def of(
+        cls, simulator: AnySimulator, observation: ObservationModel, start: np.ndarray
+    ) -> "OpenLoop":
+        """Replays readings in a simulator; `start`: (N,) parameters of a world to begin with.
+
+        What no sensor measures is, and stays, as a simulated episode of that world begins.
+        """
+        assert isinstance(simulator, Simulator), "sensors measure a model's joints"
+        still, rng = np.zeros((1, 1, simulator.num_actions)), np.random.default_rng(0)
+        begun = simulator.roll_out(start[None], still, rng, keep_diverged=True)
+        physics = Physics(simulator, observation.observe_beside(), begun.states[0, 0])
+        return cls(physics, joints_of(observation.sensors), np.arange(len(simulator.space)))
 
     def start_std(self, noise: np.ndarray) -> np.ndarray:
         """(S,) what is unknown of a start, where readings have the noise (D,)."""
-        column, at = np.zeros(len(self._places)), 0
-        for sensor in self.sensors:
+        std = np.zeros(len(self._places))
+        for sensor, columns in self._columns:
             if not sensor.is_velocity:
-                where = np.searchsorted(self._places, sensor.places)
-                column[where] = noise[at : at + sensor.size]
-            at += sensor.size
-        return np.concatenate([column, _VELOCITY_ERROR * column / self.physics.simulator.step_s])
+                std[np.searchsorted(self._places, sensor.places)] = noise[columns]
+        return np.concatenate([std, _VELOCITY_ERROR * std / self.physics.simulator.step_s])
 
     def states(self, values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) as (E, T + 1, D) readings with their (D,) offsets say.
 
         What no sensor measures is as at the start of a simulated episode.
         """
-        states = np.broadcast_to(self._rest, (*values.shape[:2], len(self._rest))).copy()
-        nq, at = self.physics.space.nq, 0
-        for sensor in sorted(self.sensors, key=lambda s: s.is_velocity):
-            at = sum(s.size for s in self.sensors[: self.sensors.index(sensor)])
-            its = slice(at, at + sensor.size)
-            read = filled(values[..., its]) - offsets[its]
+        states = np.tile(self.physics.some_state, (*values.shape[:2], 1))
+        read, nq = filled(values) - offsets, self.physics.space.nq
+        # Measured velocities last: they count more than changes of positions
+        for sensor, columns in sorted(self._columns, key=lambda its: its[0].is_velocity):
+            its = read[..., columns]
             if sensor.is_velocity:
-                states[..., nq + sensor.places] = read
+                states[..., nq + sensor.places] = its
                 continue
-            states[..., sensor.places] = read
+            states[..., sensor.places] = its
             dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
-            states[..., nq + dofs] = velocities(read) / self.physics.simulator.step_s
+            states[..., nq + dofs] = velocities(its) / self.physics.simulator.step_s
         return states
 
     def cut(
@@ -110,7 +119,7 @@ class OpenLoop:
         first = whole._replace(
             actions=whole.actions[:, :_FIRST], values=whole.values[:, : _FIRST + 1]
         )
-        noise = np.concatenate([np.full(s.size, s.noise_or_usual) for s in self.sensors])
+        noise = usual_noise(self.sensors)
         start_std = self.start_std(noise)
         states, shift = first.states, np.zeros((len(first.states), len(start_std)))
         for _ in range(_BEGIN_ITERATIONS):
@@ -174,18 +183,3 @@ class OpenLoop:
         is_owner = groups.owner[groups.number] == np.arange(len(delta))[:, None]  # (U, D)
         slopes = changes[:, groups.number] * is_owner[:, None] / delta[:, None, None]
         return Slopes(predicted[0], slopes[:, :num_fitted], slopes[:, num_fitted:])
-
-
-def open_loop(
-    simulator: AnySimulator, observation: ObservationModel, start: np.ndarray
-) -> OpenLoop:
-    """What replays readings in a simulator; `start`: (N,) parameters of a world to begin with.
-
-    What no sensor measures is, and stays, as a simulated episode of that world begins.
-    """
-    assert isinstance(simulator, Simulator), "sensors measure a model's joints"
-    joints = tuple(sensor for sensor in observation.sensors if isinstance(sensor, JointSensor))
-    still, rng = np.zeros((1, 1, simulator.num_actions)), np.random.default_rng(0)
-    begun = simulator.roll_out(start[None], still, rng, keep_diverged=True)
-    physics = Physics(simulator, observation.observe_beside(), begun.states[0, 0])
-    return OpenLoop(physics, joints, np.arange(len(simulator.space)))

@@ -19,9 +19,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
 from simtune.budget import Budget
+from simtune.fit.combine import step_within_bounds
+from simtune.fit.normal_equations import NormalEquations, jackknife, normal_equations
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.readings import Readings, Stretches
 from simtune.fit.residuals import HUBER, correlation_times, spread
@@ -36,7 +37,7 @@ _ENOUGH = 1e-4  # share of the cost, that a step has to gain for another one to 
 _FEWEST = 2.0  # effective observations of a reading
 
 
-class Stage(NamedTuple):
+class ReplayStage(NamedTuple):
     steps: int  # of a stretch; 0: all of an episode
     iterations: int
     at_most: int  # stretches
@@ -76,7 +77,7 @@ class OutputError:
         readings: Readings,
         unit: np.ndarray,
         offsets: np.ndarray,
-        stage: Stage,
+        stage: ReplayStage,
         budget: Budget,
     ) -> OutputErrorFit:
         """From (N,) parameters and (D,) offsets; `budget` ends it early."""
@@ -102,13 +103,13 @@ class OutputError:
             slopes = loop.differentiate(stretches, point.states, point.unit, start_std, groups)
             if groups is None and (iteration >= iterations or budget.is_over):
                 return point, slopes
-            equations = self._linearize(stretches, point, slopes, noise)
-            before, gain, tried = self._cost(stretches, point, slopes.predicted, noise), 0.0, point
-            predicted = slopes.predicted
+            residuals = self._residuals(stretches, point, slopes.predicted)
+            equations = normal_equations(slopes, residuals, noise, self._finds_offset, point.shift)
+            before, gain, tried = self._cost(point, residuals, noise), 0.0, point
             for _ in range(_TRIED):
                 tried = self._step(point, equations, damping, start_std, stretches)
-                predicted = self._predict(stretches, tried)
-                gain = before - self._cost(stretches, tried, predicted, noise)
+                residuals = self._residuals(stretches, tried, self._predict(stretches, tried))
+                gain = before - self._cost(tried, residuals, noise)
                 damping = float(np.clip(damping * (0.2 if gain > 0 else 8), *_DAMPING))
                 if gain > 0:
                     break
@@ -116,8 +117,7 @@ class OutputError:
             if is_over and groups is None:
                 return point, slopes
             if gain > 0:
-                point = tried
-                noise = spread(self._residuals(stretches, point, predicted))
+                point, noise = tried, spread(residuals)
             iteration += 1
             is_last = is_over or iteration >= iterations or budget.is_over
             groups = None if is_last else groups or Groups.of(slopes, noise)
@@ -129,78 +129,35 @@ class OutputError:
         """(W, K + 1, D), NaN where nothing was read."""
         return predicted + point.offsets - stretches.values
 
-    def _cost(
-        self, stretches: Stretches, point: _Point, predicted: np.ndarray, noise: np.ndarray
-    ) -> float:
-        size = np.abs(np.nan_to_num(self._residuals(stretches, point, predicted) / noise))
+    def _cost(self, point: _Point, residuals: np.ndarray, noise: np.ndarray) -> float:
+        size = np.abs(np.nan_to_num(residuals / noise))
         huber = np.where(size < HUBER, size**2 / 2, HUBER * (size - HUBER / 2))
         away = (point.unit - self._prior)[self._fitted] / _PRIOR_STD
         return float(huber.sum() + np.square(point.shift).sum() / 2 + np.square(away).sum() / 2)
 
-    def _linearize(
-        self, stretches: Stretches, point: _Point, slopes: Slopes, noise: np.ndarray
-    ) -> "_Equations":
-        """Normal equations of parameters, offsets and starts, the starts taken out.
-
-        With A_x, A_θ derivatives of r / σ by starts and by (θ, b), V the weights of Huber's ρ:
-
-            H = A_x V A_xᵀ + 1    C = A_x V A_θᵀ    B = A_θ V A_θᵀ
-        """
-        residuals = self._residuals(stretches, point, slopes.predicted) / noise
-        known = np.isfinite(residuals)
-        residuals = np.nan_to_num(residuals)
-        weights = known * np.minimum(1, HUBER / np.maximum(np.abs(residuals), 1e-12))
-        num = len(residuals)
-        r, w = residuals.reshape(num, -1), weights.reshape(num, -1)
-        by_start = (slopes.by_start / noise).reshape(num, -1, r.shape[1])
-        by_parameter = (slopes.by_parameter / noise).reshape(num, -1, r.shape[1])
-        ones = np.zeros((len(noise), *residuals.shape[1:]))
-        ones[np.arange(len(noise)), :, np.arange(len(noise))] = 1 / noise[:, None]
-        by_offset = np.broadcast_to(ones.reshape(1, len(noise), -1), (num, len(noise), r.shape[1]))
-        by_shared = np.concatenate([by_parameter, by_offset[:, self._finds_offset]], 1)
-        weighted = by_start * w[:, None]
-        hessian = weighted @ by_start.swapaxes(1, 2) + np.eye(by_start.shape[1])
-        cross = weighted @ by_shared.swapaxes(1, 2)
-        gradient = (weighted @ r[..., None])[..., 0] + point.shift
-        follow = np.linalg.solve(hessian, cross)
-        shared = by_shared * w[:, None]
-        information = shared @ by_shared.swapaxes(1, 2) - cross.swapaxes(1, 2) @ follow
-        slope = (shared @ r[..., None])[..., 0] - np.einsum("wsp,ws->wp", follow, gradient)
-        return _Equations(hessian, cross, gradient, information, slope)
-
     def _with_prior(
-        self, information: np.ndarray, slope: np.ndarray, unit: np.ndarray
+        self, equations: NormalEquations, unit: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """That of the parameters, which come first, added."""
-        num = len(self._fitted)
-        information, slope = information.copy(), slope.copy()
-        information[np.arange(num), np.arange(num)] += _PRIOR_STD**-2
-        slope[:num] += (unit - self._prior)[self._fitted] / _PRIOR_STD**2
+        """Information and slope of all stretches and, of the parameters, which come first, Π."""
+        information, slope = equations.information.sum(0), equations.slope.sum(0)
+        its = np.arange(len(self._fitted))
+        information[its, its] += _PRIOR_STD**-2
+        slope[its] += (unit - self._prior)[self._fitted] / _PRIOR_STD**2
         return information, slope
 
     def _step(
         self,
         point: _Point,
-        equations: "_Equations",
+        equations: NormalEquations,
         damping: float,
         start_std: np.ndarray,
         stretches: Stretches,
     ) -> _Point:
         num = len(self._fitted)
-        information, slope = self._with_prior(
-            equations.information.sum(0), equations.slope.sum(0), point.unit
-        )
+        information, slope = self._with_prior(equations, point.unit)
         damped = information + damping * np.diag(np.diag(information))
-        free, unit = np.ones(len(slope), bool), point.unit[self._fitted]
-        while True:  # what stands at a bound and is drawn beyond stays there
-            change = np.zeros(len(slope))
-            change[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
-            its = change[:num]
-            beyond = (unit <= 0) & (its < 0) | (unit >= 1) & (its > 0)
-            if not beyond.any():
-                break
-            free[:num] &= ~beyond
-        change *= _LARGEST_STEP / np.abs(change[:num]).max(initial=_LARGEST_STEP)
+        unit = point.unit[self._fitted]
+        change = step_within_bounds(damped, slope, unit, _LARGEST_STEP)
         new = point.unit.copy()
         new[self._fitted] = np.clip(unit + change[:num], 0, 1)
         offsets = point.offsets.copy()
@@ -220,12 +177,12 @@ class OutputError:
         # Each column pays for its own offset and for its share of the parameters
         spent = self._finds_offset + num / len(noise)
         unsure = np.sqrt(times * count / np.maximum(count - spent, count / 4))
-        equations = self._linearize(stretches, point, slopes, noise * unsure)
-        information, _ = self._with_prior(
-            equations.information.sum(0), equations.slope.sum(0), point.unit
+        equations = normal_equations(
+            slopes, residuals, noise * unsure, self._finds_offset, point.shift
         )
+        information, _ = self._with_prior(equations, point.unit)
         covariance = np.linalg.inv(information)
-        scatter = _jackknife(equations, information)[:num]
+        scatter = jackknife(equations, information)[:num]
         std = np.sqrt(np.diag(covariance))[:num]
         wider = np.maximum(scatter / std, 1.0)
         _, full_states = loop.play(stretches, point.states[None], point.unit[None])
@@ -238,25 +195,3 @@ class OutputError:
             times,
             full_states[0, 0],
         )
-
-
-class _Equations(NamedTuple):
-    hessian: np.ndarray  # (W, S, S)
-    cross: np.ndarray  # (W, S, P + offsets)
-    gradient: np.ndarray  # (W, S)
-    information: np.ndarray  # (W, P + offsets, P + offsets)
-    slope: np.ndarray  # (W, P + offsets)
-
-
-def _jackknife(equations: _Equations, information: np.ndarray) -> np.ndarray:
-    """(P + offsets,) standard deviations, by leaving out each stretch in turn (Tukey 1958).
-
-    One step of Newton from the solution of all: θ₍₋w₎ − θ = (I − I_w)⁻¹ g_w. It sees what differs
-    from episode to episode, such as what the hand carries. Of few it is unsure itself, so 90 %
-    intervals are as wide as Student's.
-    """
-    left = information - equations.information  # (W, P, P)
-    moved = np.linalg.solve(left, equations.slope[..., None])[..., 0]
-    num = len(moved)
-    unsure = stdtrit(max(num - 1, 1), 0.95) / ndtri(0.95)
-    return unsure * np.sqrt((num - 1) / num * np.square(moved - moved.mean(0)).sum(0))

@@ -4,10 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simtune.fit.normal_equations import normal_equations
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, Stretches
-from simtune.observation import JointSensor, ObservationModel
+from simtune.observation import (
+    ObservationModel,
+    finds_offset,
+    joints_of,
+    units_of,
+    usual_noise,
+)
 from simtune.simulation import Simulator
 
 _EPISODES, _LONGEST_S = 4, 8.0  # replayed; what else there is is taken to tell as much
@@ -52,7 +59,6 @@ class ReplayedReadings:
 
         Raises RuntimeError if every episode diverges.
         """
-        self._sensors = tuple(s for s in observation.sensors if isinstance(s, JointSensor))
         self._labels = observation.reading_labels
         episodes, num_steps = actions.shape[:2]
         given = np.ones((episodes, num_steps + 1, 1)) if readings is None else readings.values
@@ -65,7 +71,7 @@ class ReplayedReadings:
         if not len(played):
             raise RuntimeError("every episode diverged; check the timestep and the actions")
         physics = Physics(simulator, observe, played.states[0, 0])
-        self._loop = OpenLoop(physics, self._sensors, np.arange(len(nominal)))
+        self._loop = OpenLoop(physics, joints_of(observation.sensors), np.arange(len(nominal)))
         self._unit = simulator.space.to_unit(nominal)
         if readings is None:
             starts = played.states[:, 0]
@@ -80,7 +86,6 @@ class ReplayedReadings:
 
     def changes(self, changed: np.ndarray, noise: np.ndarray) -> ReadingChanges:
         """With (N, N) parameters, one changed in each; noise (D,) of independent readings."""
-        units = [sensor.unit for sensor in self._sensors for _ in sensor.labels]
         worlds = np.vstack([self._unit, self._loop.physics.parameters.to_unit(changed)])
         starts = np.repeat(self._stretches.states[None], len(worlds), 0)
         predicted, _ = self._loop.play(self._stretches, starts, worlds)
@@ -88,7 +93,7 @@ class ReplayedReadings:
         away = (predicted[1:] - predicted[0])[:, kept if kept.any() else slice(None)]
         return ReadingChanges(
             self._labels,
-            tuple(units),
+            units_of(self._loop.sensors),
             np.sqrt(np.square(away).mean((1, 2))),
             np.abs(away).max((1, 2)),
             noise,
@@ -97,25 +102,12 @@ class ReplayedReadings:
 
     def _information(self, noise: np.ndarray) -> np.ndarray:
         """(N, N); what offsets and where episodes start would explain as well is taken out."""
-        stretches, num = self._stretches, len(self._unit)
-        own = [np.full(s.size, s.noise_or_usual) for s in self._sensors]
-        start_std = self._loop.start_std(np.concatenate(own))
-        slopes = self._loop.differentiate(stretches, stretches.states, self._unit, start_std)
-        known = np.isfinite(stretches.values) / noise  # (W, K + 1, D)
-        by_start, by_parameter = (
-            (by * known[:, None]).reshape(*by.shape[:2], -1)
-            for by in (slopes.by_start, slopes.by_parameter)
-        )
-        has_offset = np.repeat(
-            [s.finds_offsets for s in self._sensors], [s.size for s in self._sensors]
-        )
-        ones = np.eye(len(noise))[has_offset][None, :, None] * known[:, None]
-        shared = np.concatenate([by_parameter, ones.reshape(len(ones), has_offset.sum(), -1)], 1)
-        hessian = by_start @ by_start.swapaxes(1, 2) + np.eye(by_start.shape[1])
-        cross = by_start @ shared.swapaxes(1, 2)
-        each = shared @ shared.swapaxes(1, 2) - cross.swapaxes(1, 2) @ np.linalg.solve(
-            hessian, cross
-        )
-        every = each.sum(0) * self._num_frames / known.any(-1).sum()
+        stretches, loop, num = self._stretches, self._loop, len(self._unit)
+        start_std = loop.start_std(usual_noise(loop.sensors))
+        slopes = loop.differentiate(stretches, stretches.states, self._unit, start_std)
+        nothing_left = 0 * stretches.values  # NaN where nothing was read
+        each = normal_equations(slopes, nothing_left, noise, finds_offset(loop.sensors))
+        num_frames = np.isfinite(stretches.values).any(-1).sum()
+        every = each.information.sum(0) * self._num_frames / num_frames
         mixed, offsets = every[:num, num:], every[num:, num:]
         return every[:num, :num] - mixed @ np.linalg.pinv(offsets) @ mixed.T

@@ -142,7 +142,7 @@ class Field:
             return f"{name} has the size of its mesh or height field: scale that"
         if self.name == "cam_fovy" and model.cam_sensorsize[rows].any():
             return f"camera {name} has a sensorsize, which its field of view follows: give it fovy"
-        if self.form == "shift" and model.joint(name).type[0] not in _HINGE_OR_SLIDE:
+        if self.form == "shift" and model.joint(name).type[0] not in HINGE_OR_SLIDE:
             return f"{name} is neither a hinge nor a slide, so it has no one zero"
         if self.form == "negative" and model.actuator_biasprm[rows, 1].item() >= 0:
             return f"{name} is no servo of positions (<position>), so it has no damping of its own"
@@ -176,7 +176,7 @@ def _colour(name: str, **known: Any) -> Field:
 
 
 _DYN, _JNT = mujoco.mjtDyn, mujoco.mjtJoint
-_HINGE_OR_SLIDE = (_JNT.mjJNT_HINGE.value, _JNT.mjJNT_SLIDE.value)
+HINGE_OR_SLIDE = (_JNT.mjJNT_HINGE.value, _JNT.mjJNT_SLIDE.value)
 _FOLLOWS = (_DYN.mjDYN_NONE.value, _DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
 _SHAPED_BY_ASSETS = (mujoco.mjtGeom.mjGEOM_MESH.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _TIMESTEP = (

@@ -51,6 +51,14 @@ class RunData:
     videos: dict[str, bytes]  # mp4 files by name
     replay: dict[str, Any]  # the first episode's joint readings, empty where there are none
 
+    def check_same_task(self, content_hash: str) -> None:
+        """Raises InputError where the run's task, which may be a file, has another content now."""
+        if self.config.get("task_content") != content_hash:
+            raise InputError(
+                f"{self.config['task']}, or its model, is not what {self.path} was made with: "
+                "bring it back, or tune anew"
+            )
+
     def get(self, key: str) -> Any:
         """A fact about the run: of the result, or else the last measurement, or the config."""
         for source in (self.result, self.metrics[-1] if self.metrics else {}, self.config):

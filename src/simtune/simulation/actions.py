@@ -16,9 +16,9 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName
+from simtune.parameters.fields import HINGE_OR_SLIDE
 
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
-HINGE_OR_SLIDE = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
 
 
 class ActionSpace(Protocol):

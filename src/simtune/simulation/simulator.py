@@ -29,14 +29,7 @@ class Simulator(AnySimulator):
         self.model = _with_timestep(scene.model, scene.step_s / self.num_substeps)
         self.space, self.step_s, self.script = scene.space, scene.step_s, scene.script
         self.image_size, self.supersampling = drawing.image_size, drawing.supersampling
-        size = self.image_size * self.supersampling
-        self._renderer = (
-            None
-            if scene.camera is None
-            else make_renderer(
-                drawing.renderer, self.model, self.space, scene.camera, size, drawing.quality
-            )
-        )
+        self._renderer = _renderer(self.model, scene, drawing)
         self._mapping, self._state_space = scene.map_actions(self.model), StateSpace(self.model)
         self._initialize, self._held = scene.initialize, HeldControls(self.model)
         self._worlds: dict[int, Worlds] = {}
@@ -148,7 +141,7 @@ class Simulator(AnySimulator):
     @property
     def renderer(self) -> Renderer:
         """Raises ValueError where no camera films."""
-        if not self._renderer:
+        if self._renderer is None:
             raise ValueError("nothing can be drawn: no camera films this scene")
         return self._renderer
 
@@ -171,6 +164,14 @@ class Simulator(AnySimulator):
                 self._worlds.pop(next(iter(self._worlds)))
             self._worlds[num_worlds] = Worlds(self.model, self.space, num_worlds)
         return self._worlds[num_worlds]
+
+
+def _renderer(model: mujoco.MjModel, scene: Scene, drawing: Drawing) -> Renderer | None:
+    """None where no camera films."""
+    if scene.camera is None:
+        return None
+    size = drawing.image_size * drawing.supersampling
+    return make_renderer(drawing.renderer, model, scene.space, scene.camera, size, drawing.quality)
 
 
 def _nothing(batch: Batch) -> np.ndarray:

@@ -267,10 +267,13 @@ class PosteriorSearch:
         return tensors | {"generator": self.model.generator.get_state()}
 
     def state(self) -> dict[str, Any]:
-        ranges = {k: getattr(self.distribution, k).tolist() for k in ("mean", "low", "high")}
-        rng = self._worlds.rng.bit_generator.state
-        state = {"num_rounds": self.num_rounds, "stop_reason": self.stop_reason}
-        return state | {"distribution": ranges, "rng": rng, "widths": self._widths}
+        return {
+            "num_rounds": self.num_rounds,
+            "stop_reason": self.stop_reason,
+            "distribution": self.distribution.state(),
+            "rng": self._worlds.rng.bit_generator.state,
+            "widths": self._widths,
+        }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         load_weights(self.model.detector, under("detector.", tensors), "detector")
@@ -278,6 +281,5 @@ class PosteriorSearch:
         self.model.generator.set_state(tensors["generator"])
         self.num_rounds, self.stop_reason = state["num_rounds"], state["stop_reason"]
         self._widths = state["widths"]
-        ranges = {k: np.array(v) for k, v in state["distribution"].items()}
-        self.distribution = self.distribution.with_interval(**ranges)
+        self.distribution = self.distribution.with_state(state["distribution"])
         self._worlds.rng.bit_generator.state = state["rng"]

@@ -19,10 +19,10 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.fit import OpenLoop, OutputError, OutputErrorFit, Readings, open_loop
-from simtune.fit import OutputErrorStage as Stage
+from simtune.fit import OpenLoop, OutputError, OutputErrorFit, Readings, ReplayStage
+from simtune.fit.result import block_correlation
 from simtune.fit.uncertainty import latency_warning, tell_apart
-from simtune.observation import JointSensor
+from simtune.observation import finds_offset
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
@@ -63,7 +63,6 @@ class ReadingsSearch:
         if shown := [p.name for p in simulator.space if p.is_appearance]:
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
-        self.sensors = tuple(s for s in context.observation.sensors if isinstance(s, JointSensor))
         self.first = self.distribution = Distribution.first(simulator.space, context.start)
         self.stop_reason = ""
 
@@ -87,11 +86,8 @@ class ReadingsSearch:
     def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
         """Fit, and judge."""
         readings, loop = self._look_at(real)
-        offset_found = np.repeat(
-            [s.finds_offsets for s in self.sensors], [s.size for s in self.sensors]
-        )
         first_guess = self._simulator.space.to_unit(self._context.start)
-        fit = OutputError(loop, offset_found, first_guess)
+        fit = OutputError(loop, finds_offset(loop.sensors), first_guess)
         budget.report("fitting short stretches", 0.05)
         far = self._from_afar(fit, readings, first_guess, budget.part(budget.seconds_left / 3))
         late = self._how_late(fit, readings, far, budget.part(budget.seconds_left / 3))
@@ -100,7 +96,7 @@ class ReadingsSearch:
             readings.delayed(late),
             far.unit,
             far.offsets,
-            Stage(0, self.config.whole_iterations, 10**9),
+            ReplayStage(0, self.config.whole_iterations, 10**9),
             budget,
         )
         estimate = self._conclude(found, late)
@@ -108,10 +104,10 @@ class ReadingsSearch:
         is_known = precision and is_precise(half_widths(estimate, self.first), precision)
         known = f"every parameter is known to {100 * precision:g} %"
         self.stop_reason = known if is_known else "another round would tell hardly more"
-        return Round(estimate, self._events(), self._metrics(loop, found))
+        return Round(estimate, self._events(), self._metrics(found))
 
     def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoop]:
-        loop = open_loop(self._simulator, self._context.observation, self._context.start)
+        loop = OpenLoop.of(self._simulator, self._context.observation, self._context.start)
         return Readings.of(real, loop.sensors), loop
 
     def _from_afar(
@@ -149,9 +145,9 @@ class ReadingsSearch:
                 break
         return steps
 
-    def _stretch(self, iterations: int) -> Stage:
+    def _stretch(self, iterations: int) -> ReplayStage:
         steps = max(_FEWEST_STEPS, round(self.config.stretch_s / self._simulator.step_s))
-        return Stage(steps, iterations, self.config.stretches)
+        return ReplayStage(steps, iterations, self.config.stretches)
 
     def _conclude(self, found: OutputErrorFit, late: int) -> Estimate:
         space, config = self.first.space, self.config.range_update
@@ -164,7 +160,7 @@ class ReadingsSearch:
         self.distribution = self.first.with_interval(mean, low, high)
         width = space.to_unit(high) - space.to_unit(low)
         curves = normal_curves(self.distribution.to_range_unit(mean), std / width)
-        correlation = found.covariance / np.outer(*[np.sqrt(np.diag(found.covariance))] * 2)
+        correlation = block_correlation(len(std), [(np.arange(len(std)), found.covariance)])
         estimate = read_curves(curves, self.distribution, self.first, config)
         return replace(
             estimate,
@@ -200,18 +196,16 @@ class ReadingsSearch:
         )
         return [Event("narrowed", name, float(low), float(high), why) for name, low, high in ends]
 
-    def _metrics(self, loop: OpenLoop, found: OutputErrorFit) -> dict[str, float]:
+    def _metrics(self, found: OutputErrorFit) -> dict[str, float]:
         return {f"rms/{n}": float(v) for n, v in zip(self.labels, found.noise, strict=True)}
 
     def tensors(self) -> dict[str, torch.Tensor]:
         return {}
 
     def state(self) -> dict[str, Any]:
-        ranges = {k: getattr(self.distribution, k).tolist() for k in ("mean", "low", "high")}
-        return {"stop_reason": self.stop_reason, "distribution": ranges}
+        return {"stop_reason": self.stop_reason, "distribution": self.distribution.state()}
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         """Nothing but the result is kept: a round is over in a minute or two."""
         self.stop_reason = state["stop_reason"]
-        ranges = {k: np.array(v) for k, v in state["distribution"].items()}
-        self.distribution = self.distribution.with_interval(**ranges)
+        self.distribution = self.distribution.with_state(state["distribution"])

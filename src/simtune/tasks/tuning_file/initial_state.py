@@ -4,11 +4,11 @@ import mujoco
 import numpy as np
 
 from simtune.errors import UnknownName
+from simtune.parameters.fields import HINGE_OR_SLIDE
 from simtune.tasks.tuning_file.object_names import find_keyframe
 from simtune.tasks.tuning_file.start import Spread, Start
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
-_SLIDE = mujoco.mjtJoint.mjJNT_SLIDE.value
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
 _OF_BODIES = (mujoco.mjtEq.mjEQ_CONNECT.value, mujoco.mjtEq.mjEQ_WELD.value)
@@ -48,9 +48,9 @@ def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, 
         if joint in tied:
             continue
         kind, at = model.jnt_type[joint], int(model.jnt_qposadr[joint])
-        if kind in (_HINGE, _SLIDE) and model.jnt_limited[joint]:
+        if kind in HINGE_OR_SLIDE and model.jnt_limited[joint]:
             positions.append(Spread(at, *map(float, model.jnt_range[joint])))
-        elif kind in (_HINGE, _SLIDE):
+        elif kind in HINGE_OR_SLIDE:
             width = np.pi if kind == _HINGE else near
             positions.append(Spread(at, pose[at] - width, pose[at] + width))
         elif kind == _FREE:  # lies or stands somewhere: only its height is kept
@@ -102,7 +102,7 @@ def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, list[Spread]
                 positions += [Spread(at + i, *pair) for i, pair in enumerate(triple)]
             if "turn" in given:
                 turns.append(Spread(at + 3, *given.pair("turn")))
-        elif kind in (_HINGE, _SLIDE):
+        elif kind in HINGE_OR_SLIDE:
             given.allow("position", "velocity")
             if "position" in given:
                 positions.append(Spread(at, *_within_limits(given, model, joint)))
