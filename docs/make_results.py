@@ -29,6 +29,8 @@ ORDER = (  # on the page; other claims follow
     "recordings",
     "pendulums",
     "servos",
+    "arms",
+    "motions",
     "honesty",
     "robot_limits",
     "memory",

@@ -10,9 +10,11 @@ import textwrap
 from dataclasses import MISSING, fields
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from simtune import config
+from simtune.tasks import load_task
 
 FOLDER = Path(__file__).parents[1] / "docs" / "commands"
 PAGES = {
@@ -72,3 +74,32 @@ if __name__ == "__main__":
     for name, cls in PAGES.items():
         path = FOLDER / f"{name}.md"
         path.write_text(TABLE.sub(lambda _, c=cls: table(c), path.read_text(encoding="utf-8")))
+
+
+JOINTS = {
+    "SO-101": tuple(["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]),
+    "xArm 7": tuple(f"joint{i}" for i in range(1, 8)),
+}
+
+
+@pytest.mark.parametrize("robot", list(JOINTS))
+def test_tuning_files_of_your_robot_load_with_such_a_model(robot: str, tmp_path: Path):
+    page = (FOLDER.parent / "your-robot.md").read_text(encoding="utf-8")
+    text = page.split(f"## {robot}")[1].split("```toml\n")[1].split("```")[0]
+    spec = mujoco.MjSpec()
+    body = spec.worldbody
+    for joint in JOINTS[robot]:  # a chain of links, with servos as these models have them
+        body = body.add_body(name=f"{joint}_link", pos=[0, 0, 0.1])
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.03, 0, 0])
+        body.add_joint(name=joint, axis=[0, 1, 0], range=[-2, 2])
+        servo = spec.add_actuator(name=joint, target=joint)
+        servo.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        servo.set_to_position(kp=10.0)
+    spec.compile()
+    model = tmp_path / text.split('model = "')[1].split('"')[0]
+    model.parent.mkdir(exist_ok=True)
+    model.write_text(spec.to_xml())
+    (tmp_path / "tune.toml").write_text(text)
+    task = load_task(str(tmp_path / "tune.toml"))
+    assert task.sensors[0].size == min(len(JOINTS[robot]), 5 if robot == "SO-101" else 7)
+    assert len(task.parameters) == text.count("[[parameters]]")

@@ -13,7 +13,10 @@ from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.experiment.experiment import Experiment, build_experiment
+from simtune.fit import OpenLoop, Readings
+from simtune.fit.slopes import Groups
 from simtune.record import record
+from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tune import tune
 
@@ -32,7 +35,7 @@ def truth(arm: Path) -> Path:
     return path
 
 
-def pseudo(arm: Path, truth: Path, out: Path, seed: int = 0) -> Experiment:
+def pseudo(arm: Path, truth: Path | None, out: Path, seed: int = 0) -> Experiment:
     config = TuneConfig(task=str(arm), out=out, real_parameters=truth, real_episodes=4, seed=seed)
     return build_experiment(config)
 
@@ -65,6 +68,33 @@ def test_servos_are_found_again_within_their_intervals(arm: Path, truth: Path, t
     # Noise of .002 rad, known from nothing but what is left
     noise = experiment.search.run_round(experiment.recordings, Budget()).metrics
     assert noise["rms/shoulder"] == pytest.approx(0.002, rel=0.1)
+
+
+def test_two_that_do_the_same_are_not_told_apart_by_their_own_curvature(tmp_path: Path):
+    arm = write_arm(tmp_path)
+    own = 'name = "elbow_friction"\nkind = "friction_loss"\nobjects = "elbow"\nnominal = 0.2'
+    same = 'name = "damping"\nkind = "damping"\nobjects = "shoulder"\nnominal = 1.5'
+    arm.write_text(arm.read_text().replace(own, same))
+    experiment = pseudo(arm, None, tmp_path / "run")
+    context, names = experiment.context, experiment.space.names
+    assert isinstance(context.simulator, Simulator)
+    loop = OpenLoop.of(context.simulator, context.observation, context.start)
+    readings = Readings.of(experiment.recordings, loop.sensors)
+    unit, whole = experiment.space.to_unit(context.start), readings.actions.shape[1]
+    stretches = loop.cut(readings, unit, np.zeros(2), whole, 9)
+    start_std = loop.start_std(np.full(2, 0.002))
+    of_kv, of_damping = names.index("shoulder_kv"), names.index("damping")
+    share = context.start[of_kv] / context.start[of_damping]  # both scales are logarithmic
+
+    def off(groups: Groups | None) -> float:
+        """Of what has to be 0: kv and damping are one force."""
+        slopes = loop.differentiate(stretches, stretches.states, unit, start_std, groups)
+        kv, damping = (slopes.by_parameter[:, i] for i in (of_kv, of_damping))
+        return float(np.abs(kv - share * damping).max() / np.abs(kv).max())
+
+    one_sided = Groups.one_by_one(len(names) + len(loop.start_tangents), 2)
+    assert off(None) < 1e-5
+    assert off(one_sided) > 1e-3
 
 
 @pytest.mark.slow

@@ -165,21 +165,30 @@ class OpenLoop:
     ) -> Slopes:
         """By finite differences, for which all changed worlds run at once.
 
-        `groups`: to be quicker, and a little wrong.
+        Central ones of the parameters: of two that do the same, such as a servo's kv and its
+        joint's damping, one-sided ones would seem to tell which is which, by their own curvature.
+        `groups`: one-sided, of many at once, to be quicker and a little wrong.
         """
         num_fitted, num_starts = len(self.fitted), len(self.start_tangents)
+        is_central = groups is None
         groups = groups or Groups.one_by_one(num_fitted + num_starts, self.num_readings)
-        delta = np.full(num_fitted + num_starts, _STATE_DELTA)
-        delta[:num_fitted] = np.where(unit[self.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
         world, num_groups = 1 + groups.number, len(groups.owner)
-        units = np.repeat(unit[None], 1 + num_groups, 0)
-        units[world[:num_fitted], self.fitted] += delta[:num_fitted]
-        tangents = np.zeros((1 + num_groups, self.start_tangents.shape[1]))
+        units = np.repeat(unit[None], 1 + num_groups + is_central * num_fitted, 0)
+        inward = np.where(unit[self.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
+        units[world[:num_fitted], self.fitted] += inward
+        other = 1 + num_groups + np.arange(num_fitted) if is_central else np.zeros(num_fitted, int)
+        outward = np.clip(unit[self.fitted] - inward, 0, 1)
+        units[other, self.fitted] = outward if is_central else unit[self.fitted]
+        tangents = np.zeros((len(units), self.start_tangents.shape[1]))
         change = _STATE_DELTA * start_std[:, None] * self.start_tangents
         np.add.at(tangents, world[num_fitted:], change)
         spread = np.repeat(tangents[:, None], len(states), 1)
         predicted, _ = self.play(stretches, self.physics.space.move(states, spread), units)
-        changes = (predicted[1:] - predicted[0]).swapaxes(0, 1)  # (W, G, K + 1, D)
+        back = np.concatenate([other, np.zeros(num_starts, int)])
+        delta = np.full(num_fitted + num_starts, _STATE_DELTA)
+        its = world[:num_fitted], self.fitted
+        delta[:num_fitted] = units[its] - units[other, self.fitted]
+        changes = (predicted[world] - predicted[back]).swapaxes(0, 1)  # (W, U, K + 1, D)
         is_owner = groups.owner[groups.number] == np.arange(len(delta))[:, None]  # (U, D)
-        slopes = changes[:, groups.number] * is_owner[:, None] / delta[:, None, None]
+        slopes = changes * is_owner[:, None] / delta[:, None, None]
         return Slopes(predicted[0], slopes[:, :num_fitted], slopes[:, num_fitted:])
