@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from simtune import cli
-from simtune.check.conclusions import conclude
-from simtune.check.recording_warnings import warnings
+from simtune.checking.conclusions import conclude
+from simtune.checking.recording_warnings import warnings
 from simtune.fit.sensitivity import (
     WINDOW_STEPS,
     analyze,

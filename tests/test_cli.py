@@ -293,7 +293,7 @@ def test_failures_exit_with_1_and_one_line(simtune, tmp_path, monkeypatch, error
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr("simtune.tune.tune", fail)
+    monkeypatch.setattr("simtune.tuning_run.tune", fail)
     status, out, err = simtune("tune", "cartpole", "--out", tmp_path / "out")
     assert (status, out) == (1, "")
     assert err.startswith("simtune: ")

@@ -28,11 +28,11 @@ from simtune.run import read_json, read_jsonl
 from simtune.run.checkpoint import load_state, newest
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
-from simtune.tune import tune
 from simtune.tuning.joint import NUM_DRAWS
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import Estimate, Event, Round
+from simtune.tuning_run import tune
 
 TASK = load_task("cartpole")
 SPACE = TASK.parameters

@@ -15,7 +15,7 @@ from simtune.evaluate import evaluate
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.record import record
 from simtune.trajectory import Trajectory, delayed
-from simtune.tune import tune
+from simtune.tuning_run import tune
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
 

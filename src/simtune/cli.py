@@ -168,7 +168,7 @@ def _command() -> str:
 
 
 def _check(config: CheckConfig) -> None:
-    from simtune.check import check, table
+    from simtune.checking import check, table
     from simtune.progress import ProgressBar
 
     with ProgressBar() as progress:
@@ -185,7 +185,7 @@ def _compare(config: CompareConfig) -> None:
 
 def _tune(config: TuneConfig) -> None:
     from simtune.progress import ProgressBar
-    from simtune.tune import tune
+    from simtune.tuning_run import tune
 
     with ProgressBar(60 * config.budget_minutes) as progress:
         result = tune(config, progress, command=_command())

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from simtune import outcome
-from simtune.check.recording_warnings import warnings_of
+from simtune.checking.recording_warnings import warnings_of
 from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.settings import Settings
