@@ -231,19 +231,11 @@ def _complain(what: object, status: int) -> int:
 
 def _print_result(result: dict) -> None:
     """A table of the estimates, where there are any, and all warnings."""
+    from simtune.api.table import lines
+
     if result["method"] not in UNTUNED:
-        _print_estimates(result)
+        print("\n".join(lines(result["parameters"])))
+        if "percent_error" in result:
+            print(f"mean error {result['percent_error']:.1f} %")
     for warning in result["warnings"]:
         print(f"warning: {warning}")
-
-
-def _print_estimates(result: dict) -> None:
-    print(f"{'parameter':18s} {'start':>9s} {'estimate':>9s}   90 % interval         verdict")
-    for name, p in result["parameters"].items():
-        interval = f"[{p['low']:.4g}, {p['high']:.4g}]"
-        line = f"{name:18s} {p['initial']:9.4g} {p['mean']:9.4g}   {interval:20s}  {p['verdict']}"
-        if "real" in p:
-            line += f"  (true {p['real']:.4g}, off by {p['percent_error']:.1f} %)"
-        print(line)
-    if "percent_error" in result:
-        print(f"mean error {result['percent_error']:.1f} %")

@@ -69,6 +69,7 @@ class Task:
     symmetric_hinges: Mapping[str, int] = field(default_factory=dict)
     declared: str = ""  # what a tuning file says of it
     declared_policy: str = ""  # ... of what is good, which no search looks at
+    source: str = ""  # by which `load_any_task` finds it again, from any folder
 
     @property
     def content_hash(self) -> str:
