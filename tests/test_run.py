@@ -11,6 +11,7 @@ import torch
 
 from simtune.errors import InputError
 from simtune.run import RunFolder, read_json, read_jsonl, write_atomically, write_json
+from simtune.run.config import check_asked
 from simtune.trajectory import Trajectory
 
 CONFIG = {"task": "ball_in_cup", "seed": 1, "out": "a", "spm": {"width": 256, "dropout": 0.5}}
@@ -108,6 +109,17 @@ def test_another_configuration_is_refused(path):
     with pytest.raises(InputError, match=r"; .*; .* and 1 more"):
         _create(path, seed=2, task="walker", spm={"width": 1, "dropout": 0.1})
     assert read_json(path / "config.json")["config"] == CONFIG
+
+
+def test_what_has_the_same_content_may_lie_elsewhere(path):
+    before = {"task": "tune.toml", "task_content": "4f", "real": "film", "real_parameters": None}
+    _create(path, **before, recordings={"dataset_hash": "a1"}).close()
+    now = {**before, "task": "/home/me/tune.toml", "real": "/data/film"}
+    _create(path, **now, recordings={"dataset_hash": "a1"}).close()
+    with pytest.raises(InputError, match=r"recordings.dataset_hash = 'a1', now = 'b2'"):
+        _create(path, **now, recordings={"dataset_hash": "b2"})
+    with pytest.raises(InputError, match=r"task = '/home/me/tune.toml', now = 'tune.toml'"):
+        check_asked(path, {**CONFIG, "task": "tune.toml", "task_content": "5a"})
 
 
 def test_the_same_configuration_resumes(path):

@@ -54,10 +54,16 @@ class RunData:
 
     def load_task(self) -> AnyTask:
         """What was tuned. Raises InputError where its files are gone or have changed."""
-        task = load_any_task(self.config["task"])
+        source = self.config["task"]
+        if source.endswith(".toml") and not Path(source).exists():
+            raise InputError(
+                f"{self.path} was made with {source}, which is not there: bring it back, or tune "
+                "anew"
+            )
+        task = load_any_task(source)
         if self.config.get("task_content") != task.content_hash:
             raise InputError(
-                f"{self.config['task']}, or its model, is not what {self.path} was made with: "
+                f"{source}, or its model, is not what {self.path} was made with: "
                 "bring it back, or tune anew"
             )
         return task
