@@ -284,7 +284,6 @@ def test_an_out_that_cannot_be_used_is_refused(simtune, tmp_path, quick_commands
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (KeyboardInterrupt(), "interrupted; the same command goes on"),
         (RuntimeError("all worlds\ndiverged"), "all worlds diverged"),
         (OSError(28, "No space left on device"), "No space left on device"),
     ],
@@ -298,6 +297,36 @@ def test_failures_exit_with_1_and_one_line(simtune, tmp_path, monkeypatch, error
     assert (status, out) == (1, "")
     assert err.startswith("simtune: ")
     assert err.count("\n") == 1
+    assert words in err
+
+
+@pytest.mark.parametrize(
+    ("command", "rounds", "words"),
+    [
+        ("tune", 0, "interrupted before the first round was done: the same command begins it anew"),
+        (
+            "tune",
+            1,
+            "interrupted; kept: 1 finished round; what came later is lost, and the same command",
+        ),
+        ("train", 2, "kept: 2 finished rounds and 50 steps of the policy's training;"),
+        ("record", 0, "interrupted"),
+    ],
+)
+def test_an_interrupted_command_exits_with_130_and_says_what_is_kept(
+    simtune, tmp_path, monkeypatch, command, rounds, words
+):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    if rounds:
+        with RunFolder.create(out, {}) as run:
+            run.save_checkpoint({}, {"step": 50, "rounds": rounds})
+    for name in ("tuning_run.tune", "algorithm.train", "record.record"):
+        monkeypatch.setattr(f"simtune.{name}", interrupt)
+    status, said, err = simtune(command, "cartpole", "--out", out)
+    assert (status, said, err.count("\n")) == (130, "", 1)
     assert words in err
 
 

@@ -64,21 +64,21 @@ _TYPES = {"int": "a whole number", "float": "a number"}
 
 
 def main() -> None:
-    """Exit status: 0 done, 1 failed, 2 the input cannot be used (one line says why)."""
+    """Exit status: 0 done, 1 failed, 2 the input cannot be used (one line says why), 130 Ctrl-C."""
     # Before torch is loaded: threads that wait for each other by spinning make training five
     # times slower as soon as anything else runs on the machine.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    command = None
     try:
         if sys.argv[1:] == ["--version"]:
             print(f"simtune {simtune.__version__}")
         else:
-            _run(_parse())
+            _run(command := _parse())
         sys.stdout.flush()
     except InputError as error:
         sys.exit(_complain(error, 2))
     except KeyboardInterrupt:
-        goes_on = sys.argv[1:2] in (["tune"], ["train"])
-        sys.exit(_complain("interrupted" + "; the same command goes on" * goes_on, 1))
+        sys.exit(_complain(_interrupted(command), 130))
     except BrokenPipeError:  # `simtune tasks | head -1`: the reader has read enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains when it closes stdout
         sys.exit(1)
@@ -115,6 +115,11 @@ def _parse() -> Any:
 
 
 def _run(command: Any) -> None:
+    if isinstance(command, CheckConfig | TuneConfig | TrainConfig | RecordConfig):
+        from simtune.tasks import load_any_task
+
+        command.check()  # before torch is loaded, which takes seconds
+        load_any_task(command.task)
     # Each imports what it needs: torch and Warp take seconds, and --help should not.
     match command:
         case TasksCommand():
@@ -222,6 +227,20 @@ def _record(config: RecordConfig) -> None:
 
 def _counted(num: int, what: str) -> str:
     return f"{num} {what}{'s' * (num != 1)}"
+
+
+def _interrupted(command: Any) -> str:
+    """What of a run is kept."""
+    if not isinstance(command, TuneConfig | TrainConfig):
+        return "interrupted"
+    from simtune.run.folder import kept_state
+
+    if not (state := kept_state(command.out)):
+        return "interrupted before the first round was done: the same command begins it anew"
+    kept = _counted(state["rounds"], "finished round")
+    if isinstance(command, TrainConfig):
+        kept += f" and {_counted(state['step'], 'step')} of the policy's training"
+    return f"interrupted; kept: {kept}; what came later is lost, and the same command goes on there"
 
 
 def _complain(what: object, status: int) -> int:
