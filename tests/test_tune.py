@@ -99,8 +99,8 @@ def keeps_the_contract(entry: dict, parameter: Parameter) -> None:
     """What result.json says of one parameter, started at ×2 or ×½ of TRUTH."""
     real = TRUTH.get(parameter.name, parameter.nominal)
     numbers = {"nominal", "initial", "mean", "low", "high", "real", "percent_error"}
-    assert set(entry) == numbers | {"unit", "verdict"}
-    assert all(type(entry[key]) is float for key in numbers)
+    assert set(entry) == numbers | {"unit", "verdict", "interval_share"}
+    assert all(type(entry[key]) is float for key in numbers | {"interval_share"})
     assert (entry["unit"], entry["nominal"]) == (parameter.unit, parameter.nominal)
     assert entry["real"] == pytest.approx(real)
     doubled, halved = min(2 * real, parameter.high), real / 2

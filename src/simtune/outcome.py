@@ -9,6 +9,7 @@ import numpy as np
 
 from simtune.config import ROBOTS, TrainConfig, TuneConfig
 from simtune.parameters import ParameterSpace
+from simtune.randomization import Distribution
 from simtune.real.truth import Truth
 from simtune.run.files import plain
 from simtune.tasks import AnyTask, Task
@@ -80,11 +81,12 @@ def result(
 
     `command`: what the user typed; None: the run was called from Python.
     """
-    parameters = declared(space, start)
+    parameters, first = declared(space, start), Distribution.first(space, start)
+    share = first.to_range_unit(estimate.high) - first.to_range_unit(estimate.low)
     for i, entry in enumerate(parameters.values()):
         entry["mean"] = float(estimate.mean[i])
         entry["low"], entry["high"] = float(estimate.low[i]), float(estimate.high[i])
-        entry["verdict"] = estimate.verdict[i]
+        entry["verdict"], entry["interval_share"] = estimate.verdict[i], float(share[i])
     content: dict[str, Any] = {**metadata, "parameters": parameters}
     content |= {key: getattr(estimate, key) for key in _IN_RESULT}
     if command is not None:

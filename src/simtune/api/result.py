@@ -41,7 +41,8 @@ class Estimate:
     mean: float  # the estimate
     low: float  # ends of the 90 % interval
     high: float
-    verdict: str  # identified, weak, not identifiable
+    interval_share: float | None  # the interval's part of the range that was searched first
+    verdict: str  # by that part: identified, weak, not identifiable
     real: float | None  # the truth, of a pseudo-real world
     percent_error: float | None
 

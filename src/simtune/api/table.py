@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from simtune.report.words import interval, number, percent, unit
+from simtune.report.words import MISSING, interval, number, percent, share, unit
 from simtune.validate import is_number
 
 Rows = Sequence[Sequence[str]]
@@ -45,12 +45,15 @@ def html(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) -> 
 def table_rows(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool) -> Rows:
     """Texts: the heads, then a row a parameter."""
     is_known = any(is_number(p.get("real")) for p in parameters.values())
-    named = ("estimate", "90 % interval", "verdict") if verdicts else ("mean", "worlds trained in")
+    named = ("estimate", "90 % interval", "of first range", "verdict")
+    named = named if verdicts else ("mean", "worlds trained in")
     heads = ("parameter", "unit", "start", *named, *("truth", "off by") * is_known)
     rows: list[tuple[str, ...]] = [heads]
     for name, p in parameters.items():
         cells = [name, unit(p), number(p["initial"]), number(p["mean"]), interval(p)]
-        cells += [str(p.get("verdict") or "")] * verdicts
+        covered = p.get("interval_share")
+        if verdicts:
+            cells += [share(covered) if is_number(covered) else MISSING, str(p.get("verdict"))]
         cells += [number(p.get("real")), percent(p.get("percent_error"))] * is_known
         rows.append(tuple(cells))
     return rows
