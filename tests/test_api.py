@@ -1,5 +1,6 @@
 """`import simtune`: its public names, and what they give."""
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -149,3 +150,17 @@ def test_a_task_that_no_file_declares_is_refused(tmp_path, source):
     changed = replace(cartpole.balance(), source=source, declared="of mine")
     with pytest.raises(ValueError, match=r"is not as .* declares it: change the tuning file"):
         simtune.tune(changed, out=tmp_path / "run")
+
+
+def test_the_page_lists_the_public_names_and_no_others():
+    page = (Path(__file__).parents[1] / "docs" / "python.md").read_text()
+    functions, of_result = page.split("## Result")
+    assert sorted(set(re.findall(r"^\| `simtune\.(\w+)", functions, re.M))) == sorted(NAMES)
+    listed = {
+        name
+        for cell in re.findall(r"^\| (`.*?`) \|", of_result, re.M)
+        for name in re.findall(r"`(\w+)", cell)
+    }
+    assert listed == {name for name in vars(simtune.Result) if not name.startswith("_")}
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    compile(code, "python.md", "exec")
