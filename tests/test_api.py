@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import simtune
+from simtune.run import write_json
 from simtune.tasks import cartpole
 from simtune.tuning_run import tune as tune_from_options
 
@@ -164,3 +165,29 @@ def test_the_page_lists_the_public_names_and_no_others():
     assert listed == {name for name in vars(simtune.Result) if not name.startswith("_")}
     (code,) = re.findall(r"```python\n(.*?)```", page, re.S)
     compile(code, "python.md", "exec")
+
+
+def test_train_takes_the_options_of_its_command(tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr("simtune.api.commands.carry_out_training", lambda *a: given.append(a[0]))
+    options = {"method": "dr", "range_dr": 0.3, "real_parameters": "truth.json"}
+    with pytest.raises(ValueError, match="is no run"):  # since nothing was trained
+        simtune.train("cartpole", out=str(tmp_path / "run"), policy_steps=50, **options)
+    (config,) = given
+    assert (config.task, config.out, config.real) == ("cartpole", tmp_path / "run", "pseudo")
+    assert (config.method, config.range_dr, config.policy_steps) == ("dr", 0.3, 50)
+    assert config.real_parameters == Path("truth.json")
+
+
+def test_a_result_without_a_search_has_no_samples_and_no_verdicts(tmp_path):
+    facts = {"unit": "kg", "nominal": 0.1, "initial": 0.2, "mean": 0.2, "low": 0.1, "high": 0.3}
+    content = {"task": "cartpole", "method": "dr", "parameters": {"pole_mass": facts}}
+    write_json(tmp_path / "config.json", {"config": {"task": "cartpole"}})
+    write_json(tmp_path / "result.json", content)
+    result = simtune.load(tmp_path)
+    assert "worlds trained in" in repr(result)
+    assert "verdict" not in repr(result)
+    assert result.parameters["pole_mass"].real is None
+    for ask in (result.samples, result.plot, lambda: result.covariance):
+        with pytest.raises(ValueError, match="nothing was searched for there"):
+            ask()
