@@ -278,6 +278,26 @@ def test_an_out_that_cannot_be_used_is_refused(simtune, tmp_path, quick_commands
         simtune.refuses("tune", "cartpole", "--out", out, "--real-episodes", 1, message=message)
 
 
+@pytest.mark.parametrize("command", ["check", "tune", "train", "record"])
+def test_what_a_tuning_file_has_wrong_is_said_before_torch_is_loaded(tmp_path, command):
+    (tmp_path / "wrong.toml").write_text("model = 3")
+    out = [] if command == "check" else ["--out", "run"]
+    code = f"""if True:
+    import sys
+    from simtune.cli import main
+    sys.argv = ["simtune", "{command}", "wrong.toml", *{out}]
+    try:
+        main()
+    finally:
+        assert "torch" not in sys.modules
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 2
+    assert done.stderr == "simtune: wrong.toml:1: model must be a text, got 3\n"
+
+
 # --- what fails ---------------------------------------------------------------------------
 
 
