@@ -71,12 +71,14 @@ def one_renderer_each():
     """Renderers by what they draw: each takes a second to make, and none keeps anything."""
     renderers = {}  # the latest few, each of 100 MB
 
-    def make_once(name, model, space, camera, image_size, *rest):
+    def make_once(name, model, space, camera, image_size, quality, plate):
         shapes = (model.cam_pos, model.cam_fovy, model.geom_size, model.geom_pos, model.body_pos)
         scene = (model.names, *(values.tobytes() for values in shapes))
-        key = (name, scene, space.names, camera, image_size, *rest)
+        behind = None if plate is None else plate.tobytes()
+        key = (name, scene, space.names, camera, image_size, quality, behind)
+        options = (quality, plate)
         renderer = renderers.pop(key, None)
-        renderers[key] = renderer or make_renderer(name, model, space, camera, image_size, *rest)
+        renderers[key] = renderer or make_renderer(name, model, space, camera, image_size, *options)
         if len(renderers) > 2:
             del renderers[next(iter(renderers))]
         return renderers[key]

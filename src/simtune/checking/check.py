@@ -14,6 +14,7 @@ from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.fit.sensitivity import analyze
 from simtune.observation import ObservationModel
+from simtune.pictures import resize
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import observed, open_recordings
 from simtune.real.recorded import how_many
@@ -73,15 +74,19 @@ def _of_recordings(
     recorded, film = look_through(dataset, say, min(num, _LOOKED_AT) * has_camera)
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
     facts["warnings"] = warnings(task, facts["recordings"], recorded, num)
+    plate = task.footage.plate(film, film.shape[2]) if has_camera else None
     # Supersampled as in tuning: a real camera averages over its pixels.
     simulator = task.simulator(
-        image_size=image_size, step_s=dataset.step_s, supersampling=seen.supersampling
+        image_size=image_size,
+        step_s=dataset.step_s,
+        supersampling=seen.supersampling,
+        plate=None if plate is None else resize(plate, (image_size, image_size)),
     )
     steps = min(len(actions) for actions in recorded[:num])
     actions = np.stack([actions[:steps] for actions in recorded[:num]])
     if has_camera:
         say("comparing pictures", 0.0)
-        facts["film"], more = _look_at(film, task, simulator, actions, config)
+        facts["film"], more = _look_at(film, task, simulator, actions, config, plate)
         facts["warnings"] += more
     read = None
     if seen.sensors:
@@ -92,7 +97,12 @@ def _of_recordings(
 
 
 def _look_at(
-    film: np.ndarray, task: Task, simulator: Simulator, actions: np.ndarray, config: CheckConfig
+    film: np.ndarray,
+    task: Task,
+    simulator: Simulator,
+    actions: np.ndarray,
+    config: CheckConfig,
+    plate: np.ndarray | None,
 ) -> tuple[dict[str, Any], list[str]]:
     """What to note down of (E, K, H, W, 3) recorded frames, and warnings; a picture is saved."""
     library = make_library(simulator, actions[: len(film)], config.seed)
@@ -100,7 +110,7 @@ def _look_at(
         return {}, ["the film was not looked at: nearly all of the simulator's worlds diverge"]
     comparison = compare(film, library)
     path = config.pictures or new_file()
-    draw_film(path, film, task, library, comparison)
+    draw_film(path, film, task, library, comparison, plate)
     return comparison.facts() | {"pictures": str(path)}, comparison.warnings
 
 

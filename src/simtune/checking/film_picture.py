@@ -38,12 +38,17 @@ def new_file() -> Path:
 
 
 def draw_film(
-    path: Path, film: np.ndarray, task: Task, library: Library, comparison: Comparison
+    path: Path,
+    film: np.ndarray,
+    task: Task,
+    library: Library,
+    comparison: Comparison,
+    plate: np.ndarray | None,
 ) -> None:
     """Save real, simulated and both pictures side by side: some moments, and what stands still.
 
     `film` is (E, K, H, W, 3) uint8. The simulator's are of the library's states nearest to the
-    film's, in the nominal parameters' colours.
+    film's, in the nominal parameters' colours, before the `plate` where there is one.
     """
     side = max(film.shape[2], _SIDE_PX)
     last, middle = len(film) - 1, film.shape[1] // 2
@@ -53,16 +58,19 @@ def draw_film(
         "another episode" if last else "at the end": (last, middle if last else -1),
     }
     nearest = [int(comparison.nearest[moment]) for moment in moments.values()]
-    simulated = _simulated(task, library, nearest, side)
+    behind = None if plate is None else _enlarged(plate, side)
+    simulated = _simulated(task, library, nearest, side, behind)
     real = [film[moment] for moment in moments.values()]
     real.append(np.median(film.reshape(-1, *film.shape[2:]), 0).astype(np.uint8))
     rows = [(_enlarged(one, side), other) for one, other in zip(real, simulated, strict=True)]
     _save(path, task.name, [*moments, "what stands still"], rows, comparison)
 
 
-def _simulated(task: Task, library: Library, nearest: list[int], side: int) -> list[np.ndarray]:
+def _simulated(
+    task: Task, library: Library, nearest: list[int], side: int, plate: np.ndarray | None
+) -> list[np.ndarray]:
     """Pictures of these of the library, and of what stands still in the first one's world."""
-    simulator = task.simulator(image_size=side, supersampling=2)
+    simulator = task.simulator(image_size=side, supersampling=2, plate=plate)
     num_kept, size = library.states.shape[1:]
     states = library.states.reshape(-1, size)[nearest]
     drawn = np.concatenate([states, library.states[nearest[0] // num_kept]])

@@ -25,7 +25,7 @@ from simtune.real.truth import Truth
 from simtune.run.config import check_asked
 from simtune.run.folder import stored_state
 from simtune.simulation import AnySimulator, Points
-from simtune.tasks import AnyTask, load_any_task
+from simtune.tasks import AnyTask, Task, load_any_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, make_search, needed_image_size
 from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
@@ -140,10 +140,13 @@ def build_world(
     is_read = tunes or (num_recorded != 0 and isinstance(real, RecordedReal))
     recordings = real.collect(num_recorded) if is_read else []
     run_config = outcome.run_config(config, task, start, real.facts, truth)
+    films = bool(real.observation.cameras)
+    plate = _plate(task, recordings, image_size, tunes) if films else None
     simulator = task.simulator(  # as the real world: actions last as long, pictures are alike
         image_size=image_size,
         step_s=real.step_s,
         supersampling=real.observation.supersampling,
+        plate=plate,
     )
     state = trained or stored_state(config.out, run_config)  # of the run that goes on there
     context = SearchContext(
@@ -164,6 +167,20 @@ def build_world(
         truth=truth,
         context=context,
     )
+
+
+def _plate(
+    task: AnyTask, recordings: list[Trajectory], image_size: int, tunes: bool
+) -> np.ndarray | None:
+    """What is drawn behind all that moves, where a tuning file says so."""
+    if not isinstance(task, Task):
+        return None
+    if task.footage.background == "recording" and not tunes:
+        raise InputError(
+            'background = "recording" goes with `tune`: a policy is also trained where no '
+            "recordings are; give it a picture by that camera, background = FILE"
+        )
+    return task.footage.plate([t.frames for t in recordings], image_size)
 
 
 def _choose_keypoints(

@@ -17,6 +17,7 @@ from simtune.fit.replay_fit import ReplayFit
 from simtune.fit.result import FitResult, Misfit, PointEstimate
 
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no refits
+_UNKNOWN_STD = 0.005  # of what moves, in unit coordinates: what fits in a hurry usually claim
 _POOLED_COUNT = 3.0  # all parameters of a kind count like three refits of each
 # Before any refit errors are taken to be at least so many times what fits claim, and that counts
 # like two of them: the first few may all be lucky.
@@ -125,9 +126,8 @@ def _usual_std(std: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
     How far apart a fit's two sides end says most of what it claims, and that is a single draw:
     sides that are both off may well meet. Few such draws tell together what is usual.
     """
-    if not len(std):
-        return np.zeros(len(is_moving))
-    return np.where(is_moving, np.sqrt(np.square(std).mean(0)), 0.0)
+    usual = np.sqrt(np.square(std).mean(0)) if len(std) else _UNKNOWN_STD
+    return np.where(is_moving, usual, 0.0)
 
 
 def _ratio(value: float, known) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from simtune.config import ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.robot import Driver
 from simtune.errors import InputError, UnknownName
+from simtune.footage import PLAIN
 from simtune.observation import ObservationModel, Sensor
 from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
@@ -107,15 +108,17 @@ def open_recordings(
     observation: ObservationModel,
 ) -> Dataset:
     """Recordings of what is observed, whose actions fit a task. Raises InputError for others."""
+    footage = task.footage if isinstance(task, Task) else PLAIN
     return open_dataset(
         path,
-        camera=config.camera,
+        camera=config.camera or footage.key,
         image_size=image_size,
         num_actions=len(task.load_actions().names),
         actions=config.action_names or (task.action_columns if isinstance(task, Task) else None),
         control_hz=config.control_hz,
         readings={sensor.name: sensor.columns for sensor in observation.sensors},
         pictures=bool(observation.cameras),
+        footage=footage,
     )
 
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.pictures import middle_square, resize
+from simtune.footage import PLAIN, Footage
+from simtune.pictures import resize
 from simtune.recordings.facts import Seen, SeenPictures, action_ranges, picture_facts
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.readings import NO_READINGS, choose_readings
@@ -25,11 +26,11 @@ class Dataset:
     Row t of an episode is a frame and the action that begins then. What the last action did was
     not filmed, so it is left out. Rewards, states and the like are left unread.
 
-    Frames are resized to `image_size` by area averaging. One number is the side of a square: the
-    middle of a landscape picture, whole in height, which is what a square MuJoCo camera of the
-    same field of view (it is vertical) films. (height, width) keeps the whole picture and squeezes
-    it where its aspect is another one. None keeps the source's size. Without `pictures` none is
-    decoded, and frames are empty.
+    Frames are resized to `image_size` by area averaging. One number is the side of a square, as
+    `footage` has it: the middle of a landscape picture, whole in height, which is what a square
+    MuJoCo camera of the same field of view (it is vertical) films, or what a lens leaves of it.
+    (height, width) keeps the whole picture and squeezes it where its aspect is another one. None
+    keeps the source's size. Without `pictures` none is decoded, and frames are empty.
 
     `actions` names the columns to take, in this order (None: all); `num_actions`, where given, is
     how many the task needs. `readings` names the columns that each sensor's readings are of,
@@ -51,6 +52,7 @@ class Dataset:
         control_hz: float | None = None,
         readings: Mapping[str, Sequence[str]] = NO_READINGS,
         pictures: bool = True,
+        footage: Footage = PLAIN,
     ):
         if image_size is not None and np.min(image_size) < 1:
             raise InputError(f"image_size must be at least 1 pixel, got {image_size}")
@@ -59,7 +61,7 @@ class Dataset:
         self._source, self._image_size, self._with_pictures = source, image_size, pictures
         self._columns = choose_actions(source, actions, num_actions)
         self._sensors = choose_readings(source.path, source.readings, readings)
-        self._own_rate = control_hz is None
+        self._own_rate, self._footage = control_hz is None, footage
         self.step_s = 1 / (control_hz or source.fps)
         self._seen: dict[int, Seen] = {}
         self.where = str(source.path)
@@ -101,7 +103,7 @@ class Dataset:
         last = min(len(steps.actions), within_steps or len(steps.actions))
         kept_steps = np.linspace(0, last, num_kept).astype(int)
         kept = {
-            step: _small_square(picture)
+            step: self._footage.square(picture, min(*picture.shape[:2], _KEPT_PX))
             for step, picture in enumerate(self._frames(episode, steps))
             if step in kept_steps
         }
@@ -182,7 +184,7 @@ class Dataset:
 
     def _check_size(self, name: str, shape: tuple[int, ...]) -> tuple[int, int]:
         height, width = shape[:2]
-        if isinstance(self._image_size, int) and height > width:
+        if isinstance(self._image_size, int) and height > width and not self._footage.lens:
             raise InputError(
                 f"{self.where}: {name}: the picture is upright, {width}×{height}; "
                 "expected one at least as wide as high; crop it to a square"
@@ -200,12 +202,5 @@ class Dataset:
         if self._image_size is None:
             return picture
         if isinstance(self._image_size, int):
-            return resize(middle_square(picture), (self._image_size, self._image_size))
+            return self._footage.square(picture, self._image_size)
         return resize(picture, self._image_size)
-
-
-def _small_square(picture: np.ndarray) -> np.ndarray:
-    """The middle of a picture, to look at."""
-    square = middle_square(picture)
-    side = min(len(square), _KEPT_PX)
-    return resize(square, (side, side))

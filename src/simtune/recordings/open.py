@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from simtune.errors import InputError
+from simtune.footage import PLAIN, Footage
 from simtune.recordings.dataset import Dataset
 from simtune.recordings.lerobot import INFO_PATH, LeRobotSource
 from simtune.recordings.pairs import TABLE, VIDEOS, PairsSource
@@ -24,6 +25,7 @@ def open_dataset(
     control_hz: float | None = None,
     readings: Mapping[str, Sequence[str]] = NO_READINGS,
     pictures: bool = True,
+    footage: Footage = PLAIN,
 ) -> Dataset:
     """A LeRobotDataset v3.0 or v2, a folder of pairs NAME.mp4 and NAME.csv, or robomimic's HDF5.
 
@@ -43,6 +45,7 @@ def open_dataset(
         control_hz=control_hz,
         readings=readings,
         pictures=pictures,
+        footage=footage,
     )
 
 

@@ -14,6 +14,7 @@ import warp
 from mujoco.batch import Batch
 
 from simtune.parameters import ModelWriter, ParameterSpace, field_of
+from simtune.simulation.plate import before_plate, check_stands_still
 from simtune.simulation.primitives import Primitives
 from simtune.simulation.worlds import no_printed_warnings
 
@@ -40,13 +41,21 @@ class Raycaster:
         image_size: int,
         num_threads: int = 0,
         sky_samples: int = 4,
+        plate: np.ndarray | None = None,
     ):
-        """`sky_samples` a pixel and axis: stars are smaller than pixels and would sparkle."""
+        """`sky_samples` a pixel and axis: stars are smaller than pixels and would sparkle.
+
+        `plate`: (image_size, image_size, 3) uint8 RGB in place of the sky and of what stands still,
+        see `before_plate`. Raises InputError for one before a camera that moves.
+        """
         _init_warp()
         self.image_size = image_size
         self._num_threads = num_threads or _num_cores()
         sky = None
-        if _can_turn(model, space, model.camera(camera).id):
+        if plate is not None:
+            check_stands_still(model, camera)
+            model, sky = before_plate(model, space), _packed(plate)
+        elif _can_turn(model, space, model.camera(camera).id):
             model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / image_size)
         else:
             sky = _constant_sky(model, camera, image_size, sky_samples)
@@ -173,6 +182,12 @@ def _draw(model, data, context) -> np.ndarray:
     mujoco_warp.refit_bvh(model, data, context)
     mujoco_warp.render(model, data, context)
     return context.rgb_data.numpy()
+
+
+def _packed(picture: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8 RGB to (H, W) pixels, packed as ARGB."""
+    opaque = np.full((*picture.shape[:2], 1), 255, np.uint8)
+    return np.concatenate([picture[..., ::-1], opaque], -1).view(np.uint32)[..., 0]
 
 
 def _unpack(pixels: np.ndarray, frames: np.ndarray) -> None:

@@ -43,10 +43,12 @@ def make_renderer(
     camera: str,
     image_size: int,
     quality: OpenGLQuality = OPENGL_FAST,
+    plate: np.ndarray | None = None,
 ) -> Renderer:
-    """The renderer of that name; the ray caster has no `quality`.
+    """The renderer of that name; the ray caster has no `quality`, only it knows a `plate`.
 
-    Raises InputError for an unknown name or camera, and for OpenGL where there is none.
+    Raises InputError for an unknown name or camera, for OpenGL where there is none, and for a
+    plate before a camera that moves.
     """
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera) < 0:
         raise InputError(f"the model has no camera {camera!r}")
@@ -54,8 +56,10 @@ def make_renderer(
     if name == "raycaster":
         from simtune.simulation.raycaster import Raycaster
 
-        return Raycaster(model, space, camera, image_size)
+        return Raycaster(model, space, camera, image_size, plate=plate)
     if name == "opengl":
+        if plate is not None:
+            raise ValueError("OpenGL draws no plate")
         from simtune.simulation.opengl import OpenGLRenderer
 
         return OpenGLRenderer(model, space, camera, image_size, quality)

@@ -39,3 +39,4 @@ class Drawing:
     renderer: RendererName = "raycaster"
     quality: OpenGLQuality = OPENGL_FAST
     supersampling: int = 1
+    plate: np.ndarray | None = None  # (image_size, image_size, 3) uint8 in place of what is still

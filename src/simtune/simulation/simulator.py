@@ -170,8 +170,13 @@ def _renderer(model: mujoco.MjModel, scene: Scene, drawing: Drawing) -> Renderer
     """None where no camera films."""
     if scene.camera is None:
         return None
-    size = drawing.image_size * drawing.supersampling
-    return make_renderer(drawing.renderer, model, scene.space, scene.camera, size, drawing.quality)
+    k, plate = drawing.supersampling, drawing.plate
+    if plate is not None:
+        plate = plate.repeat(k, 0).repeat(k, 1)
+    size = drawing.image_size * k
+    return make_renderer(
+        drawing.renderer, model, scene.space, scene.camera, size, drawing.quality, plate
+    )
 
 
 def _nothing(batch: Batch) -> np.ndarray:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
 from simtune.simulation import EnvironmentSimulator
@@ -49,9 +51,14 @@ class EnvironmentTask:
         return BoxActions(self._env.action_space)
 
     def simulator(
-        self, *, image_size: int, step_s: float | None = None, supersampling: int = 1
+        self,
+        *,
+        image_size: int,
+        step_s: float | None = None,
+        supersampling: int = 1,
+        plate: np.ndarray | None = None,
     ) -> EnvironmentSimulator:
-        """Its worlds; see `Task.simulator`. It decides itself how smoothly it draws.
+        """Its worlds; see `Task.simulator`. It decides itself how smoothly it draws, before what.
 
         Raises InputError where recordings have another rate than the environment, or where nothing
         says where in the picture things are, so that no motion could be seen.

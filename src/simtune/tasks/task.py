@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from simtune.footage import PLAIN, Footage
 from simtune.observation import JointSensor
 from simtune.parameters import ParameterSpace
 from simtune.simulation import (
@@ -59,6 +60,7 @@ class Task:
     load_spec: Callable[[], mujoco.MjSpec]  # the nominal model, editable: what is exported
     parameters: ParameterSpace
     camera: str | None  # name of the camera that films; None: only sensors measure
+    footage: Footage = PLAIN  # what its recordings are
     sensors: tuple[JointSensor, ...] = ()  # what is measured beside pictures, if recordings have it
     control_timestep_s: float  # an action is held for action_repeat of these
     action_repeat: int
@@ -134,8 +136,12 @@ class Task:
         renderer: RendererName = "raycaster",
         quality: OpenGLQuality = OPENGL_FAST,
         supersampling: int = 1,
+        plate: np.ndarray | None = None,
     ) -> Simulator:
-        """Worlds of this task; an action lasts `step_s` seconds, by default a policy step."""
+        """Worlds of this task; an action lasts `step_s` seconds, by default a policy step.
+
+        `plate`: (image_size, image_size, 3) uint8 behind what moves, see `Footage.plate`.
+        """
         scene = Scene(
             model=self.load_model(step_s),
             space=self.parameters,
@@ -146,6 +152,10 @@ class Task:
             script=self.script,
         )
         drawing = Drawing(
-            image_size=image_size, renderer=renderer, quality=quality, supersampling=supersampling
+            image_size=image_size,
+            renderer=renderer,
+            quality=quality,
+            supersampling=supersampling,
+            plate=plate,
         )
         return Simulator(scene, drawing)

@@ -105,9 +105,11 @@ class KeypointDetector(nn.Module):
         return torch.stack([self._peaks(heatmaps), self._peaks(others)], 1), probability
 
     def _near_peak(self, heatmaps: torch.Tensor) -> torch.Tensor:
-        peak = self.grid[heatmaps.argmax(-1)]  # (B, L, 2)
-        distance = (self.grid - peak[:, :, None]).abs().amax(-1)
-        return distance <= _NEAR_CELLS * _STRIDE + 0.1
+        """(B, L, cells²) bool: cells at most two rows and columns from the largest."""
+        peak, axis = heatmaps.argmax(-1)[..., None], torch.arange(self.cells)
+        rows = (axis - peak // self.cells).abs() <= _NEAR_CELLS
+        columns = (axis - peak % self.cells).abs() <= _NEAR_CELLS
+        return (rows[..., :, None] & columns[..., None, :]).flatten(-2)
 
     def loss(
         self,

@@ -1,27 +1,34 @@
 """The camera of a tuning file: one of the model's by name, or one of a pose of its own."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from simtune.errors import UnknownName
+from simtune.footage import PLAIN, Footage
+from simtune.tasks.tuning_file.footage import KEYS as FOOTAGE
+from simtune.tasks.tuning_file.footage import read_footage
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
+_POSE = ("position_m", "look_at_m", "up", "quat", "field_of_view_deg")
 _ADDED = "simtune_camera"  # what a camera of its own is called in the model
 
 
 @dataclass(frozen=True)
 class FilmingCamera:
-    """A camera by name, and where to put it if the model has none of that name."""
+    """A camera by name, where to put it if the model has none of that name, and its footage."""
 
     name: str
     position_m: tuple[float, ...] = ()  # (3,), empty where the model has it
     quaternion: tuple[float, ...] = ()  # (4,) w, x, y, z: looks along −z, y is up
     fovy_deg: float = 0.0
+    footage: Footage = PLAIN
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         if not self.position_m:
+            if self.footage.lens:
+                spec.camera(self.name).fovy = self.fovy_deg
             return
         if before := spec.camera(self.name):  # of a model that was tuned and exported
             spec.delete(before)
@@ -31,13 +38,20 @@ class FilmingCamera:
 
 
 def read_camera(file: TomlTable, spec: mujoco.MjSpec) -> FilmingCamera | None:
-    """`camera = "NAME"`, a table [camera], or nothing where the model has just one.
+    """`camera = "NAME"`, a table [camera], [[cameras]], or nothing where the model has just one.
 
     Where sensors measure, one that is not named is not looked at: None.
 
     Raises InputError.
     """
     known = [camera.name for camera in spec.cameras if camera.name]
+    if "cameras" in file:
+        if "camera" in file:
+            raise file.error("give camera or [[cameras]], not both", "camera")
+        first, *others = file.tables("cameras") or [file.table("camera")]
+        if others:
+            raise others[0].error("one camera films today: leave the other [[cameras]] out")
+        return _of_table(first, known)
     if "camera" not in file:
         if "sensors" in file:
             return None
@@ -48,18 +62,39 @@ def read_camera(file: TomlTable, spec: mujoco.MjSpec) -> FilmingCamera | None:
         )
         raise file.error(f"which camera films? {there}, or give a pose in a table [camera]")
     if not file.is_table("camera"):
-        name = file.text("camera")
-        if name not in known:
-            if not known:
-                message = f"no camera {name!r} in the model, which has none; give a table [camera]"
-                raise file.error(message, "camera")
-            raise file.error(UnknownName("camera", name, "the model", known), "camera")
-        return FilmingCamera(name)
-    return _posed(file.table("camera"))
+        return FilmingCamera(_named(file, known))
+    return _of_table(file.table("camera"), known)
+
+
+def _named(table: TomlTable, known: list[str]) -> str:
+    """One of the model's cameras."""
+    name = table.text("camera")
+    if name not in known:
+        if not known:
+            message = f"no camera {name!r} in the model, which has none; give a table [camera]"
+            raise table.error(message, "camera")
+        raise table.error(UnknownName("camera", name, "the model", known), "camera")
+    return name
+
+
+def _of_table(table: TomlTable, known: list[str]) -> FilmingCamera:
+    """The model's or one of its own, with what its recordings are."""
+    table.allow("name", "camera", *_POSE, *FOOTAGE)
+    footage = read_footage(table)
+    if footage.lens and "field_of_view_deg" in table:
+        raise table.error("the lens says the field of view: leave this out", "field_of_view_deg")
+    if "camera" not in table:
+        camera = _posed(table)
+    else:
+        for key in _POSE:
+            if key in table:
+                raise table.error(f"camera is the model's, which has a pose: leave {key} out", key)
+        camera = FilmingCamera(_named(table, known))
+    fovy_deg = footage.lens.fovy_deg if footage.lens else camera.fovy_deg
+    return replace(camera, footage=footage, fovy_deg=fovy_deg)
 
 
 def _posed(table: TomlTable) -> FilmingCamera:
-    table.allow("position_m", "look_at_m", "up", "quat", "field_of_view_deg")
     position = table.numbers("position_m", 3)
     if "quat" in table:
         if "look_at_m" in table or "up" in table:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from simtune.footage import PLAIN
 from simtune.simulation.delays import count_substeps
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
@@ -15,7 +16,7 @@ from simtune.tasks.tuning_file.policy import read_policy
 from simtune.tasks.tuning_file.sensors import read_sensors
 from simtune.tasks.tuning_file.toml_table import read_toml
 
-_KEYS = ("model", "name", "description", "camera", "control_timestep_s", "action_repeat")
+_KEYS = ("model", "name", "description", "camera", "cameras", "control_timestep_s", "action_repeat")
 _KEYS += ("episode_steps", "fixed_joints", "fixed_pose", "actuators", "actions", "initial_state")
 _KEYS += ("policy", "parameters", "sensors")
 _MOST_SUBSTEPS = 2000
@@ -54,6 +55,7 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
         load_spec=load_spec,
         parameters=read_parameters(file, load_spec(), camera and camera.name, step_s),
         camera=camera and camera.name,
+        footage=camera.footage if camera else PLAIN,
         sensors=read_sensors(file, model),
         control_timestep_s=control_timestep_s,
         action_repeat=action_repeat,

@@ -1,0 +1,121 @@
+"""What a camera's lens does to pictures, and pictures as a pinhole would have taken them."""
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from simtune.errors import InputError
+
+_NEAR_ENOUGH = 1e-9  # of a direction, that is found by iterating
+_ITERATIONS = 200
+_FEWEST_POINTS, _POINTS_PER_PIXEL = 2, 2  # of each new pixel; of each old one, along an axis
+
+
+@dataclass(frozen=True)
+class Lens:
+    """OpenCV's camera model: a point at (x, y, 1) before the camera is seen at pixel (u, v).
+
+        r² = x² + y²    g = 1 + k₁ r² + k₂ r⁴ + k₃ r⁶
+        u = fx (x g + 2 p₁ x y + p₂ (r² + 2 x²)) + cx
+        v = fy (y g + p₁ (r² + 2 y²) + 2 p₂ x y) + cy
+
+    x to the right, y down; the middle of the first pixel is at (0, 0). (OpenCV 4, calib3d; Brown
+    1966.)
+    """
+
+    width: int  # pixels, of the pictures that it was calibrated with
+    height: int
+    fx: float  # pixels
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = (0.0,) * 5  # k1, k2, p1, p2, k3
+
+    def distort(self, points: np.ndarray) -> np.ndarray:
+        """(..., 2) directions (x, y) to where a picture without pixels would show them."""
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = points[..., 0], points[..., 1]
+        squared, product = x**2 + y**2, x * y
+        radial = 1 + squared * (k1 + squared * (k2 + squared * k3))
+        return np.stack(
+            [
+                x * radial + 2 * p1 * product + p2 * (squared + 2 * x**2),
+                y * radial + p1 * (squared + 2 * y**2) + 2 * p2 * product,
+            ],
+            -1,
+        )
+
+    def undistort(self, seen: np.ndarray) -> np.ndarray:
+        """What `distort` brings to (..., 2) `seen`. Raises InputError where nothing is found."""
+        points = seen.copy()
+        for _ in range(_ITERATIONS):
+            off = self.distort(points) - seen
+            if np.abs(off).max() < _NEAR_ENOUGH:
+                return points
+            points = points - 0.7 * off
+            if not np.abs(points).max() < 1e3:
+                break
+        raise InputError(
+            f"distortion {list(self.distortion)} folds the picture's edge back into it; "
+            "calibrate the camera with more points near its corners"
+        )
+
+    def check(self) -> None:
+        """Raises InputError for a lens that no picture comes through."""
+        _ = self.half_side
+
+    @property
+    def half_side(self) -> float:
+        """Of the largest square around the optical axis, at unit distance, that is seen whole."""
+        x, y = ((np.array([-0.5, n - 0.5]) - c) / f for n, c, f in self._axes)
+        if not (x[0] < 0 < x[1] and y[0] < 0 < y[1]):
+            raise InputError(
+                f"the optical axis, at pixel ({self.cx:g}, {self.cy:g}), is outside of the picture"
+                f" of {self.width}×{self.height}"
+            )
+        ends = self.undistort(np.array([[x[0], 0], [x[1], 0], [0, y[0]], [0, y[1]]]))
+        return float(np.abs(ends).max(-1).min())
+
+    @property
+    def fovy_deg(self) -> float:
+        """Field of view of the pinhole whose square pictures `rectify` gives."""
+        return math.degrees(2 * math.atan(self.half_side))
+
+    def rectify(self, picture: np.ndarray, side: int) -> np.ndarray:
+        """What a pinhole would have seen: (H, W, 3) uint8 to (side, side, 3), areas averaged.
+
+        Raises InputError for pictures of another shape than those of the calibration.
+        """
+        height, width = picture.shape[:2]
+        if abs(width / height - self.width / self.height) > 0.01:
+            raise InputError(
+                f"pictures of {width}×{height} pixels, the lens was calibrated with "
+                f"{self.width}×{self.height}; give the calibration of these pictures"
+            )
+        seen = _areas(self, height, width, side) @ picture.reshape(-1, 3).astype(np.float32)
+        return np.rint(seen).astype(np.uint8).reshape(side, side, 3)
+
+    @property
+    def _axes(self) -> tuple[tuple[int, float, float], tuple[int, float, float]]:
+        """Pixels, middle and focal length, along x and y."""
+        return (self.width, self.cx, self.fx), (self.height, self.cy, self.fy)
+
+
+@functools.lru_cache(8)
+def _areas(lens: Lens, height: int, width: int, side: int) -> csr_array:
+    """(side², height · width) how much of each old pixel makes up each new one."""
+    scale = np.array([width / lens.width, height / lens.height])  # of the calibration's pictures
+    times = max(_FEWEST_POINTS, math.ceil(_POINTS_PER_PIXEL * min(height, width) / side))
+    at = ((np.arange(side * times) + 0.5) / (side * times) * 2 - 1) * lens.half_side
+    seen = lens.distort(np.stack(np.meshgrid(at, at), -1))
+    focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
+    column, row = np.moveaxis((seen * focal + middle + 0.5) * scale - 0.5, -1, 0)
+    column, row = np.rint(column).clip(0, width - 1), np.rint(row).clip(0, height - 1)
+    old = (row * width + column).astype(int).ravel()
+    new = np.arange(side * times) // times
+    new = (new[:, None] * side + new).ravel()
+    shares = np.full(len(old), times**-2, np.float32)
+    return csr_array((shares, (new, old)), shape=(side**2, height * width))

@@ -1,0 +1,266 @@
+"""Lenses, backgrounds, and what a tuning file says of them."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from simtune.errors import InputError
+from simtune.footage import PLAIN, Footage
+from simtune.lens import Lens
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.pictures import middle_square, resize
+from simtune.recordings import Dataset, write_dataset
+from simtune.recordings.open import open_dataset
+from simtune.simulation.renderer import Renderer, make_renderer
+from simtune.trajectory import Trajectory
+
+WIDE = Lens(640, 480, 500.0, 510.0, 320.0, 240.0, (-0.3, 0.1, 0.001, -0.002, -0.02))
+CENTRED = {"width": 96, "height": 64, "cx": 47.5, "cy": 31.5}
+SIZE = 32
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+SCENE = """
+<mujoco>
+  <worldbody>
+    <light pos="0 0 4"/>
+    <camera name="above" pos="0 0 4" fovy="40"/>
+    <camera name="turning" pos="0 0 4" fovy="40" mode="targetbody" target="ball"/>
+    <geom name="table" type="box" size="3 3 .1" pos="0 0 -1" rgba="0 1 0 1"/>
+    <geom name="mat" type="box" size=".3 .3 .1" pos="-.8 .8 -.8" rgba="0 0 1 1"/>
+    <body name="ball">
+      <joint name="x" type="slide"/>
+      <geom name="ball" size=".3" rgba="1 0 0 1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+PLATE = np.random.default_rng(0).integers(0, 256, (SIZE, SIZE, 3)).astype(np.uint8)
+MASS = Parameter(
+    name="mass", field="body_mass", objects=("ball",), unit="kg", nominal=1, low=0.5, high=2
+)
+
+
+def smooth_picture(height: int, width: int) -> np.ndarray:
+    y, x = np.mgrid[:height, :width] / height
+    waves = [np.sin(7 * x), np.cos(9 * y), np.sin(5 * (x + y))]
+    return np.rint(127 + 100 * np.stack(waves, -1)).astype(np.uint8)
+
+
+# OpenCV 5.0.0, cv2.projectPoints
+@pytest.mark.parametrize(
+    ("point", "pixel"),
+    [
+        ([0.3, 0.2], [464.146909, 338.17459812]),
+        ([-0.5, 0.4], [95.782105, 422.83634232]),
+        ([0.0, -0.45], [319.7975, 23.848970846718743]),
+    ],
+)
+def test_lens_shows_points_where_opencv_does(point, pixel):
+    seen = WIDE.distort(np.array(point)) * [WIDE.fx, WIDE.fy] + [WIDE.cx, WIDE.cy]
+    np.testing.assert_allclose(seen, pixel, atol=1e-6)
+    np.testing.assert_allclose(WIDE.undistort(WIDE.distort(np.array(point))), point, atol=1e-7)
+
+
+def test_lens_without_distortion_is_the_pinhole_of_the_middle_square():
+    lens = Lens(fx=80.0, fy=80.0, **CENTRED)
+    assert lens.fovy_deg == pytest.approx(np.degrees(2 * np.arctan(32 / 80)))
+    picture = np.random.default_rng(1).integers(0, 256, (64, 96, 3)).astype(np.uint8)
+    expected = resize(middle_square(picture), (16, 16))
+    np.testing.assert_array_equal(lens.rectify(picture, 16), expected)
+
+
+def test_lens_brings_directions_back_to_where_a_pinhole_sees_them():
+    lens = Lens(fx=80.0, fy=80.0, **CENTRED, distortion=(-0.28, 0.02, 0.002, -0.001, 0.01))
+    y, x = np.mgrid[:64, :96]
+    seen = np.stack([(x - lens.cx) / lens.fx, (y - lens.cy) / lens.fy], -1)
+    shown = lens.undistort(seen)  # the picture's colours say what direction they are seen in
+    picture = np.rint(128 + 150 * np.concatenate([shown, shown[..., :1]], -1)).astype(np.uint8)
+    at = ((np.arange(32) + 0.5) / 16 - 1) * lens.half_side
+    expected = 128 + 150 * np.stack(np.meshgrid(at, at), -1)
+    found = lens.rectify(picture, 32)[..., :2]
+    assert np.abs(found - expected).max() <= 1.5
+    assert np.abs(resize(middle_square(picture), (32, 32))[..., :2] - expected).max() > 3
+
+
+def test_lens_of_larger_pictures_holds_for_smaller_ones():
+    large = smooth_picture(480, 640)
+    half = resize(large, (240, 320))
+    difference = WIDE.rectify(large, 32).astype(int) - WIDE.rectify(half, 32)
+    assert np.abs(difference).max() <= 3
+    with pytest.raises(InputError, match=r"640×360 pixels, the lens was calibrated with 640×480"):
+        WIDE.rectify(large[:360], 32)
+
+
+def test_lens_that_sees_no_whole_picture_is_refused():
+    with pytest.raises(InputError, match="folds the picture's edge"):
+        Lens(fx=80.0, fy=80.0, **CENTRED, distortion=(-3.0, 0.0, 0.0, 0.0, 0.0)).check()
+    with pytest.raises(InputError, match="outside of the picture"):
+        Lens(640, 480, 500, 500, 700, 240).check()
+
+
+def test_plate_of_recordings_is_what_stands_still():
+    background = smooth_picture(SIZE, SIZE)
+    frames = np.repeat(background[None], 40, 0)
+    for t, frame in enumerate(frames):
+        frame[4:12, t % SIZE : t % SIZE + 6] = 0  # passes by
+    plate = Footage(background="recording").plate([frames[:15], frames[15:]], SIZE)
+    np.testing.assert_array_equal(plate, background)
+    assert PLAIN.plate([frames], SIZE) is None
+
+
+def test_plate_of_a_file_is_seen_as_recordings_are(tmp_path):
+    from matplotlib.image import imsave
+
+    path, picture = tmp_path / "table.png", smooth_picture(64, 96)
+    imsave(path, picture)
+    lens = Lens(fx=80.0, fy=80.0, **CENTRED, distortion=(-0.2, 0.0, 0.0, 0.0, 0.0))
+    for footage in (Footage(background=path), Footage(background=path, lens=lens)):
+        np.testing.assert_array_equal(footage.plate([], 16), footage.square(picture, 16))
+    path.write_bytes(b"no picture")
+    with pytest.raises(InputError, match=r"table\.png: cannot be read as a picture"):
+        Footage(background=path).plate([], 16)
+
+
+def drawn(space: ParameterSpace, plate: np.ndarray | None, camera: str = "above") -> np.ndarray:
+    """(SIZE, SIZE, 3) as the ray caster draws the nominal scene."""
+    model = mujoco.MjModel.from_xml_string(SCENE)
+    renderer: Renderer = make_renderer("raycaster", model, space, camera, SIZE, plate=plate)
+    state = np.zeros((1, mujoco.mj_stateSize(model, STATE)))
+    return renderer.render(state, space.nominal[None])[0].astype(int)
+
+
+def test_plate_is_behind_what_moves_and_in_place_of_what_does_not():
+    space = ParameterSpace([MASS])
+    plain, plated = drawn(space, None), drawn(space, PLATE)
+    ball = plain[..., 0] > plain[..., 1] + 30
+    assert 0.02 < ball.mean() < 0.2
+    np.testing.assert_array_equal(plated[ball], plain[ball])
+    inside = ~ball
+    np.testing.assert_array_equal(plated[inside], PLATE[inside])
+
+
+def test_plate_leaves_what_a_parameter_paints():
+    green = Parameter(
+        name="g",
+        field="geom_rgba",
+        objects=("mat",),
+        component=2,
+        unit="",
+        nominal=1,
+        low=0,
+        high=1,
+        scale="linear",
+    )
+    space = ParameterSpace([MASS, green])
+    plain, plated = drawn(space, None), drawn(space, PLATE)
+    mat = plain[..., 2] > plain[..., 1] + 30
+    assert mat.mean() > 0.01
+    np.testing.assert_array_equal(plated[mat], plain[mat])
+
+
+def test_plate_before_a_camera_that_moves_is_refused():
+    with pytest.raises(InputError, match="'turning' moves"):
+        drawn(ParameterSpace([MASS]), PLATE, "turning")
+
+
+def dataset_of(folder: Path, frames: np.ndarray, **options) -> Dataset:
+    actions = np.zeros((len(frames) - 1, 1), np.float32)
+    episodes = [Trajectory(frames, actions, 0.1)]
+    write_dataset(folder, episodes, action_names=["drive"], robot_type="sim", task="t")
+    return open_dataset(folder, **options)
+
+
+def test_recordings_come_through_the_lens(tmp_path):
+    lens = Lens(96, 64, 80.0, 80.0, 33.0, 31.5, (-0.1, 0.0, 0.0, 0.0, 0.0))  # looks to the left
+    frames = np.repeat(smooth_picture(64, 96)[None], 25, 0)
+    dataset = dataset_of(tmp_path / "data", frames, image_size=16, footage=Footage(lens=lens))
+    expected = lens.rectify(frames[0], 16).astype(int)
+    read = dataset.read(0).frames
+    assert read.shape == (25, 16, 16, 3)
+    assert np.abs(read - expected).max() <= 12  # of the video's compression
+    plain = resize(middle_square(frames[0]), (16, 16)).astype(int)
+    assert np.abs(read - plain).max() > 30
+
+
+SCENE_TOML = 'model = "scene.xml"\ncontrol_timestep_s = 0.02\n'
+PARAMETER = '\n[[parameters]]\nname = "mass"\nkind = "mass"\nobjects = "ball"\n'
+POSE = "position_m = [0, 0, 4]\nquat = [1, 0, 0, 0]\n"
+INTRINSICS = "intrinsics = { fx = 80, fy = 80, cx = 47.5, cy = 31.5, width = 96, height = 64 }\n"
+
+
+@pytest.fixture
+def scene(folder):
+    (folder / "scene.xml").write_text(SCENE)
+    return folder
+
+
+def test_tuning_file_tells_a_camera_s_footage(scene, load):
+    task = load(
+        SCENE_TOML + '[[cameras]]\nname = "top"\nkey = "observation.images.top"\ncamera = "above"\n'
+        f'background = "recording"\n{INTRINSICS}distortion = [-0.2, 0, 0, 0, 0]\n' + PARAMETER
+    )
+    lens = Lens(fx=80, fy=80, **CENTRED, distortion=(-0.2, 0, 0, 0, 0))
+    expected = Footage(key="observation.images.top", lens=lens, background="recording")
+    assert (task.camera, task.footage) == ("above", expected)
+    assert task.load_model().camera("above").fovy[0] == pytest.approx(lens.fovy_deg)
+    posed = load(SCENE_TOML + "[camera]\n" + POSE + INTRINSICS + PARAMETER)
+    assert posed.load_model().camera(posed.camera).fovy[0] == pytest.approx(43.6, abs=0.05)
+    assert load(SCENE_TOML + '[camera]\ncamera = "above"\n' + PARAMETER).footage == PLAIN
+
+
+OPENCV = """%YAML:1.0
+---
+image_width: 96
+image_height: 64
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 80., 0., 47.5, 0., 80., 31.5, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 1
+   cols: 5
+   dt: d
+   data: [ -0.2, 0., 0., 0., 0. ]
+"""
+ROS = """image_width: 96
+image_height: 64
+camera_name: top
+camera_matrix: {rows: 3, cols: 3, data: [80, 0, 47.5, 0, 80, 31.5, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0, 0, 0, 0]}
+"""
+JSON = """{"image_width": 96, "image_height": 64, "dist_coeffs": [[-0.2, 0, 0, 0]],
+"camera_matrix": [[80, 0, 47.5], [0, 80, 31.5], [0, 0, 1]]}"""
+
+
+@pytest.mark.parametrize(("name", "text"), [("a.yml", OPENCV), ("b.yaml", ROS), ("c.json", JSON)])
+def test_tuning_file_takes_calibrations_as_others_write_them(scene, load, name, text):
+    (scene / name).write_text(text)
+    task = load(SCENE_TOML + f'[camera]\ncamera = "above"\ncalibration = "{name}"\n' + PARAMETER)
+    assert task.footage.lens == Lens(fx=80, fy=80, **CENTRED, distortion=(-0.2, 0, 0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("camera", "line", "message"),
+    [
+        ('[camera]\ncamera = "abov"', 4, "did you mean 'above'"),
+        ('[camera]\ncamera = "above"\nfield_of_view_deg = 40', 5, "leave field_of_view_deg out"),
+        (f"[camera]\n{POSE}{INTRINSICS}field_of_view_deg = 40", 7, "the lens says the field"),
+        ('[camera]\ncamera = "above"\nbackground = "wall.png"', 5, "no such file beside"),
+        ('[camera]\ncamera = "above"\ndistortion = [0, 0, 0, 0, 0]', 5, "goes with intrinsics"),
+        ('[camera]\ncamera = "above"\ncalibration = "no.yml"', 5, "cannot read"),
+        ('[camera]\ncamera = "above"\ncalibration = "scene.xml"', 5, "calibration"),
+        (f'[camera]\ncamera = "above"\n{INTRINSICS}calibration = "a"', 6, "give calibration, or"),
+        ('[camera]\ncamera = "above"\nlens = "wide"', 5, "no key 'lens'"),
+        ('[[cameras]]\ncamera = "above"\n[[cameras]]\ncamera = "above"', 5, "one camera films"),
+        (
+            '[camera]\ncamera = "above"\n' + INTRINSICS + "distortion = [-3, 0, 0, 0, 0]",
+            5,
+            "folds the picture's edge",
+        ),
+    ],
+)
+def test_tuning_file_says_what_is_wrong_with_a_camera(scene, refuses, camera, line, message):
+    refuses(f"{SCENE_TOML}{camera}\n{PARAMETER}", line, message)
