@@ -15,7 +15,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # Two processes of one thread each; a test file's own fixtures are made once by each of them.
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
-.PHONY: install demo test test-quick check test-all bench
+.PHONY: install demo test test-quick check test-all bench dist
 
 install: $(READY)
 
@@ -46,6 +46,10 @@ check: $(READY)
 # Also the slow tests, and those of a GPU where there is one.
 test-all: $(READY)
 	$(PYTEST) -m ""
+
+# A wheel and an sdist, for an index or a colleague.
+dist: $(READY)
+	$(BIN)/python -m build --outdir dist
 
 # The last line of each benchmark is one JSON object.
 bench: $(READY)

@@ -31,8 +31,8 @@ def measure(
     from simtune.experiment.run import Run
     from simtune.experiment.settings import Settings
     from simtune.search_param_model.paper import PaperConfig
-    from simtune.tune import tune
     from simtune.tuning.posterior_config import PosteriorSearchConfig
+    from simtune.tuning_run import tune
 
     if search == "posterior":
         config = PosteriorSearchConfig(

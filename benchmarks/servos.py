@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from simtune.budget import Budget
-from simtune.check.servos import delayed_by
+from simtune.checking.servos import delayed_by
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.replayed import Replayed, Tuned, replay

@@ -29,7 +29,7 @@ import sys
 from simtune.config import RealConfig
 from simtune.real.choose import choose_real
 from simtune.tasks import load_task
-import simtune.tune
+import simtune.tuning_run
 folder, num_episodes = sys.argv[1], int(sys.argv[2])
 choose_real(RealConfig(real=folder), load_task("cartpole"), 64, real_episodes=num_episodes)
 """

@@ -32,8 +32,8 @@ from simtune.robot.safe_arm import SafeArm
 from simtune.robot.xarm import XArm
 from simtune.simulation import make_renderer
 from simtune.tasks import TASKS, Task, cartpole, load_task
-from simtune.tune import tune
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning_run import tune
 from simtune.vision.detector import DetectorConfig
 
 
@@ -141,7 +141,7 @@ def quickly(quick_settings):
 @pytest.fixture
 def quick_commands(monkeypatch, quick):
     """Makes `simtune tune` and `simtune train` quick: no option asks for such settings."""
-    monkeypatch.setattr("simtune.tune.tune", partial(tune, settings=quick))
+    monkeypatch.setattr("simtune.tuning_run.tune", partial(tune, settings=quick))
     monkeypatch.setattr("simtune.algorithm.train", partial(train, settings=quick))
     monkeypatch.setattr("simtune.evaluate.evaluate", partial(evaluate, settings=quick))
 

@@ -11,8 +11,8 @@ from simtune.config import TuneConfig
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.settings import Settings
 from simtune.fit import Bootstrap, FitConfig, ParticleConfig
-from simtune.tune import tune
 from simtune.tuning.fit_stage import FitStage
+from simtune.tuning_run import tune
 
 # Of a round of `simtune tune` it takes a fifth for networks and most for fits, on two cores.
 MACHINE = SlowMachine(step_s=1e-3, frame_s=4e-3, detect_s=6e-3, update_s=0.3)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from simtune import cli
-from simtune.check.conclusions import conclude
-from simtune.check.recording_warnings import warnings
+from simtune.checking.conclusions import conclude
+from simtune.checking.recording_warnings import warnings
 from simtune.fit.sensitivity import (
     WINDOW_STEPS,
     analyze,
@@ -300,6 +300,11 @@ def test_warnings():
     assert warned(0.08, (30, 30, 40), 1.0) == [
         "actions of idle are always 0.5: they excite nothing"
     ]
+    facts = {"control_hz": 12.5, "time_error_ms": None}
+    (still,) = warnings(pendulum(), facts, [np.full((30, 2), 0.5)], 1)
+    assert still.startswith("2 of 2 actions never change (")
+    assert "idle" in still
+    assert "cannot be told" in still
     rate, cut, beyond, constant = warned(0.1, (30, 40), 4.0)
     assert "take 10 steps/s, the task usually 12.5" in rate
     assert "--control-hz 12.5" in rate

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from test_check import PENDULUM, make_task, pendulum
 
-from simtune.check.features import SIZE, describe, likeness, moving_share
-from simtune.check.film import compare
-from simtune.check.framing import AS_IT_IS, FRAMINGS, MIRRORED
-from simtune.check.library import Library, make_library
+from simtune.checking.features import SIZE, describe, likeness, moving_share
+from simtune.checking.film import compare
+from simtune.checking.framing import AS_IT_IS, FRAMINGS, MIRRORED
+from simtune.checking.library import Library, make_library
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.recordings import write_dataset

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from simtune import cli
-from simtune.check import check, table
-from simtune.check.readings import read_episodes, reading_changes
-from simtune.check.servo_commands import commands_of, servos_of
+from simtune.checking import check, table
+from simtune.checking.readings import read_episodes, reading_changes
+from simtune.checking.servo_commands import commands_of, servos_of
 from simtune.config import CheckConfig
 from simtune.fit.reading_sensitivity import ReplayedReadings
 from simtune.fit.sensitivity import one_by_one

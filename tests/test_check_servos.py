@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from simtune.check.servo_doubts import doubts
-from simtune.check.servos import Servo, delayed_by, filtered_by, fit_servo, noise_of
+from simtune.checking.servo_doubts import doubts
+from simtune.checking.servos import Servo, delayed_by, filtered_by, fit_servo, noise_of
 
 STEP_S = 0.02
 

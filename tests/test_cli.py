@@ -278,13 +278,32 @@ def test_an_out_that_cannot_be_used_is_refused(simtune, tmp_path, quick_commands
         simtune.refuses("tune", "cartpole", "--out", out, "--real-episodes", 1, message=message)
 
 
+@pytest.mark.parametrize("command", ["check", "tune", "train", "record"])
+def test_what_a_tuning_file_has_wrong_is_said_before_torch_is_loaded(tmp_path, command):
+    (tmp_path / "wrong.toml").write_text("model = 3")
+    out = [] if command == "check" else ["--out", "run"]
+    code = f"""if True:
+    import sys
+    from simtune.cli import main
+    sys.argv = ["simtune", "{command}", "wrong.toml", *{out}]
+    try:
+        main()
+    finally:
+        assert "torch" not in sys.modules
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 2
+    assert done.stderr == "simtune: wrong.toml:1: model must be a text, got 3\n"
+
+
 # --- what fails ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (KeyboardInterrupt(), "interrupted; the same command goes on"),
         (RuntimeError("all worlds\ndiverged"), "all worlds diverged"),
         (OSError(28, "No space left on device"), "No space left on device"),
     ],
@@ -293,11 +312,41 @@ def test_failures_exit_with_1_and_one_line(simtune, tmp_path, monkeypatch, error
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr("simtune.tune.tune", fail)
+    monkeypatch.setattr("simtune.tuning_run.tune", fail)
     status, out, err = simtune("tune", "cartpole", "--out", tmp_path / "out")
     assert (status, out) == (1, "")
     assert err.startswith("simtune: ")
     assert err.count("\n") == 1
+    assert words in err
+
+
+@pytest.mark.parametrize(
+    ("command", "rounds", "words"),
+    [
+        ("tune", 0, "interrupted before the first round was done: the same command begins it anew"),
+        (
+            "tune",
+            1,
+            "interrupted; kept: 1 finished round; what came later is lost, and the same command",
+        ),
+        ("train", 2, "kept: 2 finished rounds and 50 steps of the policy's training;"),
+        ("record", 0, "interrupted"),
+    ],
+)
+def test_an_interrupted_command_exits_with_130_and_says_what_is_kept(
+    simtune, tmp_path, monkeypatch, command, rounds, words
+):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    if rounds:
+        with RunFolder.create(out, {}) as run:
+            run.save_checkpoint({}, {"step": 50, "rounds": rounds})
+    for name in ("tuning_run.tune", "algorithm.train", "record.record"):
+        monkeypatch.setattr(f"simtune.{name}", interrupt)
+    status, said, err = simtune(command, "cartpole", "--out", out)
+    assert (status, said, err.count("\n")) == (130, "", 1)
     assert words in err
 
 

@@ -11,8 +11,8 @@ from simtune.experiment.settings import Settings
 from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.posterior_net import PosteriorNetConfig
-from simtune.tune import tune
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning_run import tune
 from simtune.vision.detector import DetectorConfig
 
 SCENE = """

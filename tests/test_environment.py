@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from simtune.algorithm import train
-from simtune.check import check
+from simtune.checking import check
 from simtune.config import CheckConfig, RecordConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
@@ -22,7 +22,7 @@ from simtune.run import read_json
 from simtune.search_param_model.simulated import simulate
 from simtune.simulation import EnvironmentSimulator, random_actions
 from simtune.tasks import load_any_task
-from simtune.tune import tune
+from simtune.tuning_run import tune
 from simtune.vision.keypoints import find_keypoints
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "bouncing_ball"

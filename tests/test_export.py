@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import runpy
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from scipy.special import ndtr
 from scipy.stats import spearmanr
 
 from simtune import outcome
-from simtune.config import ExportConfig
+from simtune.config import ExportConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.export import export
 from simtune.parameters import ModelWriter
@@ -138,6 +139,8 @@ def test_the_mjcf_simulates_as_the_tuned_world_does(name, scene, tmp_path):
     expected = the_tuned_world(name, mean)
     tuned = mujoco.MjModel.from_xml_path(str(out / "model.xml"))
     assert differences(tuned, expected, rtol=1e-5) == []
+    # Beside tuned inertials the geoms' own would count for nothing.
+    assert not re.search(r'<geom[^>]* (mass|density)="(?!0")', (out / "model.xml").read_text())
     rng = np.random.default_rng(1)
     worlds = [(model, mujoco.MjData(model)) for model in (tuned, expected)]
     for _ in range(60):
@@ -176,6 +179,19 @@ def test_the_script_makes_a_tuned_copy_of_a_file(scene, tmp_path):
     expected = the_tuned_world(str(scene), mean)
     np.testing.assert_allclose(model.actuator_delay, expected.actuator_delay, rtol=1e-5)
     np.testing.assert_array_equal(model.actuator_history, expected.actuator_history)
+
+
+def test_a_run_finds_its_tuning_file_from_any_folder(scene, tmp_path, monkeypatch):
+    run, _ = a_run(tmp_path / "run", str(scene))
+    monkeypatch.chdir(scene.parent)
+    config = TuneConfig(task="scene.toml", out=Path("run"))
+    asked = outcome.asked(config, load_task("scene.toml"))
+    write_json(run / "config.json", {"config": asked})
+    monkeypatch.chdir(tmp_path)
+    assert (export(ExportConfig(run_folder=run, out=tmp_path / "out")) / "model.xml").is_file()
+    scene.unlink()
+    with pytest.raises(InputError, match=r"was made with .*scene.toml, which is not there: bring"):
+        export(ExportConfig(run_folder=run, out=tmp_path / "again"))
 
 
 def test_the_physics_steps_are_those_of_the_run(tmp_path):

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 from lerobot_v21 import DATA, write_v21
 
-from simtune.check.recording_warnings import warnings
-from simtune.check.table import table
+from simtune.checking.recording_warnings import warnings
+from simtune.checking.table import table
 from simtune.errors import InputError
 from simtune.recordings import open_dataset, write_dataset, write_video
 from simtune.recordings.readings import choose_readings, readings_of

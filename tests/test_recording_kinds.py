@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
-from simtune.check.check import look_through
+from simtune.checking.check import look_through
 from simtune.config import RecordingsConfig
 from simtune.errors import InputError
 from simtune.recordings import Dataset, decode, open_dataset, write_dataset, write_video

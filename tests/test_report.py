@@ -20,7 +20,7 @@ from simtune.report.joint_plots import error_plot, reading_plot
 from simtune.report.pair_plots import pair_plot
 from simtune.report.rank_plots import expected
 from simtune.report.trust import Pair
-from simtune.run import RunFolder
+from simtune.run import RunFolder, write_json
 
 # name: (unit, truth, start, verdict)
 _COLOURS = {"cup": (0.75, 0.6, 0.15), "ball": (0.6, 0.4, 0.3), "ground": (0.05, 0.15, 0.3)}
@@ -68,7 +68,7 @@ def make_run(path: Path, num_rounds: int = 4, finished: bool = True) -> Path:
                 curves[name] = {"candidates": candidates, "prob_higher": prob_higher}
                 parameters[name] = {"unit": unit, "nominal": truth, "initial": start} | {
                     **{"mean": mean, "low": low, "high": high, "verdict": verdict, "real": truth},
-                    "percent_error": 100 * abs(mean - truth) / truth,
+                    **{"percent_error": 100 * abs(mean - truth) / truth, "interval_share": 0.25},
                 }
             run.log_metrics(step, 2 * round_, wall_s, scalars)
         run.write_curves(curves)
@@ -207,6 +207,17 @@ def test_report_escapes_what_it_shows(run_path):
     assert "<script>alert" not in html
     assert page.count("script") == 1
     assert page.text.count("alert('x')") >= 5
+
+
+def test_report_says_what_a_verdict_is_measured_by(run_path):
+    page = _Page(write_report(run_path).read_text())
+    assert "Of first range" in page.text
+    assert 'at most 9.0 % is "identified", at most 60 % "weak"' in page.text
+    result = json.loads((run_path / "result.json").read_text())
+    for facts in result["parameters"].values():
+        del facts["interval_share"]  # as an earlier version wrote it
+    write_json(run_path / "result.json", result)
+    assert "first range" not in _Page(write_report(run_path).read_text()).text
 
 
 def test_report_without_truth(run_path):

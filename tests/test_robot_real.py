@@ -25,7 +25,7 @@ from simtune.real.robot_file import read_robot
 from simtune.recordings import open_dataset
 from simtune.simulation import DirectActions, JointActions
 from simtune.tasks import TASKS, Task, load_task
-from simtune.tune import tune
+from simtune.tuning_run import tune
 
 STEPS = 4
 # 0.1 s a step, and actions that displace, as a robot's do

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from safetensors import SafetensorError
 
 from simtune.errors import InputError
 from simtune.run import RunFolder, read_json, read_jsonl, write_atomically, write_json
+from simtune.run.config import check_asked
+from simtune.run.folder import kept_state
 from simtune.trajectory import Trajectory
 
 CONFIG = {"task": "ball_in_cup", "seed": 1, "out": "a", "spm": {"width": 256, "dropout": 0.5}}
@@ -110,6 +113,17 @@ def test_another_configuration_is_refused(path):
     assert read_json(path / "config.json")["config"] == CONFIG
 
 
+def test_what_has_the_same_content_may_lie_elsewhere(path):
+    before = {"task": "tune.toml", "task_content": "4f", "real": "film", "real_parameters": None}
+    _create(path, **before, recordings={"dataset_hash": "a1"}).close()
+    now = {**before, "task": "/home/me/tune.toml", "real": "/data/film"}
+    _create(path, **now, recordings={"dataset_hash": "a1"}).close()
+    with pytest.raises(InputError, match=r"recordings.dataset_hash = 'a1', now = 'b2'"):
+        _create(path, **now, recordings={"dataset_hash": "b2"})
+    with pytest.raises(InputError, match=r"task = '/home/me/tune.toml', now = 'tune.toml'"):
+        check_asked(path, {**CONFIG, "task": "tune.toml", "task_content": "5a"})
+
+
 def test_the_same_configuration_resumes(path):
     _create(path).close()
     created = read_json(path / "config.json")["created"]
@@ -157,6 +171,21 @@ def test_checkpoint_comes_back_as_it_was(path):
     assert set(loaded[0]) == set(tensors)
     for name, tensor in tensors.items():
         assert torch.equal(loaded[0][name], tensor)
+
+
+def test_a_full_disk_keeps_the_former_checkpoint_and_says_the_way_on(path, monkeypatch):
+    def full(tensors, file):
+        file.write_bytes(b"half")
+        raise SafetensorError("I/O error: No space left on device (os error 28)")
+
+    with _create(path) as run:
+        run.save_checkpoint({"a": torch.ones(2)}, {"step": 1})
+        monkeypatch.setattr("simtune.run.checkpoint.save_file", full)
+        words = r"cannot write the checkpoint .*000002: .*No space left.*make room.* goes on"
+        with pytest.raises(RuntimeError, match=words):
+            run.save_checkpoint({"a": torch.ones(2)}, {"step": 2})
+        assert [p.name for p in (path / "checkpoints").iterdir()] == ["000001"]
+    assert kept_state(path)["step"] == 1
 
 
 def test_latest_two_checkpoints_are_kept(path):

@@ -28,11 +28,11 @@ from simtune.run import read_json, read_jsonl
 from simtune.run.checkpoint import load_state, newest
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
-from simtune.tune import tune
 from simtune.tuning.joint import NUM_DRAWS
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import Estimate, Event, Round
+from simtune.tuning_run import tune
 
 TASK = load_task("cartpole")
 SPACE = TASK.parameters
@@ -99,8 +99,8 @@ def keeps_the_contract(entry: dict, parameter: Parameter) -> None:
     """What result.json says of one parameter, started at ×2 or ×½ of TRUTH."""
     real = TRUTH.get(parameter.name, parameter.nominal)
     numbers = {"nominal", "initial", "mean", "low", "high", "real", "percent_error"}
-    assert set(entry) == numbers | {"unit", "verdict"}
-    assert all(type(entry[key]) is float for key in numbers)
+    assert set(entry) == numbers | {"unit", "verdict", "interval_share"}
+    assert all(type(entry[key]) is float for key in numbers | {"interval_share"})
     assert (entry["unit"], entry["nominal"]) == (parameter.unit, parameter.nominal)
     assert entry["real"] == pytest.approx(real)
     doubled, halved = min(2 * real, parameter.high), real / 2

@@ -18,7 +18,7 @@ from simtune.fit.slopes import Groups
 from simtune.record import record
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
-from simtune.tune import tune
+from simtune.tuning_run import tune
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
 

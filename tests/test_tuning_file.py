@@ -10,8 +10,8 @@ import pytest
 from mujoco.batch import Batch
 from search_context import context_of
 
-from simtune.check import check
-from simtune.check.recording_warnings import warnings
+from simtune.checking import check
+from simtune.checking.recording_warnings import warnings
 from simtune.config import CheckConfig, RealConfig
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, Parameter, ParameterSpace

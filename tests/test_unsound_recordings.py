@@ -416,7 +416,7 @@ RUNNER = """
 import contextlib, io, json, re, sys
 from pathlib import Path
 from simtune import cli
-import simtune.check, simtune.tune
+import simtune.checking, simtune.tuning_run
 from simtune.tasks import TASKS, Task, load_task
 task = load_task("cartpole")  # once, as a model takes longer to compile than recordings to fail
 actions = task.load_actions()

@@ -82,7 +82,7 @@ def carry_out(run: OneRun) -> None:
         from common import QUICK
 
         from simtune.experiment.settings import Settings
-        from simtune.tune import tune
+        from simtune.tuning_run import tune
 
         quick = run.quick and run.method == "posterior"
         tune(config, settings=Settings(search=replace(QUICK, num_rounds=1)) if quick else None)

@@ -64,21 +64,21 @@ _TYPES = {"int": "a whole number", "float": "a number"}
 
 
 def main() -> None:
-    """Exit status: 0 done, 1 failed, 2 the input cannot be used (one line says why)."""
+    """Exit status: 0 done, 1 failed, 2 the input cannot be used (one line says why), 130 Ctrl-C."""
     # Before torch is loaded: threads that wait for each other by spinning make training five
     # times slower as soon as anything else runs on the machine.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    command = None
     try:
         if sys.argv[1:] == ["--version"]:
             print(f"simtune {simtune.__version__}")
         else:
-            _run(_parse())
+            _run(command := _parse())
         sys.stdout.flush()
     except InputError as error:
         sys.exit(_complain(error, 2))
     except KeyboardInterrupt:
-        goes_on = sys.argv[1:2] in (["tune"], ["train"])
-        sys.exit(_complain("interrupted" + "; the same command goes on" * goes_on, 1))
+        sys.exit(_complain(_interrupted(command), 130))
     except BrokenPipeError:  # `simtune tasks | head -1`: the reader has read enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains when it closes stdout
         sys.exit(1)
@@ -115,6 +115,11 @@ def _parse() -> Any:
 
 
 def _run(command: Any) -> None:
+    if isinstance(command, CheckConfig | TuneConfig | TrainConfig | RecordConfig):
+        from simtune.tasks import load_any_task
+
+        command.check()  # before torch is loaded, which takes seconds
+        load_any_task(command.task)
     # Each imports what it needs: torch and Warp take seconds, and --help should not.
     match command:
         case TasksCommand():
@@ -168,7 +173,7 @@ def _command() -> str:
 
 
 def _check(config: CheckConfig) -> None:
-    from simtune.check import check, table
+    from simtune.checking import check, table
     from simtune.progress import ProgressBar
 
     with ProgressBar() as progress:
@@ -185,7 +190,7 @@ def _compare(config: CompareConfig) -> None:
 
 def _tune(config: TuneConfig) -> None:
     from simtune.progress import ProgressBar
-    from simtune.tune import tune
+    from simtune.tuning_run import tune
 
     with ProgressBar(60 * config.budget_minutes) as progress:
         result = tune(config, progress, command=_command())
@@ -224,6 +229,20 @@ def _counted(num: int, what: str) -> str:
     return f"{num} {what}{'s' * (num != 1)}"
 
 
+def _interrupted(command: Any) -> str:
+    """What of a run is kept."""
+    if not isinstance(command, TuneConfig | TrainConfig):
+        return "interrupted"
+    from simtune.run.folder import kept_state
+
+    if not (state := kept_state(command.out)):
+        return "interrupted before the first round was done: the same command begins it anew"
+    kept = _counted(state["rounds"], "finished round")
+    if isinstance(command, TrainConfig):
+        kept += f" and {_counted(state['step'], 'step')} of the policy's training"
+    return f"interrupted; kept: {kept}; what came later is lost, and the same command goes on there"
+
+
 def _complain(what: object, status: int) -> int:
     print(f"simtune: {' '.join(str(what).split())}", file=sys.stderr)
     return status
@@ -231,19 +250,11 @@ def _complain(what: object, status: int) -> int:
 
 def _print_result(result: dict) -> None:
     """A table of the estimates, where there are any, and all warnings."""
+    from simtune.api.table import lines
+
     if result["method"] not in UNTUNED:
-        _print_estimates(result)
+        print("\n".join(lines(result["parameters"])))
+        if "percent_error" in result:
+            print(f"mean error {result['percent_error']:.1f} %")
     for warning in result["warnings"]:
         print(f"warning: {warning}")
-
-
-def _print_estimates(result: dict) -> None:
-    print(f"{'parameter':18s} {'start':>9s} {'estimate':>9s}   90 % interval         verdict")
-    for name, p in result["parameters"].items():
-        interval = f"[{p['low']:.4g}, {p['high']:.4g}]"
-        line = f"{name:18s} {p['initial']:9.4g} {p['mean']:9.4g}   {interval:20s}  {p['verdict']}"
-        if "real" in p:
-            line += f"  (true {p['real']:.4g}, off by {p['percent_error']:.1f} %)"
-        print(line)
-    if "percent_error" in result:
-        print(f"mean error {result['percent_error']:.1f} %")

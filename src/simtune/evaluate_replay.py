@@ -12,7 +12,7 @@ from simtune.real.choose import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.replayed import Tuned, replay
 from simtune.report.data import RunData, read_run
-from simtune.tasks import Task, load_task
+from simtune.tasks import Task, with_model
 
 _SMALLEST_PX = 1  # nothing is drawn
 
@@ -28,8 +28,7 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
             f"{run_folder} has no joint readings to replay: --real goes with a finished run of "
             "`simtune tune` on a tuning file with [[sensors]]"
         )
-    task = load_task(run.config["task"])
-    run.check_same_task(task.content_hash)
+    task = with_model(run.load_task())
     real = _open(run, task, recordings)
     trajectories = real.collect(num_episodes or real.num_episodes)
     parameters, space = run.parameters, task.parameters

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from simtune.config import TrainConfig, TuneConfig
+from simtune.config import ROBOTS, TrainConfig, TuneConfig
 from simtune.parameters import ParameterSpace
+from simtune.randomization import Distribution
 from simtune.real.truth import Truth
 from simtune.run.files import plain
 from simtune.tasks import AnyTask, Task
@@ -18,6 +19,7 @@ from simtune.tuning.search import Estimate, Search
 
 # Of an estimate, beside its numbers
 _IN_RESULT = ("correlations", "ranks", "warnings", "latency_steps")
+_NAME_CONTENT = ("real", "real_parameters")  # options whose content is known later
 _ARRAYS = ("mean", "low", "high")
 
 
@@ -33,16 +35,30 @@ def run_config(
     That holds for the content of recordings, models, tuning files and a pseudo-real world's
     parameters too, which may change where they lie.
     """
-    options = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
     dataset_hash = real_metadata.get("dataset_hash")
     contents = {
         "recordings": {"dataset_hash": dataset_hash} if dataset_hash else None,
-        "task_content": task.content_hash,
         "truth": truth.digest if truth else None,
+        "parameters": declared(task.parameters, start),
     }
+    is_folder = config.real not in ("pseudo", *ROBOTS)
+    contents["real"] = _absolute(Path(config.real)) if is_folder else config.real
+    contents["real_parameters"] = _absolute(config.real_parameters)
+    return asked(config, task) | contents
+
+
+def asked(config: TuneConfig | TrainConfig, task: AnyTask) -> dict[str, Any]:
+    """The part of it that is known before the real world is looked at."""
+    options = {k: _absolute(v) for k, v in asdict(config).items() if k not in _NAME_CONTENT}
+    options |= {"task": task.source or config.task, "task_content": task.content_hash}
     if isinstance(config, TrainConfig) and isinstance(task, Task):
-        contents["policy_content"] = task.policy_hash
-    return {**options, **contents, "parameters": declared(task.parameters, start)}
+        options["policy_content"] = task.policy_hash
+    return options
+
+
+def _absolute(value: Any) -> Any:
+    """An option as JSON; a path so that it is found from any folder."""
+    return str(value.resolve()) if isinstance(value, Path) else value
 
 
 def declared(space: ParameterSpace, start: np.ndarray) -> dict[str, dict[str, Any]]:
@@ -65,11 +81,12 @@ def result(
 
     `command`: what the user typed; None: the run was called from Python.
     """
-    parameters = declared(space, start)
+    parameters, first = declared(space, start), Distribution.first(space, start)
+    share = first.to_range_unit(estimate.high) - first.to_range_unit(estimate.low)
     for i, entry in enumerate(parameters.values()):
         entry["mean"] = float(estimate.mean[i])
         entry["low"], entry["high"] = float(estimate.low[i]), float(estimate.high[i])
-        entry["verdict"] = estimate.verdict[i]
+        entry["verdict"], entry["interval_share"] = estimate.verdict[i], float(share[i])
     content: dict[str, Any] = {**metadata, "parameters": parameters}
     content |= {key: getattr(estimate, key) for key in _IN_RESULT}
     if command is not None:

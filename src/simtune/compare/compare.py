@@ -17,7 +17,7 @@ from scipy.special import ndtr, ndtri
 
 from simtune.config import CompareConfig
 from simtune.errors import InputError
-from simtune.report.data import RunData, read_run
+from simtune.report.data import RunData, read_finished
 
 FALSE_ALARM_RATE = 0.05  # of pairs of runs that do agree
 _SMALLEST_STD = 1e-6  # in unit coordinates
@@ -28,7 +28,7 @@ def compare(config: CompareConfig) -> dict[str, Any]:
 
     Raises InputError where runs have not ended, give no intervals, or are of other parameters.
     """
-    one, other = read_run(config.run_folder), read_run(config.other_folder)
+    one, other = read_finished(config.run_folder), read_finished(config.other_folder)
     before, now = _told(one), _told(other)
     _check_same(one, before, other, now)
     z = differences(before.mean, before.std, now.mean, now.std)
@@ -84,8 +84,6 @@ class _Told(NamedTuple):
 
 
 def _told(run: RunData) -> _Told:
-    if not run.result.get("parameters"):
-        raise InputError(f"{run.path} has no result yet: let the run end first")
     if not run.is_tuned or run.result.get("search") != "posterior":
         how = run.result.get("search") or f"--method {run.result.get('method')}"
         raise InputError(f"{run.path} is of {how}, which gives no intervals to compare")

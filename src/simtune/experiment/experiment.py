@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from simtune import outcome
-from simtune.check.recording_warnings import warnings_of
+from simtune.checking.recording_warnings import warnings_of
 from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.settings import Settings
@@ -22,6 +22,7 @@ from simtune.real import RealWorld
 from simtune.real.choose import choose_real
 from simtune.real.recorded import ClosedReal, RecordedReal
 from simtune.real.truth import Truth
+from simtune.run.config import check_asked
 from simtune.run.folder import stored_state
 from simtune.simulation import AnySimulator, Points
 from simtune.tasks import AnyTask, Task, load_any_task
@@ -128,6 +129,8 @@ def build_world(
     for a real world that a camera filmed. Raises InputError for what cannot be used.
     """
     tunes = isinstance(config, TuneConfig)
+    if not trained:
+        check_asked(config.out, outcome.asked(config, task))
     if trained and config.real != "pseudo":
         real, start, truth = ClosedReal(trained["step_s"]), task.parameters.nominal.copy(), None
     else:

@@ -11,9 +11,11 @@ from simtune.export.mjcf import tuned_model, write_mjcf
 from simtune.export.samples import draw_samples, write_samples
 from simtune.export.script import apply_script
 from simtune.parameters import ParameterSpace
-from simtune.report.data import RunData, read_run
+from simtune.report.data import RunData, read_finished
 from simtune.run import write_atomically, write_json
-from simtune.tasks import EnvironmentTask, Task, load_any_task, load_task
+from simtune.tasks import Task, with_model
+
+__all__ = ["draw_samples", "export", "tuned_model"]
 
 _PROVENANCE = ("command", "method", "search", "seed", "real", "real_episodes", "recordings")
 _MODEL_CHECKS = ("warnings", "correlations", "combinations")
@@ -22,19 +24,16 @@ _MODEL_CHECKS = ("warnings", "correlations", "combinations")
 def export(config: ExportConfig) -> Path:
     """Write OUT; returns it. Raises InputError where there is nothing to take along."""
     config.check()
-    run, load = read_run(config.run_folder), load_any_task if config.is_file else load_task
-    if not run.result.get("parameters"):
-        raise InputError(f"{run.path} has no result yet: let the run end first")
+    run = read_finished(config.run_folder)
     if not run.is_tuned:
         raise InputError(f"{run.path} is of --method {run.result['method']}, which tunes nothing")
-    task = load(run.config["task"])
-    run.check_same_task(task.content_hash)
+    task = run.load_task()
     space = task.parameters
     draws = draw_samples(run, space, config.samples) if config.samples else None
-    if isinstance(task, EnvironmentTask) or config.is_file:
+    if config.is_file:
         assert draws is not None, "checked"
         return _write_file(config.out, space, draws)
-    out = _new_folder(config.out)
+    task, out = with_model(task), _new_folder(config.out)
     _write_model(run, task, out)
     if draws is not None:
         write_samples(out / "samples.csv", space.names, draws)

@@ -11,6 +11,7 @@ from simtune.config import UNTUNED
 from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
 from simtune.run.folder import POSTERIOR
+from simtune.tasks import AnyTask, load_any_task
 from simtune.validate import is_number
 
 VIDEOS = ("real", "before", "after", "overlay")
@@ -51,13 +52,21 @@ class RunData:
     videos: dict[str, bytes]  # mp4 files by name
     replay: dict[str, Any]  # the first episode's joint readings, empty where there are none
 
-    def check_same_task(self, content_hash: str) -> None:
-        """Raises InputError where the run's task, which may be a file, has another content now."""
-        if self.config.get("task_content") != content_hash:
+    def load_task(self) -> AnyTask:
+        """What was tuned. Raises InputError where its files are gone or have changed."""
+        source = self.config["task"]
+        if source.endswith(".toml") and not Path(source).exists():
             raise InputError(
-                f"{self.config['task']}, or its model, is not what {self.path} was made with: "
+                f"{self.path} was made with {source}, which is not there: bring it back, or tune "
+                "anew"
+            )
+        task = load_any_task(source)
+        if self.config.get("task_content") != task.content_hash:
+            raise InputError(
+                f"{source}, or its model, is not what {self.path} was made with: "
                 "bring it back, or tune anew"
             )
+        return task
 
     def get(self, key: str) -> Any:
         """A fact about the run: of the result, or else the last measurement, or the config."""
@@ -153,6 +162,14 @@ def read_run(path: Path) -> RunData:
         posterior=_read_posterior(path / POSTERIOR),
         videos={name: file.read_bytes() for name, file in videos.items() if file.is_file()},
     )
+
+
+def read_finished(path: Path) -> RunData:
+    """The same of a run that has a result. Raises InputError for others."""
+    run = read_run(path)
+    if not run.result.get("parameters"):
+        raise InputError(f"{path} has no result yet: let the run end first")
+    return run
 
 
 def _read_posterior(path: Path) -> Posterior | None:

@@ -13,6 +13,7 @@ from simtune.errors import InputError
 from simtune.report import joint_plots, pair_plots, plots, rank_plots, trust, words
 from simtune.report.data import POLICY_VIDEO, VIDEOS, RunData, read_run
 from simtune.run import write_atomically
+from simtune.tuning.range_update import RangeUpdateConfig
 from simtune.validate import is_number
 
 
@@ -43,6 +44,8 @@ def _page(run: RunData) -> str:
         learning_curve=plots.learning_curve(run),
         ranks=trust.ranks(run),
         pairs=trust.pairs(run),
+        identified_share=RangeUpdateConfig.identified_share,
+        weak_share=RangeUpdateConfig.weak_share,
         config=json.dumps(run.config, indent=2, ensure_ascii=False),
         result_file=json.dumps(run.result, indent=2).encode(),
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from simtune.run.files import read_json, sync, sync_folder, write_atomically, write_json
@@ -25,23 +26,35 @@ def save(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str, 
 
     Tensors may live on any device and share memory; they come back on the CPU. `state` is what
     JSON can hold. Nothing of it is visible before all of it is on the disk.
+    Raises RuntimeError where it cannot be written, such as on a full disk; former ones stay.
     """
     folder.mkdir(exist_ok=True)
     number = max((int(path.name) for path in _numbered(folder)), default=0) + 1
     temporary = folder / f".{number:06d}.tmp"
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir()
-    save_file(_separate(tensors), temporary / _TENSORS)
-    sync(temporary / _TENSORS)
-    # Not write_json: a state has to come back as it was, infinities included.
-    write_atomically(temporary / _STATE, json.dumps(state))
-    files = (_TENSORS, _STATE)
-    write_json(temporary / _MANIFEST, {"sha256": {f: _sha256(temporary / f) for f in files}})
     path = folder / f"{number:06d}"
+    shutil.rmtree(temporary, ignore_errors=True)
+    try:
+        _write(temporary, tensors, state)
+    except (OSError, SafetensorError) as error:
+        shutil.rmtree(temporary, ignore_errors=True)  # room for what is still to be said
+        raise RuntimeError(
+            f"cannot write the checkpoint {path}: {error}; make room there, and the same command "
+            "goes on from the one before"
+        ) from error
     os.replace(temporary, path)
     sync_folder(folder)
     _prune(folder)
     return path
+
+
+def _write(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
+    folder.mkdir()
+    save_file(_separate(tensors), folder / _TENSORS)
+    sync(folder / _TENSORS)
+    # Not write_json: a state has to come back as it was, infinities included.
+    write_atomically(folder / _STATE, json.dumps(state))
+    files = (_TENSORS, _STATE)
+    write_json(folder / _MANIFEST, {"sha256": {f: _sha256(folder / f) for f in files}})
 
 
 def newest(folder: Path, *, warn: bool = True) -> Path | None:

@@ -12,6 +12,12 @@ from simtune.run.files import read_json
 
 # What may change between a run and its resumption: where it lies and how long it goes on.
 _MAY_DIFFER = ("out", "budget_minutes", "device", "move")
+# What may be spelt in another way, or lie elsewhere, and which key tells by its content.
+_CONTENT = {
+    "task": "task_content",
+    "real": "recordings.dataset_hash",
+    "real_parameters": "truth",
+}
 FILMED = "filmed"  # the folder of what a robot did; it cannot be filmed again
 
 
@@ -40,6 +46,13 @@ def _is_leftover(path: Path) -> bool:
     return is_temporary or path.name == FILMED
 
 
+def check_asked(path: Path, asked: dict[str, Any]) -> None:
+    """`check_same` as far as it can be said before recordings are read: of what `asked` names."""
+    if (stored := stored_config(path)) is not None:
+        known = {key: value for key, value in stored["config"].items() if key in asked}
+        check_same(path, known, asked)
+
+
 def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> None:
     """Raise InputError, naming the keys, where two configurations differ in what matters."""
     before, now = _flat(stored), _flat(config)
@@ -47,6 +60,7 @@ def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> No
         key
         for key in sorted({*before, *now}, key=lambda key: (key.count("."), key))  # causes first
         if before.get(key) != now.get(key)
+        and not _is_same_content(key, before, now)
         and not any(key == free or key.startswith(f"{free}.") for free in _MAY_DIFFER)
     ]
     if differing:
@@ -56,6 +70,11 @@ def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> No
             f"{path} holds a run with {'; '.join(words)}{more}: "
             "give the same values to go on with it, or another --out to start anew"
         )
+
+
+def _is_same_content(key: str, before: dict[str, Any], now: dict[str, Any]) -> bool:
+    content = _CONTENT.get(key, "")
+    return before.get(content) is not None and before.get(content) == now.get(content)
 
 
 def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -12,10 +12,13 @@ from typing import Any
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Replace a file whole: readers, also after a crash, see the old content or the new."""
     temporary = path.with_name(f".{path.name}.tmp")
-    with temporary.open("wb") as file:
-        file.write(content.encode() if isinstance(content, str) else content)
-        file.flush()
-        os.fsync(file.fileno())
+    try:
+        with temporary.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:  # of a full disk it does not name the file
+        raise type(error)(error.errno, error.strerror, str(path)) from None
     os.replace(temporary, path)
     sync_folder(path.parent)
 

@@ -243,10 +243,15 @@ def stored_state(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None
     try:
         if _stored_run(path, config) is None:
             return None
-        newest = checkpoint.newest(path / _CHECKPOINTS, warn=False)  # `create` warns
-        return checkpoint.load_state(newest) if newest else None
+        return kept_state(path)  # `create` warns of damaged ones
     except OSError as error:
         raise InputError(f"cannot read the run folder {path}: {error.strerror}") from error
+
+
+def kept_state(path: Path) -> dict[str, Any] | None:
+    """The state of a run's newest sound checkpoint; None where there is none."""
+    newest = checkpoint.newest(path / _CHECKPOINTS, warn=False)
+    return checkpoint.load_state(newest) if newest else None
 
 
 def _stored_run(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -1,6 +1,7 @@
 """The built-in tasks by name; add one by a file here and a line in TASKS. Users' own are files."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from simtune.errors import InputError, UnknownName
@@ -24,21 +25,33 @@ TASKS: dict[str, Callable[[], Task]] = {
 
 def load_task(name: str) -> Task:
     """A built-in task, or the one of a model that a tuning file declares. Raises InputError."""
-    task = load_any_task(name)
+    return with_model(load_any_task(name))
+
+
+def with_model(task: AnyTask) -> Task:
+    """The task, which has to be of a model. Raises InputError for one of an environment."""
     if isinstance(task, EnvironmentTask):
-        raise InputError(f"{name} is of an environment: only `simtune tune` takes those")
+        raise InputError(f"{task.name} is of an environment: only `simtune tune` takes those")
     return task
 
 
 def load_any_task(name: str) -> AnyTask:
     """The same, of a model or of an environment."""
     if name.endswith(".toml"):
-        return load_tuning_file(Path(name))
+        return replace(load_tuning_file(Path(name)), source=str(Path(name).resolve()))
     if name.endswith((".xml", ".mjcf", ".urdf")):
         raise InputError(f"{name} is a model: give a tuning file that names it, as NAME.toml")
     if name not in TASKS:
         raise UnknownName("task", name, "simtune (tuning files end in .toml)", TASKS)
-    return TASKS[name]()
+    return replace(TASKS[name](), source=name)
 
 
-__all__ = ["TASKS", "AnyTask", "EnvironmentTask", "Task", "load_any_task", "load_task"]
+__all__ = [
+    "TASKS",
+    "AnyTask",
+    "EnvironmentTask",
+    "Task",
+    "load_any_task",
+    "load_task",
+    "with_model",
+]

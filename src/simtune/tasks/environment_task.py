@@ -28,6 +28,7 @@ class EnvironmentTask:
     episode_steps: int
     camera: str = "render"  # what draws
     declared: str = ""  # what files say of it
+    source: str = ""  # as `Task` has it
 
     @property
     def content_hash(self) -> str:

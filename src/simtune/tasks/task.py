@@ -1,6 +1,6 @@
 """What a task is: a model, where to look at it, how it starts, what is good, what is tuned."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 
@@ -25,6 +25,8 @@ from simtune.simulation import (
     prepare_spec,
 )
 
+_SIZES = ("nbuffer", "signature")  # of an MjModel, which grow with the paths of its files
+
 
 def content_hash(*parts: bytes | str) -> str:
     """Short hexadecimal digits by which a run notices that any of the parts is another one."""
@@ -33,6 +35,20 @@ def content_hash(*parts: bytes | str) -> str:
         content = part.encode() if isinstance(part, str) else part
         digest.update(len(content).to_bytes(8, "little") + content)
     return digest.hexdigest()[:16]
+
+
+def _content(part: object) -> Iterator[bytes]:
+    """All numbers and names of an MjModel, but not where its files lie."""
+    for name in sorted(dir(part)):
+        if name.startswith("_") or name.endswith(("paths", "pathadr")) or name in _SIZES:
+            continue
+        value = getattr(part, name)
+        if isinstance(value, np.ndarray):
+            yield name.encode() + value.tobytes()
+        elif isinstance(value, int | float | bytes | str):
+            yield f"{name}{value!r}".encode()
+        elif not callable(value):  # options, statistics, visual settings and their parts
+            yield from _content(value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,14 +87,13 @@ class Task:
     symmetric_hinges: Mapping[str, int] = field(default_factory=dict)
     declared: str = ""  # what a tuning file says of it
     declared_policy: str = ""  # ... of what is good, which no search looks at
+    source: str = ""  # by which `load_any_task` finds it again, from any folder
 
     @property
     def content_hash(self) -> str:
         """Another one after a change of the model, or of what is declared of it."""
-        model = self.load_model()
-        compiled = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-        mujoco.mj_saveModel(model, None, compiled)
-        return content_hash(compiled.tobytes(), self.declared, repr(list(self.parameters)))
+        model = b"".join(_content(self.load_model()))
+        return content_hash(model, self.declared, repr(list(self.parameters)))
 
     @property
     def policy_hash(self) -> str | None:

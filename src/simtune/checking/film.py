@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from simtune.check.features import SIZE, describe, likeness, moving_share
-from simtune.check.framing import AS_IT_IS, FRAMINGS, Framing
-from simtune.check.library import Library
+from simtune.checking.features import SIZE, describe, likeness, moving_share
+from simtune.checking.framing import AS_IT_IS, FRAMINGS, Framing
+from simtune.checking.library import Library
 from simtune.pictures import resize
 
 _JUDGED = (10, 6)  # worlds and pictures of each, which are taken for films themselves

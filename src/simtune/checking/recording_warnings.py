@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from simtune.recordings.source import short
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory
@@ -73,7 +74,7 @@ def _of_lengths(lengths: list[int]) -> list[str]:
 
 def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:
     """Of (steps, A) actions that the model cuts off, or that tell nothing."""
-    found, mapping = [], task.load_actions()
+    found, still, mapping = [], [], task.load_actions()
     for i, (low, high) in enumerate(zip(actions.min(0), actions.max(0), strict=True)):
         name, (least, most) = mapping.names[i], mapping.range[i]
         slack = 1e-3 * (most - least)
@@ -83,5 +84,14 @@ def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:
                 f"{least:g} to {most:g}, which cuts them off; are they in other units?"
             )
         if high - low <= 1e-6 * max(1.0, abs(high)):
-            found.append(f"actions of {name} are always {high:.4g}: they excite nothing")
+            still.append((name, high))
+    if len(still) == 1:
+        name, value = still[0]
+        found.append(f"actions of {name} are always {value:.4g}: they excite nothing")
+    elif still:
+        found.append(
+            f"{len(still)} of {len(mapping.names)} actions never change "
+            f"({short([name for name, _ in still])}): they excite nothing, so parameters of what "
+            "only they would move cannot be told"
+        )
     return found

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simtune.check.features import Features, describe
+from simtune.checking.features import Features, describe
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from simtune.check.aligned import aligned
+from simtune.checking.aligned import aligned
 
 _HEAD = ("joint", "moves", "lag", "steps", "offset", "left", "with a lag of 1st order", "noise")
 _LEGEND = (

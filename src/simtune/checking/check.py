@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from simtune.check.conclusions import conclude
-from simtune.check.film import compare
-from simtune.check.film_picture import draw_film, new_file
-from simtune.check.library import MOST_STEPS, make_library
-from simtune.check.readings import ReadEpisodes, read_episodes, reading_changes
-from simtune.check.recording_warnings import warnings
+from simtune.checking.conclusions import conclude
+from simtune.checking.film import compare
+from simtune.checking.film_picture import draw_film, new_file
+from simtune.checking.library import MOST_STEPS, make_library
+from simtune.checking.readings import ReadEpisodes, read_episodes, reading_changes
+from simtune.checking.recording_warnings import warnings
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.fit.sensitivity import analyze

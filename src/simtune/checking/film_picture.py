@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from simtune.check.features import outlines
-from simtune.check.film import Comparison
-from simtune.check.library import Library
+from simtune.checking.features import outlines
+from simtune.checking.film import Comparison
+from simtune.checking.library import Library
 from simtune.pictures import resize
 from simtune.tasks import Task
 

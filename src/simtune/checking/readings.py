@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.check.servo_commands import commands_of, servos_of
-from simtune.check.servo_doubts import doubts
-from simtune.check.servos import Servo, fit_servo
+from simtune.checking.servo_commands import commands_of, servos_of
+from simtune.checking.servo_doubts import doubts
+from simtune.checking.servos import Servo, fit_servo
 from simtune.fit import Readings
 from simtune.fit.reading_sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one, where_analyzed

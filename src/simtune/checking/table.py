@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from simtune.check.aligned import aligned
-from simtune.check.servo_table import servo_lines
+from simtune.checking.aligned import aligned
+from simtune.checking.servo_table import servo_lines
 
 _PICTURE = ("picture", "of pixels", "motion", "at most")
 _READING = ("reads", "at most", "of")

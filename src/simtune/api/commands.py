@@ -1,0 +1,159 @@
+"""`simtune check`, `tune` and `train` as functions.
+
+Each takes the options of its command (docs/commands), with underscores: `--budget-minutes 3` is
+`budget_minutes=3`. What cannot be used raises a ValueError of one line; what fails on the way, a
+RuntimeError. Nothing is printed unless `progress` asks for it.
+"""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, TypeVar
+
+from simtune import tasks
+from simtune.algorithm import train as carry_out_training
+from simtune.api.result import CheckResult, Result
+from simtune.checking import check as carry_out_check
+from simtune.config import CheckConfig, TrainConfig, TuneConfig
+from simtune.errors import InputError, UnknownName
+from simtune.progress import ProgressBar, ReportProgress, silent
+from simtune.report.data import read_finished
+from simtune.tasks import AnyTask
+from simtune.tuning_run import tune as carry_out_tuning
+
+TaskLike = str | PathLike[str] | AnyTask
+_Config = TypeVar("_Config", CheckConfig, TuneConfig, TrainConfig)
+_PATHS = ("out", "pictures", "real_parameters", "robot")
+
+
+def load_task(task: str | PathLike[str]) -> AnyTask:
+    """A built-in task by its name, or the one that a tuning file declares.
+
+    It has a `name`, `parameters` (each with name, nominal, low, high, unit) and `load_model()`.
+    Raises ValueError "FILE:LINE: what is wrong".
+    """
+    return tasks.load_any_task(fspath(task))
+
+
+def check(
+    task: TaskLike,
+    *,
+    real: str | PathLike[str] | None = None,
+    progress: bool = False,
+    **options: Any,
+) -> CheckResult:
+    """What each parameter changes, how well it can be known, and whether recordings are sound.
+
+    `real`: recordings. Other options: docs/commands/check.md. The result is a dict, and shows
+    itself as the command's table.
+    """
+    with _in_python(), _progress(progress) as report:
+        config = _config(CheckConfig, task, options | {"real": real})
+        return CheckResult(carry_out_check(config, report))
+
+
+def tune(
+    task: TaskLike,
+    *,
+    out: str | PathLike[str],
+    real: str | PathLike[str] = "pseudo",
+    real_episodes: int | None = None,
+    budget_minutes: float = TuneConfig.budget_minutes,
+    precision: str = TuneConfig.precision,
+    seed: int = 0,
+    progress: bool = False,
+    **options: Any,
+) -> Result:
+    """Find the parameters of a real world from video, actions and joint readings.
+
+    `real`: recordings, or "pseudo", a simulated world to try with. `out`: the run's folder; the
+    same call goes on with a run that was interrupted. `budget_minutes`: wall time at most.
+    `precision`: when to stop before, such as "1%". Other options: docs/commands/tune.md.
+    """
+    options |= {"out": out, "real": real, "real_episodes": real_episodes, "seed": seed}
+    options |= {"budget_minutes": budget_minutes, "precision": precision}
+    with _in_python(), _progress(progress, 60 * budget_minutes) as report:
+        carry_out_tuning(_config(TuneConfig, task, options), report)
+    return load(out)
+
+
+def train(
+    task: TaskLike,
+    *,
+    out: str | PathLike[str],
+    real: str | PathLike[str] = "pseudo",
+    method: str = TrainConfig.method,
+    policy_steps: int | None = None,
+    seed: int = 0,
+    progress: bool = False,
+    **options: Any,
+) -> Result:
+    """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
+
+    As `tune`. `method`: autotune, regression, dr or oracle; `policy_steps`: in simulation, from
+    which the policy learns, by default the task's. Other options: docs/commands/train.md. How
+    often the policy succeeds is in `Result.content`.
+    """
+    options |= {"out": out, "real": real, "method": method, "seed": seed}
+    options |= {"policy_steps": policy_steps}
+    with _in_python(), _progress(progress) as report:
+        carry_out_training(_config(TrainConfig, task, options), report)
+    return load(out)
+
+
+def load(run: str | PathLike[str]) -> Result:
+    """What a finished run of `tune` or `train` found. Raises ValueError for what is none."""
+    return Result(read_finished(Path(run)))
+
+
+def _config(kind: type[_Config], task: TaskLike, options: dict[str, Any]) -> _Config:
+    """A command's options, checked. Raises InputError."""
+    known = [field.name for field in fields(kind)]
+    for name in options:
+        if name not in known:
+            command = kind.__name__.removesuffix("Config").lower()
+            raise UnknownName("option", name, f"simtune.{command}", known)
+    paths = (*_PATHS, *["real"] * (kind is CheckConfig))
+    given: dict[str, Any] = {"task": _source(task)}
+    for name, value in options.items():
+        given[name] = fspath(value) if isinstance(value, PathLike) else value
+        if name in paths and value is not None:
+            given[name] = Path(value)
+    config = kind(**given)
+    config.check()
+    return config
+
+
+def _source(task: TaskLike) -> str:
+    """What finds a task again once its run goes on, or is exported."""
+    if isinstance(task, str | PathLike):
+        return fspath(task)
+    if not task.source or tasks.load_any_task(task.source).content_hash != task.content_hash:
+        raise InputError(
+            f"the task {task.name!r} is not as {task.source or 'any file'} declares it: change the "
+            "tuning file instead, and give its path, or what simtune.load_task makes of it"
+        )
+    return task.source
+
+
+@contextmanager
+def _in_python() -> Iterator[None]:
+    """Messages name options as Python spells them."""
+    try:
+        yield
+    except InputError as error:
+        text = re.sub(r"--([a-z][a-z-]+)", lambda m: m[1].replace("-", "_"), str(error))
+        error.args = (text,)
+        raise
+
+
+@contextmanager
+def _progress(shown: bool, total_s: float = float("inf")) -> Iterator[ReportProgress]:
+    if not shown:
+        yield silent
+        return
+    with ProgressBar(total_s) as bar:
+        yield bar

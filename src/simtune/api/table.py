@@ -1,0 +1,59 @@
+"""Estimates as a table: lines of plain text, and HTML for notebooks."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from simtune.report.words import MISSING, interval, number, percent, share, unit
+from simtune.validate import is_number
+
+Rows = Sequence[Sequence[str]]
+_TEXTS = ("parameter", "unit", "verdict")  # to the left; numbers are to the right
+_CELL = "<{0} style='text-align:{1}'>{2}</{0}>"
+
+
+def lines(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) -> list[str]:
+    """Plain text, from what result.json says of each parameter.
+
+    `verdicts`: whether anything was searched for.
+    """
+    head, *rows = table_rows(parameters, verdicts)
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    aligned = []
+    for row in (head, *rows):
+        cells = [
+            f"{cell:{'<' if name in _TEXTS else '>'}{width}s}"
+            for name, cell, width in zip(head, row, widths, strict=True)
+        ]
+        aligned.append("  ".join(cells).rstrip())
+    return aligned
+
+
+def html(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) -> str:
+    """The same as an HTML table."""
+    head, *rows = table_rows(parameters, verdicts)
+
+    def line(tag: str, row: Sequence[str]) -> str:
+        aligns = ("left" if name in _TEXTS else "right" for name in head)
+        cells = (_CELL.format(tag, a, escape(c)) for a, c in zip(aligns, row, strict=True))
+        return f"<tr>{''.join(cells)}</tr>"
+
+    body = "\n".join(line("td", row) for row in rows)
+    return f"<table>\n<thead>{line('th', head)}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+
+
+def table_rows(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool) -> Rows:
+    """Texts: the heads, then a row a parameter."""
+    is_known = any(is_number(p.get("real")) for p in parameters.values())
+    named = ("estimate", "90 % interval", "of first range", "verdict")
+    named = named if verdicts else ("mean", "worlds trained in")
+    heads = ("parameter", "unit", "start", *named, *("truth", "off by") * is_known)
+    rows: list[tuple[str, ...]] = [heads]
+    for name, p in parameters.items():
+        cells = [name, unit(p), number(p["initial"]), number(p["mean"]), interval(p)]
+        covered = p.get("interval_share")
+        if verdicts:
+            cells += [share(covered) if is_number(covered) else MISSING, str(p.get("verdict"))]
+        cells += [number(p.get("real")), percent(p.get("percent_error"))] * is_known
+        rows.append(tuple(cells))
+    return rows

@@ -1,0 +1,193 @@
+"""`import simtune`: its public names, and what they give."""
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import simtune
+from simtune.run import write_json
+from simtune.tasks import cartpole
+from simtune.tuning_run import tune as tune_from_options
+
+NAMES = ["Result", "check", "load", "load_task", "train", "tune"]
+
+
+@pytest.fixture(scope="module")
+def result(quickly, tmp_path_factory) -> simtune.Result:
+    """What a search that takes seconds made of a pseudo-real cartpole."""
+    out = tmp_path_factory.mktemp("api") / "run"
+    with quickly() as settings, pytest.MonkeyPatch.context() as patch:
+        quick = partial(tune_from_options, settings=settings)
+        patch.setattr("simtune.api.commands.carry_out_tuning", quick)
+        return simtune.tune("cartpole", out=str(out), real_episodes=2, seed=3)
+
+
+def test_nothing_but_the_public_names_is_exported():
+    assert simtune.__all__ == NAMES
+    assert dir(simtune) == sorted([*NAMES, "__version__"])
+    assert all(callable(getattr(simtune, name)) for name in NAMES)
+    with pytest.raises(AttributeError, match="no attribute 'tnue'"):
+        _ = simtune.tnue
+
+
+@pytest.mark.thorough
+def test_import_loads_nothing_heavy_and_no_module_hides_a_public_name():
+    code = """if True:
+    import sys
+    import simtune
+    assert not {"torch", "mujoco", "numpy"} & set(sys.modules), sys.modules
+    import simtune.cli, simtune.api, simtune.algorithm, simtune.record, simtune.evaluate
+    assert all(type(getattr(simtune, name)).__name__ != "module" for name in simtune.__all__)
+    """
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+@pytest.mark.thorough
+def test_a_result_tells_what_result_json_does(result):
+    found = result.parameters["pole_mass"]
+    written = result.content["parameters"]["pole_mass"]
+    assert (found.mean, found.low, found.high) == tuple(written[k] for k in ("mean", "low", "high"))
+    assert (found.name, found.unit, found.nominal) == ("pole_mass", "kg", 0.1)
+    assert found.real == 0.1
+    assert found.verdict in ("identified", "weak", "not identifiable")
+    assert result.task == "cartpole"
+    assert result.warnings == result.content["warnings"]
+    assert simtune.load(str(result.path)).parameters == result.parameters
+    size = len(result.parameters)
+    assert result.covariance.shape == (size, size)
+
+
+@pytest.mark.thorough
+def test_a_result_shows_itself_as_a_table(result):
+    lines = repr(result).splitlines()
+    assert lines[0] == f"simtune.Result of cartpole, {result.path}"
+    assert lines[1].split()[:4] == ["parameter", "unit", "start", "estimate"]
+    assert [line.split()[0] for line in lines[2 : 2 + len(result.parameters)]] == list(
+        result.parameters
+    )
+    html = result._repr_html_()
+    assert html.count("<tr>") == 1 + len(result.parameters)
+    assert "pole_mass" in html
+
+
+@pytest.mark.thorough
+def test_samples_are_the_joint_posteriors_and_begin_alike(result):
+    few, many = result.samples(3), result.samples(4003)
+    assert list(few) == list(result.parameters)
+    for name, values in few.items():
+        assert values.shape == (3,)
+        np.testing.assert_allclose(many[name][:3], values)
+    few["pole_mass"][:] = 0  # the caller's own
+    assert result.samples(3)["pole_mass"].all()
+    with pytest.raises(ValueError, match="num must be at least 1, got 0"):
+        result.samples(0)
+
+
+@pytest.mark.thorough
+def test_the_model_has_the_estimates(result, tmp_path):
+    model = result.model()
+    mass = float(model.body("pole_1").mass[0])
+    assert mass == pytest.approx(result.parameters["pole_mass"].mean)
+    out = result.export(tmp_path / "tuned", samples=5)
+    assert {"model.xml", "samples.csv"} <= {path.name for path in Path(out).iterdir()}
+
+
+@pytest.mark.thorough
+def test_a_plot_has_a_row_a_parameter(result, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    from matplotlib.figure import Figure
+
+    ax = Figure().subplots()
+    assert result.plot(ax=ax) is ax
+    assert [label.get_text() for label in ax.get_yticklabels()] == list(result.parameters)
+    only = result.plot(["pole_mass"], ax=Figure().subplots())
+    assert len(only.get_yticks()) == 1
+    with pytest.raises(ValueError, match=r"no parameter 'pole_mas'.*mean 'pole_mass'"):
+        result.plot(["pole_mas"])
+
+
+@pytest.mark.thorough
+def test_pandas_gets_a_row_a_parameter_or_is_named_as_missing(result, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match="pip install pandas"):
+        result.to_pandas()
+    monkeypatch.undo()
+    pytest.importorskip("pandas")
+    frame = result.to_pandas()
+    assert list(frame.index) == list(result.parameters)
+    assert frame.loc["pole_mass", "mean"] == result.parameters["pole_mass"].mean
+
+
+@pytest.mark.thorough
+def test_check_takes_a_loaded_task_and_shows_a_table(one_renderer_each):
+    task = simtune.load_task("cartpole")
+    found = simtune.check(task, episodes=1)
+    assert list(found["parameters"]) == list(task.parameters.names)
+    assert "told to" in repr(found)
+
+
+def test_options_are_checked_and_named_as_python_spells_them(tmp_path):
+    with pytest.raises(ValueError, match=r"^budget_minutes must be above 0, got 0$"):
+        simtune.tune("cartpole", out=tmp_path / "run", budget_minutes=0)
+    with pytest.raises(
+        ValueError, match=r"no option 'serch' in simtune.tune; did you mean 'search"
+    ):
+        simtune.tune("cartpole", out=tmp_path / "run", serch="paper")
+    with pytest.raises(ValueError, match=r"no task 'cartpol'.*did you mean 'cartpole'"):
+        simtune.train("cartpol", out=tmp_path / "run")
+    with pytest.raises(ValueError, match="is no run: there is no such folder"):
+        simtune.load(tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("source", ["", "cartpole"])
+def test_a_task_that_no_file_declares_is_refused(tmp_path, source):
+    changed = replace(cartpole.balance(), source=source, declared="of mine")
+    with pytest.raises(ValueError, match=r"is not as .* declares it: change the tuning file"):
+        simtune.tune(changed, out=tmp_path / "run")
+
+
+def test_the_page_lists_the_public_names_and_no_others():
+    page = (Path(__file__).parents[1] / "docs" / "python.md").read_text()
+    functions, of_result = page.split("## Result")
+    assert sorted(set(re.findall(r"^\| `simtune\.(\w+)", functions, re.M))) == sorted(NAMES)
+    listed = {
+        name
+        for cell in re.findall(r"^\| (`.*?`) \|", of_result, re.M)
+        for name in re.findall(r"`(\w+)", cell)
+    }
+    assert listed == {name for name in vars(simtune.Result) if not name.startswith("_")}
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    compile(code, "python.md", "exec")
+
+
+def test_train_takes_the_options_of_its_command(tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr("simtune.api.commands.carry_out_training", lambda *a: given.append(a[0]))
+    options = {"method": "dr", "range_dr": 0.3, "real_parameters": "truth.json"}
+    with pytest.raises(ValueError, match="is no run"):  # since nothing was trained
+        simtune.train("cartpole", out=str(tmp_path / "run"), policy_steps=50, **options)
+    (config,) = given
+    assert (config.task, config.out, config.real) == ("cartpole", tmp_path / "run", "pseudo")
+    assert (config.method, config.range_dr, config.policy_steps) == ("dr", 0.3, 50)
+    assert config.real_parameters == Path("truth.json")
+
+
+def test_a_result_without_a_search_has_no_samples_and_no_verdicts(tmp_path):
+    facts = {"unit": "kg", "nominal": 0.1, "initial": 0.2, "mean": 0.2, "low": 0.1, "high": 0.3}
+    content = {"task": "cartpole", "method": "dr", "parameters": {"pole_mass": facts}}
+    write_json(tmp_path / "config.json", {"config": {"task": "cartpole"}})
+    write_json(tmp_path / "result.json", content)
+    result = simtune.load(tmp_path)
+    assert "worlds trained in" in repr(result)
+    assert "verdict" not in repr(result)
+    assert result.parameters["pole_mass"].real is None
+    for ask in (result.samples, result.plot, lambda: result.covariance):
+        with pytest.raises(ValueError, match="nothing was searched for there"):
+            ask()
