@@ -27,7 +27,7 @@ from simtune.config import TuneConfig
 from simtune.recordings import write_dataset
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
-from simtune.tune import tune
+from simtune.tuning_run import tune
 
 _EPISODES, _STEPS, _STEP_S, _NOISE = 6, 250, 0.02, 0.0005
 _OPTION = '<option timestep="0.005" integrator="implicitfast"><flag contact="disable"/></option>'

@@ -76,8 +76,9 @@ if __name__ == "__main__":
         path.write_text(TABLE.sub(lambda _, c=cls: table(c), path.read_text(encoding="utf-8")))
 
 
+_SO_101 = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 JOINTS = {
-    "SO-101": tuple(["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]),
+    "SO-101": _SO_101,
     "xArm 7": tuple(f"joint{i}" for i in range(1, 8)),
 }
 

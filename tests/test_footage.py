@@ -209,6 +209,17 @@ def test_tuning_file_tells_a_camera_s_footage(scene, load):
     assert load(SCENE_TOML + '[camera]\ncamera = "above"\n' + PARAMETER).footage == PLAIN
 
 
+def test_another_background_or_calibration_is_another_task(scene, load):
+    text = SCENE_TOML + '[camera]\ncamera = "above"\n{}\n' + PARAMETER
+    hashes = set()
+    for content in (JSON, JSON.replace("-0.2", "-0.1")):
+        (scene / "a.json").write_text(content)
+        (scene / "wall.png").write_text(content)
+        hashes.add(load(text.format('calibration = "a.json"')).content_hash)
+        hashes.add(load(text.format('background = "wall.png"')).content_hash)
+    assert len(hashes) == 4
+
+
 OPENCV = """%YAML:1.0
 ---
 image_width: 96

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Literal
 
@@ -24,6 +25,13 @@ class Footage:
     # What stands still behind all that moves, in place of what the model has there: a picture by
     # the same camera, or the recordings' own median; None: what the model has
     background: Path | Literal["recording"] | None = None
+
+    def content(self) -> str:
+        """What of it stands in other files, by which a run notices that it is another one."""
+        lens = repr(self.lens) if self.lens else ""
+        if not isinstance(self.background, Path):
+            return lens
+        return lens + sha256(self.background.read_bytes()).hexdigest()
 
     def square(self, picture: np.ndarray, side: int) -> np.ndarray:
         """(H, W, 3) as recorded to (side, side, 3) as a square pinhole camera sees it.

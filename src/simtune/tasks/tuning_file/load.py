@@ -51,7 +51,7 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
     return Task(
         name=file.text("name", path.stem),
         description=file.text("description", f"{file.text('model')}, of {path.name}"),
-        declared=file.content(without="policy"),
+        declared=file.content(without="policy") + (camera.footage.content() if camera else ""),
         load_spec=load_spec,
         parameters=read_parameters(file, load_spec(), camera and camera.name, step_s),
         camera=camera and camera.name,
