@@ -204,6 +204,29 @@ def test_what_cannot_be_observed_is_refused(arm: Path, truth: Path, tmp_path: Pa
         build_experiment(TuneConfig(task=str(lit), out=tmp_path / "run"))
 
 
+LIT = """
+[[parameters]]
+name = "sun"
+kind = "light"
+objects = "sun"
+"""
+
+
+@pytest.mark.thorough
+def test_what_only_pictures_show_stays_unknown_where_nobody_looks_at_them(tmp_path: Path):
+    tuning_file = write_arm(tmp_path, f'camera = "c"\n{TUNE}{LIT}')
+    mjcf = tmp_path / "arm.xml"
+    seen = (
+        '<worldbody><light name="sun" pos="0 0 1"/><camera name="c" pos="0 -2 0" euler="1.57 0 0"/>'
+    )
+    mjcf.write_text(mjcf.read_text().replace("<worldbody>", seen))
+    config = TuneConfig(task=str(tuning_file), out=tmp_path / "run", observe="joints")
+    experiment = build_experiment(config)
+    found = experiment.search.run_round(experiment.recordings, Budget()).estimate
+    assert found.verdict == ["identified"] * 4 + ["not identifiable"]
+    assert (found.low[4], found.high[4]) == (0.0, 1.0)
+
+
 @pytest.mark.parametrize(
     ("line", "complaint"),
     [

@@ -46,13 +46,15 @@ class OpenLoop:
     ) -> "OpenLoop":
         """Replays readings in a simulator; `start`: (N,) parameters of a world to begin with.
 
-        What no sensor measures is, and stays, as a simulated episode of that world begins.
+        What no sensor measures is, and stays, as a simulated episode of that world begins. Derived
+        is by parameters that move something.
         """
         assert isinstance(simulator, Simulator), "sensors measure a model's joints"
         still, rng = np.zeros((1, 1, simulator.num_actions)), np.random.default_rng(0)
         begun = simulator.roll_out(start[None], still, rng, keep_diverged=True)
         physics = Physics(simulator, observation.observe_beside(), begun.states[0, 0])
-        return cls(physics, joints_of(observation.sensors), np.arange(len(simulator.space)))
+        moving = np.flatnonzero(~simulator.space.is_appearance)
+        return cls(physics, joints_of(observation.sensors), moving)
 
     def start_std(self, noise: np.ndarray) -> np.ndarray:
         """(S,) what is unknown of a start, where readings have the noise (D,)."""

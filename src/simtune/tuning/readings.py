@@ -35,6 +35,7 @@ _LONGEST_DELAY_S = 0.5
 _CLEARLY_BETTER = 0.02  # the share of what is left, that a delay has to explain to be believed
 _SEEN_WIDTH = 6.0  # standard deviations to either side, within which curves are drawn
 _LEAST_STD = 1e-3  # in unit coordinates
+_UNKNOWN_STD = 1.0  # of what shows in pictures only
 _AT_BOUND = 1e-3
 
 
@@ -56,11 +57,15 @@ class ReadingsSearch:
     """A `tuning.search.Search` that looks at readings only."""
 
     def __init__(self, context: SearchContext, config: ReadingsConfig | None = None):
-        """Raises InputError where a parameter moves nothing, or where there is no model."""
+        """Raises InputError where there is no model, or nothing that readings could tell.
+
+        What shows in pictures only stays as it is where there is a camera at which nobody looks.
+        """
         simulator = context.simulator
         if not isinstance(simulator, Simulator):
             raise InputError("joint readings need a MuJoCo model")
-        if shown := [p.name for p in simulator.space if p.is_appearance]:
+        shown = [p.name for p in simulator.space if p.is_appearance]
+        if len(shown) == len(simulator.space) or (shown and context.camera is None):
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = Distribution.first(simulator.space, context.start)
@@ -151,7 +156,9 @@ class ReadingsSearch:
 
     def _conclude(self, found: OutputErrorFit, late: int) -> Estimate:
         space, config = self.first.space, self.config.range_update
-        std = np.sqrt(np.diag(found.covariance))
+        fitted = np.flatnonzero(~space.is_appearance)
+        std = np.full(len(space), _UNKNOWN_STD)
+        std[fitted] = np.sqrt(np.diag(found.covariance))
         discrepancy = self._context.observation.discrepancy_std(space.is_appearance)
         std = np.maximum(np.hypot(std, discrepancy), _LEAST_STD)
         ends = (found.unit - _SEEN_WIDTH * std, found.unit + _SEEN_WIDTH * std)
@@ -160,7 +167,7 @@ class ReadingsSearch:
         self.distribution = self.first.with_interval(mean, low, high)
         width = space.to_unit(high) - space.to_unit(low)
         curves = normal_curves(self.distribution.to_range_unit(mean), std / width)
-        correlation = block_correlation(len(std), [(np.arange(len(std)), found.covariance)])
+        correlation = block_correlation(len(std), [(fitted, found.covariance)])
         estimate = read_curves(curves, self.distribution, self.first, config)
         return replace(
             estimate,
