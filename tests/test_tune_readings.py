@@ -227,6 +227,28 @@ def test_what_only_pictures_show_stays_unknown_where_nobody_looks_at_them(tmp_pa
     assert (found.low[4], found.high[4]) == (0.0, 1.0)
 
 
+BOX = """
+[[parameters]]
+name = "box_mass"
+kind = "mass"
+objects = "box"
+"""
+
+
+@pytest.mark.thorough
+def test_an_object_that_may_lie_anywhere_is_in_nobodys_way(tmp_path: Path):
+    start = "\nbox = { position = [[0.4, 0.5], [-0.05, 0.05], [0.3, 0.4]] }\n\n[[sensors]]"
+    tuning_file = write_arm(tmp_path, TUNE.replace("\n[[sensors]]", start) + BOX)
+    mjcf = tmp_path / "arm.xml"
+    box = (
+        '<body name="box"><freejoint name="box"/><geom type="box" size=".1 .1 .1" mass="3"/></body>'
+    )
+    mjcf.write_text(mjcf.read_text().replace("</worldbody>", f"{box}</worldbody>"))
+    experiment = build_experiment(TuneConfig(task=str(tuning_file), out=tmp_path / "run"))
+    found = experiment.search.run_round(experiment.recordings, Budget()).estimate
+    assert found.verdict[4] == "not identifiable"
+
+
 @pytest.mark.parametrize(
     ("line", "complaint"),
     [
