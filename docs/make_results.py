@@ -29,6 +29,7 @@ ORDER = (  # on the page; other claims follow
     "recordings",
     "pendulums",
     "servos",
+    "aloha",
     "honesty",
     "robot_limits",
     "memory",
