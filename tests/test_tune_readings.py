@@ -204,6 +204,14 @@ def test_what_cannot_be_observed_is_refused(arm: Path, truth: Path, tmp_path: Pa
         build_experiment(TuneConfig(task=str(lit), out=tmp_path / "run"))
 
 
+def test_what_is_recorded_of_a_tuning_file_with_columns_is_read_by_it(tmp_path: Path):
+    columns = '\n[actions]\ncolumns = ["one", "other"]\n'
+    tuning_file = write_arm(tmp_path, TUNE.replace("\n[[sensors]]", columns + "\n[[sensors]]"))
+    out = record(RecordConfig(task=str(tuning_file), out=tmp_path / "recordings", episodes=1))
+    real = TuneConfig(task=str(tuning_file), real=str(out), out=tmp_path / "run")
+    assert len(build_experiment(real).recordings) == 1
+
+
 LIT = """
 [[parameters]]
 name = "sun"
