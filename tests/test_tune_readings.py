@@ -13,6 +13,7 @@ from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.experiment.experiment import Experiment, build_experiment
+from simtune.fit import OpenLoop
 from simtune.record import record
 from simtune.trajectory import Trajectory, delayed
 from simtune.tune import tune
@@ -243,7 +244,6 @@ objects = "box"
 """
 
 
-@pytest.mark.thorough
 def test_an_object_that_may_lie_anywhere_is_in_nobodys_way(tmp_path: Path):
     start = "\nbox = { position = [[0.4, 0.5], [-0.05, 0.05], [0.3, 0.4]] }\n\n[[sensors]]"
     tuning_file = write_arm(tmp_path, TUNE.replace("\n[[sensors]]", start) + BOX)
@@ -252,9 +252,9 @@ def test_an_object_that_may_lie_anywhere_is_in_nobodys_way(tmp_path: Path):
         '<body name="box"><freejoint name="box"/><geom type="box" size=".1 .1 .1" mass="3"/></body>'
     )
     mjcf.write_text(mjcf.read_text().replace("</worldbody>", f"{box}</worldbody>"))
-    experiment = build_experiment(TuneConfig(task=str(tuning_file), out=tmp_path / "run"))
-    found = experiment.search.run_round(experiment.recordings, Budget()).estimate
-    assert found.verdict[4] == "not identifiable"
+    context = build_experiment(TuneConfig(task=str(tuning_file), out=tmp_path / "run")).context
+    loop = OpenLoop.of(context.simulator, context.observation, context.start)
+    assert loop.physics.some_state[2] > 100  # m, and the arm is a metre long
 
 
 @pytest.mark.parametrize(
