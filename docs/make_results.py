@@ -31,6 +31,7 @@ ORDER = (  # on the page; other claims follow
     "servos",
     "arms",
     "motions",
+    "aloha",
     "honesty",
     "robot_limits",
     "memory",

@@ -8,7 +8,7 @@ from simtune.fit import Observed, Physics
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.residuals import correlation_times
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
-from simtune.fit.slopes import Groups, Slopes
+from simtune.fit.slopes import Groups, Slopes, agreed
 from simtune.observation import AllEvidence, JointReadings, JointSensor, ObservationModel
 from simtune.randomization import Distribution
 from simtune.simulation import random_actions
@@ -106,3 +106,13 @@ def test_an_encoders_offset_is_found_by_what_pictures_show(simulator):  # noqa: 
     np.testing.assert_allclose(offsets, [0.02, -0.06], atol=0.006)
     left = corrected.evidence.parts[1].typical_distance(seen[..., -2:])
     assert left < 3 * noise
+
+
+def test_a_change_counts_by_how_well_another_one_agrees():
+    rng = np.random.default_rng(0)
+    smooth = np.ones((1, 1, 200, 2))
+    np.testing.assert_allclose(agreed(smooth, 1.05 * smooth), 1.025, rtol=2e-3)
+    # Noise of the world in the middle, the end of one change and the start of the other
+    first, middle, last = 100 * rng.normal(size=(3, *smooth.shape))
+    left = agreed(smooth + middle - first, smooth + last - middle)
+    assert np.sqrt(np.square(left).mean()) < 0.2 * 100

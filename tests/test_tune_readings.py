@@ -14,7 +14,6 @@ from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import OpenLoop, Readings
-from simtune.fit.slopes import Groups
 from simtune.record import record
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
@@ -86,15 +85,10 @@ def test_two_that_do_the_same_are_not_told_apart_by_their_own_curvature(tmp_path
     of_kv, of_damping = names.index("shoulder_kv"), names.index("damping")
     share = context.start[of_kv] / context.start[of_damping]  # both scales are logarithmic
 
-    def off(groups: Groups | None) -> float:
-        """Of what has to be 0: kv and damping are one force."""
-        slopes = loop.differentiate(stretches, stretches.states, unit, start_std, groups)
-        kv, damping = (slopes.by_parameter[:, i] for i in (of_kv, of_damping))
-        return float(np.abs(kv - share * damping).max() / np.abs(kv).max())
-
-    one_sided = Groups.one_by_one(len(names) + len(loop.start_tangents), 2)
-    assert off(None) < 1e-5
-    assert off(one_sided) > 1e-3
+    slopes = loop.differentiate(stretches, stretches.states, unit, start_std)
+    kv, damping = (slopes.by_parameter[:, i] for i in (of_kv, of_damping))
+    # One force: one-sided differences are 2 % apart
+    assert np.abs(kv - share * damping).max() < 3e-4 * np.abs(kv).max()
 
 
 @pytest.mark.slow
@@ -232,6 +226,58 @@ def test_what_cannot_be_observed_is_refused(arm: Path, truth: Path, tmp_path: Pa
     )
     with pytest.raises(InputError, match="shows in pictures only"):
         build_experiment(TuneConfig(task=str(lit), out=tmp_path / "run"))
+
+
+def test_what_is_recorded_of_a_tuning_file_with_columns_is_read_by_it(tmp_path: Path):
+    columns = '\n[actions]\ncolumns = ["one", "other"]\n'
+    tuning_file = write_arm(tmp_path, TUNE.replace("\n[[sensors]]", columns + "\n[[sensors]]"))
+    out = record(RecordConfig(task=str(tuning_file), out=tmp_path / "recordings", episodes=1))
+    real = TuneConfig(task=str(tuning_file), real=str(out), out=tmp_path / "run")
+    assert len(build_experiment(real).recordings) == 1
+
+
+LIT = """
+[[parameters]]
+name = "sun"
+kind = "light"
+objects = "sun"
+"""
+
+
+@pytest.mark.thorough
+def test_what_only_pictures_show_stays_unknown_where_nobody_looks_at_them(tmp_path: Path):
+    tuning_file = write_arm(tmp_path, f'camera = "c"\n{TUNE}{LIT}')
+    mjcf = tmp_path / "arm.xml"
+    seen = (
+        '<worldbody><light name="sun" pos="0 0 1"/><camera name="c" pos="0 -2 0" euler="1.57 0 0"/>'
+    )
+    mjcf.write_text(mjcf.read_text().replace("<worldbody>", seen))
+    config = TuneConfig(task=str(tuning_file), out=tmp_path / "run", observe="joints")
+    experiment = build_experiment(config)
+    found = experiment.search.run_round(experiment.recordings, Budget()).estimate
+    assert found.verdict == ["identified"] * 4 + ["not identifiable"]
+    assert (found.low[4], found.high[4]) == (0.0, 1.0)
+
+
+BOX = """
+[[parameters]]
+name = "box_mass"
+kind = "mass"
+objects = "box"
+"""
+
+
+def test_an_object_that_may_lie_anywhere_is_in_nobodys_way(tmp_path: Path):
+    start = "\nbox = { position = [[0.4, 0.5], [-0.05, 0.05], [0.3, 0.4]] }\n\n[[sensors]]"
+    tuning_file = write_arm(tmp_path, TUNE.replace("\n[[sensors]]", start) + BOX)
+    mjcf = tmp_path / "arm.xml"
+    box = (
+        '<body name="box"><freejoint name="box"/><geom type="box" size=".1 .1 .1" mass="3"/></body>'
+    )
+    mjcf.write_text(mjcf.read_text().replace("</worldbody>", f"{box}</worldbody>"))
+    context = build_experiment(TuneConfig(task=str(tuning_file), out=tmp_path / "run")).context
+    loop = OpenLoop.of(context.simulator, context.observation, context.start)
+    assert loop.physics.some_state[2] > 100  # m, and the arm is a metre long
 
 
 @pytest.mark.parametrize(

@@ -6,18 +6,21 @@ begins anew: a short one is nearly linear in what is unknown, a whole one is wha
 
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, Stretches, filled, velocities
-from simtune.fit.slopes import Groups, Slopes
+from simtune.fit.slopes import Groups, Slopes, agreed
 from simtune.observation import JointSensor, ObservationModel, joints_of, usual_noise
 from simtune.simulation import AnySimulator, Simulator
 
 _VELOCITY_ERROR = 3.0  # of a start's, in noise a step
-_UNIT_DELTA = 1e-3
+_UNIT_DELTA = 5e-3
 _FIRST, _BEGIN_ITERATIONS = 5, 3  # steps that say what a replay begins with
 _STATE_DELTA = 0.05  # of what is unknown of a state
+_FREE = mujoco.mjtJoint.mjJNT_FREE.value
+_FAR_AWAY = 1e3  # in terms of the model's extent
 
 
 class OpenLoop:
@@ -46,13 +49,21 @@ class OpenLoop:
     ) -> "OpenLoop":
         """Replays readings in a simulator; `start`: (N,) parameters of a world to begin with.
 
-        What no sensor measures is, and stays, as a simulated episode of that world begins.
+        What no sensor measures is, and stays, as a simulated episode of that world begins; but
+        objects that lie anywhere are put where nothing touches them. Derived is by parameters that
+        move something.
         """
         assert isinstance(simulator, Simulator), "sensors measure a model's joints"
-        still, rng = np.zeros((1, 1, simulator.num_actions)), np.random.default_rng(0)
-        begun = simulator.roll_out(start[None], still, rng, keep_diverged=True)
-        physics = Physics(simulator, observation.observe_beside(), begun.states[0, 0])
-        return cls(physics, joints_of(observation.sensors), np.arange(len(simulator.space)))
+        still, rng = np.zeros((2, 1, simulator.num_actions)), np.random.default_rng(0)
+        begun = simulator.roll_out(np.repeat(start[None], 2, 0), still, rng, keep_diverged=True)
+        sensors, space = joints_of(observation.sensors), simulator.state_space
+        state, another = space.positions_and_velocities(begun.states[:, 0])
+        for number, place in enumerate(_loose(simulator.model)):
+            if not np.array_equal(state[place : place + 3], another[place : place + 3]):
+                state[place] += (1 + number) * _FAR_AWAY * simulator.model.stat.extent
+        full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
+        physics = Physics(simulator, observation.observe_beside(), full_state)
+        return cls(physics, sensors, np.flatnonzero(~simulator.space.is_appearance))
 
     def start_std(self, noise: np.ndarray) -> np.ndarray:
         """(S,) what is unknown of a start, where readings have the noise (D,)."""
@@ -163,32 +174,47 @@ class OpenLoop:
         start_std: np.ndarray,
         groups: Groups | None = None,
     ) -> Slopes:
-        """By finite differences, for which all changed worlds run at once.
+        """By central finite differences, for which all changed worlds run at once.
 
-        Central ones of the parameters: of two that do the same, such as a servo's kv and its
-        joint's damping, one-sided ones would seem to tell which is which, by their own curvature.
-        `groups`: one-sided, of many at once, to be quicker and a little wrong.
+        Of two parameters that do the same, such as a servo's kv and its joint's damping, one-sided
+        ones would seem to tell which is which, by their own curvature. And after a contact the
+        least change may throw a motion elsewhere: a derivative is noise then, and would be taken
+        for a reading that tells much. So derivatives count by how well those to both sides agree.
+        `groups`: to be quicker, and a little wrong.
         """
         num_fitted, num_starts = len(self.fitted), len(self.start_tangents)
-        is_central = groups is None
         groups = groups or Groups.one_by_one(num_fitted + num_starts, self.num_readings)
+        delta = np.full(num_fitted + num_starts, _STATE_DELTA)
+        delta[:num_fitted] = np.where(unit[self.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
         world, num_groups = 1 + groups.number, len(groups.owner)
-        units = np.repeat(unit[None], 1 + num_groups + is_central * num_fitted, 0)
-        inward = np.where(unit[self.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
-        units[world[:num_fitted], self.fitted] += inward
-        other = 1 + num_groups + np.arange(num_fitted) if is_central else np.zeros(num_fitted, int)
-        outward = np.clip(unit[self.fitted] - inward, 0, 1)
-        units[other, self.fitted] = outward if is_central else unit[self.fitted]
-        tangents = np.zeros((len(units), self.start_tangents.shape[1]))
+        units = np.repeat(unit[None], 1 + num_groups, 0)
+        units[world[:num_fitted], self.fitted] += delta[:num_fitted]
+        tangents = np.zeros((1 + num_groups, self.start_tangents.shape[1]))
         change = _STATE_DELTA * start_std[:, None] * self.start_tangents
         np.add.at(tangents, world[num_fitted:], change)
+        twice = np.unique(world[:num_fitted])  # worlds in which a parameter is changed
+        back = 2 * unit - units[twice]
+        # At a bound there is no other side: twice as far, then
+        is_inside = ((back >= 0) & (back <= 1)).all(1)
+        side = np.where(is_inside, -1, 2)[:, None]
+        units = np.concatenate([units, unit + side * (units[twice] - unit)])
+        tangents = np.concatenate([tangents, side * tangents[twice]])
         spread = np.repeat(tangents[:, None], len(states), 1)
         predicted, _ = self.play(stretches, self.physics.space.move(states, spread), units)
-        back = np.concatenate([other, np.zeros(num_starts, int)])
-        delta = np.full(num_fitted + num_starts, _STATE_DELTA)
-        its = world[:num_fitted], self.fitted
-        delta[:num_fitted] = units[its] - units[other, self.fitted]
-        changes = (predicted[world] - predicted[back]).swapaxes(0, 1)  # (W, U, K + 1, D)
+        changes = (predicted[1 : 1 + num_groups] - predicted[0]).swapaxes(0, 1)  # (W, G, K + 1, D)
+        others, known = predicted[1 + num_groups :], predicted[np.where(is_inside, 0, twice)]
+        inward = np.where(is_inside, -1, 1)[:, None, None, None]
+        others = (inward * (others - known)).swapaxes(0, 1)
+        changes[:, twice - 1] = agreed(changes[:, twice - 1], others)
         is_owner = groups.owner[groups.number] == np.arange(len(delta))[:, None]  # (U, D)
-        slopes = changes * is_owner[:, None] / delta[:, None, None]
+        slopes = changes[:, groups.number] * is_owner[:, None] / delta[:, None, None]
         return Slopes(predicted[0], slopes[:, :num_fitted], slopes[:, num_fitted:])
+
+
+def _loose(model: mujoco.MjModel) -> list[int]:
+    """Where positions of free bodies begin that are alone: no joints, nothing that holds them."""
+    if model.ntendon or model.neq:
+        return []
+    alone = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=model.nbody) == 1
+    free = np.flatnonzero((model.jnt_type == _FREE) & alone[model.jnt_bodyid])
+    return model.jnt_qposadr[free].tolist()

@@ -4,8 +4,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 _SIDE_EFFECT = 0.1  # of the largest effect on a reading: one that can wait
+_SMOOTH_STEPS = 11  # over which it is seen whether two changes agree
 
 
 class Slopes(NamedTuple):
@@ -53,3 +55,14 @@ class Groups:
     def one_by_one(cls, num_unknown: int, num_readings: int) -> "Groups":
         number = np.arange(num_unknown)
         return cls(number, np.repeat(number[:, None], num_readings, 1))
+
+
+def agreed(change: np.ndarray, another: np.ndarray) -> np.ndarray:
+    """(W, G, K + 1, D) the mean of two changes by equal steps, less where they disagree.
+
+    The share of its square that is no noise, as in Wiener's filter: noise of the two is not
+    correlated, so their product has none of it.
+    """
+    both, size = change * another, (np.square(change) + np.square(another)) / 2
+    both, size = (uniform_filter1d(its, _SMOOTH_STEPS, axis=2) for its in (both, size))
+    return np.clip(both / np.maximum(size, 1e-300), 0, 1) * (change + another) / 2

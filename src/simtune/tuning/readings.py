@@ -6,6 +6,7 @@ begins. A single round is all there is:
     far      short stretches, from several first guesses: nearly linear, so nothing gets stuck
     late     by how many steps actions take effect late, if no parameter says so
     whole    open-loop replay of whole episodes, which is what has to be right
+    again    from above and from below, to see whether that ends elsewhere: contacts make it rough
     judge    how sure that is, and what the model cannot explain
 """
 
@@ -35,7 +36,9 @@ _LONGEST_DELAY_S = 0.5
 _CLEARLY_BETTER = 0.02  # the share of what is left, that a delay has to explain to be believed
 _SEEN_WIDTH = 6.0  # standard deviations to either side, within which curves are drawn
 _LEAST_STD = 1e-3  # in unit coordinates
+_UNKNOWN_STD = 1.0  # of what shows in pictures only
 _AT_BOUND = 1e-3
+_SIDESTEP = 0.1  # in unit coordinates, from which a fit should come back
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,11 +59,15 @@ class ReadingsSearch:
     """A `tuning.search.Search` that looks at readings only."""
 
     def __init__(self, context: SearchContext, config: ReadingsConfig | None = None):
-        """Raises InputError where a parameter moves nothing, or where there is no model."""
+        """Raises InputError where there is no model, or nothing that readings could tell.
+
+        What shows in pictures only stays as it is where there is a camera at which nobody looks.
+        """
         simulator = context.simulator
         if not isinstance(simulator, Simulator):
             raise InputError("joint readings need a MuJoCo model")
-        if shown := [p.name for p in simulator.space if p.is_appearance]:
+        shown = [p.name for p in simulator.space if p.is_appearance]
+        if len(shown) == len(simulator.space) or (shown and context.camera is None):
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = Distribution.first(simulator.space, context.start)
@@ -92,14 +99,8 @@ class ReadingsSearch:
         far = self._from_afar(fit, readings, first_guess, budget.part(budget.seconds_left / 3))
         late = self._how_late(fit, readings, far, budget.part(budget.seconds_left / 3))
         budget.report("replaying whole episodes", 0.4)
-        found = fit.fit(
-            readings.delayed(late),
-            far.unit,
-            far.offsets,
-            ReplayStage(0, self.config.whole_iterations, 10**9),
-            budget,
-        )
-        estimate = self._conclude(found, late)
+        found, apart = self._from_both_sides(fit, readings.delayed(late), far, budget)
+        estimate = self._conclude(found, apart, late)
         precision = self.config.precision
         is_known = precision and is_precise(half_widths(estimate, self.first), precision)
         known = f"every parameter is known to {100 * precision:g} %"
@@ -120,6 +121,7 @@ class ReadingsSearch:
         found: list[OutputErrorFit] = []
         for number in range(config.num_starts):
             begin = rng.uniform(low, high) if number else first_guess
+            begin = np.where(self.first.space.is_appearance, first_guess, begin)
             zero = np.zeros(readings.values.shape[-1])
             found.append(fit.fit(readings, begin, zero, stage, budget))
             if budget.is_over:
@@ -145,13 +147,32 @@ class ReadingsSearch:
                 break
         return steps
 
+    def _from_both_sides(
+        self, fit: OutputError, readings: Readings, far: OutputErrorFit, budget: Budget
+    ) -> tuple[OutputErrorFit, np.ndarray]:
+        """The best fit to whole episodes; (P,) half of how far away others end that are as good."""
+        stage = ReplayStage(0, self.config.whole_iterations, 10**9)
+        begun = budget.seconds_left
+        fits = [fit.fit(readings, far.unit, far.offsets, stage, budget)]
+        took_s, moving = begun - budget.seconds_left, ~self.first.space.is_appearance
+        for side, done in ((-1, 0.6), (1, 0.8)):
+            if budget.is_endless or budget.seconds_left > took_s:
+                budget.report("replaying whole episodes again", done)
+                begin = np.clip(fits[0].unit + side * _SIDESTEP * moving, 0, 1)
+                fits.append(fit.fit(readings, begin, fits[0].offsets, stage, budget))
+        best = min(fits, key=lambda its: its.cost)
+        as_good = [its.unit for its in fits if its.cost < best.cost + _CLEARLY_BETTER]
+        return best, np.abs(as_good - best.unit).max(0)[moving] / 2
+
     def _stretch(self, iterations: int) -> ReplayStage:
         steps = max(_FEWEST_STEPS, round(self.config.stretch_s / self._simulator.step_s))
         return ReplayStage(steps, iterations, self.config.stretches)
 
-    def _conclude(self, found: OutputErrorFit, late: int) -> Estimate:
+    def _conclude(self, found: OutputErrorFit, apart: np.ndarray, late: int) -> Estimate:
         space, config = self.first.space, self.config.range_update
-        std = np.sqrt(np.diag(found.covariance))
+        fitted = np.flatnonzero(~space.is_appearance)
+        std = np.full(len(space), _UNKNOWN_STD)
+        std[fitted] = np.hypot(np.sqrt(np.diag(found.covariance)), apart)
         discrepancy = self._context.observation.discrepancy_std(space.is_appearance)
         std = np.maximum(np.hypot(std, discrepancy), _LEAST_STD)
         ends = (found.unit - _SEEN_WIDTH * std, found.unit + _SEEN_WIDTH * std)
@@ -160,7 +181,7 @@ class ReadingsSearch:
         self.distribution = self.first.with_interval(mean, low, high)
         width = space.to_unit(high) - space.to_unit(low)
         curves = normal_curves(self.distribution.to_range_unit(mean), std / width)
-        correlation = block_correlation(len(std), [(np.arange(len(std)), found.covariance)])
+        correlation = block_correlation(len(std), [(fitted, found.covariance)])
         estimate = read_curves(curves, self.distribution, self.first, config)
         return replace(
             estimate,
@@ -181,11 +202,11 @@ class ReadingsSearch:
     def _warnings(self, found: OutputErrorFit, late: int) -> list[str]:
         space = self.first.space
         warnings = latency_warning(late)
-        for name, unit in zip(space.names, found.unit, strict=True):
-            if min(unit, 1 - unit) < _AT_BOUND:
+        for parameter, unit in zip(space, found.unit, strict=True):
+            if min(unit, 1 - unit) < _AT_BOUND and not parameter.is_appearance:
                 warnings.append(
-                    f"{name} ended at a bound of its range: the truth may lie beyond, or the model "
-                    "lacks something; give it a wider low and high to see"
+                    f"{parameter.name} ended at a bound of its range: the truth may lie beyond, "
+                    "or the model lacks something; give it a wider low and high to see"
                 )
         return warnings
 
