@@ -61,7 +61,7 @@ def main(
         steps: Of each episode.
         out: Folder for the recordings and the runs.
         record: Write the figures into this file of docs/results, too.
-        quick: A search of seconds that finds nothing, from two short episodes, by readings and both.
+        quick: A search that finds nothing, by readings and both of two short episodes.
     """
     try:
         loaded = load_task(str(task))
