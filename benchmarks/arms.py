@@ -94,7 +94,7 @@ def main(
         "held": round(sum(row["holds"] for row in rows) / len(rows), 3),
         "identified": len(known),
         "identified_within_5_percent": sum(row["percent_error"] <= 5 for row in known),
-        "largest_identified_percent_error": max(row["percent_error"] for row in known),
+        "largest_identified_percent_error": max((r["percent_error"] for r in known), default=None),
     }
     record_figures(record, ["arm", "seed", "parameter"], rows)
     print(json.dumps({"benchmark": "arms", "quick": quick, **machine(), **figures}))

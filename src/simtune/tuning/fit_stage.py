@@ -31,7 +31,7 @@ from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves, with_fit
-from simtune.tuning.search import Estimate, SearchContext, Verdict
+from simtune.tuning.search import Estimate, SearchContext, at_most_weak
 from simtune.vision.detector import Detections
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints
@@ -164,10 +164,6 @@ class FitStage:
         )
 
 
-def _at_most_weak(verdict: Verdict) -> Verdict:
-    return "weak" if verdict == "identified" else verdict
-
-
 def conclude(
     prob_higher: np.ndarray,
     fit: FitResult,
@@ -183,7 +179,7 @@ def conclude(
     read = read_curves(curves, searched, first, config)
     estimate = replace(
         read,
-        verdict=read.verdict if bootstrap.misfits else [_at_most_weak(v) for v in read.verdict],
+        verdict=read.verdict if bootstrap.misfits else at_most_weak(read.verdict),
         correlation=fit.claimed_correlation,
         correlations=correlations(fit, names),
         ranks=ranks(bootstrap, names),

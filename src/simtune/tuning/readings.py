@@ -6,14 +6,14 @@ begins. A single round is all there is:
     far      short stretches, from several first guesses: nearly linear, so nothing gets stuck
     late     by how many steps actions take effect late, if no parameter says so
     whole    open-loop replay of whole episodes, which is what has to be right
-    again    from above and from below, to see whether that ends elsewhere: contacts make it rough
+    again    from other starts, until two end at what is best: contacts and limits make it rough
     judge    how sure that is, and what the model cannot explain
 """
 
 import math
 import time
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -29,16 +29,22 @@ from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_curves
 from simtune.tuning.rounds import half_widths, is_precise
-from simtune.tuning.search import Estimate, Event, Round, SearchContext
+from simtune.tuning.search import Estimate, Event, Round, SearchContext, at_most_weak
 
 _FEWEST_STEPS = 8
 _LONGEST_DELAY_S = 0.5
-_CLEARLY_BETTER = 0.02  # the share of what is left, that a delay has to explain to be believed
+_CLEARLY_BETTER = 0.02  # share of what is left: a fit, or a delay, that explains less is as good
 _SEEN_WIDTH = 6.0  # standard deviations to either side, within which curves are drawn
 _LEAST_STD = 1e-3  # in unit coordinates
 _UNKNOWN_STD = 1.0  # of what shows in pictures only
 _AT_BOUND = 1e-3
-_SIDESTEP = 0.1  # in unit coordinates, from which a fit should come back
+_SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should come back
+_TOGETHER = 2  # starts, in which all parameters are higher or lower
+_NOT_FOUND_TWICE = (
+    "{} fits to whole episodes, from as many starts, each ended somewhere else: how sure the best "
+    "of them is cannot be said, so nothing is called identified. Leave parameters out that go "
+    "with others, give better first guesses, or more minutes."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +57,16 @@ class ReadingsConfig:
     far_iterations: int = 8
     late_iterations: int = 3
     whole_iterations: int = 15
+    most_fits: int = 8  # to whole episodes
     precision: float = 0.01
     range_update: RangeUpdateConfig = field(default_factory=RangeUpdateConfig)
+
+
+class Found(NamedTuple):
+    best: OutputErrorFit
+    apart: np.ndarray  # (P,) half of how far away others end that are as good
+    is_sure: bool  # another one is as good
+    num_fits: int
 
 
 class ReadingsSearch:
@@ -99,13 +113,13 @@ class ReadingsSearch:
         far = self._from_afar(fit, readings, first_guess, budget.part(budget.seconds_left / 3))
         late = self._how_late(fit, readings, far, budget.part(budget.seconds_left / 3))
         budget.report("replaying whole episodes", 0.4)
-        found, apart = self._from_both_sides(fit, readings.delayed(late), far, budget)
-        estimate = self._conclude(found, apart, late)
+        found = self._until_found_twice(fit, readings.delayed(late), far, budget)
+        estimate = self._conclude(found, late)
         precision = self.config.precision
         is_known = precision and is_precise(half_widths(estimate, self.first), precision)
         known = f"every parameter is known to {100 * precision:g} %"
         self.stop_reason = known if is_known else "another round would tell hardly more"
-        return Round(estimate, self._events(), self._metrics(found))
+        return Round(estimate, self._events(), self._metrics(found.best))
 
     def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoop]:
         loop = OpenLoop.of(self._simulator, self._context.observation, self._context.start)
@@ -147,51 +161,58 @@ class ReadingsSearch:
                 break
         return steps
 
-    def _from_both_sides(
+    def _until_found_twice(
         self, fit: OutputError, readings: Readings, far: OutputErrorFit, budget: Budget
-    ) -> tuple[OutputErrorFit, np.ndarray]:
-        """The best fit to whole episodes; (P,) half of how far away others end that are as good."""
+    ) -> Found:
+        """Fits to whole episodes, from one start after the other, until two are the best."""
         stage = ReplayStage(0, self.config.whole_iterations, 10**9)
-        begun = budget.seconds_left
+        rng, begun = np.random.default_rng((self._context.seed, 1)), budget.seconds_left
         fits = [fit.fit(readings, far.unit, far.offsets, stage, budget)]
         took_s, moving = begun - budget.seconds_left, ~self.first.space.is_appearance
-        for side, done in ((-1, 0.6), (1, 0.8)):
-            if budget.is_endless or budget.seconds_left > took_s:
-                budget.report("replaying whole episodes again", done)
-                begin = np.clip(fits[0].unit + side * _SIDESTEP * moving, 0, 1)
-                fits.append(fit.fit(readings, begin, fits[0].offsets, stage, budget))
-        best = min(fits, key=lambda its: its.cost)
+        best = fits[0]
+        while len(fits) < self.config.most_fits and not _is_twice(fits):
+            if not (budget.is_endless or budget.seconds_left > took_s):
+                break
+            budget.report("replaying whole episodes again", 0.5 + len(fits) / 20)
+            away = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(*np.log(_SIDESTEPS)))
+            # The first two together, as what is far off mostly is; later ones each by itself
+            step = away if len(fits) <= _TOGETHER else away * rng.normal(size=len(moving))
+            begin = np.clip(best.unit + step * moving, 0, 1)
+            fits.append(fit.fit(readings, begin, best.offsets, stage, budget))
+            best = min(fits, key=lambda its: its.cost)
         as_good = [its.unit for its in fits if its.cost < best.cost + _CLEARLY_BETTER]
-        return best, np.abs(as_good - best.unit).max(0)[moving] / 2
+        apart = np.abs(as_good - best.unit).max(0)[moving] / 2
+        return Found(best, apart, _is_twice(fits), len(fits))
 
     def _stretch(self, iterations: int) -> ReplayStage:
         steps = max(_FEWEST_STEPS, round(self.config.stretch_s / self._simulator.step_s))
         return ReplayStage(steps, iterations, self.config.stretches)
 
-    def _conclude(self, found: OutputErrorFit, apart: np.ndarray, late: int) -> Estimate:
-        space, config = self.first.space, self.config.range_update
+    def _conclude(self, found: Found, late: int) -> Estimate:
+        best, space, config = found.best, self.first.space, self.config.range_update
         fitted = np.flatnonzero(~space.is_appearance)
         std = np.full(len(space), _UNKNOWN_STD)
-        std[fitted] = np.hypot(np.sqrt(np.diag(found.covariance)), apart)
+        std[fitted] = np.hypot(np.sqrt(np.diag(best.covariance)), found.apart)
         discrepancy = self._context.observation.discrepancy_std(space.is_appearance)
         std = np.maximum(np.hypot(std, discrepancy), _LEAST_STD)
-        ends = (found.unit - _SEEN_WIDTH * std, found.unit + _SEEN_WIDTH * std)
+        ends = (best.unit - _SEEN_WIDTH * std, best.unit + _SEEN_WIDTH * std)
         low, high = (space.from_unit(np.clip(end, 0, 1)) for end in ends)
-        mean = space.from_unit(found.unit)
+        mean = space.from_unit(best.unit)
         self.distribution = self.first.with_interval(mean, low, high)
         width = space.to_unit(high) - space.to_unit(low)
         curves = normal_curves(self.distribution.to_range_unit(mean), std / width)
-        correlation = block_correlation(len(std), [(fitted, found.covariance)])
+        correlation = block_correlation(len(std), [(fitted, best.covariance)])
         estimate = read_curves(curves, self.distribution, self.first, config)
         return replace(
             estimate,
             mean=mean,
+            verdict=estimate.verdict if found.is_sure else at_most_weak(estimate.verdict),
             correlation=correlation,
             correlations=tell_apart(correlation, space.names),
             warnings=self._warnings(found, late),
-            start=found.start.tolist(),
+            start=best.start.tolist(),
             latency_steps=late,
-            offsets=dict(zip(self.labels, found.offsets.tolist(), strict=True)),
+            offsets=dict(zip(self.labels, best.offsets.tolist(), strict=True)),
         )
 
     @property
@@ -199,10 +220,12 @@ class ReadingsSearch:
         """(D,) what each reading is called."""
         return self._context.observation.reading_labels
 
-    def _warnings(self, found: OutputErrorFit, late: int) -> list[str]:
+    def _warnings(self, found: Found, late: int) -> list[str]:
         space = self.first.space
         warnings = latency_warning(late)
-        for parameter, unit in zip(space, found.unit, strict=True):
+        if not found.is_sure:
+            warnings.append(_NOT_FOUND_TWICE.format(found.num_fits))
+        for parameter, unit in zip(space, found.best.unit, strict=True):
             if min(unit, 1 - unit) < _AT_BOUND and not parameter.is_appearance:
                 warnings.append(
                     f"{parameter.name} ended at a bound of its range: the truth may lie beyond, "
@@ -230,3 +253,9 @@ class ReadingsSearch:
         """Nothing but the result is kept: a round is over in a minute or two."""
         self.stop_reason = state["stop_reason"]
         self.distribution = self.distribution.with_state(state["distribution"])
+
+
+def _is_twice(fits: list[OutputErrorFit]) -> bool:
+    """Whether the two best ones leave as little, nearly."""
+    costs = sorted(its.cost for its in fits)
+    return len(costs) > 1 and costs[1] < costs[0] + _CLEARLY_BETTER

@@ -39,6 +39,11 @@ class Estimate:
     offsets: dict[str, float] = field(default_factory=dict)
 
 
+def at_most_weak(verdicts: list[Verdict]) -> list[Verdict]:
+    """None of them "identified"."""
+    return ["weak" if verdict == "identified" else verdict for verdict in verdicts]
+
+
 def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:
     """An estimate that says no more than where is searched."""
     verdicts: list[Verdict] = [verdict] * len(distribution.space)
