@@ -38,6 +38,7 @@ class OpenLoop:
         self._places, space = np.array(places, int), physics.space
         tangents = np.zeros((2 * len(places), space.num_tangent))
         model = physics.simulator.model
+        self._may_touch = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT.value
         self._dofs = np.array([model.jnt_dofadr[list(model.jnt_qposadr).index(p)] for p in places])
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
@@ -180,9 +181,10 @@ class OpenLoop:
         ones would seem to tell which is which, by their own curvature. And after a contact the
         least change may throw a motion elsewhere: a derivative is noise then, and would be taken
         for a reading that tells much. So derivatives count by how well those to both sides agree.
-        `groups`: to be quicker, and a little wrong.
+        `groups`: to be quicker, and a little wrong; one-sided where nothing can touch.
         """
         num_fitted, num_starts = len(self.fitted), len(self.start_tangents)
+        is_quick = groups is not None
         groups = groups or Groups.one_by_one(num_fitted + num_starts, self.num_readings)
         delta = np.full(num_fitted + num_starts, _STATE_DELTA)
         delta[:num_fitted] = np.where(unit[self.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
@@ -193,6 +195,8 @@ class OpenLoop:
         change = _STATE_DELTA * start_std[:, None] * self.start_tangents
         np.add.at(tangents, world[num_fitted:], change)
         twice = np.unique(world[:num_fitted])  # worlds in which a parameter is changed
+        if is_quick and not self._may_touch:
+            twice = twice[:0]
         back = 2 * unit - units[twice]
         # At a bound there is no other side: twice as far, then
         is_inside = ((back >= 0) & (back <= 1)).all(1)

@@ -41,9 +41,9 @@ _AT_BOUND = 1e-3
 _SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should come back
 _TOGETHER = 2  # starts, in which all parameters are higher or lower
 _NOT_FOUND_TWICE = (
-    "{} fits to whole episodes, from as many starts, each ended somewhere else: how sure the best "
-    "of them is cannot be said, so nothing is called identified. Leave parameters out that go "
-    "with others, give better first guesses, or more minutes."
+    "Fits to whole episodes ended at no answer twice ({} tried, from as many starts), so how sure "
+    "the best of them is cannot be said, and nothing is called identified. Leave parameters out "
+    "that go with others, give better first guesses, or more minutes."
 )
 
 
