@@ -9,6 +9,7 @@ from simtune.observation.evidence import AllEvidence, Evidence
 from simtune.observation.joint_readings import JointReadings
 from simtune.observation.joints import (
     JointSensor,
+    declared_noise,
     finds_offset,
     joints_of,
     units_of,
@@ -24,6 +25,7 @@ __all__ = [
     "JointSensor",
     "ObservationModel",
     "Sensor",
+    "declared_noise",
     "finds_offset",
     "joints_of",
     "units_of",

@@ -103,6 +103,12 @@ def usual_noise(sensors: Sequence[JointSensor]) -> np.ndarray:
     return np.concatenate([np.full(sensor.size, sensor.noise_or_usual) for sensor in sensors])
 
 
+def declared_noise(sensors: Sequence[JointSensor]) -> np.ndarray:
+    """(D,) the same, as far as a tuning file says; infinite where it does not."""
+    known = [np.inf if sensor.noise is None else sensor.noise_or_usual for sensor in sensors]
+    return np.repeat(known, [sensor.size for sensor in sensors])
+
+
 def finds_offset(sensors: Sequence[JointSensor]) -> np.ndarray:
     """(D,) bool, the same: whether what each shows too much is to be found."""
     return np.concatenate([np.full(sensor.size, sensor.finds_offsets) for sensor in sensors])

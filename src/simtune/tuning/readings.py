@@ -23,7 +23,7 @@ from simtune.errors import InputError
 from simtune.fit import OpenLoop, OutputError, OutputErrorFit, Readings, ReplayStage
 from simtune.fit.result import block_correlation
 from simtune.fit.uncertainty import latency_warning, tell_apart
-from simtune.observation import finds_offset
+from simtune.observation import declared_noise, finds_offset, joints_of
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
@@ -44,6 +44,13 @@ _NOT_FOUND_TWICE = (
     "Fits to whole episodes ended at no answer twice ({} tried, from as many starts), so how sure "
     "the best of them is cannot be said, and nothing is called identified. Leave parameters out "
     "that go with others, give better first guesses, or more minutes."
+)
+
+_FAR_MORE = 4.0  # times the noise that a sensor declares
+_UNEXPLAINED = (
+    "The simulator leaves {} off by over four times the noise that the tuning file declares: the "
+    "model lacks something, or the search ended beside the truth. Intervals count what is left, "
+    "not why."
 )
 
 
@@ -170,7 +177,9 @@ class ReadingsSearch:
         fits = [fit.fit(readings, far.unit, far.offsets, stage, budget)]
         took_s, moving = begun - budget.seconds_left, ~self.first.space.is_appearance
         best = fits[0]
-        while len(fits) < self.config.most_fits and not _is_twice(fits):
+        while len(fits) < self.config.most_fits:
+            if _is_twice(fits) and not self._unexplained(best):
+                break
             if not (budget.is_endless or budget.seconds_left > took_s):
                 break
             budget.report("replaying whole episodes again", 0.5 + len(fits) / 20)
@@ -183,6 +192,12 @@ class ReadingsSearch:
         as_good = [its.unit for its in fits if its.cost < best.cost + _CLEARLY_BETTER]
         apart = np.abs(as_good - best.unit).max(0)[moving] / 2
         return Found(best, apart, _is_twice(fits), len(fits))
+
+    def _unexplained(self, found: OutputErrorFit) -> list[str]:
+        """Readings that are off by far more than the noise that was declared for them."""
+        noise = declared_noise(joints_of(self._context.observation.sensors))
+        off = found.noise > _FAR_MORE * noise
+        return [label for label, its in zip(self.labels, off, strict=True) if its]
 
     def _stretch(self, iterations: int) -> ReplayStage:
         steps = max(_FEWEST_STEPS, round(self.config.stretch_s / self._simulator.step_s))
@@ -225,6 +240,8 @@ class ReadingsSearch:
         warnings = latency_warning(late)
         if not found.is_sure:
             warnings.append(_NOT_FOUND_TWICE.format(found.num_fits))
+        if labels := self._unexplained(found.best):
+            warnings.append(_UNEXPLAINED.format(", ".join(labels)))
         for parameter, unit in zip(space, found.best.unit, strict=True):
             if min(unit, 1 - unit) < _AT_BOUND and not parameter.is_appearance:
                 warnings.append(
