@@ -28,6 +28,7 @@ ORDER = (  # on the page; other claims follow
     "whole_runs",
     "recordings",
     "pendulums",
+    "clutter",
     "servos",
     "arms",
     "motions",
