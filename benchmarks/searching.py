@@ -26,8 +26,7 @@ def context_of(
     first = Distribution.first(task.parameters, start)
     return SearchContext(
         simulator=simulator,
-        camera=task.camera,
-        keypoints=find_keypoints(simulator, task.camera, first, seed),
+        keypoints=find_keypoints(simulator, first, seed),
         start=start,
         observation=observation or ObservationModel.of_simulator(),
         seed=seed,

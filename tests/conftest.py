@@ -71,20 +71,20 @@ def one_renderer_each():
     """Renderers by what they draw: each takes a second to make, and none keeps anything."""
     renderers = {}  # the latest few, each of 100 MB
 
-    def make_once(name, model, space, camera, image_size, quality, plate):
+    def make_once(name, model, space, camera, size, quality, plate):
         shapes = (model.cam_pos, model.cam_fovy, model.geom_size, model.geom_pos, model.body_pos)
         scene = (model.names, *(values.tobytes() for values in shapes))
         behind = None if plate is None else plate.tobytes()
-        key = (name, scene, space.names, camera, image_size, quality, behind)
+        key = (name, scene, space.names, camera, size, quality, behind)
         options = (quality, plate)
         renderer = renderers.pop(key, None)
-        renderers[key] = renderer or make_renderer(name, model, space, camera, image_size, *options)
-        if len(renderers) > 2:
+        renderers[key] = renderer or make_renderer(name, model, space, camera, size, *options)
+        if len(renderers) > 3:
             del renderers[next(iter(renderers))]
         return renderers[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("simtune.simulation.simulator.make_renderer", make_once)
+        patch.setattr("simtune.simulation.filming.make_renderer", make_once)
         yield
 
 

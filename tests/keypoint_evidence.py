@@ -15,7 +15,7 @@ def tracks_at(
     probabilities = np.zeros(candidates.shape[:-1])
     probabilities[:, :, 0] = probability
     noise = np.full(candidates.shape[-2], noise_px)
-    return KeypointTracks(candidates, probabilities, noise, image_size)
+    return KeypointTracks(candidates, probabilities, noise, (image_size, image_size))
 
 
 def observed_keypoints(

@@ -18,15 +18,12 @@ SPACE = CARTPOLE.parameters
 START = SPACE.clip(SPACE.nominal * np.where(np.arange(len(SPACE)) % 2, 2, 0.5))
 
 
-def context_of(
-    simulator: Simulator, start: np.ndarray = START, seed: int = 0, camera: str = CARTPOLE.camera
-) -> SearchContext:
+def context_of(simulator: Simulator, start: np.ndarray = START, seed: int = 0) -> SearchContext:
     """A search that begins at `start`, of what a simulator films."""
     first = Distribution.first(simulator.space, start)
     return SearchContext(
         simulator=simulator,
-        camera=camera,
-        keypoints=find_keypoints(simulator, camera, first, 0),
+        keypoints=find_keypoints(simulator, first, 0),
         start=start,
         observation=ObservationModel.of_simulator(),
         seed=seed,

@@ -83,7 +83,6 @@ def simulator_of(
     scene = Scene(
         model=model,
         space=ParameterSpace([mass]),
-        camera="front",
         initialize=initialize or (lambda batch, rng: None),
         step_s=step_s,
         map_actions=map_actions,

@@ -23,12 +23,14 @@ from simtune.fit.sensitivity import (
     picture_changes,
     windows,
 )
+from simtune.footage import Footage
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, colour, delay, dynamics
 from simtune.recordings import write_dataset
 from simtune.simulation import Rollouts, Simulator, random_actions
 from simtune.tasks import TASKS, Task
 from simtune.trajectory import Trajectory
+from simtune.views import View
 from simtune.vision.keypoints import candidate_keypoints
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -80,7 +82,7 @@ def make_task(name: str, xml: str, parameters: list) -> Task:
         description="of a test",
         load_spec=lambda: mujoco.MjSpec.from_string(xml),
         parameters=ParameterSpace(parameters, where=name),
-        camera="front",
+        cameras=(Footage(camera="front"),),
         control_timestep_s=0.02,
         action_repeat=4,
         episode_steps=48,
@@ -114,16 +116,16 @@ class Scene:
         self.simulator: Simulator = task.simulator(image_size=SIZE)
         rng = np.random.default_rng(0)
         self.actions = random_actions(NUM_EPISODES, task.episode_steps, self.simulator.model, rng)
-        self.keypoints = candidate_keypoints(self.simulator.model, task.camera, SIZE)
+        self.keypoints = candidate_keypoints(
+            self.simulator.model, [View(task.cameras[0].camera)], SIZE
+        )
         nominal = np.tile(task.parameters.nominal, (NUM_EPISODES, 1))
         self.episodes: Rollouts = self.simulator.roll_out(
             nominal, self.actions, rng, self.keypoints.observe
         )
 
     def conclude(self) -> dict:
-        sensitivity = analyze(
-            self.simulator, self.task.camera, self.actions, 0, ObservationModel.of_simulator()
-        )
+        sensitivity = analyze(self.simulator, self.actions, 0, ObservationModel.of_simulator())
         return conclude(self.task.parameters, sensitivity)
 
 
@@ -191,7 +193,7 @@ def test_delay_of_zero_is_analyzed_at_a_tenth_of_its_bound():
 
 @pytest.mark.thorough
 def test_colours_are_less_sure_through_a_real_camera(swinging):
-    arguments = (swinging.simulator, "front", swinging.actions, 0)
+    arguments = (swinging.simulator, swinging.actions, 0)
     models = ObservationModel.of_simulator(), ObservationModel.of_reality()
     at_best, filmed = (analyze(*arguments, observation) for observation in models)
     arm = swinging.task.parameters.index("arm_g")
@@ -291,7 +293,8 @@ def trajectories(step_s: float, lengths: tuple[int, ...], largest: float) -> lis
 
 
 def warned(step_s: float, lengths: tuple[int, ...], largest: float, late_ms: float = 0) -> list:
-    facts = {"control_hz": 1 / step_s, "time_error_ms": {"largest": late_ms, "mean": late_ms / 2}}
+    late = {"time_error_ms": {"largest": late_ms, "mean": late_ms / 2}}
+    facts = {"control_hz": 1 / step_s, "cameras": [late]}
     actions = [t.actions for t in trajectories(step_s, lengths, largest)]
     return warnings(pendulum(), facts, actions, 2)
 
@@ -300,7 +303,7 @@ def test_warnings():
     assert warned(0.08, (30, 30, 40), 1.0) == [
         "actions of idle are always 0.5: they excite nothing"
     ]
-    facts = {"control_hz": 12.5, "time_error_ms": None}
+    facts = {"control_hz": 12.5, "cameras": []}
     (still,) = warnings(pendulum(), facts, [np.full((30, 2), 0.5)], 1)
     assert still.startswith("2 of 2 actions never change (")
     assert "idle" in still
@@ -386,7 +389,7 @@ def test_recordings_in_json(simtune, recorded, tmp_path, monkeypatch):
     assert len(result["warnings"]) == 4
     assert result["warnings"][-1].startswith("nothing moves in the film")  # it is black
     (picture,) = tmp_path.glob("simtune-check-*.png")
-    assert result["film"]["pictures"] == str(picture)
+    assert [film["pictures"] for film in result["films"].values()] == [str(picture)]
     assert picture.stat().st_size > 10_000
     assert result["parameters"]["damping"]["verdict"].startswith("shows")
 

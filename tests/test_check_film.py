@@ -8,7 +8,7 @@ from test_check import PENDULUM, make_task, pendulum
 from simtune.checking.features import SIZE, describe, likeness, moving_share
 from simtune.checking.film import compare
 from simtune.checking.framing import AS_IT_IS, FRAMINGS, MIRRORED
-from simtune.checking.library import Library, make_library
+from simtune.checking.library import Library, make_libraries
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.recordings import write_dataset
@@ -165,7 +165,7 @@ def test_a_library_is_of_worlds_that_play_the_actions():
     task = pendulum()
     simulator = task.simulator(image_size=SIZE)
     actions = random_actions(2, 30, simulator.model, np.random.default_rng(0))
-    library = make_library(simulator, actions, seed=0)
+    (library,) = make_libraries(simulator, actions, seed=0)
     assert library.frames.shape == (32, 24, SIZE, SIZE, 3)
     assert len(np.unique(library.worlds)) == 32
     film = np.stack([library.frames[3, ::3], library.frames[8, ::3]])
@@ -174,7 +174,7 @@ def test_a_library_is_of_worlds_that_play_the_actions():
     found = comparison.nearest == np.array([[3], [8]]) * 24 + np.arange(0, 24, 3)
     assert found.mean() > 0.5  # others look the same, or nearly so: colours do not count
     other = make_task("other", PENDULUM.replace("0 -6.0 0", "0 -4 0"), list(task.parameters))
-    near = make_library(other.simulator(image_size=SIZE), actions, seed=1)
+    (near,) = make_libraries(other.simulator(image_size=SIZE), actions, seed=1)
     (said,) = compare(near.frames[:2, ::3], library).warnings
     assert "enlarged 1.5 times" in said
 

@@ -286,5 +286,5 @@ def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, cap
     cli.main()
     result = json.loads(capsys.readouterr().out)
     assert set(result["servos"]) == {"elbow"}
-    assert result["recordings"]["camera"] is None
-    assert "film" not in result
+    assert result["recordings"]["cameras"] == []
+    assert "films" not in result

@@ -40,7 +40,7 @@ def generator(seed: int = 0) -> torch.Generator:
 
 def a_detector(num_keypoints=2, num_visible=3, size=SIZE) -> KeypointDetector:
     torch.manual_seed(0)
-    return KeypointDetector(num_keypoints, num_visible, size, SMALL_DETECTOR)
+    return KeypointDetector(num_keypoints, num_visible, (size, size), SMALL_DETECTOR)
 
 
 def a_parameter(name: str, field: str, low=0.0, high=1.0, scale="linear") -> Parameter:
@@ -56,7 +56,7 @@ def a_parameter(name: str, field: str, low=0.0, high=1.0, scale="linear") -> Par
 def test_splat_by_hand():
     # Cells of 2 pixels: the first cell's centre lies at pixel 0.5, the next one's at 2.5.
     keypoints = torch.tensor([[[0.5, 0.5], [1.5, 0.5], [3.0, 5.0], [-9.0, 99.0]]])
-    weights = splat(keypoints, 4).view(4, 4, 4)  # keypoint, y, x
+    weights = splat(keypoints, (4, 4)).view(4, 4, 4)  # keypoint, y, x
     expected = torch.zeros(4, 4, 4)
     expected[0, 0, 0] = 1
     expected[1, 0, 0] = expected[1, 0, 1] = 0.5
@@ -149,7 +149,7 @@ def test_detector_learns_to_find_a_dot_and_a_grey():
     config = PosteriorConfig(
         detector=DetectorConfig(channels=8, free_maps=2, hidden=32, batch_size=32)
     )
-    model = PosteriorSearchParamModel(1, np.ones(1), space.is_visible, SIZE, config, seed=0)
+    model = PosteriorSearchParamModel(1, np.ones(1), space.is_visible, (SIZE, SIZE), config, seed=0)
 
     def worlds(seed: int) -> SimulatedWorlds:
         frames, place, grey = dots(300, seed)
@@ -396,7 +396,7 @@ def a_model_and_worlds(num_worlds=12, episodes=2, steps=30, filmed=5):
         detector=SMALL_DETECTOR,
         posterior_net=PosteriorNetConfig(channels=8, hidden=16, batch_size=8, candidates=8),
     )
-    model = PosteriorSearchParamModel(2, np.ones(1), space.is_visible, SIZE, config, seed=0)
+    model = PosteriorSearchParamModel(2, np.ones(1), space.is_visible, (SIZE, SIZE), config, seed=0)
     worlds = SimulatedWorlds(
         distribution.sample(num_worlds, rng),
         rng.uniform(-1, 1, (num_worlds, episodes, steps, 1)),
@@ -520,9 +520,9 @@ def test_gradients_reach_every_weight_of_the_detector():
 
 
 def test_keypoint_that_may_be_in_two_places_gets_both_as_candidates():
-    detector = KeypointDetector(1, 0, SIZE, SMALL_DETECTOR)
-    heat = torch.full((1, 1, detector.cells**2), -20.0)
-    left, right = 2 * detector.cells + 2, 9 * detector.cells + 10  # cells far from each other
+    detector = KeypointDetector(1, 0, (SIZE, SIZE), SMALL_DETECTOR)
+    heat = torch.full((1, 1, SIZE**2 // 4), -20.0)
+    left, right = 2 * detector.cells[1] + 2, 9 * detector.cells[1] + 10  # cells far from each other
     heat[0, 0, left], heat[0, 0, right] = math.log(0.7), math.log(0.3)
     places, probability = detector.candidates(heat)
     torch.testing.assert_close(places[0, 0, 0], detector.grid[left], atol=0.01, rtol=0)

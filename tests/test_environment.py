@@ -165,7 +165,7 @@ def test_worlds_that_end_before_their_time_are_left_out(ball):
 def test_worlds_of_an_environment_are_simulated_as_those_of_a_model():
     simulator = TASK.simulator(image_size=SIZE)
     first = Distribution.first(SPACE, SPACE.nominal)
-    points = find_keypoints(simulator, TASK.camera, first, seed=0)
+    points = find_keypoints(simulator, first, seed=0)
     assert len(points) == 1
     rng = np.random.default_rng(0)
     actions = random_actions(12, 20, simulator.action_mapping, rng).reshape(6, 2, 20, 1)

@@ -43,9 +43,7 @@ def simulator():
 def played(simulator):
     """Three episodes of a known world, and its keypoints."""
     rng = np.random.default_rng(0)
-    keypoints = find_keypoints(
-        simulator, CARTPOLE.camera, Distribution.first(SPACE, SPACE.nominal), 0
-    )
+    keypoints = find_keypoints(simulator, Distribution.first(SPACE, SPACE.nominal), 0)
     truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
     actions = random_actions(3, 96, simulator.model, rng)
     rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.observe)
@@ -63,7 +61,7 @@ def observed_of(rollouts, noise_px: float, mixed_up: float, rng) -> Observed:
     probability = np.full(first.shape[:-1], 1 - mixed_up)
     both = np.stack([probability, mixed_up + 0 * probability], 2) * 0.99
     noise = np.full(first.shape[2], noise_px)
-    tracks = KeypointTracks(np.stack([first, second], 2), both, noise, 48)
+    tracks = KeypointTracks(np.stack([first, second], 2), both, noise, (48, 48))
     return Observed(AllEvidence((tracks,)), rollouts.actions.astype(float))
 
 

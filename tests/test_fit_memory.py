@@ -60,7 +60,7 @@ def played(task: Task, truth: np.ndarray):
     """Three episodes, and all that a fit needs to know of them."""
     simulator, rng = task.simulator(image_size=64), np.random.default_rng(0)
     first = Distribution.first(task.parameters, task.parameters.nominal)
-    keypoints = find_keypoints(simulator, task.camera, first, 0)
+    keypoints = find_keypoints(simulator, first, 0)
     actions = random_actions(3, STEPS, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.observe)
     physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])

@@ -62,12 +62,14 @@ def test_lens_shows_points_where_opencv_does(point, pixel):
     np.testing.assert_allclose(WIDE.undistort(WIDE.distort(np.array(point))), point, atol=1e-7)
 
 
-def test_lens_without_distortion_is_the_pinhole_of_the_middle_square():
+def test_lens_without_distortion_is_a_pinhole():
     lens = Lens(fx=80.0, fy=80.0, **CENTRED)
     assert lens.fovy_deg == pytest.approx(np.degrees(2 * np.arctan(32 / 80)))
+    assert lens.aspect == pytest.approx(1.5)
     picture = np.random.default_rng(1).integers(0, 256, (64, 96, 3)).astype(np.uint8)
-    expected = resize(middle_square(picture), (16, 16))
-    np.testing.assert_array_equal(lens.rectify(picture, 16), expected)
+    np.testing.assert_array_equal(lens.rectify(picture, (16, 24)), resize(picture, (16, 24)))
+    middle = resize(middle_square(picture), (16, 16))
+    np.testing.assert_array_equal(lens.rectify(picture, (16, 16)), middle)
 
 
 def test_lens_brings_directions_back_to_where_a_pinhole_sees_them():
@@ -76,9 +78,9 @@ def test_lens_brings_directions_back_to_where_a_pinhole_sees_them():
     seen = np.stack([(x - lens.cx) / lens.fx, (y - lens.cy) / lens.fy], -1)
     shown = lens.undistort(seen)  # the picture's colours say what direction they are seen in
     picture = np.rint(128 + 150 * np.concatenate([shown, shown[..., :1]], -1)).astype(np.uint8)
-    at = ((np.arange(32) + 0.5) / 16 - 1) * lens.half_side
+    at = ((np.arange(32) + 0.5) / 16 - 1) * lens.half_sides[1]
     expected = 128 + 150 * np.stack(np.meshgrid(at, at), -1)
-    found = lens.rectify(picture, 32)[..., :2]
+    found = lens.rectify(picture, (32, 32))[..., :2]
     assert np.abs(found - expected).max() <= 1.5
     assert np.abs(resize(middle_square(picture), (32, 32))[..., :2] - expected).max() > 3
 
@@ -86,10 +88,10 @@ def test_lens_brings_directions_back_to_where_a_pinhole_sees_them():
 def test_lens_of_larger_pictures_holds_for_smaller_ones():
     large = smooth_picture(480, 640)
     half = resize(large, (240, 320))
-    difference = WIDE.rectify(large, 32).astype(int) - WIDE.rectify(half, 32)
+    difference = WIDE.rectify(large, (32, 40)).astype(int) - WIDE.rectify(half, (32, 40))
     assert np.abs(difference).max() <= 3
     with pytest.raises(InputError, match=r"640×360 pixels, the lens was calibrated with 640×480"):
-        WIDE.rectify(large[:360], 32)
+        WIDE.rectify(large[:360], (32, 40))
 
 
 def test_lens_that_sees_no_whole_picture_is_refused():
@@ -104,9 +106,9 @@ def test_plate_of_recordings_is_what_stands_still():
     frames = np.repeat(background[None], 40, 0)
     for t, frame in enumerate(frames):
         frame[4:12, t % SIZE : t % SIZE + 6] = 0  # passes by
-    plate = Footage(background="recording").plate([frames[:15], frames[15:]], SIZE)
+    plate = Footage(background="recording").plate([frames[:15], frames[15:]], (SIZE, SIZE))
     np.testing.assert_array_equal(plate, background)
-    assert PLAIN.plate([frames], SIZE) is None
+    assert PLAIN.plate([frames], (SIZE, SIZE)) is None
 
 
 def test_plate_of_a_file_is_seen_as_recordings_are(tmp_path):
@@ -116,16 +118,16 @@ def test_plate_of_a_file_is_seen_as_recordings_are(tmp_path):
     imsave(path, picture)
     lens = Lens(fx=80.0, fy=80.0, **CENTRED, distortion=(-0.2, 0.0, 0.0, 0.0, 0.0))
     for footage in (Footage(background=path), Footage(background=path, lens=lens)):
-        np.testing.assert_array_equal(footage.plate([], 16), footage.square(picture, 16))
+        np.testing.assert_array_equal(footage.plate([], (16, 20)), footage.fit(picture, (16, 20)))
     path.write_bytes(b"no picture")
     with pytest.raises(InputError, match=r"table\.png: cannot be read as a picture"):
-        Footage(background=path).plate([], 16)
+        Footage(background=path).plate([], (16, 16))
 
 
 def drawn(space: ParameterSpace, plate: np.ndarray | None, camera: str = "above") -> np.ndarray:
     """(SIZE, SIZE, 3) as the ray caster draws the nominal scene."""
     model = mujoco.MjModel.from_xml_string(SCENE)
-    renderer: Renderer = make_renderer("raycaster", model, space, camera, SIZE, plate=plate)
+    renderer: Renderer = make_renderer("raycaster", model, space, camera, (SIZE, SIZE), plate=plate)
     state = np.zeros((1, mujoco.mj_stateSize(model, STATE)))
     return renderer.render(state, space.nominal[None])[0].astype(int)
 
@@ -174,12 +176,12 @@ def dataset_of(folder: Path, frames: np.ndarray, **options) -> Dataset:
 def test_recordings_come_through_the_lens(tmp_path):
     lens = Lens(96, 64, 80.0, 80.0, 33.0, 31.5, (-0.1, 0.0, 0.0, 0.0, 0.0))  # looks to the left
     frames = np.repeat(smooth_picture(64, 96)[None], 25, 0)
-    dataset = dataset_of(tmp_path / "data", frames, image_size=16, footage=Footage(lens=lens))
-    expected = lens.rectify(frames[0], 16).astype(int)
+    dataset = dataset_of(tmp_path / "data", frames, image_size=16, cameras=[Footage(lens=lens)])
     read = dataset.read(0).frames
-    assert read.shape == (25, 16, 16, 3)
+    assert read.shape == (25, 16, int(16 * lens.aspect), 3)
+    expected = lens.rectify(frames[0], read.shape[1:3]).astype(int)
     assert np.abs(read - expected).max() <= 12  # of the video's compression
-    plain = resize(middle_square(frames[0]), (16, 16)).astype(int)
+    plain = Footage().fit(frames[0], read.shape[1:3]).astype(int)
     assert np.abs(read - plain).max() > 30
 
 
@@ -201,12 +203,16 @@ def test_tuning_file_tells_a_camera_s_footage(scene, load):
         f'background = "recording"\n{INTRINSICS}distortion = [-0.2, 0, 0, 0, 0]\n' + PARAMETER
     )
     lens = Lens(fx=80, fy=80, **CENTRED, distortion=(-0.2, 0, 0, 0, 0))
-    expected = Footage(key="observation.images.top", lens=lens, background="recording")
-    assert (task.camera, task.footage) == ("above", expected)
+    key = "observation.images.top"
+    expected = Footage(camera="above", name="top", key=key, lens=lens, background="recording")
+    assert task.cameras == (expected,)
     assert task.load_model().camera("above").fovy[0] == pytest.approx(lens.fovy_deg)
     posed = load(SCENE_TOML + "[camera]\n" + POSE + INTRINSICS + PARAMETER)
-    assert posed.load_model().camera(posed.camera).fovy[0] == pytest.approx(43.6, abs=0.05)
-    assert load(SCENE_TOML + '[camera]\ncamera = "above"\n' + PARAMETER).footage == PLAIN
+    assert posed.load_model().camera(posed.cameras[0].camera).fovy[0] == pytest.approx(
+        43.6, abs=0.05
+    )
+    plain = load(SCENE_TOML + '[camera]\ncamera = "above"\n' + PARAMETER)
+    assert plain.cameras == (Footage(camera="above", name="above"),)
 
 
 def test_another_background_or_calibration_is_another_task(scene, load):
@@ -250,7 +256,7 @@ JSON = """{"image_width": 96, "image_height": 64, "dist_coeffs": [[-0.2, 0, 0, 0
 def test_tuning_file_takes_calibrations_as_others_write_them(scene, load, name, text):
     (scene / name).write_text(text)
     task = load(SCENE_TOML + f'[camera]\ncamera = "above"\ncalibration = "{name}"\n' + PARAMETER)
-    assert task.footage.lens == Lens(fx=80, fy=80, **CENTRED, distortion=(-0.2, 0, 0, 0, 0))
+    assert task.cameras[0].lens == Lens(fx=80, fy=80, **CENTRED, distortion=(-0.2, 0, 0, 0, 0))
 
 
 @pytest.mark.parametrize(
@@ -265,7 +271,9 @@ def test_tuning_file_takes_calibrations_as_others_write_them(scene, load, name, 
         ('[camera]\ncamera = "above"\ncalibration = "scene.xml"', 5, "calibration"),
         (f'[camera]\ncamera = "above"\n{INTRINSICS}calibration = "a"', 6, "give calibration, or"),
         ('[camera]\ncamera = "above"\nlens = "wide"', 5, "no key 'lens'"),
-        ('[[cameras]]\ncamera = "above"\n[[cameras]]\ncamera = "above"', 5, "one camera films"),
+        ('[[cameras]]\ncamera = "above"\n[[cameras]]\ncamera = "above"', 5, "the name 'above'"),
+        ('[[cameras]]\nname = "above"\n[[cameras]]\nname = "turning"', 5, "two without a key"),
+        ('[camera]\ncamera = "above"\nlatency_s = 2', 5, "latency_s must be from 0 to 1"),
         (
             '[camera]\ncamera = "above"\n' + INTRINSICS + "distortion = [-3, 0, 0, 0, 0]",
             5,

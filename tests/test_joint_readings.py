@@ -85,7 +85,7 @@ def test_unknowns_that_share_no_reading_are_derived_by_at_once():
 @pytest.mark.thorough
 def test_an_encoders_offset_is_found_by_what_pictures_show(simulator):  # noqa: F811
     rng, noise = np.random.default_rng(0), 0.002
-    keypoints = find_keypoints(simulator, "fixed", Distribution.first(SPACE, SPACE.nominal), 0)
+    keypoints = find_keypoints(simulator, Distribution.first(SPACE, SPACE.nominal), 0)
     sensor = sensor_of(joints=("slider", "hinge_1"), noise=noise)
     see = ObservationModel.of_simulator((sensor,)).observe_beside(keypoints.observe)
     actions = random_actions(3, 60, simulator.model, rng)

@@ -12,7 +12,7 @@ def one_keypoint(first, second, probability=(0.6, 0.3), noise_px: float = 1.0) -
     """In one frame, at either of two places."""
     candidates = np.array([first, second], float)[None, :, None]
     return KeypointTracks(
-        candidates, np.array(probability)[None, :, None], np.array([noise_px]), 64
+        candidates, np.array(probability)[None, :, None], np.array([noise_px]), (64, 64)
     )
 
 
@@ -42,7 +42,7 @@ def test_likelihood_adds_over_keypoints_and_frames_and_broadcasts():
     candidates = rng.uniform(0, 20, (3, 5, 2, 4, 2))
     probability = rng.dirichlet([1, 1, 1], (3, 5, 4))[..., :2].swapaxes(-1, -2)
     noise = np.array([0.5, 1.0, 2.0, 3.0])
-    tracks = KeypointTracks(candidates, probability, noise, 64)
+    tracks = KeypointTracks(candidates, probability, noise, (64, 64))
     predicted = rng.uniform(0, 20, (7, 3, 5, 8))
     found = tracks.log_likelihood(predicted)
     assert found.shape == (7, 3)
@@ -99,7 +99,7 @@ def test_measured_noise_is_the_robust_std_of_the_better_candidate():
     swapped = rng.random(truth.shape[:-1])[..., None] < 0.3
     candidates = np.stack([np.where(swapped, wrong, right), np.where(swapped, right, wrong)], 2)
     probability = np.full(candidates.shape[:-1], 0.48)
-    tracks = KeypointTracks(candidates, probability, np.ones(3), 64)
+    tracks = KeypointTracks(candidates, probability, np.ones(3), (64, 64))
     noise = tracks.measured_noise_px(truth)
     np.testing.assert_allclose(noise, std + 0.05, rtol=0.08)
     np.testing.assert_array_equal(tracks.with_noise(noise).scale, np.repeat(noise, 2))
@@ -120,7 +120,7 @@ def test_tracks_of_detections_are_never_entirely_sure():
         Detections(its[:, 0], its, known, np.zeros((7, 0)))
         for its, known in zip(candidates, probability, strict=True)
     ]
-    tracks = KeypointTracks.of_detections(episodes, 64, np.array([1.0, 2.0, 3.0]))
+    tracks = KeypointTracks.of_detections(episodes, (64, 64), np.array([1.0, 2.0, 3.0]))
     np.testing.assert_array_equal(tracks.candidates, candidates)
     np.testing.assert_allclose(tracks.probability, 0.99 * probability)
     np.testing.assert_array_equal(tracks.scale, [1, 1, 2, 2, 3, 3])

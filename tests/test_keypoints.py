@@ -16,8 +16,9 @@ from simtune.parameters import (
 )
 from simtune.simulation import Worlds, make_renderer
 from simtune.tasks import TASKS, load_task
+from simtune.views import View
 from simtune.vision.keypoints import (
-    Keypoints,
+    _project,
     candidate_keypoints,
     choose_keypoints,
 )
@@ -72,12 +73,12 @@ def project_by_hand(model, data, camera: int, point: np.ndarray) -> tuple[float,
 def test_projection_is_that_of_a_plain_loop(name):
     task = load_task(name)
     worlds, parameters = start_worlds(name, 3)
-    keypoints = candidate_keypoints(worlds.batch.model, task.camera, SIZE)
+    keypoints = candidate_keypoints(worlds.batch.model, [View(task.cameras[0].camera)], SIZE)
     pixels = keypoints.observe(worlds.batch)
     assert pixels.shape == (3, 2 * len(keypoints))
     assert pixels.dtype == np.float32
     model = task.load_model()
-    camera = model.camera(task.camera).id
+    camera = model.camera(task.cameras[0].camera).id
     data = mujoco.MjData(model)
     writer = ModelWriter(task.parameters, model)  # which takes the model for the nominal one
     for world in range(3):
@@ -100,9 +101,9 @@ def test_keypoints_are_where_the_picture_shows_them():
     batch.reset()
     batch.qpos[:, :3] = rng.uniform([-0.3, -0.3, 0.2], [0.4, 0.3, 0.7], (6, 3))
     batch.forward()
-    keypoints = candidate_keypoints(model, "oblique", SIZE)
+    keypoints = candidate_keypoints(model, [View("oblique")], SIZE)
     assert keypoints.geoms.tolist() == [model.geom("ball").id]
-    renderer = make_renderer("raycaster", model, BALL_SPACE, "oblique", SIZE)
+    renderer = make_renderer("raycaster", model, BALL_SPACE, "oblique", (SIZE, SIZE))
     frames = renderer.render(batch.state, np.tile(BALL_SPACE.nominal, (6, 1)))
     red = frames[..., 0].astype(float) * (frames[..., 0] > 100)
     weight = red / red.sum((1, 2), keepdims=True)
@@ -131,7 +132,7 @@ def test_keypoints_follow_a_camera_of_another_pose_and_field_of_view():
         batch.qpos[:, :3] = 0.1, 0, 0.5
 
     worlds.reset(parameters, start, rng)
-    frames = make_renderer("raycaster", model, space, "oblique", SIZE).render(
+    frames = make_renderer("raycaster", model, space, "oblique", (SIZE, SIZE)).render(
         worlds.state, parameters
     )
     red = frames[..., 0].astype(float) * (frames[..., 0] > 100)
@@ -139,24 +140,23 @@ def test_keypoints_follow_a_camera_of_another_pose_and_field_of_view():
     axis = np.arange(SIZE)
     centroid = np.stack([weight.sum(1) @ axis, weight.sum(2) @ axis], -1)
     assert (np.ptp(centroid, axis=0) > 15).all()
-    keypoints = candidate_keypoints(model, "oblique", SIZE)
+    keypoints = candidate_keypoints(model, [View("oblique")], SIZE)
     np.testing.assert_allclose(keypoints.observe(worlds.batch), centroid, atol=0.4)
 
 
 def test_what_is_out_of_the_picture_is_put_just_beyond_its_edge():
-    keypoints = Keypoints(np.array([0]), np.zeros((1, 3)), camera=0, image_size=SIZE)
     # right, above, below left, and behind the camera
     seen = np.array([[[9, 0, -1]], [[0, 9, -1]], [[-9, -9, -1]], [[0.1, 0.0, 5]]], float)
-    pixels = keypoints._project(seen, np.full(4, SIZE / 2))[:, 0]
+    pixels = _project(seen, np.full(4, SIZE / 2), SIZE, SIZE)[:, 0]
     middle = (SIZE - 1) / 2
     expected = [[SIZE, middle], [middle, -1], [-1, SIZE], [SIZE, middle]]
     np.testing.assert_allclose(pixels, expected)
-    assert np.isfinite(keypoints._project(np.zeros((1, 1, 3)), np.full(1, 32.0))).all()
+    assert np.isfinite(_project(np.zeros((1, 1, 3)), np.full(1, 32.0), SIZE, SIZE)).all()
 
 
 def test_geoms_that_never_move_are_no_keypoints():
     model = load_task("cartpole").load_model()
-    keypoints = candidate_keypoints(model, "fixed", SIZE)
+    keypoints = candidate_keypoints(model, [View("fixed")], SIZE)
     names = [model.geom(geom).name for geom in keypoints.geoms]
     assert set(names) == {"cart", "pole_1"}
     assert names.count("pole_1") == 3  # its centre and its two ends
@@ -167,7 +167,7 @@ def test_geoms_that_never_move_are_no_keypoints():
 
 def test_a_sphere_has_only_its_centre():
     model = load_task("ball_in_cup").load_model()
-    keypoints = candidate_keypoints(model, "cam0", SIZE)
+    keypoints = candidate_keypoints(model, [View("cam0")], SIZE)
     assert keypoints.geoms.tolist().count(model.geom("ball").id) == 1
 
 
@@ -195,7 +195,7 @@ def test_at_most_so_many_keypoints_and_none_for_less_than_the_tolerance():
 
 def test_chosen_keypoints_of_a_task_fix_all_others():
     worlds, _ = start_worlds("walker", 256)
-    keypoints = candidate_keypoints(worlds.batch.model, "side", SIZE)
+    keypoints = candidate_keypoints(worlds.batch.model, [View("side")], SIZE)
     seen = keypoints.observe(worlds.batch).reshape(256, -1, 2)
     chosen = choose_keypoints(seen)
     assert 3 <= len(chosen) < len(keypoints)
@@ -214,7 +214,7 @@ def test_the_same_keypoints_come_back_from_json(name):
         "<mujoco><worldbody><camera name='cam0'/><geom size='1'/></worldbody></mujoco>"
     )
     model = load_task(name).load_model() if name else still
-    keypoints = candidate_keypoints(model, "cam0", SIZE)
+    keypoints = candidate_keypoints(model, [View("cam0")], SIZE)
     again = keypoints.with_state(json.loads(json.dumps(keypoints.state())))
     np.testing.assert_array_equal(again.geoms, keypoints.geoms)
     np.testing.assert_array_equal(again.offsets, keypoints.offsets)

@@ -100,7 +100,7 @@ def test_what_its_files_hold_is_read(tmp_path, version, chunks_size):
         np.testing.assert_array_equal(trajectory.actions, actions[:-1])
         assert shown(trajectory.frames) == list(range(num))
     facts = dataset.facts(len(NUM_ROWS))
-    assert (facts["kind"], facts["camera"]) == (f"LeRobotDataset {version}", CAMERA)
+    assert (facts["kind"], facts["cameras"][0]["key"]) == (f"LeRobotDataset {version}", CAMERA)
     assert facts["steps"] == sum(NUM_ROWS) - len(NUM_ROWS)
 
 

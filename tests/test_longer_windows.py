@@ -37,7 +37,7 @@ class Swings:
         truth = self.space.nominal.copy()
         truth[LENGTH] *= 1.3
         self.length = truth[LENGTH]
-        keypoints = find_keypoints(simulator, task.camera, Distribution.first(self.space, truth), 0)
+        keypoints = find_keypoints(simulator, Distribution.first(self.space, truth), 0)
         rollouts = simulator.roll_out(
             np.repeat(truth[None], 4, 0), np.zeros((4, STEPS, 0)), rng, keypoints.observe
         )

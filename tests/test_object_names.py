@@ -69,7 +69,7 @@ def test_what_has_no_name_is_called_by_its_kind_and_index(load):
     assert [model.body(i).name for i in range(4)] == ["world", "forearm", "body 2", "rock"]
     assert [model.joint(i).name for i in range(3)] == ["left_elbow", "joint 1", "left_wrist"]
     assert task.load_actions().names == ("actuator 1", "actuator 0")
-    assert task.camera == "camera 0"
+    assert task.cameras[0].camera == "camera 0"
 
 
 def test_names_do_not_change_what_is_simulated(load):

@@ -100,7 +100,7 @@ def simulator() -> Simulator:
 @pytest.fixture(scope="module")
 def keypoints(simulator):
     first = Distribution.first(SPACE, SPACE.nominal)
-    return find_keypoints(simulator, CARTPOLE.camera, first, 0)
+    return find_keypoints(simulator, first, 0)
 
 
 # --- evidence of several sensors ----------------------------------------------------------

@@ -90,7 +90,6 @@ def a_search(
 ) -> PaperSearch:
     context = SearchContext(
         simulator=simulator or FakeSimulator(),
-        camera="none",
         keypoints=Points(np.zeros(0, int), SIZE),
         start=start,
         observation=ObservationModel.of_simulator(),

@@ -26,9 +26,7 @@ NOISE_PX = 0.5
 def scene():
     """Two episodes of a known world, seen by a detector that is wrong one time in five."""
     simulator, rng = CARTPOLE.simulator(image_size=48), np.random.default_rng(0)
-    keypoints = find_keypoints(
-        simulator, CARTPOLE.camera, Distribution.first(SPACE, SPACE.nominal), 0
-    )
+    keypoints = find_keypoints(simulator, Distribution.first(SPACE, SPACE.nominal), 0)
     truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
     actions = random_actions(2, 150, simulator.model, rng)
     rollouts = simulator.roll_out(np.repeat(truth[None], 2, 0), actions, rng, keypoints.observe)
@@ -38,7 +36,7 @@ def scene():
     seen[lost] = rng.uniform(0, 48, (lost.sum(), 2))
     candidates = np.stack([seen, rng.uniform(0, 48, seen.shape)], 2)
     probability = np.stack([np.full(lost.shape, 0.8), np.full(lost.shape, 0.1)], 2)
-    tracks = KeypointTracks(candidates, probability, np.full(len(keypoints), NOISE_PX), 48)
+    tracks = KeypointTracks(candidates, probability, np.full(len(keypoints), NOISE_PX), (48, 48))
     return simulator, keypoints, truth, rollouts, Observed(AllEvidence((tracks,)), rollouts.actions)
 
 

@@ -197,8 +197,7 @@ def test_search_finds_the_truth_of_a_ball_and_a_cup():
     first = Distribution.first(space, begun)
     context = SearchContext(
         simulator=simulator,
-        camera=task.camera,
-        keypoints=find_keypoints(simulator, task.camera, first, 5),
+        keypoints=find_keypoints(simulator, first, 5),
         start=begun,
         observation=ObservationModel.of_simulator(),
         seed=5,

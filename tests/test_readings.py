@@ -16,6 +16,7 @@ from lerobot_v21 import DATA, write_v21
 from simtune.checking.recording_warnings import warnings
 from simtune.checking.table import table
 from simtune.errors import InputError
+from simtune.footage import Footage
 from simtune.recordings import open_dataset, write_dataset, write_video
 from simtune.recordings.readings import choose_readings, readings_of
 from simtune.recordings.resample import step_readings
@@ -174,7 +175,7 @@ def test_recordings_without_readings_say_so(tmp_path):
 
 
 def assert_read(folder: Path, sensors: dict[str, tuple[str, ...]], names: Sequence[str]) -> None:
-    dataset = open_dataset(folder, readings=sensors, pictures=False)
+    dataset = open_dataset(folder, readings=sensors, cameras=())
     assert dataset.reading_names == tuple(names)
     trajectory = dataset.read(0)
     joints = trajectory.readings["joints"]
@@ -193,10 +194,10 @@ def test_readings_of_a_lerobot_dataset_are_its_parquet_file_s(tmp_path):
     names = ["observation.state.pan", "observation.state.lift", "observation.force[0]"]
     assert_read(folder, SENSORS, names)
     state = {"state": ("observation.state",)}
-    read = open_dataset(folder, readings=state, pictures=False).read(1).readings["state"]
+    read = open_dataset(folder, readings=state, cameras=()).read(1).readings["state"]
     stored = pq.read_table(folder / DATA.format(chunk=0, episode=1))["observation.state"]
     np.testing.assert_array_equal(read, np.array(stored.to_pylist()))
-    facts = open_dataset(folder, readings=SENSORS, pictures=False)
+    facts = open_dataset(folder, readings=SENSORS, cameras=())
     facts.skim(0)
     assert facts.facts(1)["readings"] == {
         "joints": ["observation.state.lift", "observation.state.pan"],
@@ -231,9 +232,9 @@ def test_columns_that_nobody_asks_for_are_not_read(tmp_path):
     broken = pq.read_table(path)
     place = broken.column_names.index("label")
     pq.write_table(broken.set_column(place, "label", [["text"] * NUM_ROWS]), path)
-    dataset = open_dataset(tmp_path / "dataset", readings=SENSORS, pictures=False)
+    dataset = open_dataset(tmp_path / "dataset", readings=SENSORS, cameras=())
     assert not np.isnan(dataset.read(0).readings["joints"]).any()
-    said = message(tmp_path / "dataset", readings={"label": ("label",)}, pictures=False)
+    said = message(tmp_path / "dataset", readings={"label": ("label",)}, cameras=())
     assert said.endswith("expected numbers in column 'label'")
 
 
@@ -262,7 +263,7 @@ def test_readings_that_are_written_are_read_again(tmp_path, size, names):
     trajectory = trajectory_of(size)
     trajectory.readings["joints"][3, 1] = np.nan
     write_back(tmp_path / "dataset", trajectory, names)
-    dataset = open_dataset(tmp_path / "dataset", readings=names, pictures=size > 0)
+    dataset = open_dataset(tmp_path / "dataset", readings=names, cameras=(Footage(),) * (size > 0))
     for episode in range(2):
         again = dataset.read(episode)
         assert set(again.readings) == set(names)
@@ -332,7 +333,7 @@ def test_what_was_not_measured_is_nan_and_the_rest_as_it_is(tmp_path):
     state[3, 0], state[5, 1] = np.inf, np.nan
     write_lerobot(tmp_path / "dataset", **{"observation.state": state})
     dataset = open_dataset(
-        tmp_path / "dataset", readings={"joints": ("observation.state",)}, pictures=False
+        tmp_path / "dataset", readings={"joints": ("observation.state",)}, cameras=()
     )
     expected = state.astype(np.float32).astype(float)
     expected[3, 0] = np.nan
@@ -341,13 +342,13 @@ def test_what_was_not_measured_is_nan_and_the_rest_as_it_is(tmp_path):
 
 def test_a_reading_that_is_never_there_is_refused_by_name(tmp_path):
     write_lerobot(tmp_path / "dataset", **{"observation.force": np.full((NUM_ROWS, 1), np.nan)})
-    said = message(tmp_path / "dataset", readings=SENSORS, pictures=False)
+    said = message(tmp_path / "dataset", readings=SENSORS, cameras=())
     assert said == (
         "HERE: episode 0: reading observation.force[0] is nowhere finite; "
         "drop the episode, or leave the reading out"
     )
     with pytest.raises(InputError, match="nowhere finite"):
-        open_dataset(tmp_path / "dataset", readings=SENSORS, pictures=False).skim(0)
+        open_dataset(tmp_path / "dataset", readings=SENSORS, cameras=()).skim(0)
 
 
 def test_empty_cells_of_a_table_are_what_was_not_measured(tmp_path):
@@ -372,7 +373,7 @@ def test_a_null_row_of_a_lerobot_dataset_is_nan(tmp_path):
     rows[2], rows[4][1] = None, None
     column = stored.column_names.index("observation.state")
     pq.write_table(stored.set_column(column, "observation.state", [rows]), path)
-    dataset = open_dataset(tmp_path / "dataset", readings=SENSORS, pictures=False)
+    dataset = open_dataset(tmp_path / "dataset", readings=SENSORS, cameras=())
     missing = np.argwhere(np.isnan(dataset.read(0).readings["joints"]))
     assert missing.tolist() == [[2, 0], [2, 1], [4, 0]]
 
@@ -385,7 +386,7 @@ def test_another_rate_reads_on_the_line_between_two_rows(tmp_path):
     sensors = {"joints": ("observation.state",)}
     for control_hz in (4.0, 25.0, 7.0):
         dataset = open_dataset(
-            tmp_path / "dataset", readings=sensors, pictures=False, control_hz=control_hz
+            tmp_path / "dataset", readings=sensors, cameras=(), control_hz=control_hz
         )
         got = dataset.read(0).readings["joints"]
         times_s = np.arange(len(got)) / control_hz
@@ -444,7 +445,7 @@ def test_without_pictures_no_camera_has_to_exist(tmp_path, camera):
         ("pairs", "swing.csv has no swing.mp4 or .mov"),
         ("demos", "no pictures"),
     ):
-        dataset = open_dataset(tmp_path / kind, camera=camera, pictures=False)
+        dataset = open_dataset(tmp_path / kind, cameras=())
         trajectory = dataset.read(0)
         assert len(trajectory) == NUM_ROWS - 1
         actions, film = dataset.skim(0, num_kept=3)
@@ -458,7 +459,7 @@ def test_a_table_without_times_needs_its_video_s(tmp_path):
     sensors = {"joints": ("lift", "pan")}
     assert_read(tmp_path / "pairs", sensors, ["measured.pan", "measured.lift"])
     (tmp_path / "pairs" / "swing.mp4").unlink()
-    assert message(tmp_path / "pairs", pictures=False) == (
+    assert message(tmp_path / "pairs", cameras=()) == (
         "HERE/swing.csv: says nowhere when its rows were, and no video does; "
         "expected a column 'time' of seconds"
     )
@@ -466,11 +467,10 @@ def test_a_table_without_times_needs_its_video_s(tmp_path):
 
 def test_facts_without_pictures_leave_out_what_tells_of_them(tmp_path):
     write_lerobot(tmp_path / "dataset")
-    dataset = open_dataset(tmp_path / "dataset", readings=SENSORS, pictures=False)
+    dataset = open_dataset(tmp_path / "dataset", readings=SENSORS, cameras=())
     actions = [dataset.skim(episode)[0] for episode in range(2)]
     facts = json.loads(json.dumps(dataset.facts(2)))
-    of_pictures = ("camera", "codec", "source_size", "image_size", "time_error_ms")
-    assert [facts[name] for name in of_pictures] == [None] * 5
+    assert facts["cameras"] == []
     assert (facts["steps"], facts["fps"]) == (2 * (NUM_ROWS - 1), FPS)
     # Those who read the facts cope.
     task = load_task("cartpole")
@@ -484,7 +484,7 @@ def test_videos_that_nobody_looks_at_do_not_count_as_content(tmp_path):
     write_pairs(tmp_path / "pairs")
     hashes = []
     for _ in range(2):
-        hashes.append(open_dataset(tmp_path / "pairs", pictures=False).content_hash)
+        hashes.append(open_dataset(tmp_path / "pairs", cameras=()).content_hash)
         write_video(tmp_path / "pairs" / "swing.mp4", frames() + 200, FPS)
     assert hashes[0] == hashes[1]
 

@@ -141,7 +141,7 @@ def test_a_gap_without_opengl_is_refused_in_one_line(monkeypatch):
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setattr(opengl, "find_library", lambda name: None)
     # Other tests may have had renderers kept.
-    monkeypatch.setattr("simtune.simulation.simulator.make_renderer", make_renderer)
+    monkeypatch.setattr("simtune.simulation.filming.make_renderer", make_renderer)
     with pytest.raises(InputError, match="the opengl renderer cannot be used"):
         choose_real(RealConfig(), TASK, SIZE, real_gap=True)
 
@@ -157,7 +157,10 @@ def test_a_gap_needs_a_pseudo_real_world(tmp_path):
 def test_tuning_averages_over_pixels_where_the_real_camera_does(
     tmp_path, quick, monkeypatch, real_gap, supersampling
 ):
-    monkeypatch.setattr(RealityGap, "simulator", lambda _, task: task.simulator(image_size=128))
+    def simulator(_gap, task, views):
+        return task.simulator(image_size=128, views=views)
+
+    monkeypatch.setattr(RealityGap, "simulator", simulator)
     config = TuneConfig(task="cartpole", out=Path(tmp_path / "run"), real_gap=real_gap)
     experiment = build_experiment(dataclasses.replace(config, real_episodes=1), settings=quick)
     assert experiment.simulator.supersampling == supersampling

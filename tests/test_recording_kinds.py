@@ -17,6 +17,7 @@ import pytest
 from simtune.checking.check import look_through
 from simtune.config import RecordingsConfig
 from simtune.errors import InputError
+from simtune.footage import Footage
 from simtune.recordings import Dataset, decode, open_dataset, write_dataset, write_video
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.resample import step_actions, step_times, typical_step_s
@@ -160,7 +161,9 @@ def test_a_phone_that_was_turned_films_upright_all_the_same(tmp_path, turned):
     assert shown.shape == expected.shape
     assert np.abs(shown.astype(int) - expected).mean() < 4
     if turned == 90:
-        assert "the picture is upright, 32×64" in message(tmp_path, image_size=16)
+        assert "the picture is upright, 32×64" in message(
+            tmp_path, cameras=[Footage(is_square=True)]
+        )
 
 
 def test_the_camera_began_before_the_robot_and_ran_faster(tmp_path):
@@ -184,7 +187,7 @@ def test_frames_at_varying_times(tmp_path):
     # The action of row 4 was in force until 0.53 s.
     mixed = 0.3 * actions()[4] + 0.6 * actions()[5] + 0.1 * actions()[6]
     np.testing.assert_allclose(trajectory.actions[5], mixed, atol=1e-6)
-    late_ms = dataset.facts(1)["time_error_ms"]
+    late_ms = dataset.facts(1)["cameras"][0]["time_error_ms"]
     assert late_ms == {"largest": pytest.approx(30), "mean": pytest.approx(60 / 25)}
 
 
@@ -210,7 +213,9 @@ def test_episodes_come_in_the_names_order(tmp_path):
     for episode in range(3):
         dataset.skim(episode)
     assert dataset.facts(3)["steps"] == 3 * NUM_STEPS
-    assert message(tmp_path / "pairs", camera="front").startswith("HERE: pairs of mp4 and csv have")
+    assert message(tmp_path / "pairs", cameras=[Footage(key="front")]).startswith(
+        "HERE: pairs of mp4 and csv have"
+    )
 
 
 def test_check_looks_at_every_episode(tmp_path):
@@ -233,26 +238,28 @@ def test_check_looks_at_every_episode(tmp_path):
 def test_robomimic(tmp_path, options):
     write_hdf5(tmp_path / "robot" / "image.hdf5", **options)
     for path in (tmp_path / "robot", tmp_path / "robot" / "image.hdf5"):
-        dataset = open_dataset(path, camera="wrist", num_actions=3)
+        dataset = open_dataset(path, cameras=[Footage(key="wrist")], num_actions=3)
         assert_whole(dataset)
         assert dataset.episodes == ["demo_9", "demo_10"]
     facts = dataset.facts(1)
-    told = [facts[key] for key in ("robot_type", "camera", "codec", "fps", "kind")]
-    assert told == ["Lift", "wrist_image", "raw", FPS, "robomimic HDF5"]
+    assert [facts[key] for key in ("robot_type", "fps", "kind")] == ["Lift", FPS, "robomimic HDF5"]
+    assert [facts["cameras"][0][key] for key in ("key", "codec")] == ["wrist_image", "raw"]
 
 
 def test_robomimic_cameras_and_rate(tmp_path):
     write_hdf5(tmp_path / "image.hdf5")
     said = message(tmp_path)
     assert said.endswith("choose one by --camera: agentview_image, wrist_image")
-    said = message(tmp_path, camera="front")
+    said = message(tmp_path, cameras=[Footage(key="front")])
     assert said.endswith("no camera 'front'; there are: agentview_image, wrist_image")
     shutil.copy(tmp_path / "image.hdf5", tmp_path / "depth.hdf5")
     with h5py.File(tmp_path / "depth.hdf5", "r+") as file:
         del file["data"].attrs["env_args"]
-    said = message(tmp_path / "depth.hdf5", camera="wrist")
+    said = message(tmp_path / "depth.hdf5", cameras=[Footage(key="wrist")])
     assert said.endswith("give the rate as --control-hz")
-    assert_whole(open_dataset(tmp_path / "depth.hdf5", camera="wrist", control_hz=FPS))
+    assert_whole(
+        open_dataset(tmp_path / "depth.hdf5", cameras=[Footage(key="wrist")], control_hz=FPS)
+    )
     assert message(tmp_path).endswith("give one of them: depth.hdf5, image.hdf5")
 
 
@@ -369,11 +376,12 @@ def test_all_kinds_give_the_same(tmp_path):
     ):
         read = {}
         for kind, path in write_all(tmp_path / str(control_hz)).items():
-            camera = "wrist" if kind == "robomimic" else None
-            dataset = open_dataset(path, camera=camera, control_hz=control_hz)
+            key = "wrist" if kind == "robomimic" else None
+            dataset = open_dataset(path, cameras=[Footage(key=key)], control_hz=control_hz)
             read[kind] = dataset.read(0)
             facts = dataset.facts(1)
-            assert facts["time_error_ms"]["largest"] == pytest.approx(late_ms, abs=0.01)
+            (camera,) = facts["cameras"]
+            assert camera["time_error_ms"]["largest"] == pytest.approx(late_ms, abs=0.01)
             assert facts["control_hz"] == pytest.approx(control_hz or FPS)
             assert facts["fps"] == FPS
         expected = read["robomimic"]
@@ -397,9 +405,11 @@ def test_links_out_of_the_folder_are_followed(tmp_path):
                 link.parent.mkdir(parents=True, exist_ok=True)
                 os.symlink(file, link)
         camera = "wrist" if kind == "robomimic" else None
-        dataset = open_dataset(linked, camera=camera)
+        dataset = open_dataset(linked, cameras=[Footage(key=camera)])
         assert shown(dataset.read(0).frames) == list(range(25))
-        assert dataset.content_hash == open_dataset(path, camera=camera).content_hash
+        assert (
+            dataset.content_hash == open_dataset(path, cameras=[Footage(key=camera)]).content_hash
+        )
 
 
 def test_large_files_are_told_apart_by_blocks(tmp_path):

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from simtune.errors import InputError
+from simtune.footage import Footage
 from simtune.pictures import resize
 from simtune.real import RealWorld
 from simtune.real.recorded import RecordedReal
@@ -84,6 +85,11 @@ def read_dataset(folder: Path, max_episodes: int | None = None, **options: Any) 
     return Recording(trajectories, dataset.facts(num_episodes))
 
 
+def facts_of(folder: Path, camera: str) -> dict[str, Any]:
+    recording = read_dataset(folder, max_episodes=1, cameras=[Footage(key=camera)])
+    return recording.facts["cameras"][0]
+
+
 def dataset_hash(folder: Path) -> str:
     return open_dataset(folder).content_hash
 
@@ -141,13 +147,17 @@ def test_facts(written: Path):
         "kind": "LeRobotDataset v3.0",
         "dataset_hash": dataset_hash(written),
         "robot_type": "arm",
-        "camera": "observation.images.camera0",
-        "codec": "h264",
-        "source_size": [SIZE, SIZE],
-        "image_size": [16, 16],
+        "cameras": [
+            {
+                "key": "observation.images.camera0",
+                "codec": "h264",
+                "source_size": [SIZE, SIZE],
+                "image_size": [16, 16],
+                "time_error_ms": {"largest": 0.0, "mean": 0.0},
+            }
+        ],
         "fps": FPS,
         "control_hz": FPS,
-        "time_error_ms": {"largest": 0.0, "mean": 0.0},
         "action_names": ["joint_0", "joint_1"],
         "action_ranges": {
             name: [pytest.approx(actions.min()), pytest.approx(actions.max())]
@@ -222,7 +232,7 @@ def test_second_camera(dataset: Path):
     with pytest.raises(InputError, match=f"choose one by --camera: {first}, {second}"):
         read_dataset(dataset)
     for name in ("wrist", second):
-        assert read_dataset(dataset, camera=name, max_episodes=1).facts["camera"] == second
+        assert facts_of(dataset, name)["key"] == second
 
 
 def test_unread_columns_do_not_matter(dataset: Path):
@@ -386,21 +396,27 @@ def test_write_video(tmp_path: Path):
     assert [path.name for path in tmp_path.iterdir()] == ["video.mp4"]
 
 
-def test_a_wide_picture_is_cropped_to_the_square_that_a_camera_of_its_height_films(tmp_path: Path):
+def test_a_wide_picture_is_shown_whole_or_the_square_that_a_camera_of_its_height_films(
+    tmp_path: Path,
+):
     frames = np.full((4, SIZE, 2 * SIZE, 3), 40, np.uint8)
     frames[:, :, SIZE // 2 : SIZE // 2 + SIZE] = picture(77)  # the middle
     write(tmp_path / "wide", [Trajectory(frames, np.zeros((3, 2), np.float32), 1 / FPS)])
-    middle = read_dataset(tmp_path / "wide", image_size=SIZE).trajectories[0].frames
+    whole = read_dataset(tmp_path / "wide", image_size=SIZE // 2).trajectories[0].frames
+    assert whole.shape[1:3] == (SIZE // 2, SIZE)
+    square = [Footage(is_square=True)]
+    recording = read_dataset(tmp_path / "wide", image_size=SIZE, cameras=square)
+    middle = recording.trajectories[0].frames
     assert middle.shape[1:3] == (SIZE, SIZE)
     assert number(middle[0]) == 77
     assert np.abs(middle[0].astype(int) - picture(77)).mean() < 4
-    squeezed = read_dataset(tmp_path / "wide", image_size=(SIZE, SIZE)).trajectories[0].frames
-    assert np.abs(squeezed[0].astype(int) - picture(77)).mean() > 20
 
     upright = Trajectory(frames.transpose(0, 2, 1, 3).copy(), np.zeros((3, 2), np.float32), 1 / FPS)
     write(tmp_path / "upright", [upright])
+    whole = read_dataset(tmp_path / "upright", image_size=SIZE).trajectories[0].frames
+    assert whole.shape[1:3] == (SIZE, SIZE // 2)
     with pytest.raises(InputError, match="upright"):
-        read_dataset(tmp_path / "upright", image_size=SIZE)
+        read_dataset(tmp_path / "upright", image_size=SIZE, cameras=square)
 
 
 def test_colours_are_not_darkened(tmp_path: Path):
@@ -451,10 +467,10 @@ def test_resize_at_odd_factors():
 
 
 def test_read_resized(written: Path):
-    full, small = read_dataset(written), read_dataset(written, image_size=(16, 8))
-    assert small.facts["image_size"] == [16, 8]
+    full, small = read_dataset(written), read_dataset(written, image_size=16)
+    assert small.facts["cameras"][0]["image_size"] == [16, 16]
     for big, little in zip(full.trajectories, small.trajectories, strict=True):
-        mean = big.frames.reshape(-1, 16, 2, 8, 4, 3).mean((2, 4))
+        mean = big.frames.reshape(-1, 16, 2, 16, 2, 3).mean((2, 4))
         assert np.abs(little.frames - mean).max() <= 1
 
 
@@ -634,7 +650,7 @@ def test_no_episodes(dataset: Path):
 
 
 def test_camera_names(dataset: Path):
-    assert message(dataset, camera="front") == (
+    assert message(dataset, cameras=[Footage(key="front")]) == (
         "HERE: no camera 'front'; there are: observation.images.camera0"
     )
     features = json.loads((dataset / INFO).read_text())["features"]

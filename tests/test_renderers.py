@@ -78,7 +78,7 @@ def scene() -> mujoco.MjModel:
 
 def opengl_or_skip(model, space, camera, image_size, quality=SHADOWS) -> Renderer:
     try:
-        return make_renderer("opengl", model, space, camera, image_size, quality)
+        return make_renderer("opengl", model, space, camera, (image_size, image_size), quality)
     except InputError as error:
         pytest.skip(str(error))
 
@@ -88,8 +88,8 @@ def opengl_or_skip(model, space, camera, image_size, quality=SHADOWS) -> Rendere
 )
 def renderer(request, scene) -> Renderer:
     if request.param == "opengl":
-        return opengl_or_skip(scene, SPACE, "above", SIZE)
-    return make_renderer("raycaster", scene, SPACE, "above", SIZE)
+        return opengl_or_skip(scene, SPACE, "above", (SIZE, SIZE))
+    return make_renderer("raycaster", scene, SPACE, "above", (SIZE, SIZE))
 
 
 def states_of(model: mujoco.MjModel, positions: list[float]) -> np.ndarray:
@@ -169,15 +169,15 @@ def test_the_order_and_number_of_pictures_do_not_matter(renderer, scene):
 def test_one_thread_draws_what_many_draw(scene):
     states = states_of(scene, [0.1 * i for i in range(-5, 5)])
     parameters = np.random.default_rng(0).random((10, 6))
-    one, three = (Raycaster(scene, SPACE, "above", SIZE, num_threads=k) for k in (1, 3))
+    one, three = (Raycaster(scene, SPACE, "above", (SIZE, SIZE), num_threads=k) for k in (1, 3))
     np.testing.assert_array_equal(one.render(states, parameters), three.render(states, parameters))
 
 
 def test_the_sky_of_a_fixed_camera_is_the_one_drawn_for_a_camera_that_may_turn(scene):
     states, parameters = states_of(scene, [0.0, 0.3]), painted((RED, BLUE), (GREY, RED))
-    fixed = Raycaster(scene, SPACE, "above", SIZE, num_threads=1, sky_samples=1)
+    fixed = Raycaster(scene, SPACE, "above", (SIZE, SIZE), num_threads=1, sky_samples=1)
     turning = ParameterSpace([*SPACE, *camera_pose("camera", "above", (0, -1, 1))])
-    own = Raycaster(scene, turning, "above", SIZE, num_threads=1)
+    own = Raycaster(scene, turning, "above", (SIZE, SIZE), num_threads=1)
     frames = own.render(states, np.hstack([parameters, np.tile(turning.nominal[6:], (2, 1))]))
     assert len(np.unique(frames[0, :8].reshape(-1, 3), axis=0)) > 5  # there is a gradient
     np.testing.assert_array_equal(fixed.render(states, parameters), frames)
@@ -210,7 +210,11 @@ def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(name, monk
     actions = random_actions(8, 5, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(parameters, actions, rng)
     expected = mujoco_warps_own(
-        monkeypatch, simulator.model, task.parameters, task.camera, simulator.image_size
+        monkeypatch,
+        simulator.model,
+        task.parameters,
+        task.cameras[0].camera,
+        simulator.shape,
     )
     states, parameters = rollouts.states[:, -1], rollouts.parameters
     assert_same_pictures(simulator.render(states, parameters), expected.render(states, parameters))
@@ -268,7 +272,7 @@ def test_every_primitive_is_drawn_as_mujoco_warp_draws_it(monkeypatch):
     )
     model = mujoco.MjModel.from_xml_string(PRIMITIVES.format(geoms=geoms))
     space = ParameterSpace(colour("box", ("box 3",), (0.5, 0.5, 0.5)))
-    args = (model, space, "above", 96)
+    args = (model, space, "above", (96, 96))
     states = initial_state(model).repeat(2, axis=0)
     parameters = np.array([[0.5, 0.5, 0.5], [0.9, 0.2, 0.1]])
     frames = Raycaster(*args).render(states, parameters)
@@ -284,14 +288,14 @@ def camera_space(name: str) -> ParameterSpace:
     """A task's parameters, a delay that no picture shows, and its camera's pose and view."""
     task = load_task(name)
     model = task.load_model()
-    camera = model.camera(task.camera)
+    camera = model.camera(task.cameras[0].camera)
     names = tuple(model.actuator(i).name for i in range(model.nu))
     return ParameterSpace(
         [
             *task.parameters,
             delay("late", names, 0.05),
-            *camera_pose("camera", task.camera, tuple(camera.pos), within_m=0.3),
-            field_of_view("fov", task.camera, float(camera.fovy[0])),
+            *camera_pose("camera", task.cameras[0].camera, tuple(camera.pos), within_m=0.3),
+            field_of_view("fov", task.cameras[0].camera, float(camera.fovy[0])),
         ]
     )
 
@@ -317,7 +321,7 @@ def test_a_camera_of_other_pose_and_view_is_drawn_by_us_as_by_mujoco_warp(monkey
     with monkeypatch.context() as patch:
         patch.setattr(mujoco_warp, "render", lambda *_: pytest.fail("not by us"))
         frames = simulator.render(states, parameters)
-    expected = mujoco_warps_own(monkeypatch, simulator.model, simulator.space, "side", 84)
+    expected = mujoco_warps_own(monkeypatch, simulator.model, simulator.space, "side", (84, 84))
     assert_nearly_same_pictures(frames, expected.render(states, parameters))
 
 
@@ -342,12 +346,12 @@ def test_a_camera_that_only_moves_sees_the_same_sky(scene):
     """The sky is drawn once for it, as for one that stays where it is."""
     moves = camera_pose("camera", "above", (0, -1, 1))[:3]
     space = ParameterSpace([*SPACE, *moves])
-    renderer = Raycaster(scene, space, "above", SIZE, num_threads=1)
+    renderer = Raycaster(scene, space, "above", (SIZE, SIZE), num_threads=1)
     parameters = np.array([[*RED, *BLUE, 0, -1, 1], [*RED, *BLUE, 0.1, -1, 0.95]])
     still, other = renderer.render(states_of(scene, [0.0, 0.0]), parameters)
     np.testing.assert_array_equal(still[:8], other[:8])
     assert (still[8:] != other[8:]).any()
-    expected = Raycaster(scene, SPACE, "above", SIZE, num_threads=1)
+    expected = Raycaster(scene, SPACE, "above", (SIZE, SIZE), num_threads=1)
     np.testing.assert_array_equal(
         still, expected.render(states_of(scene, [0.0]), painted((RED, BLUE)))[0]
     )
@@ -388,7 +392,7 @@ def test_a_turning_cameras_sky_has_no_stars_smaller_than_pixels():
 def test_both_renderers_see_through_a_camera_of_other_pose_and_view(name):
     """Fixed and tracking cameras. Measured: 2.1 to 5.3 of 255, much of it in the sky's stars."""
     simulator, states, parameters = filmed_otherwise(name)
-    drawer = opengl_or_skip(simulator.model, simulator.space, load_task(name).camera, 84)
+    drawer = opengl_or_skip(simulator.model, simulator.space, load_task(name).cameras[0].camera, 84)
     cast, drawn = (r.render(states, parameters).astype(int) for r in (simulator, drawer))
     assert np.abs(cast - drawn).mean() < 6
     thing = {"ball_in_cup": "cup"}.get(name, "body")
@@ -396,7 +400,7 @@ def test_both_renderers_see_through_a_camera_of_other_pose_and_view(name):
     dark, bright = parameters.copy(), parameters.copy()
     dark[:, channels], bright[:, channels] = 0, 1
     plain = opengl_or_skip(
-        simulator.model, simulator.space, load_task(name).camera, 84, OpenGLQuality()
+        simulator.model, simulator.space, load_task(name).cameras[0].camera, 84, OpenGLQuality()
     )
     cast, drawn = (
         np.abs(r.render(states, dark).astype(int) - r.render(states, bright)).max(-1) > 40
@@ -432,12 +436,12 @@ FLEX = """
 @pytest.mark.parametrize("xml", [MESH, FLEX], ids=["mesh", "flex"])
 def test_models_with_meshes_or_flexes_are_drawn_by_mujoco_warp(xml, monkeypatch):
     monkeypatch.setattr(Primitives, "__init__", lambda *_: pytest.fail("it is drawn by us"))
-    Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, "above", SIZE)
+    Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, "above", (SIZE, SIZE))
 
 
 def test_a_flex_is_drawn_at_its_place_in_the_picture():
     model = mujoco.MjModel.from_xml_string(FLEX)
-    renderer = Raycaster(model, BALL, "above", SIZE, num_threads=1)
+    renderer = Raycaster(model, BALL, "above", (SIZE, SIZE), num_threads=1)
     frame = renderer.render(initial_state(model), BALL.nominal[None])[0]
     columns = (frame > 0).any(axis=(0, 2))
     assert columns[SIZE // 2 :].any()  # the ball
@@ -461,7 +465,7 @@ def test_both_renderers_draw_the_same_pictures_of_every_task(name):
     states, parameters = rollouts.states[:, [0, -1]].reshape(8, -1), np.repeat(parameters, 2, 0)
     cast = simulator.render(states, parameters).astype(int)
     for quality, most in ((SHADOWS, 4.5), (OPENGL_DM_CONTROL, 5)):
-        drawer = opengl_or_skip(simulator.model, space, task.camera, 84, quality)
+        drawer = opengl_or_skip(simulator.model, space, task.cameras[0].camera, 84, quality)
         difference = cast - drawer.render(states, parameters)
         assert np.abs(difference).mean() < most
         assert np.abs(difference.mean(axis=(0, 1, 2))).max() < 3  # no brighter, no other tint
@@ -483,7 +487,7 @@ def test_both_renderers_put_the_robot_at_the_same_pixels(name):
     channels = [space.index(f"{thing}_{channel}") for channel in "rgb"]
     dark, bright = nominal.copy(), nominal.copy()
     dark[:, channels], bright[:, channels] = 0, 1
-    drawer = opengl_or_skip(simulator.model, space, task.camera, 84, OpenGLQuality())
+    drawer = opengl_or_skip(simulator.model, space, task.cameras[0].camera, 84, OpenGLQuality())
     cast, drawn = (
         np.abs(r.render(states, dark).astype(int) - r.render(states, bright)).max(-1) > 40
         for r in (simulator, drawer)
@@ -503,7 +507,7 @@ def test_opengl_draws_the_string_that_the_ray_caster_cannot():
     state = np.empty((1, mujoco.mj_stateSize(model, STATE)))
     mujoco.mj_getState(model, data, state[0], STATE)
     with_string, without = (
-        opengl_or_skip(m, task.parameters, task.camera, 84).render(
+        opengl_or_skip(m, task.parameters, task.cameras[0].camera, 84).render(
             state, task.parameters.nominal[None]
         )
         for m in (model, bare)
@@ -513,7 +517,7 @@ def test_opengl_draws_the_string_that_the_ray_caster_cannot():
 
 @pytest.mark.opengl
 def test_opengl_renderers_do_not_disturb_one_another(scene):
-    first = opengl_or_skip(scene, SPACE, "above", SIZE)
+    first = opengl_or_skip(scene, SPACE, "above", (SIZE, SIZE))
     before = draw_one(first, scene, RED, BLUE)
     other = opengl_or_skip(scene, SPACE, "above", 2 * SIZE, OPENGL_DM_CONTROL)
     draw_one(other, scene, BLUE, RED)
@@ -527,15 +531,15 @@ def test_opengl_that_is_not_installed_is_refused_with_what_to_install(scene, mon
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(opengl, "find_library", lambda name: None)
     with pytest.raises(InputError, match=r"apt install libegl1.*raycaster") as error:
-        make_renderer("opengl", scene, SPACE, "above", SIZE)
+        make_renderer("opengl", scene, SPACE, "above", (SIZE, SIZE))
     assert "\n" not in str(error.value)
 
 
 def test_an_unknown_renderer_or_camera_is_refused(scene):
     with pytest.raises(InputError, match="no renderer 'povray'"):
-        make_renderer("povray", scene, SPACE, "above", SIZE)  # type: ignore[arg-type]
+        make_renderer("povray", scene, SPACE, "above", (SIZE, SIZE))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no camera 'below'"):
-        make_renderer("raycaster", scene, SPACE, "below", SIZE)
+        make_renderer("raycaster", scene, SPACE, "below", (SIZE, SIZE))
 
 
 @pytest.mark.opengl
@@ -549,6 +553,6 @@ def test_a_camera_with_a_sensor_shows_the_square_of_its_field_of_view():
         data = mujoco.MjData(model)
         row = np.empty((1, mujoco.mj_stateSize(model, STATE.value)))
         mujoco.mj_getState(model, data, row[0], STATE.value)
-        drawer = opengl_or_skip(model, SPACE, "above", SIZE)
+        drawer = opengl_or_skip(model, SPACE, "above", (SIZE, SIZE))
         pictures.append(drawer.render(row, SPACE.nominal[None])[0].astype(int))
     assert np.abs(pictures[0] - pictures[1]).max() <= 2

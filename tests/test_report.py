@@ -465,8 +465,10 @@ def test_report_names_the_recordings_and_links_every_file(tmp_path):
     shutil.copy(path / "videos" / "after.mp4", path / "videos" / "overlay.mp4")
     result = json.loads((path / "result.json").read_text())
     facts = {"folder": "a<b>", "kind": "pairs", "episodes": 5, "episodes_in_dataset": 8}
-    facts |= {"steps": 1000, "source_size": [480, 640], "codec": "h264", "camera": "front"}
-    facts |= {"fps": 30.0, "control_hz": 10.0, "time_error_ms": {"largest": 12.5, "mean": 4}}
+    camera = {"codec": "h264", "key": "front", "source_size": [480, 640]}
+    camera["time_error_ms"] = {"largest": 12.5, "mean": 4}
+    facts |= {"steps": 1000, "cameras": [camera]}
+    facts |= {"fps": 30.0, "control_hz": 10.0}
     facts |= {"action_ranges": {"push": [-1, 0.5]}, "dataset_hash": "abc123"}
     (path / "result.json").write_text(json.dumps(result | {"recordings": facts}))
     page = _Page(write_report(path).read_text())

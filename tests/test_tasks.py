@@ -127,7 +127,7 @@ def test_model_is_the_suites(name):
 def test_time_and_camera(name):
     task, env = task_of(name), suite_env(name)
     assert task.control_timestep_s == pytest.approx(env.control_timestep())
-    assert task.camera == env.physics.model.id2name(0, "camera")
+    assert task.cameras[0].camera == env.physics.model.id2name(0, "camera")
     assert task.episode_steps == 200
     assert task.step_s == task.control_timestep_s * task.action_repeat
 

@@ -546,11 +546,11 @@ def test_a_stopped_run_resumes_to_the_same_result(autotuned, tmp_path, quick):
 def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, quick, monkeypatch):
     seeds, num_keypoints = [], []
 
-    def find(simulator, camera, distribution, seed) -> Keypoints:
+    def find(simulator, distribution, seed) -> Keypoints:
         """Another seed may choose others; each but 0 does here."""
         seeds.append(seed)
         choose = find_others if seed else find_keypoints
-        return choose(simulator, camera, distribution, seed)
+        return choose(simulator, distribution, seed)
 
     def make_agent(name: str, spec: AgentSpec) -> Agent:
         num_keypoints.append(spec.num_keypoints)

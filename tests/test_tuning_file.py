@@ -142,7 +142,7 @@ def test_every_kind_is_documented_with_its_field(kind):
 
 def test_the_example_scene_moves_and_is_lit():
     task = load_task(str(EXAMPLE))
-    assert (task.name, task.camera, task.step_s) == ("cart_pendulum", "front", 0.05)
+    assert (task.name, task.cameras[0].camera, task.step_s) == ("cart_pendulum", "front", 0.05)
     simulator = task.simulator(image_size=64)
     rng = np.random.default_rng(0)
     actions = random_actions(4, 100, simulator.action_mapping, rng)
@@ -160,7 +160,7 @@ def test_the_example_scene_moves_and_is_lit():
 
 def test_a_short_file_has_usual_values(load):
     task = load(HEAD + MASS)
-    assert (task.name, task.camera, task.episode_steps) == ("tune", "front", 200)
+    assert (task.name, task.cameras[0].camera, task.episode_steps) == ("tune", "front", 200)
     assert (task.control_timestep_s, task.action_repeat) == (0.05, 1)
     assert task.reward is None
     assert isinstance(task.load_actions(), DirectActions)
@@ -282,7 +282,7 @@ def camera_of(task: Task) -> tuple[np.ndarray, np.ndarray, float]:
     model = task.load_model()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    camera = model.camera(task.camera).id
+    camera = model.camera(task.cameras[0].camera).id
     return data.cam_xpos[camera], data.cam_xmat[camera].reshape(3, 3).T, model.cam_fovy[camera]
 
 
@@ -784,7 +784,7 @@ def test_recordings_need_as_many_actions(load, tmp_path):
 
 def test_actions_in_other_units_are_warned_of(load):
     task = load(HEAD + PERCENT + MASS)
-    facts = {"control_hz": 20, "time_error_ms": {"largest": 0.0, "mean": 0.0}}
+    facts = {"control_hz": 20, "cameras": []}
     actions = np.linspace(-1, 1, 40, dtype=np.float32)[:, None]
     assert warnings(task, facts, [100 * actions], 1) == []
     (said,) = warnings(task, facts, [5000 * actions], 1)
@@ -1001,7 +1001,7 @@ def test_where_nothing_moves_no_motion_can_be_tuned(load, folder):
     (folder / "scene.xml").write_text(resting)
     start = '[initial_state]\nkind = "keyframe"\nkeyframe = "home"\n'
     task = load(HEAD + start + MASS)
-    context = context_of(task.simulator(image_size=32), task.parameters.nominal, camera=task.camera)
+    context = context_of(task.simulator(image_size=32), task.parameters.nominal)
     with pytest.raises(InputError, match="m shows in motion only, and nothing moves"):
         PosteriorSearch(context)
 

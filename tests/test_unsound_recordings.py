@@ -561,7 +561,7 @@ def test_unsound_readings_are_refused_in_one_line(tmp_path: Path, name: str):
 
     def read_all() -> None:
         readings = {"joints": OF_KIND[case.kind]}
-        dataset = open_dataset(tmp_path / "recordings", readings=readings, pictures=False)
+        dataset = open_dataset(tmp_path / "recordings", readings=readings, cameras=())
         for episode in range(dataset.num_episodes):
             dataset.read(episode)
 

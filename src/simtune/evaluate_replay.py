@@ -34,7 +34,7 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     parameters, space = run.parameters, task.parameters
     start, mean = (np.array([parameters[n][k] for n in space.names]) for k in ("initial", "mean"))
     offsets = {name: facts["offset"] for name, facts in run.result["sensors"].items()}
-    simulator = task.simulator(image_size=_SMALLEST_PX, step_s=real.step_s)
+    simulator = task.simulator(image_size=_SMALLEST_PX, step_s=real.step_s, views=())
     tuned = Tuned(mean, offsets, run.result.get("latency_steps", 0))
     scores = replay(simulator, real.observation, trajectories, start, tuned).scores()
     kept = ("unit", "rms_before", "rms")

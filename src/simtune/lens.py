@@ -65,27 +65,37 @@ class Lens:
 
     def check(self) -> None:
         """Raises InputError for a lens that no picture comes through."""
-        _ = self.half_side
+        _ = self.half_sides
 
-    @property
-    def half_side(self) -> float:
-        """Of the largest square around the optical axis, at unit distance, that is seen whole."""
+    @functools.cached_property
+    def half_sides(self) -> tuple[float, float]:
+        """Half the width and half the height of what is seen whole, at unit distance.
+
+        The optical axis is in its middle. Raises InputError for what no picture comes through.
+        """
         x, y = ((np.array([-0.5, n - 0.5]) - c) / f for n, c, f in self._axes)
         if not (x[0] < 0 < x[1] and y[0] < 0 < y[1]):
             raise InputError(
                 f"the optical axis, at pixel ({self.cx:g}, {self.cy:g}), is outside of the picture"
                 f" of {self.width}×{self.height}"
             )
-        ends = self.undistort(np.array([[x[0], 0], [x[1], 0], [0, y[0]], [0, y[1]]]))
-        return float(np.abs(ends).max(-1).min())
+        along_x = self.undistort(np.array([[x[0], 0], [x[1], 0]]))[:, 0]
+        along_y = self.undistort(np.array([[0, y[0]], [0, y[1]]]))[:, 1]
+        return float(np.abs(along_x).min()), float(np.abs(along_y).min())
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of the pictures that `rectify` gives whole."""
+        half_width, half_height = self.half_sides
+        return half_width / half_height
 
     @property
     def fovy_deg(self) -> float:
-        """Field of view of the pinhole whose square pictures `rectify` gives."""
-        return math.degrees(2 * math.atan(self.half_side))
+        """Field of view, vertical, of the pinhole whose pictures `rectify` gives."""
+        return math.degrees(2 * math.atan(self.half_sides[1]))
 
-    def rectify(self, picture: np.ndarray, side: int) -> np.ndarray:
-        """What a pinhole would have seen: (H, W, 3) uint8 to (side, side, 3), areas averaged.
+    def rectify(self, picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        """What a pinhole would have seen: (H, W, 3) uint8 to (height, width, 3), areas averaged.
 
         Raises InputError for pictures of another shape than those of the calibration.
         """
@@ -95,8 +105,8 @@ class Lens:
                 f"pictures of {width}×{height} pixels, the lens was calibrated with "
                 f"{self.width}×{self.height}; give the calibration of these pictures"
             )
-        seen = _areas(self, height, width, side) @ picture.reshape(-1, 3).astype(np.float32)
-        return np.rint(seen).astype(np.uint8).reshape(side, side, 3)
+        seen = _areas(self, height, width, size) @ picture.reshape(-1, 3).astype(np.float32)
+        return np.rint(seen).astype(np.uint8).reshape(*size, 3)
 
     @property
     def _axes(self) -> tuple[tuple[int, float, float], tuple[int, float, float]]:
@@ -105,17 +115,21 @@ class Lens:
 
 
 @functools.lru_cache(8)
-def _areas(lens: Lens, height: int, width: int, side: int) -> csr_array:
-    """(side², height · width) how much of each old pixel makes up each new one."""
+def _areas(lens: Lens, height: int, width: int, size: tuple[int, int]) -> csr_array:
+    """(new pixels, old pixels) how much of each old pixel makes up each new one."""
+    rows, columns = size
     scale = np.array([width / lens.width, height / lens.height])  # of the calibration's pictures
-    times = max(_FEWEST_POINTS, math.ceil(_POINTS_PER_PIXEL * min(height, width) / side))
-    at = ((np.arange(side * times) + 0.5) / (side * times) * 2 - 1) * lens.half_side
-    seen = lens.distort(np.stack(np.meshgrid(at, at), -1))
+    times = max(_FEWEST_POINTS, math.ceil(_POINTS_PER_PIXEL * height / rows))
+    _, half = lens.half_sides
+    at_x, at_y = (
+        ((np.arange(n * times) + 0.5) * 2 / times - n) * half / rows for n in (columns, rows)
+    )
+    seen = lens.distort(np.stack(np.meshgrid(at_x, at_y), -1))
     focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
     column, row = np.moveaxis((seen * focal + middle + 0.5) * scale - 0.5, -1, 0)
     column, row = np.rint(column).clip(0, width - 1), np.rint(row).clip(0, height - 1)
     old = (row * width + column).astype(int).ravel()
-    new = np.arange(side * times) // times
-    new = (new[:, None] * side + new).ravel()
+    new_row, new_column = (np.arange(n * times) // times for n in (rows, columns))
+    new = (new_row[:, None] * columns + new_column).ravel()
     shares = np.full(len(old), times**-2, np.float32)
-    return csr_array((shares, (new, old)), shape=(side**2, height * width))
+    return csr_array((shares, (new, old)), shape=(rows * columns, height * width))

@@ -12,16 +12,22 @@ def middle_square(frame: np.ndarray) -> np.ndarray:
     return frame[top : top + side, left : left + side]
 
 
-def resize(frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def resize(
+    frame: np.ndarray, size: tuple[int, int], covered: tuple[float, float] | None = None
+) -> np.ndarray:
     """Resize by area averaging (anti-aliased), each axis on its own.
 
     `frame` is (H, W, 3) uint8, `size` the new (height, width); gives (height, width, 3) uint8.
-    At whole factors every new pixel is the plain mean of the block that it covers.
+    At whole factors every new pixel is the plain mean of the block that it covers. `covered`:
+    rows and columns in the middle that are shown, by default all; parts of a pixel count as such.
     """
     # swscale's own AREA would average in subsampled YUV, which is off at coloured edges.
-    if frame.shape[:2] == tuple(size):
+    covered = covered or frame.shape[:2]
+    if frame.shape[:2] == tuple(size) == tuple(covered):
         return frame
-    rows, columns = (_area_taps(*lengths) for lengths in zip(frame.shape, size, strict=False))
+    rows, columns = (
+        _area_taps(*lengths) for lengths in zip(frame.shape, size, covered, strict=False)
+    )
     # A matrix product would do it too, and would wake all of BLAS's threads for each frame.
     shrunk = sum(weight[:, None, None] * frame[index] for index, weight in rows)
     assert isinstance(shrunk, np.ndarray)
@@ -30,19 +36,19 @@ def resize(frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
 
 @functools.cache
-def _area_taps(size: int, new_size: int) -> list[tuple[np.ndarray, np.ndarray]]:
+def _area_taps(size: int, new_size: int, covered: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Which old pixels each new one covers, and how much of it they make up.
 
     Gives pairs (index, weight), each (new_size,): new = sum of weight * old[index].
     """
-    edges = np.arange(new_size + 1) * (size / new_size)
-    first = np.floor(edges[:-1]).astype(int)
+    edges = (size - covered) / 2 + np.arange(new_size + 1) * (covered / new_size)
+    first = np.floor(edges[:-1] + 1e-9).astype(int)
     taps = []
     for index in range(size):
         pixel = first + index
         overlap = np.minimum(edges[1:], pixel + 1) - np.maximum(edges[:-1], pixel)
         if not (overlap > 1e-9).any():
             break
-        weight = (overlap.clip(0) * (new_size / size)).astype(np.float32)
+        weight = (overlap.clip(0) * (new_size / covered)).astype(np.float32)
         taps.append((pixel.clip(max=size - 1), weight))
     return taps

@@ -15,6 +15,7 @@ from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import observed, read_parameters
 from simtune.recordings import write_dataset
+from simtune.recordings.lerobot.layout import IMAGES_PREFIX
 from simtune.simulation import (
     OPENGL_DM_CONTROL,
     Act,
@@ -26,6 +27,7 @@ from simtune.simulation import (
 )
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
+from simtune.views import View
 
 
 def record(
@@ -40,10 +42,12 @@ def record(
     task = load_task(config.task)
     parameters = read_parameters(config.parameters, task.parameters)
     trained = _trained(config.policy, task, settings)
+    size = config.image_size
     simulator = task.simulator(
-        image_size=config.image_size,
+        image_size=size,
         step_s=trained.environment.simulator.step_s if trained else None,
         renderer=config.renderer,
+        views=[View(f.camera, (config.width or size) / size) for f in task.cameras],
         # OpenGL is there to look unlike the simulator, so it draws all that it can.
         quality=OPENGL_DM_CONTROL,
     )
@@ -61,8 +65,18 @@ def record(
         robot_type=task.name,
         task=task.description,
         reading_names={sensor.name: sensor.column_names for sensor in task.sensors},
+        widths=_widths(task, simulator),
     )
     return config.out
+
+
+def _widths(task: Task, simulator: Simulator) -> dict[str, int] | None:
+    """{camera: pixels}, by the names that they are read by; None for one that has no such name."""
+    names = [footage.key or footage.name for footage in task.cameras]
+    if len(names) == 1 and task.cameras[0].key is None:
+        return None
+    names = [name.removeprefix(IMAGES_PREFIX) for name in names]
+    return dict(zip(names, simulator.widths, strict=True))
 
 
 _ATTEMPTS = 10

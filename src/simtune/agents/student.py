@@ -48,7 +48,10 @@ class Student(nn.Module):
         super().__init__()
         self.config, self._image_size = config, spec.image_size
         self.detector = KeypointDetector(
-            spec.num_keypoints, spec.num_positions, spec.image_size, config.detector
+            spec.num_keypoints,
+            spec.num_positions,
+            (spec.image_size, spec.image_size),
+            config.detector,
         )
         # Of each place x, y and how probable it is
         self.num_features = spec.num_keypoints * _PLACES * 3 + spec.num_positions

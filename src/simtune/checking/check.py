@@ -1,13 +1,14 @@
 """`simtune check`, top to bottom."""
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from simtune.checking.conclusions import conclude
 from simtune.checking.film import compare
-from simtune.checking.film_picture import draw_film, new_file
-from simtune.checking.library import MOST_STEPS, make_library
+from simtune.checking.film_picture import Shown, draw_film, new_file
+from simtune.checking.library import MOST_STEPS, make_libraries
 from simtune.checking.readings import ReadEpisodes, read_episodes, reading_changes
 from simtune.checking.recording_warnings import warnings
 from simtune.config import CheckConfig
@@ -23,6 +24,7 @@ from simtune.run.files import plain
 from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
 from simtune.tuning import needed_image_size
+from simtune.views import View, apart
 
 _EPISODES = 5
 _MOST_NAMED = 5  # of unsound episodes
@@ -38,14 +40,14 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     config.check()
     task = load_task(config.task)
     seen = observed(task, config.observed, is_simulated=not config.real)
-    camera = task.camera if seen.cameras else None
-    facts: dict[str, Any] = {"task": task.name, "seed": config.seed}
+    image_size = config.image_size or needed_image_size("posterior")
+    facts: dict[str, Any] = {"task": task.name, "seed": config.seed, "image_size": image_size}
     read: ReadEpisodes | None = None
     if config.real:
-        simulator, actions, read, more = _of_recordings(config, task, seen, say)
+        simulator, actions, read, more = _of_recordings(config, task, image_size, seen, say)
         facts |= more
     else:
-        simulator = task.simulator(image_size=needed_image_size("posterior"))
+        simulator = task.simulator(image_size=image_size, views=seen.views())
         num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
         worlds = np.tile(task.parameters.nominal, (num, 1))
         act = simulator.explore(num, task.episode_steps, rng)
@@ -56,37 +58,36 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
         say("replaying readings", 0.5)
         readings, assumed = reading_changes(simulator, seen, actions, read, config.seed)
         facts["assumed"] = assumed
-    information = analyze(simulator, camera, actions, config.seed, seen, readings)
+    information = analyze(simulator, actions, config.seed, seen, readings)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return plain(facts | conclude(task.parameters, information))
 
 
 def _of_recordings(
-    config: CheckConfig, task: Task, seen: ObservationModel, say: ReportProgress
+    config: CheckConfig, task: Task, image_size: int, seen: ObservationModel, say: ReportProgress
 ) -> tuple[Simulator, np.ndarray, ReadEpisodes | None, dict[str, Any]]:
     """A simulator at their rate, their actions (E, T, A), their readings, and what is to be said.
 
     Actions are cut to the shortest episode's.
     """
-    image_size, has_camera = needed_image_size("posterior"), bool(seen.cameras)
     dataset = open_recordings(config.real or "", task, config, image_size, seen)
     num = how_many(dataset, config.episodes)
-    recorded, film = look_through(dataset, say, min(num, _LOOKED_AT) * has_camera)
+    recorded, film = look_through(dataset, say, min(num, _LOOKED_AT) * bool(seen.cameras))
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
     facts["warnings"] = warnings(task, facts["recordings"], recorded, num)
-    plate = task.footage.plate(film, film.shape[2]) if has_camera else None
+    films = _Films.of(seen.framed(dataset.aspects), film)
     # Supersampled as in tuning: a real camera averages over its pixels.
     simulator = task.simulator(
         image_size=image_size,
         step_s=dataset.step_s,
         supersampling=seen.supersampling,
-        plate=None if plate is None else resize(plate, (image_size, image_size)),
+        views=[_shrunk(view, image_size) for view in films.views],
     )
     steps = min(len(actions) for actions in recorded[:num])
     actions = np.stack([actions[:steps] for actions in recorded[:num]])
-    if has_camera:
+    if seen.cameras:
         say("comparing pictures", 0.0)
-        facts["film"], more = _look_at(film, task, simulator, actions, config, plate)
+        facts["films"], more = _look_at(films, task, simulator, actions, config)
         facts["warnings"] += more
     read = None
     if seen.sensors:
@@ -96,22 +97,50 @@ def _of_recordings(
     return simulator, actions, read, facts
 
 
+class _Films(NamedTuple):
+    """What each camera filmed, (E, K, H, W, 3), and its view, before plates as large."""
+
+    names: list[str]
+    films: list[np.ndarray]
+    views: list[View]
+
+    @classmethod
+    def of(cls, seen: ObservationModel, film: np.ndarray) -> "_Films":
+        """Of (E, K, H, W, 3) frames that show all views side by side."""
+        films = apart(film, [view.width(film.shape[2]) for view in seen.views()])
+        footage = [camera.footage for camera in seen.cameras]
+        plates = [f.plate(its, its.shape[2:4]) for f, its in zip(footage, films, strict=True)]
+        return cls([f.name for f in footage], films, seen.views(plates))
+
+
+def _shrunk(view: View, height: int) -> View:
+    """Its plate as high as the simulator's pictures."""
+    if view.plate is None:
+        return view
+    return replace(view, plate=resize(view.plate, (height, view.width(height))))
+
+
 def _look_at(
-    film: np.ndarray,
-    task: Task,
-    simulator: Simulator,
-    actions: np.ndarray,
-    config: CheckConfig,
-    plate: np.ndarray | None,
+    films: _Films, task: Task, simulator: Simulator, actions: np.ndarray, config: CheckConfig
 ) -> tuple[dict[str, Any], list[str]]:
-    """What to note down of (E, K, H, W, 3) recorded frames, and warnings; a picture is saved."""
-    library = make_library(simulator, actions[: len(film)], config.seed)
-    if library is None:
+    """What to note down of each camera's film, by its name, and warnings; pictures are saved."""
+    libraries = make_libraries(simulator, actions[:_LOOKED_AT], config.seed)
+    if not libraries:
         return {}, ["the film was not looked at: nearly all of the simulator's worlds diverge"]
-    comparison = compare(film, library)
-    path = config.pictures or new_file()
-    draw_film(path, film, task, library, comparison, plate)
-    return comparison.facts() | {"pictures": str(path)}, comparison.warnings
+    facts, found = {}, []
+    for name, library, film, view in zip(
+        films.names, libraries, films.films, films.views, strict=True
+    ):
+        comparison = compare(film, library)
+        path = config.pictures or new_file()
+        if len(libraries) > 1:
+            path = path.with_stem(f"{path.stem}-{name}")
+            found += [f"camera {name}: {warning}" for warning in comparison.warnings]
+        else:
+            found += comparison.warnings
+        draw_film(path, task, Shown(film, view, library), comparison)
+        facts[name] = comparison.facts() | {"pictures": str(path)}
+    return facts, found
 
 
 def look_through(
@@ -119,7 +148,7 @@ def look_through(
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Actions (T, A) of all episodes, each of whose frames was looked at, and a few frames.
 
-    Those are of the first `num_looked_at` episodes, (num_looked_at, K, side, side, 3).
+    Those are of the first `num_looked_at` episodes, (num_looked_at, K, H, W, 3).
     Raises InputError, after the last episode, where one is unsound; which others are is said too.
     """
     actions, film, faults = [], [], {}

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from simtune.checking.features import SIZE, describe, likeness, moving_share
+from simtune.checking.features import describe, likeness, moving_share
 from simtune.checking.framing import AS_IT_IS, FRAMINGS, Framing
-from simtune.checking.library import Library
-from simtune.pictures import resize
+from simtune.checking.library import Library, brought_to_size
 
 _JUDGED = (10, 6)  # worlds and pictures of each, which are taken for films themselves
 _ALIKE = 0.6  # times as like as the simulator's worlds are to each other
@@ -70,8 +69,8 @@ class Comparison:
 
 
 def compare(film: np.ndarray, library: Library) -> Comparison:
-    """A film of E episodes, K square pictures each, (E, K, H, W, 3) uint8, with a library."""
-    film = np.stack([[resize(picture, (SIZE, SIZE)) for picture in each] for each in film])
+    """One camera's film, (E, K, H, W, 3) uint8 of E episodes, with a library."""
+    film = np.stack([brought_to_size(each) for each in film])
     usual = np.maximum(_own_likeness(library), 1e-3)
     found = [_best(film, framing, library).mean((1, 2)) for framing in FRAMINGS]
     best = int(np.argmax([f.sum() for f in found]))

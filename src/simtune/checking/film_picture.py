@@ -4,8 +4,9 @@ import os
 import tempfile
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -16,8 +17,9 @@ from simtune.checking.film import Comparison
 from simtune.checking.library import Library
 from simtune.pictures import resize
 from simtune.tasks import Task
+from simtune.views import View
 
-_SIDE_PX = 192  # at least as large are pictures drawn
+_HEIGHT_PX = 192  # at least as high are pictures drawn
 _OUTLINES_PX = 96  # at which outlines are looked for: what is finer is mostly texture
 _COLUMNS = ("the film", "the simulator, where most alike", "outlines")
 _LEGEND = (
@@ -37,20 +39,23 @@ def new_file() -> Path:
     return Path(name)
 
 
-def draw_film(
-    path: Path,
-    film: np.ndarray,
-    task: Task,
-    library: Library,
-    comparison: Comparison,
-    plate: np.ndarray | None,
-) -> None:
+class Shown(NamedTuple):
+    """What one camera filmed, and what a simulator's would."""
+
+    film: np.ndarray  # (E, K, H, W, 3) uint8
+    view: View  # whose plate, if there is one, is as large as the film
+    library: Library
+
+
+def draw_film(path: Path, task: Task, shown: Shown, comparison: Comparison) -> None:
     """Save real, simulated and both pictures side by side: some moments, and what stands still.
 
-    `film` is (E, K, H, W, 3) uint8. The simulator's are of the library's states nearest to the
-    film's, in the nominal parameters' colours, before the `plate` where there is one.
+    The simulator's are of the library's states nearest to the film's, in the nominal parameters'
+    colours.
     """
-    side = max(film.shape[2], _SIDE_PX)
+    film, view = shown.film, shown.view
+    height = max(film.shape[2], _HEIGHT_PX)
+    size = height, view.width(height)
     last, middle = len(film) - 1, film.shape[1] // 2
     moments = {
         "the first frame": (0, 0),
@@ -58,19 +63,26 @@ def draw_film(
         "another episode" if last else "at the end": (last, middle if last else -1),
     }
     nearest = [int(comparison.nearest[moment]) for moment in moments.values()]
-    behind = None if plate is None else _enlarged(plate, side)
-    simulated = _simulated(task, library, nearest, side, behind)
+    if view.plate is not None:
+        view = replace(view, plate=_brought_to(view.plate, size))
+    simulated = _simulated(task, shown.library, nearest, view, height)
     real = [film[moment] for moment in moments.values()]
     real.append(np.median(film.reshape(-1, *film.shape[2:]), 0).astype(np.uint8))
-    rows = [(_enlarged(one, side), other) for one, other in zip(real, simulated, strict=True)]
-    _save(path, task.name, [*moments, "what stands still"], rows, comparison)
+    rows = [(_brought_to(one, size), other) for one, other in zip(real, simulated, strict=True)]
+    _save(
+        path,
+        f"{task.name}, camera {shown.view.camera}",
+        [*moments, "what stands still"],
+        rows,
+        comparison,
+    )
 
 
 def _simulated(
-    task: Task, library: Library, nearest: list[int], side: int, plate: np.ndarray | None
+    task: Task, library: Library, nearest: list[int], view: View, height: int
 ) -> list[np.ndarray]:
     """Pictures of these of the library, and of what stands still in the first one's world."""
-    simulator = task.simulator(image_size=side, supersampling=2, plate=plate)
+    simulator = task.simulator(image_size=height, supersampling=2, views=[view])
     num_kept, size = library.states.shape[1:]
     states = library.states.reshape(-1, size)[nearest]
     drawn = np.concatenate([states, library.states[nearest[0] // num_kept]])
@@ -80,29 +92,29 @@ def _simulated(
     return [*frames[: len(states)], still]
 
 
-def _enlarged(picture: np.ndarray, side: int) -> np.ndarray:
-    return resize(picture, (side, side)) if len(picture) >= side else _bilinear(picture, side)
+def _brought_to(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    return resize(picture, size) if len(picture) >= size[0] else _bilinear(picture, size)
 
 
-def _bilinear(picture: np.ndarray, side: int) -> np.ndarray:
-    """A square picture enlarged to (side, side, 3)."""
-    at = (np.arange(side) + 0.5) / side * len(picture) - 0.5
-    first = at.clip(0, len(picture) - 1 - 1e-6).astype(int)
-    share = (at.clip(0, len(picture) - 1) - first)[:, None]
+def _bilinear(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """A picture enlarged to (*size, 3)."""
     enlarged = picture.astype(float)
-    for _ in range(2):  # rows, then columns
-        upper, lower = enlarged[first], enlarged[np.minimum(first + 1, len(picture) - 1)]
-        enlarged = upper + share[..., None] * (lower - upper)
+    for length in size:  # rows, then columns
+        own = len(enlarged)
+        at = ((np.arange(length) + 0.5) / length * own - 0.5).clip(0, own - 1)
+        first = at.clip(0, own - 1 - 1e-6).astype(int)
+        upper, lower = enlarged[first], enlarged[np.minimum(first + 1, own - 1)]
+        enlarged = upper + (at - first)[:, None, None] * (lower - upper)
         enlarged = np.swapaxes(enlarged, 0, 1)
     return np.rint(enlarged).astype(np.uint8)
 
 
 def _both(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:
     """(H, W, 3) outlines: white where alike, red the real ones only, cyan the simulated only."""
-    small = (_OUTLINES_PX, _OUTLINES_PX)
+    small = (_OUTLINES_PX, round(_OUTLINES_PX * real.shape[1] / real.shape[0]))
     one, other = (outlines(resize(picture, small)) for picture in (real, simulated))
     both = np.rint(255 * np.stack([one, other, other], -1)).astype(np.uint8)
-    return _bilinear(both, len(real))
+    return _bilinear(both, real.shape[:2])
 
 
 def _save(
@@ -112,7 +124,8 @@ def _save(
     rows: Sequence[tuple[np.ndarray, np.ndarray]],
     comparison: Comparison,
 ) -> None:
-    height = _HEAD_IN + _CELL_IN * len(rows) + _FOOT_IN
+    shape = rows[0][0].shape
+    height = _HEAD_IN + _CELL_IN * shape[0] / shape[1] * len(rows) + _FOOT_IN
     figure = Figure(figsize=(_WIDTH_IN, height), facecolor="white")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(

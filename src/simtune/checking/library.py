@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simtune.checking.features import Features, describe
+from simtune.checking.features import SIZE, Features, describe
+from simtune.pictures import resize
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
+from simtune.views import apart
 
 MOST_STEPS = 200  # of an episode that are looked at
 _WORLDS, _PICTURES = 32, 24  # of each world
@@ -27,19 +29,25 @@ class Library:
         return np.repeat(np.arange(len(self.frames)), self.frames.shape[1])
 
 
-def make_library(simulator: Simulator, actions: np.ndarray, seed: int) -> Library | None:
-    """Worlds that play (E, T, A) actions, an episode each; None where nearly all diverge.
+def make_libraries(simulator: Simulator, actions: np.ndarray, seed: int) -> list[Library]:
+    """Worlds that play (E, T, A) actions, an episode each, as each camera sees them.
 
-    The simulator's pictures are SIZE pixels a side.
+    None at all where nearly all worlds diverge.
     """
     rng, space = np.random.default_rng((seed, 2)), simulator.space
     worlds = Distribution.first(space, space.nominal).sample(_WORLDS, rng)
     played = actions[np.arange(_WORLDS) % len(actions), :MOST_STEPS].astype(float)
     rollouts = simulator.roll_out(worlds, played, rng)
     if len(rollouts) < _FEWEST_WORLDS:
-        return None
+        return []
     states = rollouts.states[:, np.linspace(0, played.shape[1], _PICTURES).astype(int)]
     parameters = np.repeat(rollouts.parameters, _PICTURES, 0)
     frames = simulator.render(states.reshape(len(parameters), -1), parameters)
-    frames = frames.reshape(*states.shape[:2], *frames.shape[1:])
-    return Library(states, frames, describe(frames))
+    views = [brought_to_size(view) for view in apart(frames, simulator.widths)]
+    views = [view.reshape(*states.shape[:2], *view.shape[1:]) for view in views]
+    return [Library(states, view, describe(view)) for view in views]
+
+
+def brought_to_size(frames: np.ndarray) -> np.ndarray:
+    """(n, H, W, 3) frames as squares of SIZE pixels, squeezed."""
+    return np.stack([resize(frame, (SIZE, SIZE)) for frame in frames])

@@ -32,14 +32,14 @@ def warnings(
             f"the recordings take {control_hz:.4g} steps/s, the task usually {task_hz:.4g}; the "
             f"simulator follows them, --control-hz {task_hz:.4g} brings them to it"
         )
-    late, step_ms = facts["time_error_ms"], 1e3 / control_hz
-    largest_ms = late["largest"] if late else 0.0  # without pictures
+    step_ms = 1e3 / control_hz
+    largest_ms = max((c["time_error_ms"]["largest"] for c in facts["cameras"]), default=0.0)
     if largest_ms > _LATE * step_ms:
         found.append(
             f"frames are up to {largest_ms:.3g} ms away from their steps of {step_ms:.3g} ms: "
             "motion will seem to stand still and jump; take a smaller --control-hz"
         )
-    if search == "posterior" and facts.get("camera", "") is not None:  # readings take all steps
+    if search == "posterior" and facts["cameras"]:  # readings take all steps
         found += _of_lengths([len(actions) for actions in recorded[:num_replayed]])
     return found + _of_actions(task, np.concatenate(recorded))
 
@@ -51,7 +51,7 @@ def warnings_of(
     search: str | None,
 ) -> list[str]:
     """The same of what a real world with such `facts` gave; none where it is no recording."""
-    if "time_error_ms" not in facts:
+    if "cameras" not in facts:
         return []
     return warnings(task, facts, [t.actions for t in trajectories], len(trajectories), search)
 

@@ -9,7 +9,7 @@ _PICTURE = ("picture", "of pixels", "motion", "at most")
 _READING = ("reads", "at most", "of")
 _PICTURE_LEGEND = (
     "picture: levels of 256 by which pixels change that change, if a parameter is as tried;",
-    "motion: pixels of 64 by which what moves is elsewhere after 12 steps, root mean square;",
+    "motion: pixels of {} by which what moves is elsewhere after 12 steps, root mean square;",
 )
 _READING_LEGEND = (
     "reads: by how much the reading that tells most is elsewhere in open-loop replays of whole",
@@ -27,8 +27,8 @@ def table(result: dict[str, Any]) -> list[str]:
     ]
     lines += _of_recordings(result["recordings"]) if "recordings" in result else []
     lines += [f"warning: {warning}" for warning in result.get("warnings", ())]
-    if path := result.get("film", {}).get("pictures"):
-        lines.append(f"pictures of the recordings beside the simulator's: {path}")
+    for film in result.get("films", {}).values():
+        lines.append(f"pictures of the recordings beside the simulator's: {film['pictures']}")
     if servos := result.get("servos"):
         lines += ["", *servo_lines(servos)]
     lines += ["", *_rows(result["parameters"]), ""]
@@ -39,7 +39,8 @@ def table(result: dict[str, Any]) -> list[str]:
 
 def _legend(result: dict[str, Any]) -> list[str]:
     pictures, readings = _shown(result["parameters"])
-    lines = [*_PICTURE_LEGEND * pictures, *_READING_LEGEND * readings]
+    of_pictures = [line.format(result.get("image_size")) for line in _PICTURE_LEGEND]
+    lines = [*of_pictures * pictures, *_READING_LEGEND * readings]
     what = " and ".join(["videos"] * pictures + ["readings"] * readings)
     said = result.get("assumed")
     told = _TOLD.format(what)
@@ -62,14 +63,15 @@ def _rows(parameters: dict[str, dict[str, Any]]) -> list[str]:
 
 def _of_recordings(facts: dict[str, Any]) -> list[str]:
     ranges = (f"{n} {low:.3g} to {high:.3g}" for n, (low, high) in facts["action_ranges"].items())
-    film, lateness = "no pictures looked at", ""
-    if facts["source_size"]:
-        (height, width), late = facts["source_size"], facts["time_error_ms"]
-        film = f"{width}×{height} {facts['codec']}, camera {facts['camera']}"
+    films, lateness = [], ""
+    for camera in facts["cameras"]:
+        (height, width), late = camera["source_size"], camera["time_error_ms"]
+        films.append(f"{width}×{height} {camera['codec']}, camera {camera['key']}")
         lateness = (
             f"; frames away from their steps by {late['largest']:g} ms at most, "
             f"{late['mean']:g} ms on average"
         )
+    film = " and ".join(films) or "no pictures looked at"
     return [
         f"{facts['folder']}: {facts['kind']}, sound: {facts['episodes']} episodes, "
         f"{facts['steps']} steps, {film}",

@@ -7,6 +7,7 @@ from simtune.config.checks import check_seed, flag
 from simtune.errors import InputError
 
 ROBOTS = ("xarm", "lerobot")
+_SMALLEST_PX, _LARGEST_PX = 32, 256
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,14 +47,26 @@ class Observes:
     """What of it is looked at; a command that does not ask looks at pictures alone."""
 
     observe: str | None = None
-    """What to look at, NAME,NAME,...: `cameras`, `joints` (all of [[sensors]]), or sensors by name;
+    """What to look at, NAME,NAME,...: `cameras`, `joints` (all of [[sensors]]), or cameras and
+    sensors by name;
     by default all that the tuning file declares."""
+
+    image_size: int | None = None
+    """Pixels of the height at which pictures are looked at; by default 64, or 100 by the paper's
+    search. Time grows with its square."""
 
     @property
     def observed(self) -> tuple[str, ...] | None:
         if self.observe is None:
             return None
         return tuple(name.strip() for name in self.observe.split(","))
+
+    def check_image_size(self) -> None:
+        """Raises InputError for one that no search can look at."""
+        if self.image_size is not None and not _SMALLEST_PX <= self.image_size <= _LARGEST_PX:
+            raise InputError(
+                f"--image-size must lie in [{_SMALLEST_PX}, {_LARGEST_PX}], got {self.image_size}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

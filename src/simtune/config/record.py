@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from simtune.config.checks import at_least, check_seed
+from simtune.config.checks import at_least, check_seed, flag
 from simtune.errors import InputError
 from simtune.names import RendererName
 
@@ -31,7 +31,9 @@ class RecordConfig:
     renderer: RendererName = "raycaster"
     """raycaster: as the simulator sees; opengl: with shadows, reflections and smooth edges."""
     image_size: int = 128
-    """Pixels a side of the square pictures, an even number."""
+    """Pixels of the pictures' height, an even number."""
+    width: int | None = None
+    """The same of their width; by default they are square."""
     seed: int = 0
     """Of the actions and of where episodes start."""
 
@@ -39,11 +41,11 @@ class RecordConfig:
         """Raises InputError for numbers that make no sense."""
         at_least(self, 1, "episodes")
         check_seed(self.seed)
-        if not 16 <= self.image_size <= _LARGEST_PX or self.image_size % 2:
-            raise InputError(
-                f"--image-size must be an even number from 16 to {_LARGEST_PX}, "
-                f"got {self.image_size}"
-            )
+        for name, pixels in (("image_size", self.image_size), ("width", self.width)):
+            if pixels is not None and (not 16 <= pixels <= _LARGEST_PX or pixels % 2):
+                raise InputError(
+                    f"{flag(name)} must be an even number from 16 to {_LARGEST_PX}, got {pixels}"
+                )
 
 
 @dataclass(frozen=True, kw_only=True)

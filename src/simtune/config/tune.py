@@ -49,6 +49,7 @@ class TuneConfig(Observes, RealConfig):
     def check(self) -> None:
         """Raises InputError for numbers that make no sense."""
         self.check_real()
+        self.check_image_size()
         at_least(self, 1, "real_episodes")
         if not self.budget_minutes > 0:
             raise InputError(f"--budget-minutes must be above 0, got {self.budget_minutes:g}")
@@ -87,6 +88,7 @@ class CheckConfig(Observes, RecordingsConfig):
         if self.real is not None and str(self.real) == "pseudo" and not self.real.exists():
             raise InputError("check simulates by itself what it needs: leave out --real pseudo")
         self.check_recordings(self.real is not None)
+        self.check_image_size()
         at_least(self, 1, "episodes")
         check_seed(self.seed)
         if self.pictures is not None:

@@ -19,17 +19,18 @@ from simtune.presets import choose_search_settings
 from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.real import RealWorld
-from simtune.real.choose import choose_real
+from simtune.real.choose import choose_real, observed
 from simtune.real.recorded import ClosedReal, RecordedReal
 from simtune.real.truth import Truth
 from simtune.run.config import check_asked
 from simtune.run.folder import stored_state
 from simtune.simulation import AnySimulator, Points
-from simtune.tasks import AnyTask, Task, load_any_task
+from simtune.tasks import AnyTask, before_one_camera, load_any_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, make_search, needed_image_size
 from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
 from simtune.tuning.search import Search
+from simtune.views import apart
 from simtune.vision.keypoints import Keypoints, every_keypoint, find_keypoints
 
 
@@ -107,8 +108,12 @@ def build_experiment(
     """
     config.check()
     task, settings, name = load_any_task(config.task), settings or Settings(), config.search
+    if name != "posterior":
+        task = before_one_camera(task)
     report("looking at the real world", 0.0)
-    world = build_world(config, task, needed_image_size(name), config.real_episodes)
+    world = build_world(
+        config, task, config.image_size or needed_image_size(name), config.real_episodes
+    )
     search = build_search(world, name, settings)
     return Experiment(**vars(world), settings=settings, search_name=name, search=search)
 
@@ -132,7 +137,9 @@ def build_world(
     if not trained:
         check_asked(config.out, outcome.asked(config, task))
     if trained and config.real != "pseudo":
-        real, start, truth = ClosedReal(trained["step_s"]), task.parameters.nominal.copy(), None
+        seen = observed(task, None, is_simulated=False)
+        real, truth = ClosedReal(trained["step_s"], seen), None
+        start = task.parameters.nominal.copy()
     else:
         options = {"real_episodes": num_recorded, "out": config.out}
         options["real_gap"] = tunes and config.real_gap
@@ -140,18 +147,10 @@ def build_world(
     is_read = tunes or (num_recorded != 0 and isinstance(real, RecordedReal))
     recordings = real.collect(num_recorded) if is_read else []
     run_config = outcome.run_config(config, task, start, real.facts, truth)
-    films = bool(real.observation.cameras)
-    plate = _plate(task, recordings, image_size, tunes) if films else None
-    simulator = task.simulator(  # as the real world: actions last as long, pictures are alike
-        image_size=image_size,
-        step_s=real.step_s,
-        supersampling=real.observation.supersampling,
-        plate=plate,
-    )
     state = trained or stored_state(config.out, run_config)  # of the run that goes on there
+    simulator = _simulator_like(real, recordings, task, image_size, tunes)
     context = SearchContext(
         simulator=simulator,
-        camera=task.camera,
         keypoints=_choose_keypoints(simulator, task, config.seed, state),
         start=start,
         observation=real.observation,
@@ -169,18 +168,29 @@ def build_world(
     )
 
 
-def _plate(
-    task: AnyTask, recordings: list[Trajectory], image_size: int, tunes: bool
-) -> np.ndarray | None:
-    """What is drawn behind all that moves, where a tuning file says so."""
-    if not isinstance(task, Task):
-        return None
-    if task.footage.background == "recording" and not tunes:
+def _simulator_like(
+    real: RealWorld, recordings: list[Trajectory], task: AnyTask, image_size: int, tunes: bool
+) -> AnySimulator:
+    """One whose actions last as long as the real world's, and whose pictures are alike."""
+    seen = real.observation
+    films = [camera.footage for camera in seen.cameras]
+    if not tunes and any(footage.background == "recording" for footage in films):
         raise InputError(
             'background = "recording" goes with `tune`: a policy is also trained where no '
             "recordings are; give it a picture by that camera, background = FILE"
         )
-    return task.footage.plate([t.frames for t in recordings], image_size)
+    widths = [view.width(image_size) for view in seen.views()]
+    recorded = [apart(trajectory.frames, widths) for trajectory in recordings]
+    plates = [
+        footage.plate([its[number] for its in recorded], (image_size, widths[number]))
+        for number, footage in enumerate(films)
+    ]
+    return task.simulator(
+        image_size=image_size,
+        step_s=real.step_s,
+        supersampling=seen.supersampling,
+        views=seen.views(plates),
+    )
 
 
 def _choose_keypoints(
@@ -188,14 +198,12 @@ def _choose_keypoints(
 ) -> Keypoints | Points:
     """Those of a checkpoint's state, if there is one: its networks were trained on them.
 
-    Another machine may find others. None where no camera films.
+    Another machine may find others. Where no camera films there are none.
     """
-    if task.camera is None:
-        return Keypoints.none()
     if state is not None:
-        return every_keypoint(simulator, task.camera).with_state(state["keypoints"])
+        return every_keypoint(simulator).with_state(state["keypoints"])
     first = Distribution.first(task.parameters, task.parameters.nominal)
-    return find_keypoints(simulator, task.camera, first, seed)
+    return find_keypoints(simulator, first, seed)
 
 
 def build_search(world: World, name: SearchName, settings: Settings) -> Search:
@@ -214,4 +222,7 @@ def _search_readings(world: World, name: SearchName) -> Search:
     if name != "posterior":
         raise InputError(f"--search {name} looks at pictures: have a camera observed")
     assert isinstance(world.config, TuneConfig), "a policy on pixels has a camera"
+    shown = [p.name for p in world.space if p.is_appearance]
+    if shown and not world.task.cameras:
+        raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
     return ReadingsSearch(world.context, ReadingsConfig(precision=world.config.relative_precision))

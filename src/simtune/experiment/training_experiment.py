@@ -21,7 +21,7 @@ from simtune.replay import Replay
 from simtune.rollout import Environment
 from simtune.schedule import Schedule
 from simtune.simulation import Simulator
-from simtune.tasks import Task, load_task
+from simtune.tasks import Task, before_one_camera, load_task
 from simtune.tuning import FixedRange
 from simtune.vision.keypoints import Keypoints
 
@@ -95,7 +95,8 @@ def build_training(
     robot is asked then, and no recording read. Raises InputError for what cannot be used.
     """
     config.check()
-    task, device, settings = load_task(config.task), _device(config.device), settings or Settings()
+    task = before_one_camera(load_task(config.task))
+    device, settings = _device(config.device), settings or Settings()
     if task.reward is None:
         raise InputError(
             f"{task.name} has no reward, so there is nothing to train a policy for: declare one "

@@ -3,6 +3,7 @@
 Nothing is learnt here: the simulator is asked what happens if one parameter is another.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -56,7 +57,6 @@ class Sensitivity:
 
 def analyze(
     simulator: Simulator,
-    camera: str | None,
     actions: np.ndarray,
     seed: int,
     observation: ObservationModel,
@@ -74,8 +74,8 @@ def analyze(
     width = scale * (space.to_unit(first.high) - space.to_unit(first.low))
     prior = width / np.sqrt(12)  # standard deviation of a uniform distribution
     information, seen = np.diag(prior**-2), _Seen.nothing(len(space))
-    if camera is not None:
-        seen = _look(simulator, camera, first, actions, seed, changed)
+    if simulator.views:
+        seen = _look(simulator, first, actions, seed, changed)
         information += seen.information / np.outer(scale, scale)
     if readings is not None:
         information += readings.information / np.outer(scale, scale)
@@ -83,8 +83,8 @@ def analyze(
     std = np.sqrt(np.diag(covariance))
     step = np.diag(_along_scale(space, changed) - _along_scale(space, nominal))
     by_picture = np.full(len(space), np.inf)
-    if camera is not None:
-        error = _colour_error(seen.share * simulator.image_size**2, observation)
+    if simulator.views:
+        error = _colour_error(seen.share * math.prod(simulator.shape), observation)
         by_picture = step * error / np.maximum(seen.levels, 1e-9)
     return Sensitivity(
         nominal,
@@ -97,7 +97,7 @@ def analyze(
         (by_picture**-2 + prior**-2) ** -0.5,
         width,
         covariance / np.outer(std, std) - np.eye(len(space)),
-        camera is not None,
+        bool(simulator.views),
         readings,
     )
 
@@ -119,15 +119,14 @@ class _Seen(NamedTuple):
 
 def _look(
     simulator: Simulator,
-    camera: str,
     first: Distribution,
     actions: np.ndarray,
     seed: int,
     changed: np.ndarray,
 ) -> _Seen:
-    """What a camera sees of (N, N) parameters, one changed in each; see `analyze`."""
+    """What cameras see of (N, N) parameters, one changed in each; see `analyze`."""
     space, rng = simulator.space, np.random.default_rng((seed, 1))
-    keypoints = find_keypoints(simulator, camera, first, seed)
+    keypoints = find_keypoints(simulator, first, seed)
     worlds = np.tile(where_analyzed(space), (len(actions), 1))
     episodes = simulator.roll_out(worlds, actions.astype(float), rng, keypoints.observe)
     if not len(episodes):
@@ -218,7 +217,7 @@ def motion_covariance(
     probability = np.zeros(candidates.shape[:-1])
     probability[:, :, 0] = _SURE
     noise_px = np.full(len(keypoints), _DETECTOR_PX)
-    tracks = KeypointTracks(candidates, probability, noise_px, simulator.image_size)
+    tracks = KeypointTracks(candidates, probability, noise_px, simulator.shape)
     observed = Observed(AllEvidence((tracks,)), episodes.actions)
     return shooting.fisher_covariance(observed, states, episodes.parameters[0])
 
@@ -230,7 +229,7 @@ def _along_scale(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
 
 def _colour_error(num_pixels: np.ndarray, observation: ObservationModel) -> np.ndarray:
     """(N,) levels by which the mean colour of as many pixels may be off; rounding makes it one."""
-    added = observation.camera.image_noise or ImageNoise(offset=0, noise=0)
+    added = observation.image_noise or ImageNoise(offset=0, noise=0)
     noise = added.noise / np.sqrt(np.maximum(num_pixels, 1))
     return np.hypot(1, 255 * np.hypot(added.offset, noise))
 

@@ -1,16 +1,18 @@
 """`ObservationModel`: what is observed of a real world, and how that differs from a simulator's."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from simtune.errors import InputError
+from simtune.footage import PLAIN, Footage
 from simtune.observation.evidence import AllEvidence, Evidence
 from simtune.simulation import AnySimulator, Rollouts
 from simtune.trajectory import Trajectory
+from simtune.views import View, apart
 from simtune.vision.image_noise import ImageNoise
 
 # Of motion and of appearance, in unit coordinates: 2 % of a value, and what a camera's brightness
@@ -69,6 +71,13 @@ class Camera:
     """What films, and whether its pictures are the simulator's own, pixel by pixel."""
 
     same_renderer: bool
+    footage: Footage = PLAIN  # of which of the model's cameras, and how it is recorded
+    aspect: float = 1.0  # width over height of what is looked at
+
+    @property
+    def name(self) -> str:
+        """By which it is observed."""
+        return self.footage.name
 
     @property
     def supersampling(self) -> int:
@@ -83,7 +92,7 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationModel:
-    """What is observed: cameras, at most one today, and sensors beside them.
+    """What is observed: cameras, which are all real or all simulated, and sensors beside them.
 
     Each brings its own noise and likelihood: a camera's is that of the keypoints detected in its
     pictures, a sensor says it itself. What goes wrong with all alike is said here.
@@ -95,23 +104,39 @@ class ObservationModel:
     is_simulated: bool = False  # by the simulator that is tuned: nothing is wrong with the data
 
     @classmethod
-    def of_simulator(cls, sensors: tuple[Sensor, ...] = ()) -> "ObservationModel":
+    def of_simulator(
+        cls, sensors: tuple[Sensor, ...] = (), films: Sequence[Footage] = (PLAIN,)
+    ) -> "ObservationModel":
         """A real world that is simulated: its pictures are the simulator's, its actions prompt."""
-        cameras = (Camera(same_renderer=True),)
+        cameras = tuple(Camera(same_renderer=True, footage=footage) for footage in films)
         return cls(cameras=cameras, sensors=sensors, max_latency_steps=0, is_simulated=True)
 
     @classmethod
-    def of_reality(cls, sensors: tuple[Sensor, ...] = ()) -> "ObservationModel":
-        """A world that a real camera films, as far as anybody knows."""
-        cameras = (Camera(same_renderer=False),)
+    def of_reality(
+        cls, sensors: tuple[Sensor, ...] = (), films: Sequence[Footage] = (PLAIN,)
+    ) -> "ObservationModel":
+        """A world that real cameras film, as far as anybody knows."""
+        cameras = tuple(Camera(same_renderer=False, footage=footage) for footage in films)
         return cls(cameras=cameras, sensors=sensors, max_latency_steps=_MAX_LATENCY_STEPS)
 
     def only(self, names: Collection[str] | None) -> "ObservationModel":
         """Of these alone, by name; "cameras" and "joints" stand for all of a kind, None for all."""
         if names is None:
             return self
-        kept = tuple(s for s in self.sensors if s.name in names or "joints" in names)
-        return replace(self, cameras=self.cameras if "cameras" in names else (), sensors=kept)
+        sensors = tuple(s for s in self.sensors if s.name in names or "joints" in names)
+        cameras = tuple(c for c in self.cameras if c.name in names or "cameras" in names)
+        return replace(self, cameras=cameras, sensors=sensors)
+
+    def framed(self, aspects: Sequence[float]) -> "ObservationModel":
+        """Of cameras whose views have these aspects."""
+        both = zip(self.cameras, aspects, strict=True)
+        return replace(self, cameras=tuple(replace(c, aspect=aspect) for c, aspect in both))
+
+    def views(self, plates: Sequence[np.ndarray | None] | None = None) -> list[View]:
+        """What a simulator has to draw, before the `plates` of each camera."""
+        plates = plates or [None] * len(self.cameras)
+        both = zip(self.cameras, plates, strict=True)
+        return [View(c.footage.camera, c.aspect, plate) for c, plate in both]
 
     @property
     def reading_labels(self) -> tuple[str, ...]:
@@ -121,20 +146,27 @@ class ObservationModel:
         return tuple(f"{name}/{label}" if count[label] > 1 else label for name, label in every)
 
     @property
-    def camera(self) -> Camera:
-        """The only one."""
-        (camera,) = self.cameras
-        return camera
-
-    @property
     def supersampling(self) -> int:
         """See `Camera`; 1 where nothing is filmed."""
-        return self.camera.supersampling if self.cameras else 1
+        return self.cameras[0].supersampling if self.cameras else 1
 
     @property
     def same_renderer(self) -> bool:
         """Whether pictures are the simulator's own."""
-        return self.camera.same_renderer
+        return self.cameras[0].same_renderer
+
+    @property
+    def image_noise(self) -> ImageNoise | None:
+        """What each camera adds to pictures as they are drawn."""
+        return self.cameras[0].image_noise if self.cameras else None
+
+    def add_noise(
+        self, simulator: AnySimulator, frames: np.ndarray, rng: np.random.Generator
+    ) -> None:
+        """To (W, F, H, W, 3) uint8 as drawn, in place: W worlds, with cameras of their own."""
+        if noise := self.image_noise:
+            for view in apart(frames, simulator.widths):
+                noise.apply(view, rng)
 
     def discrepancy_std(self, is_appearance: np.ndarray) -> np.ndarray:
         """(N,) standard deviations, in unit coordinates, of what is wrong with all data alike.
@@ -183,7 +215,7 @@ class ObservationModel:
     def record(
         self, simulator: AnySimulator, rollouts: Rollouts, rng: np.random.Generator
     ) -> list[Trajectory]:
-        """What would be recorded of simulated episodes: one camera films all of them.
+        """What would be recorded of simulated episodes: the same cameras film all.
 
         `rollouts` were played with `observe_beside()`, so that sensors have their readings.
         """
@@ -206,8 +238,5 @@ class ObservationModel:
         if not self.cameras:
             return np.empty((*rollouts.states.shape[:2], 0, 0, 3), np.uint8)
         frames = simulator.film(rollouts)
-        if noise := self.camera.image_noise:
-            one_camera = frames.reshape(1, -1, *frames.shape[2:])
-            noise.apply(one_camera, rng)
-            frames = one_camera.reshape(frames.shape)
+        self.add_noise(simulator, frames.reshape(1, -1, *frames.shape[2:]), rng)
         return frames

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from simtune.footage import Footage
 from simtune.recordings import Dataset, open_dataset, write_dataset
 from simtune.run.files import append_jsonl
 from simtune.trajectory import Trajectory
@@ -18,8 +19,8 @@ from simtune.trajectory import Trajectory
 class RecordingArchive:
     """The datasets of a folder, the latest last."""
 
-    def __init__(self, folder: Path, num_actions: int):
-        self._folder, self._num_actions = folder, num_actions
+    def __init__(self, folder: Path, num_actions: int, footage: Footage):
+        self._folder, self._num_actions, self._footage = folder, num_actions, footage
 
     @property
     def num_episodes(self) -> int:
@@ -27,7 +28,7 @@ class RecordingArchive:
         return sum(self._open(path).num_episodes for path in self._datasets())
 
     def read(self, image_size: int) -> list[Trajectory]:
-        """All episodes, pictures resized to `image_size`. Raises InputError for damaged ones."""
+        """All episodes, pictures `image_size` pixels high. Raises InputError for damaged ones."""
         return [
             trajectory
             for folder in self._datasets()
@@ -35,14 +36,20 @@ class RecordingArchive:
         ]
 
     def _open(self, folder: Path, image_size: int | None = None) -> Dataset:
-        return open_dataset(folder, num_actions=self._num_actions, image_size=image_size)
+        return open_dataset(
+            folder,
+            cameras=[self._footage],
+            num_actions=self._num_actions,
+            image_size=image_size,
+        )
 
     def new_session(self, **about: Any) -> "RecordingSession":
         """`about`: what `write_dataset` wants to know."""
         self._folder.mkdir(parents=True, exist_ok=True)
         # Also past a sitting that ended within its first episode.
         used = [int(path.stem) for path in self._folder.iterdir() if path.stem.isdigit()]
-        return RecordingSession(self._folder / f"{max(used, default=-1) + 1:03d}", about)
+        folder = self._folder / f"{max(used, default=-1) + 1:03d}"
+        return RecordingSession(folder, about, self._footage)
 
     def _datasets(self) -> list[Path]:
         if not self._folder.is_dir():
@@ -53,8 +60,8 @@ class RecordingArchive:
 class RecordingSession:
     """A dataset that grows by whole episodes; nothing of it is lost when the next one fails."""
 
-    def __init__(self, folder: Path, about: Mapping[str, Any]):
-        self.folder, self._about = folder, about
+    def __init__(self, folder: Path, about: Mapping[str, Any], footage: Footage):
+        self.folder, self._about, self._footage = folder, about, footage
         self._trajectories: list[Trajectory] = []
 
     def note(self, step: Mapping[str, Any]) -> None:
@@ -75,7 +82,7 @@ class RecordingSession:
 
     def read(self, image_size: int) -> Sequence[Trajectory]:
         """The episodes as they will be read ever after: compressed, and resized."""
-        return _read(open_dataset(self.folder, image_size=image_size))
+        return _read(open_dataset(self.folder, cameras=[self._footage], image_size=image_size))
 
 
 def _read(dataset: Dataset) -> list[Trajectory]:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,6 @@ import numpy as np
 from simtune.config import ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.robot import Driver
 from simtune.errors import InputError, UnknownName
-from simtune.footage import PLAIN
 from simtune.observation import ObservationModel, Sensor
 from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
@@ -48,14 +48,14 @@ def choose_real(
     if config.real == "pseudo":
         truth = Truth(space, read_parameters(config.real_parameters, space))
         gap = RealityGap.draw(image_size, config.seed) if real_gap else None
+        seen = observed(task, config.observed, is_simulated=gap is None)
         if gap and isinstance(task, Task):
-            simulator = gap.simulator(task)
+            simulator = gap.simulator(task, seen.views())
         elif gap:
             raise InputError("--real-gap needs a MuJoCo model, to draw it another way")
         else:
-            simulator = task.simulator(image_size=image_size)
+            simulator = task.simulator(image_size=image_size, views=seen.views())
         steps = task.episode_steps
-        seen = observed(task, config.observed, is_simulated=gap is None)
         real = truth.make_real(
             simulator, episode_steps=steps, seed=config.seed, gap=gap, observation=seen
         )
@@ -63,7 +63,8 @@ def choose_real(
     if config.real in ROBOTS:
         return _robot(config, task, image_size, out), space.nominal.copy(), None
     seen = observed(task, config.observed, is_simulated=False)
-    real = RecordedReal(open_recordings(config.real, task, config, image_size, seen), seen)
+    dataset = open_recordings(config.real, task, config, image_size, seen)
+    real = RecordedReal(dataset, seen.framed(dataset.aspects))
     if real_episodes != 0:
         real.collect(real_episodes)
     return real, space.nominal.copy(), None
@@ -91,13 +92,13 @@ def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) 
     Raises InputError where there is no such sensor, or nothing is left.
     """
     sensors: Sequence[Sensor] = task.sensors if isinstance(task, Task) else ()
-    has_camera = not isinstance(task, Task) or task.camera is not None
-    there = ["cameras"] * has_camera + ["joints"] * bool(sensors) + [s.name for s in sensors]
+    kinds = ["cameras"] * bool(task.cameras) + ["joints"] * bool(sensors)
+    there = [*kinds, *(footage.name for footage in task.cameras), *(s.name for s in sensors)]
     for name in names or ():
         if name not in there:
             raise UnknownName("sensor", name, f"{task.name}, as --observe has it", there)
     of = ObservationModel.of_simulator if is_simulated else ObservationModel.of_reality
-    return of(tuple(sensors)).only(there if names is None else names)
+    return of(tuple(sensors), task.cameras).only(there if names is None else names)
 
 
 def open_recordings(
@@ -108,17 +109,17 @@ def open_recordings(
     observation: ObservationModel,
 ) -> Dataset:
     """Recordings of what is observed, whose actions fit a task. Raises InputError for others."""
-    footage = task.footage if isinstance(task, Task) else PLAIN
+    films = [camera.footage for camera in observation.cameras]
+    if config.camera and len(films) > 1:
+        raise InputError("--camera names one of the recordings' cameras; here [[cameras]] does")
     return open_dataset(
         path,
-        camera=config.camera or footage.key,
+        cameras=[replace(footage, key=config.camera or footage.key) for footage in films],
         image_size=image_size,
         num_actions=len(task.load_actions().names),
         actions=config.action_names or (task.action_columns if isinstance(task, Task) else None),
         control_hz=config.control_hz,
         readings={sensor.name: sensor.columns for sensor in observation.sensors},
-        pictures=bool(observation.cameras),
-        footage=footage,
     )
 
 

@@ -1,6 +1,7 @@
 """A reality gap: what a real robot and its camera do and the simulator does not."""
 
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from simtune.pictures import resize
 from simtune.recordings import decode, write_video
 from simtune.simulation import OPENGL_DM_CONTROL, Simulator
 from simtune.tasks import Task
+from simtune.views import View
 
 _DRAWN_PX = 128  # side of what the camera sees
 _BRIGHTNESS = (0.9, 1.1)
@@ -36,13 +38,14 @@ class RealityGap:
         return cls(image_size, rng.uniform(*_BRIGHTNESS))
 
     @staticmethod
-    def simulator(task: Task) -> Simulator:
+    def simulator(task: Task, views: Sequence[View] | None = None) -> Simulator:
         """What draws the world behind the gap. Raises InputError where there is no OpenGL."""
-        return task.simulator(image_size=_DRAWN_PX, renderer="opengl", quality=OPENGL_DM_CONTROL)
+        options = {"renderer": "opengl", "quality": OPENGL_DM_CONTROL}
+        return task.simulator(image_size=_DRAWN_PX, views=views, **options)
 
     def film(self, frames: np.ndarray, step_s: float, rng: np.random.Generator) -> np.ndarray:
-        """(T, H, W, 3) uint8 as drawn to (T, image_size, image_size, 3) uint8 as recorded."""
-        size = (self.image_size, self.image_size)
+        """(T, H, W, 3) uint8 as drawn to (T, image_size, W', 3) uint8 as recorded."""
+        size = (self.image_size, self.image_size * frames.shape[2] // frames.shape[1])
         small = np.stack([resize(frame, size) for frame in frames])
         noise = rng.normal(0, _NOISE_SD, small.shape)
         seen = np.rint(self.brightness * small + noise).clip(0, 255).astype(np.uint8)
@@ -51,4 +54,4 @@ class RealityGap:
             # Without whole frames only, x264 looks ahead, and on some CPUs never twice alike.
             write_video(path, seen, fps=1 / step_s, keyframe_interval=1)
             recorded = np.stack([frame for _, frame in decode(path)])
-        return recorded[:, : self.image_size, : self.image_size]  # odd sizes come padded
+        return recorded[:, : size[0], : size[1]]  # odd sizes come padded

@@ -48,10 +48,8 @@ class RecordedReal(RealWorld):
 class ClosedReal(RealWorld):
     """The real world of a training that is over: a camera filmed it, nothing can be asked of it."""
 
-    observation = ObservationModel.of_reality()
-
-    def __init__(self, step_s: float):
-        self.step_s = step_s
+    def __init__(self, step_s: float, observation: ObservationModel):
+        self.step_s, self.observation = step_s, observation
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
         """None: recordings may be gone, and no robot moves."""

@@ -4,6 +4,7 @@ import sys
 import termios
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +39,6 @@ class RobotReal(RealWorld):
     there, so that a run that goes on sees what it saw before. Without `move` nothing moves.
     """
 
-    observation = ObservationModel.of_reality()
-
     def __init__(
         self,
         config: RobotConfig,
@@ -51,6 +50,13 @@ class RobotReal(RealWorld):
         move: bool,
     ):
         """Raises InputError where the task's actions do not fit the robot's."""
+        if len(task.cameras) != 1:
+            raise InputError(
+                f"{task.name} has {len(task.cameras)} cameras; a robot is filmed by one: leave the "
+                "other [[cameras]] out, or record it yourself and give the recordings"
+            )
+        footage = replace(task.cameras[0], key=None)  # its own recordings have no other
+        self.observation = ObservationModel.of_reality(films=(footage,))
         mapping = task.load_actions()
         self.step_s, self.num_actions = task.step_s, len(mapping.names)
         if len(config.moved) != self.num_actions:
@@ -70,7 +76,7 @@ class RobotReal(RealWorld):
             )
         self._config, self._task, self._mapping = config, task, mapping
         self._image_size, self._seed, self._move = image_size, seed, move
-        self._filmed = RecordingArchive(folder, self.num_actions)
+        self._filmed = RecordingArchive(folder, self.num_actions, footage)
         self._displacements = Displacements.of(
             config.moved, config.step, mapping.range, config.axes, config.start
         )

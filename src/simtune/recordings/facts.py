@@ -20,7 +20,7 @@ class Seen:
     num_steps: int
     lowest: np.ndarray  # (A,) of the actions
     highest: np.ndarray  # (A,)
-    pictures: SeenPictures | None  # None: none was looked at
+    pictures: Sequence[SeenPictures]  # of each camera; none where none was looked at
 
 
 def action_ranges(seen: Sequence[Seen], names: Sequence[str]) -> dict[str, list[float]]:
@@ -29,17 +29,14 @@ def action_ranges(seen: Sequence[Seen], names: Sequence[str]) -> dict[str, list[
     return dict(zip(names, np.transpose(ranges).tolist(), strict=True))
 
 
-def picture_facts(seen: Sequence[Seen], image_size: tuple[int, int] | int | None) -> dict[str, Any]:
-    """Of pictures that are resized to `image_size`; null where none was looked at."""
-    pictures = [s.pictures for s in seen if s.pictures]
-    if not pictures:
-        return dict.fromkeys(("source_size", "image_size", "time_error_ms"))
-    size = image_size or pictures[0].size
+def picture_facts(seen: Sequence[Seen], camera: int, fitted: tuple[int, int]) -> dict[str, Any]:
+    """Of the pictures of one camera, by its number, that are `fitted` into (height, width)."""
+    pictures = [s.pictures[camera] for s in seen]
     frames = np.array([s.num_steps + 1 for s in seen])
     largest, mean = np.array([p.time_errors_s for p in pictures]).T
     return {
         "source_size": list(pictures[0].size),
-        "image_size": [size, size] if isinstance(size, int) else list(size),
+        "image_size": list(fitted),
         "time_error_ms": {
             "largest": round(1e3 * float(largest.max()), 3),
             "mean": round(1e3 * float(mean @ frames / frames.sum()), 3),

@@ -6,6 +6,7 @@ from pathlib import Path
 from simtune.errors import InputError
 from simtune.footage import PLAIN, Footage
 from simtune.recordings.dataset import Dataset
+from simtune.recordings.film import Film, Shot
 from simtune.recordings.lerobot import INFO_PATH, LeRobotSource
 from simtune.recordings.pairs import TABLE, VIDEOS, PairsSource
 from simtune.recordings.readings import NO_READINGS
@@ -18,38 +19,39 @@ _HDF5 = (".hdf5", ".h5")
 def open_dataset(
     path: str | Path,
     *,
-    camera: str | None = None,
-    image_size: tuple[int, int] | int | None = None,
+    cameras: Sequence[Footage] = (PLAIN,),
+    image_size: int | None = None,
     num_actions: int | None = None,
     actions: Sequence[str] | None = None,
     control_hz: float | None = None,
     readings: Mapping[str, Sequence[str]] = NO_READINGS,
-    pictures: bool = True,
-    footage: Footage = PLAIN,
 ) -> Dataset:
     """A LeRobotDataset v3.0 or v2, a folder of pairs NAME.mp4 and NAME.csv, or robomimic's HDF5.
 
-    What describes the episodes is read and checked, and no picture yet. `camera` is one of the
-    recordings', needed where there are several, and left aside without `pictures`; for the rest
-    see `Dataset`.
+    What describes the episodes is read and checked, and no picture yet. `cameras` are those of the
+    recordings' that are looked at; one whose key is None is the only one there. For the rest see
+    `Dataset`.
 
     Raises:
         InputError: it is none of them, or unsound; one line says what was expected.
     """
-    source = _recognise(Path(path), camera, control_hz, pictures)
+    path = Path(path)
+    shots = [Shot(_recognise(path, f.key, control_hz, pictures=True), f) for f in cameras]
+    rows = shots[0].source if shots else _recognise(path, None, control_hz, pictures=False)
     return Dataset(
-        source,
+        rows,
+        film=Film(shots, str(path)) if shots else None,
         image_size=image_size,
         num_actions=num_actions,
         actions=actions,
         control_hz=control_hz,
         readings=readings,
-        pictures=pictures,
-        footage=footage,
     )
 
 
-def _recognise(path: Path, camera: str | None, control_hz: float | None, pictures: bool) -> Source:
+def _recognise(
+    path: Path, camera: str | None, control_hz: float | None, *, pictures: bool
+) -> Source:
     if path.is_file() and path.suffix in _HDF5:
         return RobomimicSource(path, camera, control_hz, pictures=pictures)
     names = _listed(path)

@@ -92,8 +92,8 @@ class RunData:
     def has_pictures(self) -> bool:
         """Whether a camera was looked at, as far as anything says; else it was readings alone."""
         recordings = self.object("recordings")
-        if "camera" in recordings:
-            return recordings["camera"] is not None
+        if "cameras" in recordings:
+            return bool(recordings["cameras"])
         return bool(self.videos) or not self.readings
 
     @property

@@ -51,25 +51,28 @@ class PosteriorSearchParamModel:
         num_keypoints: int,
         action_scale: np.ndarray,
         visible: np.ndarray,
-        image_size: int,
+        shape: tuple[int, int],
         config: PosteriorConfig,
         seed: int,
     ):
-        """`action_scale`: (A,); `visible`: (N,) bool, what a single picture can show."""
+        """`action_scale`: (A,); `visible`: (N,) bool, what a single picture can show.
+
+        `shape`: (height, width) of pictures.
+        """
         self.config = config
         self.visible = np.flatnonzero(visible)
         self.generator = torch.Generator().manual_seed(seed)
         self._action_scale = torch.tensor(action_scale, dtype=torch.float32)
         with seeded(seed):
             self.detector = KeypointDetector(
-                num_keypoints, len(self.visible), image_size, config.detector
+                num_keypoints, len(self.visible), shape, config.detector
             )
             num_inputs = 2 * num_keypoints + len(action_scale)
             self.posterior_net = PosteriorNet(
                 num_inputs, self.visible.tolist(), len(visible), config.posterior_net
             )
         self.detector.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._scale_px = image_size / 8
+        self._scale_px = shape[0] / 8
 
     def train_detector(
         self, worlds: SimulatedWorlds, distribution: Distribution, clock: TrainingClock
@@ -161,8 +164,8 @@ class PosteriorSearchParamModel:
 
     def _motion(self, keypoints: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """(B, E, T + 1, L, 2) pixels and (B, E, T, A) actions, side by side: (B, E, T, S)."""
-        middle = (self.detector.cells * 2 - 1) / 2
-        places = (keypoints[:, :, :-1].flatten(-2) - middle) / self._scale_px
+        middle = self.detector.grid.mean(0)
+        places = (keypoints[:, :, :-1] - middle).flatten(-2) / self._scale_px
         return torch.cat([places, actions / self._action_scale], -1)
 
     def _to_range_unit(self, estimated: np.ndarray, distribution: Distribution) -> np.ndarray:

@@ -18,7 +18,7 @@ class SimulatedWorlds:
     parameters: np.ndarray  # (W, N)
     actions: np.ndarray  # (W, E, T, A)
     keypoints: np.ndarray  # (W, E, T + 1, L, 2) pixels, true
-    frames: np.ndarray  # (W, F, H, H, 3) uint8: F successive frames of each world's...
+    frames: np.ndarray  # (W, F, H, W, 3) uint8: F successive frames of each world's...
     filmed_from: np.ndarray  # (W,) ...first episode, from this step on
     states: np.ndarray  # (W, F, S) full ones behind `frames`
     # {sensor: (W, F, D)} what was measured with `frames`
@@ -83,8 +83,7 @@ def simulate(
     states = rollouts.states[whole[:, :1], at]
     kept = rollouts.parameters[whole[:, 0]]
     frames = simulator.film(replace(rollouts, parameters=kept, states=states))
-    if noise := observation.camera.image_noise:
-        noise.apply(frames, rng)
+    observation.add_noise(simulator, frames, rng)
     points, measured = np.split(rollouts.observed[whole], [2 * len(keypoints)], axis=-1)
     with_frames = measured[np.arange(num_worlds)[:, None], 0, at]
     return SimulatedWorlds(

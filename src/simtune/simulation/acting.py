@@ -19,8 +19,8 @@ class FrameStacker:
     def __init__(
         self, simulator: AnySimulator, parameters: np.ndarray, num_steps: int, num_stacked: int
     ):
-        size = simulator.image_size
-        self.frames = np.empty((len(parameters), num_steps + 1, size, size, 3), np.uint8)
+        frames = (len(parameters), num_steps + 1, *simulator.shape, 3)
+        self.frames = np.empty(frames, np.uint8)
         self._simulator, self._parameters = simulator, parameters
         self._offsets = np.arange(1 - num_stacked, 1)
 

@@ -11,6 +11,7 @@ import numpy as np
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import ActionSpace, DirectActions
 from simtune.simulation.states import StateSpace
+from simtune.views import View
 
 # A Batch of n worlds, or an environment's (n, L, 2) points, to (n, D) numbers
 Observe = Callable[[Any], np.ndarray]
@@ -42,7 +43,8 @@ class AnySimulator(ABC):
 
     space: ParameterSpace
     step_s: float  # for which an action is held
-    image_size: int  # pixels a side
+    image_size: int  # pixels, of pictures' height
+    views: tuple[View, ...]  # what pictures show, side by side
     supersampling: int  # k × k points of each pixel are averaged
     num_steps: int = 0  # policy steps simulated so far
     num_diverged: int = 0  # worlds that ended before their time
@@ -86,6 +88,16 @@ class AnySimulator(ABC):
         """What excites `num_worlds` worlds: random actions."""
         drawn = random_actions(num_worlds, num_steps, self.action_mapping, rng)
         return lambda t, _: drawn[:, t]
+
+    @property
+    def widths(self) -> list[int]:
+        """Pixels of each view."""
+        return [view.width(self.image_size) for view in self.views]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W) of pictures."""
+        return self.image_size, sum(self.widths)
 
     @property
     def num_actions(self) -> int:

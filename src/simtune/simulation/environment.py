@@ -22,13 +22,14 @@ from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
 from simtune.pictures import middle_square, resize
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
+from simtune.views import View
 
 _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
 
 
 @dataclass(frozen=True)
 class Points:
-    """L of the points that an environment gives, in a picture of `image_size` pixels."""
+    """L of the points that an environment gives, in a square picture of `image_size` pixels."""
 
     chosen: np.ndarray  # (L,) among info["points"]
     image_size: int
@@ -80,6 +81,7 @@ class EnvironmentSimulator(AnySimulator):
     def __init__(self, env: Any, space: ParameterSpace, *, step_s: float, image_size: int):
         """`env`: a gymnasium.Env, or what acts like one. Raises InputError for other actions."""
         self.space, self.step_s, self.image_size = space, step_s, image_size
+        self.views = (View("render"),)
         self._actions = BoxActions(env.action_space)
         self._env = env
         self._shape: tuple[int, ...] | None = None  # (H, W) of its pictures
@@ -136,15 +138,14 @@ class EnvironmentSimulator(AnySimulator):
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Draw (n, 2) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
-        size = (self.image_size, self.image_size)
-        frames = np.empty((len(states), *size, 3), np.uint8)
+        frames = np.empty((len(states), *self.shape, 3), np.uint8)
         for episode in np.unique(states[:, 0]):
             (mine,) = np.nonzero(states[:, 0] == episode)
             seed, actions = self._episodes[int(episode)]
             steps = states[mine, 1].astype(int)
             played = self._play(seed, parameters[mine[0]], actions[: steps.max()])
             drawn = {
-                t: resize(middle_square(self._picture()), size)
+                t: resize(middle_square(self._picture()), self.shape)
                 for t, _ in enumerate(played)
                 if t in steps
             }

@@ -31,12 +31,12 @@ class OpenGLRenderer:
         model: mujoco.MjModel,
         space: ParameterSpace,
         camera: str,
-        image_size: int,
+        size: tuple[int, int],
         quality: OpenGLQuality = OPENGL_FAST,
     ):
-        self.image_size = image_size
+        self.size = size
         self._model = copy.copy(model)
-        self._model.cam_sensorsize[:] = 0  # a square of the field of view, as every renderer draws
+        self._model.cam_sensorsize[:] = 0  # the field of view is vertical, as for every renderer
         self._writer = ModelWriter(space, self._model)
         self._written: np.ndarray | None = None
         self._data = mujoco.MjData(self._model)
@@ -49,15 +49,15 @@ class OpenGLRenderer:
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = quality.reflections
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = quality.skybox
         # what a context reads when it is made
-        self._model.vis.global_.offwidth = self._model.vis.global_.offheight = image_size
+        self._model.vis.global_.offheight, self._model.vis.global_.offwidth = size
         self._model.vis.quality.shadowsize = quality.shadow_map_px
         self._model.vis.quality.offsamples = quality.multisamples
-        self._canvas = _Canvas(self._model, image_size)
+        self._canvas = _Canvas(self._model, size)
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """(n, S) states, (n, N) parameters to (n, H, W, 3) uint8 RGB."""
         model, data, scene = self._model, self._data, self._scene
-        frames = np.empty((len(states), self.image_size, self.image_size, 3), np.uint8)
+        frames = np.empty((len(states), *self.size, 3), np.uint8)
         for frame, state, values in zip(frames, states, parameters, strict=True):
             if self._written is None or not np.array_equal(self._written, values):
                 self._writer.write(model, values)
@@ -76,9 +76,10 @@ class OpenGLRenderer:
 class _Canvas:
     """An OpenGL context and what MuJoCo keeps in it."""
 
-    def __init__(self, model: mujoco.MjModel, image_size: int):
-        self._rectangle = mujoco.MjrRect(0, 0, image_size, image_size)
-        self._gl = _make_gl_context(image_size)
+    def __init__(self, model: mujoco.MjModel, size: tuple[int, int]):
+        height, width = size
+        self._rectangle = mujoco.MjrRect(0, 0, width, height)
+        self._gl = _make_gl_context(width, height)
         self._mjr = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._mjr)
         atexit.register(self.close)  # before EGL, which ends at exit, too, and complains later
@@ -99,7 +100,7 @@ class _Canvas:
         self._gl.free()
 
 
-def _make_gl_context(image_size: int):
+def _make_gl_context(width: int, height: int):
     """A current GLContext, by MUJOCO_GL or, on Linux, of EGL or else OSMesa."""
     backend = os.environ.get("MUJOCO_GL", "").lower().strip()
     if not backend and sys.platform == "linux":
@@ -110,7 +111,7 @@ def _make_gl_context(image_size: int):
     module = f"mujoco.{backend}" if backend in _HEADLESS else "mujoco.gl_context"
     try:
         # Imported only here: it fixes the backend for the whole process.
-        context = importlib.import_module(module).GLContext(image_size, image_size)
+        context = importlib.import_module(module).GLContext(width, height)
         context.make_current()
     except Exception as error:  # each backend and platform fails in ways of its own
         raise InputError(_no_opengl(f"{backend or 'OpenGL'} does not start")) from error

@@ -38,36 +38,37 @@ class Raycaster:
         model: mujoco.MjModel,
         space: ParameterSpace,
         camera: str,
-        image_size: int,
+        size: tuple[int, int],
         num_threads: int = 0,
         sky_samples: int = 4,
         plate: np.ndarray | None = None,
     ):
         """`sky_samples` a pixel and axis: stars are smaller than pixels and would sparkle.
 
-        `plate`: (image_size, image_size, 3) uint8 RGB in place of the sky and of what stands still,
-        see `before_plate`. Raises InputError for one before a camera that moves.
+        `size`: (height, width) of pictures. `plate`: (height, width, 3) uint8 RGB in place of the
+        sky and of what stands still, see `before_plate`. Raises InputError for one before a camera
+        that moves.
         """
         _init_warp()
-        self.image_size = image_size
+        self.size = size
         self._num_threads = num_threads or _num_cores()
         sky = None
         if plate is not None:
             check_stands_still(model, camera)
             model, sky = before_plate(model, space), _packed(plate)
         elif _can_turn(model, space, model.camera(camera).id):
-            model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / image_size)
+            model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / size[0])
         else:
-            sky = _constant_sky(model, camera, image_size, sky_samples)
+            sky = _constant_sky(model, camera, size, sky_samples)
         self._idle: SimpleQueue[_Context] = SimpleQueue()
         for _ in range(self._num_threads):
-            self._idle.put(_Context(model, space, camera, image_size, sky))
+            self._idle.put(_Context(model, space, camera, size, sky))
         self._pool = ThreadPoolExecutor(self._num_threads)
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """(n, S) states, (n, N) parameters to (n, H, W, 3) uint8 RGB."""
-        n, size = len(states), self.image_size
-        frames = np.empty((n, size, size, 3), np.uint8)
+        n = len(states)
+        frames = np.empty((n, *self.size, 3), np.uint8)
         step = min(_CHUNK, max(1, -(-n // self._num_threads)))  # work for each thread
 
         def draw(start: int) -> None:
@@ -91,7 +92,7 @@ def _num_cores() -> int:
 class _Context:
     """What one thread needs: worlds for the poses, and Warp's copies of model and data."""
 
-    def __init__(self, model, space, camera, image_size, sky):
+    def __init__(self, model, space, camera, size, sky):
         self._worlds = Batch(model, _CHUNK, nthread=1)
         self._writer = ModelWriter(space, model)
         fields = {p.field for p in space}
@@ -108,7 +109,7 @@ class _Context:
             self._warp_context = _make_context(
                 model,
                 camera,
-                image_size,
+                size,
                 nworld=_CHUNK,
                 render_skybox=sky is None,
                 use_precomputed_rays="cam_fovy" not in fields,
@@ -164,10 +165,10 @@ def _init_warp() -> None:
         os.close(stderr)
 
 
-def _make_context(model, camera, image_size, **settings):
+def _make_context(model, camera, size, **settings):
     return mujoco_warp.create_render_context(
         model,
-        cam_res=(image_size, image_size),
+        cam_res=size[::-1],
         cam_active=[camera],
         render_rgb=True,
         render_depth=False,
@@ -215,17 +216,17 @@ def _can_turn(model: mujoco.MjModel, space: ParameterSpace, camera: int) -> bool
     return model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0
 
 
-def _constant_sky(model: mujoco.MjModel, camera: str, image_size: int, samples: int) -> np.ndarray:
+def _constant_sky(
+    model: mujoco.MjModel, camera: str, size: tuple[int, int], samples: int
+) -> np.ndarray:
     """(H, W) packed pixels behind everything."""
     model = copy.copy(model)
     model.geom_rgba[:] = model.flex_rgba[:] = 0
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    context = _make_context(
-        model, camera, image_size, render_skybox=True, samples_per_pixel=samples
-    )
+    context = _make_context(model, camera, size, render_skybox=True, samples_per_pixel=samples)
     pixels = _draw(mujoco_warp.put_model(model), mujoco_warp.put_data(model, data), context)
-    return pixels.reshape(image_size, image_size).copy()
+    return pixels.reshape(size).copy()
 
 
 def smooth_sky(model: mujoco.MjModel, pixel_deg: float) -> mujoco.MjModel:

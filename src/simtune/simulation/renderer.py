@@ -29,7 +29,7 @@ OPENGL_DM_CONTROL = OpenGLQuality(shadow_map_px=4096, multisamples=4, reflection
 class Renderer(Protocol):
     """Draws pictures of one model from one camera, each of a world of its own."""
 
-    image_size: int
+    size: tuple[int, int]  # (height, width), pixels
 
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """(n, S) states of worlds with (n, N) parameters to (n, H, W, 3) uint8 RGB."""
@@ -41,11 +41,13 @@ def make_renderer(
     model: mujoco.MjModel,
     space: ParameterSpace,
     camera: str,
-    image_size: int,
+    size: tuple[int, int],
     quality: OpenGLQuality = OPENGL_FAST,
     plate: np.ndarray | None = None,
 ) -> Renderer:
-    """The renderer of that name; the ray caster has no `quality`, only it knows a `plate`.
+    """The renderer of that name, which draws pictures of `size`, (height, width).
+
+    The ray caster has no `quality`; only it knows a `plate`, (height, width, 3) uint8.
 
     Raises InputError for an unknown name or camera, for OpenGL where there is none, and for a
     plate before a camera that moves.
@@ -56,11 +58,11 @@ def make_renderer(
     if name == "raycaster":
         from simtune.simulation.raycaster import Raycaster
 
-        return Raycaster(model, space, camera, image_size, plate=plate)
+        return Raycaster(model, space, camera, size, plate=plate)
     if name == "opengl":
         if plate is not None:
             raise ValueError("OpenGL draws no plate")
         from simtune.simulation.opengl import OpenGLRenderer
 
-        return OpenGLRenderer(model, space, camera, image_size, quality)
+        return OpenGLRenderer(model, space, camera, size, quality)
     raise InputError(f"no renderer {name!r}; there are: raycaster, opengl")

@@ -10,6 +10,7 @@ from mujoco.batch import Batch
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import DirectActions, MapActions
 from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality, RendererName
+from simtune.views import View
 
 Script = Callable[[Batch], np.ndarray]  # worlds in their present state to (n, A) actions
 
@@ -20,7 +21,6 @@ class Scene:
 
     model: mujoco.MjModel
     space: ParameterSpace
-    camera: str | None  # name of the one that films; None: nothing is ever drawn
     step_s: float  # for which an action is held
     initialize: Callable[[Batch, np.random.Generator], None]  # starts the worlds
     map_actions: MapActions = DirectActions  # what actions do, made for a model
@@ -29,14 +29,19 @@ class Scene:
 
 @dataclass(frozen=True, kw_only=True)
 class Drawing:
-    """Square pictures, and what draws them.
+    """Pictures of what some cameras see, equally high and side by side, and what draws them.
 
     With `supersampling` k, k × k points of each pixel are averaged, as a camera's sensor does:
     thin things blend with what is behind them instead of vanishing between the points.
     """
 
-    image_size: int  # pixels a side
+    image_size: int  # pixels, of their height
+    views: tuple[View, ...] = ()  # none: nothing is ever drawn
     renderer: RendererName = "raycaster"
     quality: OpenGLQuality = OPENGL_FAST
     supersampling: int = 1
-    plate: np.ndarray | None = None  # (image_size, image_size, 3) uint8 in place of what is still
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W) of all views together."""
+        return self.image_size, sum(view.width(self.image_size) for view in self.views)

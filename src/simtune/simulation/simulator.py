@@ -9,13 +9,12 @@ from mujoco.batch import Batch
 from simtune.simulation.actions import ActionMapping
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 from simtune.simulation.delays import count_substeps
+from simtune.simulation.filming import Filming
 from simtune.simulation.held_controls import HeldControls
-from simtune.simulation.renderer import Renderer, make_renderer
 from simtune.simulation.scene import Drawing, Scene
 from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 
-_CHUNK = 256  # supersampled pictures drawn at a time
 _BATCHES_KEPT = 2  # a fit derives by many worlds, and tries a few, in turn
 _EXPLORING_SHARE = 0.5  # of random actions, added to a script's
 
@@ -24,12 +23,12 @@ class Simulator(AnySimulator):
     """Plays worlds of one model, and draws their states."""
 
     def __init__(self, scene: Scene, drawing: Drawing):
-        """Raises InputError for what `make_renderer` or the scene's action mapping refuses."""
+        """Raises InputError for what `Filming` or the scene's action mapping refuses."""
         self.num_substeps = count_substeps(scene.step_s, scene.model.opt.timestep)
         self.model = _with_timestep(scene.model, scene.step_s / self.num_substeps)
         self.space, self.step_s, self.script = scene.space, scene.step_s, scene.script
         self.image_size, self.supersampling = drawing.image_size, drawing.supersampling
-        self._renderer = _renderer(self.model, scene, drawing)
+        self.views, self._filming = drawing.views, Filming(self.model, scene.space, drawing)
         self._mapping, self._state_space = scene.map_actions(self.model), StateSpace(self.model)
         self._initialize, self._held = scene.initialize, HeldControls(self.model)
         self._worlds: dict[int, Worlds] = {}
@@ -138,25 +137,12 @@ class Simulator(AnySimulator):
             raise ValueError("this simulator has no script to follow")
         return lambda t, states: script(self._worlds_for(num_worlds).batch)
 
-    @property
-    def renderer(self) -> Renderer:
-        """Raises ValueError where no camera films."""
-        if self._renderer is None:
-            raise ValueError("nothing can be drawn: no camera films this scene")
-        return self._renderer
-
     def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
-        if self.supersampling == 1:
-            return self.renderer.render(states, parameters)
-        size, k = self.image_size, self.supersampling
-        frames = np.empty((len(states), size, size, 3), np.uint8)
-        for start in range(0, len(states), _CHUNK):  # the large pictures never all at once
-            part = slice(start, start + _CHUNK)
-            large = self.renderer.render(states[part], parameters[part])
-            blocks = large.reshape(-1, size, k, size, k, 3)
-            frames[part] = (blocks.sum((2, 4), dtype=np.uint16) + k * k // 2) // (k * k)
-        return frames
+        """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB.
+
+        Raises ValueError where no camera films.
+        """
+        return self._filming.render(states, parameters)
 
     def _worlds_for(self, num_worlds: int) -> Worlds:
         if num_worlds not in self._worlds:
@@ -164,19 +150,6 @@ class Simulator(AnySimulator):
                 self._worlds.pop(next(iter(self._worlds)))
             self._worlds[num_worlds] = Worlds(self.model, self.space, num_worlds)
         return self._worlds[num_worlds]
-
-
-def _renderer(model: mujoco.MjModel, scene: Scene, drawing: Drawing) -> Renderer | None:
-    """None where no camera films."""
-    if scene.camera is None:
-        return None
-    k, plate = drawing.supersampling, drawing.plate
-    if plate is not None:
-        plate = plate.repeat(k, 0).repeat(k, 1)
-    size = drawing.image_size * k
-    return make_renderer(
-        drawing.renderer, model, scene.space, scene.camera, size, drawing.quality, plate
-    )
 
 
 def _nothing(batch: Batch) -> np.ndarray:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from simtune.errors import InputError, UnknownName
 from simtune.tasks import ball_in_cup, cabinet_slide, cartpole, cheetah, finger, rope_peg, walker
@@ -35,6 +36,22 @@ def with_model(task: AnyTask) -> Task:
     return task
 
 
+_Any = TypeVar("_Any", bound=AnyTask)
+
+
+def before_one_camera(task: _Any) -> _Any:
+    """The task as a policy on pixels sees it, and the paper's search: a square by one camera.
+
+    Raises InputError for one of several cameras.
+    """
+    if len(task.cameras) > 1:
+        raise InputError(
+            f"{task.name} has {len(task.cameras)} cameras; policies and the paper's search look "
+            "through one: leave the other [[cameras]] out"
+        )
+    return replace(task, cameras=tuple(replace(f, is_square=True) for f in task.cameras))
+
+
 def load_any_task(name: str) -> AnyTask:
     """The same, of a model or of an environment."""
     if name.endswith(".toml"):
@@ -51,6 +68,7 @@ __all__ = [
     "AnyTask",
     "EnvironmentTask",
     "Task",
+    "before_one_camera",
     "load_any_task",
     "load_task",
     "with_model",

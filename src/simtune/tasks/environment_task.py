@@ -1,17 +1,17 @@
 """A task of a gymnasium environment instead of a MuJoCo model: it can be tuned."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from simtune.errors import InputError, blame
+from simtune.footage import Footage
 from simtune.parameters import ParameterSpace
 from simtune.simulation import EnvironmentSimulator
 from simtune.simulation.environment import BoxActions
 from simtune.tasks.task import content_hash
+from simtune.views import View
 
 _SLACK = 0.01  # by which the recordings' step may differ from the environment's
 
@@ -26,7 +26,7 @@ class EnvironmentTask:
     parameters: ParameterSpace
     step_s: float  # that env.step simulates
     episode_steps: int
-    camera: str = "render"  # what draws
+    cameras: tuple[Footage, ...] = (Footage(camera="render", name="render"),)
     declared: str = ""  # what files say of it
     source: str = ""  # as `Task` has it
 
@@ -56,9 +56,9 @@ class EnvironmentTask:
         image_size: int,
         step_s: float | None = None,
         supersampling: int = 1,
-        plate: np.ndarray | None = None,
+        views: Sequence[View] | None = None,
     ) -> EnvironmentSimulator:
-        """Its worlds; see `Task.simulator`. It decides itself how smoothly it draws, before what.
+        """Its worlds; see `Task.simulator`. It decides itself how smoothly it draws, and squares.
 
         Raises InputError where recordings have another rate than the environment, or where nothing
         says where in the picture things are, so that no motion could be seen.

@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from simtune.footage import Footage
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.tasks.task import Task
 
@@ -21,13 +22,16 @@ def suite_task(
     name: str,
     parameters: list[Parameter],
     load_spec: Callable[[], mujoco.MjSpec] | None = None,
+    *,
+    camera: str,
     **rest: Any,
 ) -> Task:
-    """The suite's task of its model NAME.xml; `rest`: what else a `Task` is."""
+    """The suite's task of its model NAME.xml; `camera` films; `rest`: what else it is."""
     return Task(
         name=name,
         load_spec=load_spec or partial(load_suite_spec, name),
         parameters=ParameterSpace(parameters, where=name),
+        cameras=(Footage(camera=camera, name=camera),),
         **rest,
     )
 

@@ -1,6 +1,6 @@
 """What a task is: a model, where to look at it, how it starts, what is good, what is tuned."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 
@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.footage import PLAIN, Footage
+from simtune.footage import Footage
 from simtune.observation import JointSensor
 from simtune.parameters import ParameterSpace
 from simtune.simulation import (
@@ -24,6 +24,7 @@ from simtune.simulation import (
     Simulator,
     prepare_spec,
 )
+from simtune.views import View
 
 _SIZES = ("nbuffer", "signature")  # of an MjModel, which grow with the paths of its files
 
@@ -59,8 +60,7 @@ class Task:
     description: str
     load_spec: Callable[[], mujoco.MjSpec]  # the nominal model, editable: what is exported
     parameters: ParameterSpace
-    camera: str | None  # name of the camera that films; None: only sensors measure
-    footage: Footage = PLAIN  # what its recordings are
+    cameras: tuple[Footage, ...]  # what films, and how; none: only sensors measure
     sensors: tuple[JointSensor, ...] = ()  # what is measured beside pictures, if recordings have it
     control_timestep_s: float  # an action is held for action_repeat of these
     action_repeat: int
@@ -136,16 +136,17 @@ class Task:
         renderer: RendererName = "raycaster",
         quality: OpenGLQuality = OPENGL_FAST,
         supersampling: int = 1,
-        plate: np.ndarray | None = None,
+        views: Sequence[View] | None = None,
     ) -> Simulator:
         """Worlds of this task; an action lasts `step_s` seconds, by default a policy step.
 
-        `plate`: (image_size, image_size, 3) uint8 behind what moves, see `Footage.plate`.
+        Pictures are `image_size` pixels high, of `views` or else of squares by all its cameras.
         """
+        if views is None:
+            views = [View(footage.camera) for footage in self.cameras]
         scene = Scene(
             model=self.load_model(step_s),
             space=self.parameters,
-            camera=self.camera,
             step_s=step_s or self.step_s,
             initialize=self.initialize,
             map_actions=self.map_actions,
@@ -156,6 +157,6 @@ class Task:
             renderer=renderer,
             quality=quality,
             supersampling=supersampling,
-            plate=plate,
+            views=tuple(views),
         )
         return Simulator(scene, drawing)

@@ -85,7 +85,7 @@ class FitStage:
         worlds, simulator = held_out.worlds, context.simulator
         assert isinstance(simulator, Simulator), "see can_fit"
         episodes = held_out.detections.episodes(len(worlds.frames))
-        tracks = KeypointTracks.of_detections(episodes, simulator.image_size)
+        tracks = KeypointTracks.of_detections(episodes, simulator.shape)
         noise_px = tracks.measured_noise_px(worlds.filmed_keypoints())
         evidence = context.observation.evidence(tracks.with_noise(noise_px), worlds.readings)
         observed = Observed(evidence, worlds.filmed_actions().astype(float))
@@ -118,8 +118,7 @@ class FitStage:
         """Episodes cut to equal length, with what was detected in their frames."""
         steps = min(len(t) for t in trajectories)
         cut = [found.first(steps + 1) for found in detections]
-        size = self._simulator.image_size
-        tracks = KeypointTracks.of_detections(cut, size, self._noise_px)
+        tracks = KeypointTracks.of_detections(cut, self._simulator.shape, self._noise_px)
         first = [t.first(steps) for t in trajectories]
         names = first[0].readings
         readings = {name: np.stack([t.readings[name] for t in first]) for name in names}

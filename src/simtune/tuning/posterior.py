@@ -68,7 +68,7 @@ class PosteriorSearch:
             len(context.keypoints),
             context.simulator.action_scale,
             space.is_visible,
-            context.simulator.image_size,
+            context.simulator.shape,
             config.model,
             context.seed,
         )

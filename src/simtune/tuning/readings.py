@@ -88,7 +88,7 @@ class ReadingsSearch:
         if not isinstance(simulator, Simulator):
             raise InputError("joint readings need a MuJoCo model")
         shown = [p.name for p in simulator.space if p.is_appearance]
-        if len(shown) == len(simulator.space) or (shown and context.camera is None):
+        if len(shown) == len(simulator.space):
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = Distribution.first(simulator.space, context.start)

@@ -74,7 +74,6 @@ class SearchContext:
     """What a search is made of, whichever it is."""
 
     simulator: AnySimulator
-    camera: str | None  # the model's, which films
     keypoints: Keypoints | Points  # chosen once a run, so that all mean the same by keypoint k
     start: np.ndarray  # (N,) parameters where the search begins
     observation: ObservationModel  # the real world's own

@@ -37,11 +37,12 @@ class KeypointDetector(nn.Module):
     takes a few hundred updates where regression through the maps takes thousands.
     """
 
-    grid: torch.Tensor  # (cells², 2) x, y in pixels
+    grid: torch.Tensor  # (cells, 2) x, y in pixels
 
     def __init__(
-        self, num_keypoints: int, num_visible: int, image_size: int, config: DetectorConfig
+        self, num_keypoints: int, num_visible: int, shape: tuple[int, int], config: DetectorConfig
     ):
+        """`shape`: (height, width) of the pictures."""
         super().__init__()
         c, self.num_keypoints = config.channels, num_keypoints
         num_maps = num_keypoints + config.free_maps
@@ -59,26 +60,26 @@ class KeypointDetector(nn.Module):
         self.head = (
             mlp((num_maps * 5 + 2 * c, *hidden, num_visible), nn.ELU) if num_visible else None
         )
-        self.cells = -(-image_size // _STRIDE)
-        axis = torch.arange(self.cells) * _STRIDE + (_STRIDE - 1) / 2
-        grid = torch.stack(torch.meshgrid(axis, axis, indexing="xy"), -1).reshape(-1, 2)
+        self.cells = -(-shape[0] // _STRIDE), -(-shape[1] // _STRIDE)  # rows and columns
+        y, x = (torch.arange(cells) * _STRIDE + (_STRIDE - 1) / 2 for cells in self.cells)
+        grid = torch.stack(torch.meshgrid(x, y, indexing="xy"), -1).reshape(-1, 2)
         self.register_buffer("grid", grid, persistent=False)
 
     def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells²), keypoints, visible."""
+        """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells), keypoints, visible."""
         fine, coarse = self._features(pictures)
-        logits = self.maps(fine).flatten(2)  # (B, maps, cells²)
+        logits = self.maps(fine).flatten(2)  # (B, maps, cells)
         heatmaps = logits[:, : self.num_keypoints]
         if self.head is None:
             return heatmaps, self._peaks(heatmaps), logits.new_empty(len(pictures), 0)
         colours = F.avg_pool2d(pictures, _STRIDE, ceil_mode=True).flatten(2).transpose(1, 2)
-        place = (self.grid / self.grid.max() * 2 - 1).expand(len(pictures), -1, -1)
+        place = (self.grid / self.grid.amax(0) * 2 - 1).expand(len(pictures), -1, -1)
         read = torch.bmm(logits.softmax(-1), torch.cat([place, colours], -1)).flatten(1)
         visible = self.head(torch.cat([read, coarse.mean((2, 3))], -1))
         return heatmaps, self._peaks(heatmaps), visible
 
     def _features(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """A small U-net: (B, c, cells, cells) fine and (B, 2c, ...) coarse features."""
+        """A small U-net: (B, c, rows, columns) fine and (B, 2c, ...) coarse features."""
         fine = F.relu(self.fine[0](pictures))
         fine = F.relu(self.fine[1](fine)) + fine
         middle = F.relu(self.middle[0](fine))
@@ -105,10 +106,11 @@ class KeypointDetector(nn.Module):
         return torch.stack([self._peaks(heatmaps), self._peaks(others)], 1), probability
 
     def _near_peak(self, heatmaps: torch.Tensor) -> torch.Tensor:
-        """(B, L, cells²) bool: cells at most two rows and columns from the largest."""
-        peak, axis = heatmaps.argmax(-1)[..., None], torch.arange(self.cells)
-        rows = (axis - peak // self.cells).abs() <= _NEAR_CELLS
-        columns = (axis - peak % self.cells).abs() <= _NEAR_CELLS
+        """(B, L, cells) bool: cells at most two rows and columns from the largest."""
+        peak, (_, width) = heatmaps.argmax(-1)[..., None], self.cells
+        row, column = (torch.arange(cells) for cells in self.cells)
+        rows = (row - peak // width).abs() <= _NEAR_CELLS
+        columns = (column - peak % width).abs() <= _NEAR_CELLS
         return (rows[..., :, None] & columns[..., None, :]).flatten(-2)
 
     def loss(
@@ -135,17 +137,19 @@ class KeypointDetector(nn.Module):
         return where + 0.5 * exact + 5.0 * colours
 
 
-def splat(keypoints: torch.Tensor, cells: int) -> torch.Tensor:
-    """(B, L, 2) pixel positions to (B, L, cells²) weights of the four cells around each."""
-    place = ((keypoints - (_STRIDE - 1) / 2) / _STRIDE).clamp(0, cells - 1)
-    corner = place.floor().clamp(max=cells - 2)
+def splat(keypoints: torch.Tensor, cells: tuple[int, int]) -> torch.Tensor:
+    """(B, L, 2) pixel positions to (B, L, rows · columns) weights of the four cells around each."""
+    rows, columns = cells
+    last = keypoints.new_tensor([columns - 1, rows - 1])
+    place = ((keypoints - (_STRIDE - 1) / 2) / _STRIDE).clamp(min=0).minimum(last)
+    corner = place.floor().minimum(last - 1)
     part = place - corner
-    weights = keypoints.new_zeros(*keypoints.shape[:-1], cells * cells)
+    weights = keypoints.new_zeros(*keypoints.shape[:-1], rows * columns)
     for step_x in (0, 1):
         for step_y in (0, 1):
             x, y = part[..., 0], part[..., 1]
             weight = (x if step_x else 1 - x) * (y if step_y else 1 - y)
-            cell = (corner[..., 1] + step_y) * cells + corner[..., 0] + step_x
+            cell = (corner[..., 1] + step_y) * columns + corner[..., 0] + step_x
             weights.scatter_add_(-1, cell.long()[..., None], weight[..., None])
     return weights
 

@@ -26,19 +26,22 @@ class KeypointTracks:
     candidates: np.ndarray  # (..., K, 2, L, 2) pixels, the more probable place first
     probability: np.ndarray  # (..., K, 2, L)
     noise_px: np.ndarray  # (L,) standard deviation where the detector is sure
-    image_size: int  # pixels a side
+    shape: tuple[int, int]  # (height, width) of pictures
 
     name, unit = "keypoints", "px"
 
     @classmethod
     def of_detections(
-        cls, episodes: Sequence[Detections], image_size: int, noise_px: np.ndarray | float = 1.0
+        cls,
+        episodes: Sequence[Detections],
+        shape: tuple[int, int],
+        noise_px: np.ndarray | float = 1.0,
     ) -> "KeypointTracks":
         """From what was detected in E episodes of equal length."""
         candidates = np.stack([found.candidates for found in episodes])
         probability = _SUREST * np.stack([found.probability for found in episodes])
         noise = np.broadcast_to(noise_px, candidates.shape[-2:-1])
-        return cls(candidates, probability, noise, image_size)
+        return cls(candidates, probability, noise, shape)
 
     @property
     def scale(self) -> np.ndarray:
@@ -52,7 +55,7 @@ class KeypointTracks:
     def features(self) -> np.ndarray:
         """(..., K, 6 L) candidates and their probabilities."""
         half = _FEATURES_PER_IMAGE / 2
-        places = self.candidates / (self.image_size / _FEATURES_PER_IMAGE) - half
+        places = self.candidates * _FEATURES_PER_IMAGE / self.shape[::-1] - half
         frames = self.probability.shape[:-2]
         return np.concatenate(
             [places.reshape(*frames, -1), self.probability.reshape(*frames, -1)], -1

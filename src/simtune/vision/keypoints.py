@@ -1,10 +1,11 @@
-"""Keypoints: points on moving geoms, where they appear in the picture.
+"""Keypoints: points on geoms that move before a camera, where they appear in the picture.
 
 In simulation the true state is free. What a single picture can show of it is where things
 are, so that is what the encoder is taught first: the picture coordinates of a few points that
 together fix all others, for any model with a camera and without naming a joint.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -13,10 +14,13 @@ from mujoco.batch import Batch
 
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
+from simtune.views import View
 
 # Values, since MuJoCo's enums are unequal to the integers in its arrays.
 _SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value  # its ends tell nothing that its centre does not
 _ROUND = (mujoco.mjtGeom.mjGEOM_CAPSULE.value, mujoco.mjtGeom.mjGEOM_CYLINDER.value)
+_MOUNTED = mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value
+_ENDLESS = (mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _THREE_SIZES = (mujoco.mjtGeom.mjGEOM_BOX.value, mujoco.mjtGeom.mjGEOM_ELLIPSOID.value)
 PILOT_STEPS = 3200  # simulated to choose keypoints by
 _PILOTS = 32
@@ -25,17 +29,20 @@ _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond i
 
 @dataclass(frozen=True)
 class Keypoints:
-    """L points fixed to geoms, as one camera with a picture of `image_size` pixels sees them."""
+    """L points fixed to geoms, each as one of the views sees it that a picture is made of."""
 
     geoms: np.ndarray  # (L,) geom ids
     offsets: np.ndarray  # (L, 3) in the geom's frame, m
-    camera: int
-    image_size: int
+    views: np.ndarray  # (L,) the view's number
+    cameras: np.ndarray  # (views,) camera ids
+    widths: np.ndarray  # (views,) pixels
+    height: int  # pixels, of all views
 
     @classmethod
     def none(cls) -> "Keypoints":
         """Where no camera films."""
-        return cls(np.zeros(0, int), np.zeros((0, 3)), 0, 1)
+        nothing = np.zeros(0, int)
+        return cls(nothing, np.zeros((0, 3)), nothing, nothing, nothing, 1)
 
     def __len__(self) -> int:
         return len(self.geoms)
@@ -44,50 +51,78 @@ class Keypoints:
         """(nsim, L · 2) float32 pixel coordinates x, y, with 0 at the first pixel's centre."""
         rotation = batch.geom_xmat.reshape(batch.nsim, -1, 3, 3)[:, self.geoms]
         points = batch.geom_xpos[:, self.geoms] + np.einsum("nlij,lj->nli", rotation, self.offsets)
-        camera_rotation = batch.cam_xmat.reshape(batch.nsim, -1, 3, 3)[:, self.camera]
-        seen = np.einsum(
-            "nli,nij->nlj", points - batch.cam_xpos[:, None, self.camera], camera_rotation
-        )
-        return self._project(seen, self._focal_length_px(batch)).reshape(batch.nsim, -1)
-
-    def _focal_length_px(self, batch: Batch) -> np.ndarray:
-        fovy = batch.camera(self.camera).fovy.reshape(batch.nsim)
-        return self.image_size / 2 / np.tan(np.radians(fovy) / 2)
-
-    def _project(self, seen: np.ndarray, focal_length_px: np.ndarray) -> np.ndarray:
-        """(n, L, 3) points in the camera's frame (it looks along −z) to (n, L, 2) pixels."""
-        depth = np.maximum(-seen[..., 2:], 1e-3)
-        direction = seen[..., :2] / depth * [1, -1]
-        middle = (self.image_size - 1) / 2
-        pixels = middle + focal_length_px[:, None, None] * direction
-        edge = _MARGIN_PX
-        return np.clip(pixels, -edge, self.image_size - 1 + edge).astype(np.float32)
+        pixels = np.empty((batch.nsim, len(self), 2), np.float32)
+        lefts = np.cumsum(self.widths) - self.widths
+        for view, (camera, width, left) in enumerate(
+            zip(self.cameras, self.widths, lefts, strict=True)
+        ):
+            mine = self.views == view
+            turn = batch.cam_xmat.reshape(batch.nsim, -1, 3, 3)[:, camera]
+            away = points[:, mine] - batch.cam_xpos[:, None, camera]
+            seen = np.einsum("nli,nij->nlj", away, turn)
+            fovy = np.radians(batch.camera(int(camera)).fovy.reshape(batch.nsim))
+            focal_length_px = self.height / 2 / np.tan(fovy / 2)
+            pixels[:, mine] = _project(seen, focal_length_px, int(width), self.height)
+            pixels[:, mine, 0] += left
+        return pixels.reshape(batch.nsim, -1)
 
     def select(self, indices: list[int]) -> "Keypoints":
-        return replace(self, geoms=self.geoms[indices], offsets=self.offsets[indices])
+        geoms, offsets, views = self.geoms[indices], self.offsets[indices], self.views[indices]
+        return replace(self, geoms=geoms, offsets=offsets, views=views)
 
     def state(self) -> list:
         """JSON to choose the same again by."""
-        return [self.geoms.tolist(), self.offsets.tolist()]
+        return [self.geoms.tolist(), self.offsets.tolist(), self.views.tolist()]
 
     def with_state(self, state: list) -> "Keypoints":
-        geoms, offsets = np.array(state[0], int), np.array(state[1], float)
-        return replace(self, geoms=geoms, offsets=offsets.reshape(-1, 3))
+        geoms, views = (np.array(its, int) for its in (state[0], state[2]))
+        offsets = np.array(state[1], float).reshape(-1, 3)
+        return replace(self, geoms=geoms, offsets=offsets, views=views)
 
 
-def candidate_keypoints(model: mujoco.MjModel, camera: str, image_size: int) -> Keypoints:
-    """The centre and, where it has some, the two ends of every geom that can move."""
-    geoms, offsets = [], []
-    for geom in range(model.ngeom):
-        if model.body_weldid[model.geom_bodyid[geom]] == 0:
-            continue
-        ends = [0.0] if model.geom_type[geom] == _SPHERE else [-1.0, 0.0, 1.0]
-        half_length = _half_length(model, geom)
-        for end in ends:
-            geoms.append(geom)
-            offsets.append([0.0, 0.0, end * half_length])
-    index = model.camera(camera).id
-    return Keypoints(np.array(geoms, int), np.array(offsets).reshape(-1, 3), index, image_size)
+def _project(seen: np.ndarray, focal_length_px: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(n, L, 3) points in the camera's frame (it looks along −z) to (n, L, 2) pixels."""
+    depth = np.maximum(-seen[..., 2:], 1e-3)
+    direction = seen[..., :2] / depth * [1, -1]
+    last = np.array([width, height]) - 1
+    pixels = last / 2 + focal_length_px[:, None, None] * direction
+    return np.clip(pixels, -_MARGIN_PX, last + _MARGIN_PX).astype(np.float32)
+
+
+def candidate_keypoints(model: mujoco.MjModel, seen: Sequence[View], height: int) -> Keypoints:
+    """The centre and, where it has some, the two ends of every geom that moves before a camera.
+
+    Those of each view that is seen in pictures of so many pixels' height, one after the other.
+    """
+    cameras = np.array([model.camera(view.camera).id for view in seen], int)
+    geoms, offsets, views = [], [], []
+    for view, camera in enumerate(cameras):
+        for geom in np.flatnonzero(_moves_before(model, camera)).tolist():
+            ends = [0.0] if model.geom_type[geom] == _SPHERE else [-1.0, 0.0, 1.0]
+            half_length = _half_length(model, geom)
+            for end in ends:
+                geoms.append(geom)
+                offsets.append([0.0, 0.0, end * half_length])
+                views.append(view)
+    return Keypoints(
+        np.array(geoms, int),
+        np.array(offsets).reshape(-1, 3),
+        np.array(views, int),
+        cameras,
+        np.array([view.width(height) for view in seen], int),
+        height,
+    )
+
+
+def _moves_before(model: mujoco.MjModel, camera: int) -> np.ndarray:
+    """(ngeom,) bool: which geoms can move in its picture: before one on a robot, all but its own.
+
+    One that merely follows a body does not turn with it.
+    """
+    fixed_to, is_mounted = model.body_weldid[model.geom_bodyid], model.cam_mode[camera] == _MOUNTED
+    own = model.body_weldid[model.cam_bodyid[camera]] if is_mounted else 0
+    endless = np.isin(model.geom_type, _ENDLESS)  # its middle is nothing that one sees
+    return (fixed_to != own) & ~((fixed_to == 0) & endless)
 
 
 def _half_length(model: mujoco.MjModel, geom: int) -> float:
@@ -119,22 +154,31 @@ def choose_keypoints(seen: np.ndarray, at_most: int = 16, tolerance_px: float = 
     return chosen
 
 
-def every_keypoint(simulator: AnySimulator, camera: str) -> Keypoints | Points:
+def every_keypoint(simulator: AnySimulator) -> Keypoints | Points:
     """All that a simulator has; nothing is simulated."""
     if isinstance(simulator, Simulator):
-        return candidate_keypoints(simulator.model, camera, simulator.image_size)
+        return candidate_keypoints(simulator.model, simulator.views, simulator.image_size)
     assert isinstance(simulator, EnvironmentSimulator)
     return simulator.points()
 
 
 def find_keypoints(
-    simulator: AnySimulator, camera: str, distribution: Distribution, seed: int
+    simulator: AnySimulator, distribution: Distribution, seed: int
 ) -> Keypoints | Points:
-    """Few keypoints from which all others follow, judged by a few exploring episodes."""
-    rng, every = np.random.default_rng(seed), every_keypoint(simulator, camera)
+    """Few keypoints from which all others follow, judged by a few exploring episodes.
+
+    Those of each view by themselves: what two cameras see is measured twice.
+    """
+    rng, every = np.random.default_rng(seed), every_keypoint(simulator)
     if not len(every):
         return every
     steps = PILOT_STEPS // _PILOTS
     act, parameters = simulator.explore(_PILOTS, steps, rng), distribution.sample(_PILOTS, rng)
     rollouts = simulator.play(parameters, act, steps, rng, observe=every.observe).finished()
-    return every.select(choose_keypoints(rollouts.observed.reshape(-1, len(every), 2)))
+    seen = rollouts.observed.reshape(-1, len(every), 2)
+    of_view = every.views if isinstance(every, Keypoints) else np.zeros(len(every), int)
+    chosen: list[int] = []
+    for view in np.unique(of_view):
+        mine = np.flatnonzero(of_view == view)
+        chosen += mine[choose_keypoints(seen[:, mine])].tolist()
+    return every.select(chosen)

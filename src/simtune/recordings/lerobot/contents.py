@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from simtune.recordings.lerobot.layout import IMAGES_PREFIX, STATE
+from simtune.recordings.lerobot.layout import STATE
 from simtune.recordings.lerobot.stats import count_colours
 from simtune.trajectory import Trajectory
+from simtune.views import apart
 
 # Of the table of rows; without readings there is no STATE.
 COLUMNS = {
@@ -20,7 +21,7 @@ COLUMNS = {
     "index": "int64",
     "task_index": "int64",
 }
-CAMERA = f"{IMAGES_PREFIX}camera0"
+CAMERA = "camera0"  # whose the pictures are, if nobody says
 FIRST = {"chunk_index": 0, "file_index": 0}  # what is written goes into the first file of its kind
 
 
@@ -36,13 +37,15 @@ class Contents:
     """Gathered an episode at a time."""
 
     step_s: float
-    image_size: tuple[int, int]  # (height, width), pixels; (0, 0): there are no pictures
+    height: int  # pixels, of all pictures; 0: there are none
+    widths: Mapping[str, int]  # {camera: pixels}, in the order in which frames show them
     action_names: tuple[str, ...]
     reading_names: Mapping[str, Sequence[str]]  # {sensor: its names}
     robot_type: str
     task: str
     columns: list[dict[str, np.ndarray]] = field(default_factory=list)  # an episode's rows
-    colours: list[np.ndarray] = field(default_factory=list)  # an episode's histogram (3, 256)
+    # an episode's histogram (3, 256) of each camera's pictures
+    colours: list[dict[str, np.ndarray]] = field(default_factory=list)
 
     @property
     def fps(self) -> float:
@@ -50,9 +53,14 @@ class Contents:
         fps = 1 / self.step_s
         return round(fps) if abs(fps - round(fps)) < 1e-6 * fps else fps
 
+    def views(self, frames: np.ndarray) -> dict[str, np.ndarray]:
+        """{camera: (T, H, W, 3)} of (T, H, W₁ + W₂ + …, 3) frames."""
+        return dict(zip(self.widths, apart(frames, list(self.widths.values())), strict=True))
+
     @property
-    def has_pictures(self) -> bool:
-        return self.image_size != (0, 0)
+    def image_size(self) -> tuple[int, int]:
+        """(height, width) of all views together, pixels."""
+        return self.height, sum(self.widths.values())
 
     @property
     def names(self) -> dict[str, list[str]]:
@@ -83,7 +91,8 @@ class Contents:
             "task_index": np.zeros_like(frame_index),
         }
         self.columns.append({name: found.astype(COLUMNS[name]) for name, found in columns.items()})
-        self.colours.append(count_colours(trajectory.frames))
+        views = self.views(trajectory.frames)
+        self.colours.append({name: count_colours(view) for name, view in views.items()})
 
     def _state(self, trajectory: Trajectory) -> dict[str, np.ndarray]:
         """{STATE: (T + 1, D)} readings of all sensors; nothing where none was asked for."""

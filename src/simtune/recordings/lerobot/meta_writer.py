@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from simtune.recordings.lerobot.contents import CAMERA, COLUMNS, FIRST, Contents, first_file
+from simtune.recordings.lerobot.contents import COLUMNS, FIRST, Contents, first_file
 from simtune.recordings.lerobot.layout import CODEBASE_VERSION, DATA_PATH, INFO_PATH, VIDEO_PATH
 from simtune.recordings.lerobot.stats import column_stats, image_stats
 
@@ -20,7 +20,8 @@ _TASK_TEXT = "__index_level_0__"  # as pandas calls the column of an index witho
 def write_meta(folder: Path, contents: Contents) -> None:
     """Of a dataset whose episodes are all in `contents`, in the first file of each kind."""
     _write_json(first_file(folder, INFO_PATH), _info(contents))
-    stats = _stats(contents, contents.all_rows(), np.sum(contents.colours, 0))
+    colours = {key: np.sum([its[key] for its in contents.colours], 0) for key in contents.widths}
+    stats = _stats(contents.all_rows(), colours)
     _write_json(folder / "meta/stats.json", stats)
 
     tasks = pa.table({"task_index": [0], _TASK_TEXT: [contents.task]})
@@ -34,7 +35,7 @@ def write_meta(folder: Path, contents: Contents) -> None:
 
 def _episode_row(contents: Contents, index: int) -> dict[str, Any]:
     """A row of meta/episodes: where an episode lies, and its statistics."""
-    columns, video = contents.columns[index], f"videos/{CAMERA}"
+    columns, videos = contents.columns[index], [f"videos/{key}" for key in contents.widths]
     start, stop = int(columns["index"][0]), int(columns["index"][-1]) + 1
     row: dict[str, Any] = {
         "episode_index": index,
@@ -43,30 +44,32 @@ def _episode_row(contents: Contents, index: int) -> dict[str, Any]:
         "dataset_from_index": start,
         "dataset_to_index": stop,
     }
-    if contents.has_pictures:
+    for video in videos:
         row[f"{video}/from_timestamp"] = start / contents.fps
         row[f"{video}/to_timestamp"] = stop / contents.fps
-    for part in ("data", *([video] if contents.has_pictures else []), "meta/episodes"):
+    for part in ("data", *videos, "meta/episodes"):
         row |= {f"{part}/{key}": value for key, value in FIRST.items()}
-    for name, values in _stats(contents, columns, contents.colours[index]).items():
+    for name, values in _stats(columns, contents.colours[index]).items():
         row |= {f"stats/{name}/{key}": value for key, value in values.items()}
     return row
 
 
 def _stats(
-    contents: Contents, columns: Mapping[str, np.ndarray], colours: np.ndarray
+    columns: Mapping[str, np.ndarray], colours: Mapping[str, np.ndarray]
 ) -> dict[str, dict[str, Any]]:
-    """Of some rows and of the (3, 256) histogram of their pictures."""
-    stats = {name: column_stats(values) for name, values in columns.items()}
-    if not contents.has_pictures:
-        return stats
-    return {CAMERA: image_stats(colours, len(columns["index"])), **stats}
+    """Of some rows and of the (3, 256) histograms of each camera's pictures."""
+    num = len(columns["index"])
+    pictures = {key: image_stats(counted, num) for key, counted in colours.items()}
+    return pictures | {name: column_stats(values) for name, values in columns.items()}
 
 
 def _info(contents: Contents) -> dict[str, Any]:
     """meta/info.json."""
     num_episodes = len(contents.columns)
-    features = {CAMERA: _video_feature(contents)} if contents.has_pictures else {}
+    features = {
+        key: _video_feature(contents.height, width, contents.fps)
+        for key, width in contents.widths.items()
+    }
     for column in contents.columns[0]:
         features[column] = {"dtype": COLUMNS[column], "shape": [1], "names": None}
     for column, names in contents.names.items():
@@ -84,13 +87,12 @@ def _info(contents: Contents) -> dict[str, Any]:
         "fps": contents.fps,
         "splits": {"train": f"0:{num_episodes}"},
         "data_path": DATA_PATH,
-        "video_path": VIDEO_PATH if contents.has_pictures else None,
+        "video_path": VIDEO_PATH if contents.widths else None,
         "features": features,
     }
 
 
-def _video_feature(contents: Contents) -> dict[str, Any]:
-    height, width = contents.image_size
+def _video_feature(height: int, width: int, fps: float) -> dict[str, Any]:
     return {
         "dtype": "video",
         "shape": [height, width, 3],
@@ -101,7 +103,7 @@ def _video_feature(contents: Contents) -> dict[str, Any]:
             "video.codec": "h264",
             "video.pix_fmt": "yuv420p",
             "video.is_depth_map": False,
-            "video.fps": contents.fps,
+            "video.fps": fps,
             "video.channels": 3,
             "has_audio": False,
         },

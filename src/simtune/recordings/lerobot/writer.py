@@ -5,7 +5,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from simtune.errors import InputError
 from simtune.recordings.lerobot.contents import CAMERA, COLUMNS, Contents, first_file
-from simtune.recordings.lerobot.layout import DATA_PATH, VIDEO_PATH
+from simtune.recordings.lerobot.layout import DATA_PATH, IMAGES_PREFIX, VIDEO_PATH
 from simtune.recordings.lerobot.meta_writer import write_meta
 from simtune.recordings.readings import NO_READINGS
 from simtune.recordings.source import short
@@ -33,18 +33,21 @@ def write_dataset(
     robot_type: str,
     task: str,
     reading_names: Mapping[str, Sequence[str]] = NO_READINGS,
+    widths: Mapping[str, int] | None = None,
     crf: int = _CRF,
 ) -> None:
-    """Write trajectories, one an episode, as a LeRobotDataset v3.0 with one camera (h264).
+    """Write trajectories, one an episode, as a LeRobotDataset v3.0 (h264).
 
     Of `reading_names`, {sensor: what its numbers are called}, the readings become the feature
-    "observation.state" (float32), one sensor after the other; other readings are left out. Of
-    trajectories without pictures the dataset has no camera.
+    "observation.state" (float32), one sensor after the other; other readings are left out.
+
+    `widths`, {camera: pixels}, are those of the views that frames show side by side, by default of
+    one "camera0"; each becomes a video. Of trajectories without pictures the dataset has no camera.
 
     A trajectory of T actions becomes T + 1 rows, one a frame; the last row's action, of which
     no frame shows the outcome, repeats the one before. Trajectories are taken one at a time, so
     a generator needs memory for one only. `task` says in words what is done, `crf` is x264's
-    quality (less is better). All episodes share one mp4 and one parquet file.
+    quality (less is better). All episodes share one mp4 a camera and one parquet file.
 
     The folder appears whole or not at all: it is written beside its place and then renamed.
 
@@ -59,25 +62,23 @@ def write_dataset(
             raise ValueError("a dataset needs at least one trajectory")
         _check_names(reading_names)
         height, width = first.frames.shape[1:3]
-        if height % 2 or width % 2:
+        cameras = widths or ({CAMERA: width} if width else {})
+        if odd := [(height, w) for w in cameras.values() if height % 2 or w % 2]:
             raise InputError(
-                f"{folder}: pictures of {height}×{width} pixels "
+                f"{folder}: pictures of {odd[0][0]}×{odd[0][1]} pixels "
                 "do not fit h264 video; choose an even height and width"
             )
         contents = Contents(
             step_s=first.step_s,
-            image_size=(height, width),
+            height=height,
+            widths={f"{IMAGES_PREFIX}{name}": pixels for name, pixels in cameras.items()},
             action_names=tuple(action_names),
             reading_names=reading_names,
             robot_type=robot_type,
             task=task,
         )
         trajectories = itertools.chain([first], trajectories)
-        if contents.has_pictures:
-            _write_video(unfinished, contents, trajectories, crf)
-        else:
-            for trajectory in trajectories:
-                contents.add(trajectory)
+        _write_videos(unfinished, contents, trajectories, crf)
         _write_data(unfinished, contents)
         write_meta(unfinished, contents)
 
@@ -109,15 +110,20 @@ def _whole_or_not_at_all(folder: Path) -> Iterator[Path]:
         shutil.rmtree(unfinished, ignore_errors=True)
 
 
-def _write_video(
+def _write_videos(
     folder: Path, contents: Contents, trajectories: Iterable[Trajectory], crf: int
 ) -> None:
-    path = first_file(folder, VIDEO_PATH, video_key=CAMERA)
-    with VideoWriter(path, contents.fps, crf=crf, keyframe_interval=_KEYFRAME_INTERVAL) as video:
+    with ExitStack() as open_ones:
+        videos = {}
+        for key in contents.widths:
+            path = first_file(folder, VIDEO_PATH, video_key=key)
+            video = VideoWriter(path, contents.fps, crf=crf, keyframe_interval=_KEYFRAME_INTERVAL)
+            videos[key] = open_ones.enter_context(video)
         for trajectory in trajectories:
             contents.add(trajectory)
-            for frame in trajectory.frames:
-                video.write(frame)
+            for key, frames in contents.views(trajectory.frames).items():
+                for frame in frames:
+                    videos[key].write(frame)
 
 
 def _write_data(folder: Path, contents: Contents) -> None:

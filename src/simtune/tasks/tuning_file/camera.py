@@ -1,4 +1,4 @@
-"""The camera of a tuning file: one of the model's by name, or one of a pose of its own."""
+"""The cameras of a tuning file: the model's by name, or of poses of their own."""
 
 from dataclasses import dataclass, replace
 
@@ -6,41 +6,41 @@ import mujoco
 import numpy as np
 
 from simtune.errors import UnknownName
-from simtune.footage import PLAIN, Footage
+from simtune.footage import Footage
 from simtune.tasks.tuning_file.footage import KEYS as FOOTAGE
 from simtune.tasks.tuning_file.footage import read_footage
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _POSE = ("position_m", "look_at_m", "up", "quat", "field_of_view_deg")
-_ADDED = "simtune_camera"  # what a camera of its own is called in the model
+_ADDED = "simtune_camera"  # what a camera of its own is called in the model, if nothing else
 
 
 @dataclass(frozen=True)
 class FilmingCamera:
-    """A camera by name, where to put it if the model has none of that name, and its footage."""
+    """What a camera films, and where to put it if it is none of the model's."""
 
-    name: str
+    footage: Footage
     position_m: tuple[float, ...] = ()  # (3,), empty where the model has it
     quaternion: tuple[float, ...] = ()  # (4,) w, x, y, z: looks along −z, y is up
     fovy_deg: float = 0.0
-    footage: Footage = PLAIN
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
+        name = self.footage.camera
         if not self.position_m:
             if self.footage.lens:
-                spec.camera(self.name).fovy = self.fovy_deg
+                spec.camera(name).fovy = self.fovy_deg
             return
-        if before := spec.camera(self.name):  # of a model that was tuned and exported
+        if before := spec.camera(name):  # of a model that was tuned and exported
             spec.delete(before)
         spec.worldbody.add_camera(
-            name=self.name, pos=self.position_m, quat=self.quaternion, fovy=self.fovy_deg
+            name=name, pos=self.position_m, quat=self.quaternion, fovy=self.fovy_deg
         )
 
 
-def read_camera(file: TomlTable, spec: mujoco.MjSpec) -> FilmingCamera | None:
+def read_cameras(file: TomlTable, spec: mujoco.MjSpec) -> list[FilmingCamera]:
     """`camera = "NAME"`, a table [camera], [[cameras]], or nothing where the model has just one.
 
-    Where sensors measure, one that is not named is not looked at: None.
+    Where sensors measure, one that is not named is not looked at.
 
     Raises InputError.
     """
@@ -48,32 +48,47 @@ def read_camera(file: TomlTable, spec: mujoco.MjSpec) -> FilmingCamera | None:
     if "cameras" in file:
         if "camera" in file:
             raise file.error("give camera or [[cameras]], not both", "camera")
-        first, *others = file.tables("cameras") or [file.table("camera")]
-        if others:
-            raise others[0].error("one camera films today: leave the other [[cameras]] out")
-        return _of_table(first, known)
+        return _several(file.tables("cameras"), known)
     if "camera" not in file:
         if "sensors" in file:
-            return None
+            return []
         if len(known) == 1:
-            return FilmingCamera(known[0])
+            return [_model_s(known[0])]
         there = (
             f"name one of {', '.join(known)}" if known else "the model has no camera with a name"
         )
         raise file.error(f"which camera films? {there}, or give a pose in a table [camera]")
     if not file.is_table("camera"):
-        return FilmingCamera(_named(file, known))
-    return _of_table(file.table("camera"), known)
+        return [_model_s(_named(file, "camera", known))]
+    return [_of_table(file.table("camera"), known)]
 
 
-def _named(table: TomlTable, known: list[str]) -> str:
+def _several(tables: list[TomlTable], known: list[str]) -> list[FilmingCamera]:
+    """Each of which has a name and a key of its own."""
+    cameras: list[FilmingCamera] = []
+    for table in tables:
+        new = _of_table(table, known)
+        for key in ("name", "key", "camera"):
+            mine, others = getattr(new.footage, key), [getattr(c.footage, key) for c in cameras]
+            if mine in others:
+                says = f"two cameras with the {key} {mine!r}" if mine else f"two without a {key}"
+                raise table.error(f"{says}: give each its own", key if key in table else None)
+        cameras.append(new)
+    return cameras
+
+
+def _model_s(name: str) -> FilmingCamera:
+    return FilmingCamera(Footage(camera=name, name=name))
+
+
+def _named(table: TomlTable, key: str, known: list[str]) -> str:
     """One of the model's cameras."""
-    name = table.text("camera")
+    name = table.text(key)
     if name not in known:
         if not known:
             message = f"no camera {name!r} in the model, which has none; give a table [camera]"
-            raise table.error(message, "camera")
-        raise table.error(UnknownName("camera", name, "the model", known), "camera")
+            raise table.error(message, key)
+        raise table.error(UnknownName("camera", name, "the model", known), key)
     return name
 
 
@@ -83,13 +98,15 @@ def _of_table(table: TomlTable, known: list[str]) -> FilmingCamera:
     footage = read_footage(table)
     if footage.lens and "field_of_view_deg" in table:
         raise table.error("the lens says the field of view: leave this out", "field_of_view_deg")
-    if "camera" not in table:
-        camera = _posed(table)
-    else:
+    if "camera" in table or ("name" in table and not any(key in table for key in _POSE)):
         for key in _POSE:
             if key in table:
                 raise table.error(f"camera is the model's, which has a pose: leave {key} out", key)
-        camera = FilmingCamera(_named(table, known))
+        camera = _model_s(_named(table, "camera" if "camera" in table else "name", known))
+    else:
+        camera = _posed(table)
+    model_s = camera.footage.camera
+    footage = replace(footage, camera=model_s, name=table.text("name", model_s))
     fovy_deg = footage.lens.fovy_deg if footage.lens else camera.fovy_deg
     return replace(camera, footage=footage, fovy_deg=fovy_deg)
 
@@ -119,7 +136,8 @@ def _posed(table: TomlTable) -> FilmingCamera:
         raise table.error(
             f"field_of_view_deg must be below 180, got {fovy_deg:g}", "field_of_view_deg"
         )
-    return FilmingCamera(_ADDED, position, quaternion, fovy_deg)
+    footage = Footage(camera=table.text("name", _ADDED))
+    return FilmingCamera(footage, position, quaternion, fovy_deg)
 
 
 def _looking(position: np.ndarray, target: np.ndarray, up: np.ndarray) -> tuple[float, ...] | None:

@@ -12,14 +12,25 @@ from simtune.lens import Lens
 from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.validate import is_number
 
-KEYS = ("key", "background", "intrinsics", "distortion", "calibration")
+KEYS = ("key", "background", "intrinsics", "distortion", "calibration", "latency_s")
 _NO_DISTORTION = (0.0,) * 5
+_LONGEST_LATENCY_S = 1.0
 _FEWEST_COEFFICIENTS, _COEFFICIENTS = 4, 5  # k3 may be left out
 
 
 def read_footage(table: TomlTable) -> Footage:
     """Of [camera], or of one of [[cameras]]. Raises InputError."""
-    return Footage(key=table.text("key", None), lens=_lens(table), background=_background(table))
+    latency_s = table.number("latency_s", 0.0)
+    if not 0 <= latency_s <= _LONGEST_LATENCY_S:
+        raise table.error(
+            f"latency_s must be from 0 to {_LONGEST_LATENCY_S:g}, got {latency_s:g}", "latency_s"
+        )
+    return Footage(
+        key=table.text("key", None),
+        lens=_lens(table),
+        background=_background(table),
+        latency_s=latency_s,
+    )
 
 
 def _background(table: TomlTable) -> Any:

@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-from simtune.footage import PLAIN
 from simtune.simulation.delays import count_substeps
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
 from simtune.tasks.tuning_file.actions import read_actions, read_columns
-from simtune.tasks.tuning_file.camera import read_camera
+from simtune.tasks.tuning_file.camera import read_cameras
 from simtune.tasks.tuning_file.environment import read_environment_task
 from simtune.tasks.tuning_file.initial_state import read_initial_state
 from simtune.tasks.tuning_file.model import read_model
@@ -33,9 +32,10 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
         return read_environment_task(file)
     file.allow(*_KEYS)
     nominal = read_model(file)
-    camera = read_camera(file, nominal)
-    if camera:
+    cameras = read_cameras(file, nominal)
+    for camera in cameras:
         camera.add_to(nominal)
+    footage = tuple(camera.footage for camera in cameras)
     model, load_spec = nominal.compile(), nominal.copy
     control_timestep_s = file.number("control_timestep_s", above=0)
     action_repeat = file.whole("action_repeat", 1)
@@ -51,11 +51,10 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
     return Task(
         name=file.text("name", path.stem),
         description=file.text("description", f"{file.text('model')}, of {path.name}"),
-        declared=file.content(without="policy") + (camera.footage.content() if camera else ""),
+        declared=file.content(without="policy") + "".join(f.content() for f in footage),
         load_spec=load_spec,
-        parameters=read_parameters(file, load_spec(), camera and camera.name, step_s),
-        camera=camera and camera.name,
-        footage=camera.footage if camera else PLAIN,
+        parameters=read_parameters(file, load_spec(), [f.camera for f in footage], step_s),
+        cameras=footage,
         sensors=read_sensors(file, model),
         control_timestep_s=control_timestep_s,
         action_repeat=action_repeat,

@@ -1,6 +1,7 @@
 """The tables [[parameters]] of a tuning file."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import mujoco
@@ -24,11 +25,11 @@ _NUMBERS = ("nominal", "low", "high", "scale", "unit")
 
 
 def read_parameters(
-    file: TomlTable, spec: mujoco.MjSpec, camera: str | None, step_s: float
+    file: TomlTable, spec: mujoco.MjSpec, cameras: Sequence[str], step_s: float
 ) -> ParameterSpace:
     """All of them, in the file's order, checked against the model, which may be changed.
 
-    `camera`: the name of the one that films; `step_s`: of a policy step.
+    `cameras`: the names of those that film; `step_s`: of a policy step.
     Raises InputError for what is wrong with one, or does not go with the model.
     """
     entries = file.tables("parameters")
@@ -37,7 +38,7 @@ def read_parameters(
     model, space = spec.compile(), ParameterSpace([])
     for entry in entries:
         with entry.at():
-            new = _read(entry, model, camera)
+            new = _read(entry, model, cameras)
             space = ParameterSpace([*space, *new], where=file.file.name)
             if any(parameter.changes_model for parameter in new):
                 prepare_spec(spec, space, step_s)
@@ -46,7 +47,7 @@ def read_parameters(
     return space
 
 
-def _read(entry: TomlTable, model: mujoco.MjModel, camera: str | None) -> list[Parameter]:
+def _read(entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str]) -> list[Parameter]:
     name = entry.text("name")
     if not re.fullmatch(r"[A-Za-z0-9_\-]+", name):
         raise entry.error(f"name must be letters, digits, _ and - only, got {name!r}", "name")
@@ -60,15 +61,15 @@ def _read(entry: TomlTable, model: mujoco.MjModel, camera: str | None) -> list[P
     if "kind" not in entry:
         raise entry.error(f"{name} has neither kind nor field: expected one of them")
     field, kind = KINDS[entry.choice("kind", KINDS)]
+    films = tuple(cameras) if len(cameras) == 1 else None  # of several one has to be named
     if kind.makes == "rgb":
         return _colour(entry, model, field.name)
     if kind.makes == "pose":
-        return _camera_pose(entry, model, camera)
+        return _camera_pose(entry, model, films)
     asks = kind.asks_component
     component = entry.whole("component", None, least=0) if asks else kind.component
     entry.allow("name", "kind", "objects", *["component"] * asks, *_NUMBERS)
-    films = (camera,) if camera and field.prefix == "cam" else None
-    objects = _objects(entry, model, field.name, films)
+    objects = _objects(entry, model, field.name, films if field.prefix == "cam" else None)
     apart = kind.name if kind.is_apart else ""
     return [_number(entry, model, field.name, objects, component, apart)]
 
@@ -157,10 +158,12 @@ def _colour(entry: TomlTable, model: mujoco.MjModel, field: str) -> list[Paramet
     return colour(entry.text("name"), objects, (red, green, blue), field=field)
 
 
-def _camera_pose(entry: TomlTable, model: mujoco.MjModel, camera: str | None) -> list[Parameter]:
+def _camera_pose(
+    entry: TomlTable, model: mujoco.MjModel, films: tuple[str, ...] | None
+) -> list[Parameter]:
     """NAME_x, NAME_y, NAME_z, NAME_pitch, NAME_yaw and NAME_roll."""
     entry.allow("name", "kind", "objects", "within_m", "within_rad")
-    cameras = _objects(entry, model, "cam_pos", (camera,) if camera else None)
+    cameras = _objects(entry, model, "cam_pos", films)
     if len(cameras) != 1:
         raise entry.error("a camera_pose is of one camera", "objects")
     position = own_values(model, _some_parameter(entry, model, "cam_pos", cameras))[0]

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from simtune.footage import Footage
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.simulation import MocapActions
 from simtune.tasks.batch_state import computed, reset_to_default
@@ -35,7 +36,7 @@ def arm_task(
         name=name,
         load_spec=lambda: mujoco.MjSpec.from_file(scene),
         parameters=ParameterSpace(parameters, where=name),
-        camera=_CAMERA,
+        cameras=(Footage(camera=_CAMERA, name=_CAMERA),),
         control_timestep_s=_STEP_S,
         action_repeat=1,
         episode_steps=_EPISODE_STEPS,

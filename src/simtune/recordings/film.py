@@ -1,0 +1,131 @@
+"""The pictures of recordings: what one camera or several saw, equally high and side by side."""
+
+import functools
+from collections.abc import Generator, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.footage import Footage
+from simtune.recordings.facts import Seen, SeenPictures, picture_facts
+from simtune.recordings.source import Source
+from simtune.views import width_of
+
+
+class Shot(NamedTuple):
+    """A camera's pictures, and what they are."""
+
+    source: Source  # opened for that camera
+    footage: Footage
+
+
+class Film:
+    """All shots of the same episodes."""
+
+    def __init__(self, shots: Sequence[Shot], where: str):
+        """`where` they lie, for messages. Raises ValueError for sources without pictures."""
+        if any(source.camera is None for source, _ in shots):
+            raise ValueError("the source was opened without pictures")
+        self._shots, self._where = shots, where
+
+    @property
+    def files(self) -> list[Path]:
+        """All that their content depends on."""
+        return sorted({path for source, _ in self._shots for path in source.files})
+
+    @property
+    def latency_s(self) -> float:
+        """The longest of a camera."""
+        return max((footage.latency_s for _, footage in self._shots), default=0.0)
+
+    @functools.cached_property
+    def _sizes(self) -> list[tuple[int, int]]:
+        """(height, width) of each camera's pictures, by the very first one."""
+        sizes = []
+        for source, _ in self._shots:
+            pictures = source.pictures(0, source.rows(0).times_s[:1])
+            _, picture = _next(pictures, f"{source.episodes[0]}, step 0")
+            sizes.append(picture.shape[:2])
+        return sizes
+
+    @functools.cached_property
+    def aspects(self) -> list[float]:
+        """Width over height of each camera's view. Raises InputError for what cannot be fitted."""
+        aspects = []
+        for (_, footage), size in zip(self._shots, self._sizes, strict=True):
+            try:
+                aspects.append(footage.aspect(size))
+            except InputError as error:
+                raise InputError(f"{self._where}: {error}") from None
+        return aspects
+
+    def height(self, at_most: int | None) -> int:
+        """Of the pictures as they are, or less."""
+        own = min(height for height, _ in self._sizes)
+        return own if at_most is None else min(own, at_most)
+
+    def frames(
+        self, episode: int, times_s: np.ndarray, height: int | None
+    ) -> Generator[np.ndarray, None, list[SeenPictures]]:
+        """The frames nearest to times, (H, W, 3), fitted; returns what the pictures are like.
+
+        None of `height` is that of the pictures as they are. Raises InputError for unsound ones.
+        """
+        height = height or self.height(None)
+        pictures = [
+            self._nearest(number, episode, times_s, (height, width_of(aspect, height)))
+            for number, aspect in enumerate(self.aspects)
+        ]
+        seen: list[SeenPictures] = []
+        for _ in times_s:
+            frames = [next(one) for one in pictures]
+            yield frames[0] if len(frames) == 1 else np.concatenate(frames, 1)
+        for one in pictures:
+            try:
+                next(one)
+            except StopIteration as end:
+                seen.append(end.value)
+        return seen
+
+    def facts(self, seen: Sequence[Seen], height: int | None) -> list[dict[str, Any]]:
+        """What to note down of each camera, in episodes whose pictures were looked at; JSON."""
+        height = height or self.height(None)
+        return [
+            {"key": source.camera, "codec": source.codec}
+            | picture_facts(seen, number, (height, width_of(aspect, height)))
+            for number, ((source, _), aspect) in enumerate(
+                zip(self._shots, self.aspects, strict=True)
+            )
+        ]
+
+    def _nearest(
+        self, number: int, episode: int, times_s: np.ndarray, size: tuple[int, int]
+    ) -> Generator[np.ndarray, None, SeenPictures]:
+        """Those of one camera."""
+        (source, footage), recorded = self._shots[number], self._sizes[number]
+        times_s = times_s + footage.latency_s
+        name, errors_s = source.episodes[episode], []
+        pictures = source.pictures(episode, times_s)
+        for time_s in times_s:
+            seen_s, picture = _next(pictures, f"{name}, step {len(errors_s)}")
+            if picture.shape[:2] != recorded:
+                height, width = picture.shape[:2]
+                raise InputError(
+                    f"{self._where}: {name}: pictures of {width}×{height} pixels, those of other "
+                    f"episodes have {recorded[1]}×{recorded[0]}; "
+                    "expected one camera that films all alike"
+                )
+            errors_s.append(abs(seen_s - time_s))
+            yield footage.fit(picture, size)
+        errors = float(max(errors_s)), float(np.mean(errors_s))
+        return SeenPictures(size=recorded, time_errors_s=errors)
+
+
+def _next(pictures: Iterator[tuple[float, np.ndarray]], where: str) -> tuple[float, np.ndarray]:
+    """Raises InputError, with where it is, for one that is not sound."""
+    try:
+        return next(pictures)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
