@@ -15,7 +15,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # Two processes of one thread each; a test file's own fixtures are made once by each of them.
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
-.PHONY: install demo test test-quick check test-all bench dist
+.PHONY: install demo evidence test test-quick check test-all bench dist
 
 install: $(READY)
 
@@ -30,6 +30,17 @@ $(READY): pyproject.toml constraints.txt
 demo: $(READY)
 	$(BIN)/simtune tune ball_in_cup --real pseudo --real-episodes 10 --budget-minutes 4 --out runs/demo
 	@echo "the report: runs/demo/report.html"
+
+# The grid behind the paper's claim. It takes days of one core and hours of many; whatever stops it,
+# the same command goes on. `make evidence SWEEP="--workers 2"`, or SWEEP="--ray auto".
+EVIDENCE := runs/evidence
+evidence: $(READY)
+	@echo "docs/sweeps.md says what this costs; to measure it here first:"
+	@echo "  $(BIN)/simtune sweep grids/evidence.toml --out $(EVIDENCE) --dry-run"
+	@echo "Stop it when you like: the same command goes on. The figures of what is done so far:"
+	@echo "  $(BIN)/simtune figures $(EVIDENCE)"
+	$(BIN)/simtune sweep grids/evidence.toml --out $(EVIDENCE) $(SWEEP)
+	$(BIN)/simtune figures $(EVIDENCE)
 
 # Without those of about a second and more; `make test` before a change is handed on.
 test-quick: $(READY)

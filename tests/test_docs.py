@@ -25,8 +25,11 @@ PAGES = {
     "evaluate": config.EvaluateConfig,
     "export": config.ExportConfig,
     "compare": config.CompareConfig,
+    "sweep": config.SweepConfig,
+    "figures": config.FiguresConfig,
 }
 POSITIONAL = {"task": "TASK", "run_folder": "RUN", "other_folder": "RUN"}
+POSITIONAL |= {"grid": "GRID", "folder": "DIR"}
 TABLE = re.compile(r"\| option \|.*?(?=\n\n|\Z)", re.S)
 
 

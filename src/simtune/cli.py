@@ -21,7 +21,9 @@ from simtune.config import (
     CompareConfig,
     EvaluateConfig,
     ExportConfig,
+    FiguresConfig,
     RecordConfig,
+    SweepConfig,
     TrainConfig,
     TuneConfig,
 )
@@ -56,6 +58,8 @@ Command = (
     | Annotated[ExportConfig, subcommand("export")]
     | Annotated[CompareConfig, subcommand("compare")]
     | Annotated[ReportCommand, subcommand("report")]
+    | Annotated[SweepConfig, subcommand("sweep")]
+    | Annotated[FiguresConfig, subcommand("figures")]
     | Annotated[DoctorCommand, subcommand("doctor")]
 )
 
@@ -148,6 +152,12 @@ def _run(command: Any) -> None:
             from simtune.report import write_report
 
             print(write_report(run_folder))
+        case SweepConfig():
+            _sweep(command)
+        case FiguresConfig():
+            from simtune.figures import write_figures
+
+            print(write_figures(command.folder))
         case DoctorCommand():
             from simtune.doctor import analyze
 
@@ -225,12 +235,30 @@ def _record(config: RecordConfig) -> None:
     print(f"{count} in {folder}; next: simtune check {config.task} --real {folder}")
 
 
+def _sweep(config: SweepConfig) -> None:
+    from simtune.sweep import dry_run, sweep
+
+    if config.dry_run:
+        dry_run(config, print)
+        return
+    standings = sweep(config)
+    failed = [name for name, standing in standings.items() if standing.status == "failed"]
+    if failed:
+        raise RuntimeError(
+            f"{len(failed)} of {_counted(len(standings), 'run')} failed: {', '.join(failed)}; "
+            f"{config.out / 'sweep.json'} has the reasons"
+        )
+    print(f"{_counted(len(standings), 'run')} done; next: simtune figures {config.out}")
+
+
 def _counted(num: int, what: str) -> str:
     return f"{num} {what}{'s' * (num != 1)}"
 
 
 def _interrupted(command: Any) -> str:
     """What of a run is kept."""
+    if isinstance(command, SweepConfig):
+        return "interrupted; the same command goes on"
     if not isinstance(command, TuneConfig | TrainConfig):
         return "interrupted"
     from simtune.run.folder import kept_state

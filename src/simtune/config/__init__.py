@@ -2,6 +2,7 @@
 
 from simtune.config.real import ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.record import CompareConfig, ExportConfig, RecordConfig
+from simtune.config.sweep import FiguresConfig, SweepConfig
 from simtune.config.train import UNTUNED, EvaluateConfig, TrainConfig
 from simtune.config.tune import CheckConfig, TuneConfig
 
@@ -12,9 +13,11 @@ __all__ = [
     "CompareConfig",
     "EvaluateConfig",
     "ExportConfig",
+    "FiguresConfig",
     "RealConfig",
     "RecordConfig",
     "RecordingsConfig",
+    "SweepConfig",
     "TrainConfig",
     "TuneConfig",
 ]

@@ -93,6 +93,10 @@ class TomlTable:
             if key not in keys:
                 raise self.error(UnknownName("key", key, self.name, keys), key)
 
+    def value(self, key: str) -> Any:
+        """Whatever stands there."""
+        return self._values[key]
+
     def text(self, key: str, default: Any = _REQUIRED) -> Any:
         return self._checked(key, "a text", default, lambda v: isinstance(v, str) and v != "")
 

@@ -1,0 +1,122 @@
+"""Which runs are compared: settings, methods, and what was varied besides.
+
+A setting is a task, through a reality gap or not, trained or only tuned. In it the runs of a method
+that differ by nothing but their seeds are a group. Where an option was varied, its most common
+value is the usual one: groups that have it are drawn together, method beside method, and the other
+values beside it as an ablation of this option.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from simtune.figures.records import Record
+from simtune.validate import is_number
+
+ORDER = ("autotune", "regression", "dr", "oracle")  # of methods; others come after
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs that differ by their seeds alone."""
+
+    method: str
+    runs: list[Record]
+
+    def scores(self, name: str) -> list[float]:
+        return [value for run in self.runs if (value := run.score(name)) is not None]
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """One option varied, all others being as usual."""
+
+    option: str
+    groups: list[tuple[Any, Group]]  # its value
+
+
+@dataclass(frozen=True)
+class Setting:
+    task: str
+    is_training: bool
+    has_gap: bool
+    groups: list[Group]  # a method each, all options as usual
+    ablations: list[Ablation]
+
+    @property
+    def title(self) -> str:
+        what = "" if self.is_training else ", parameters alone"
+        return self.task + what + (", through the gap" if self.has_gap else "")
+
+    @property
+    def key(self) -> str:
+        """For the names of files."""
+        parts = [self.task, "" if self.is_training else "tune", "gap" if self.has_gap else ""]
+        return "-".join(part for part in parts if part)
+
+    @property
+    def score(self) -> str:
+        """What policies are judged by: whether they reach the task's goal, if it has one."""
+        has_goal = any("success" in run.result for group in self.groups for run in group.runs)
+        return "success" if has_goal else "return"
+
+    def group(self, method: str) -> Group | None:
+        return next((group for group in self.groups if group.method == method), None)
+
+
+def settings(records: Sequence[Record]) -> list[Setting]:
+    """All that the runs are of, trainings first, gaps last."""
+    apart: dict[tuple[bool, bool, str], list[Record]] = {}
+    for record in records:
+        has_gap = bool(record.config.get("real_gap"))
+        apart.setdefault((has_gap, not record.is_training, record.task), []).append(record)
+    return [_setting(*key, apart[key]) for key in sorted(apart)]
+
+
+def _setting(has_gap: bool, is_tuning: bool, task: str, records: list[Record]) -> Setting:
+    usual = _usual(records)
+    apart: dict[frozenset[str], list[Record]] = {}
+    for record in records:
+        differing = frozenset(n for n, v in usual.items() if record.options.get(n) != v)
+        apart.setdefault(differing, []).append(record)
+    common = apart.pop(frozenset(), [])
+    ablations = [
+        _ablation(next(iter(names)), common, varied)
+        for names, varied in apart.items()
+        if len(names) == 1
+    ]
+    ablations.sort(key=lambda ablation: ablation.option)
+    return Setting(task, not is_tuning, has_gap, _by_method(common), ablations)
+
+
+def _usual(records: list[Record]) -> dict[str, Any]:
+    """The most common value of each option that was varied; the first one of those as common."""
+    names = dict.fromkeys(name for record in records for name in record.options)
+    values = {name: [record.options.get(name) for record in records] for name in names}
+    counts = {name: Counter(map(repr, of)) for name, of in values.items()}
+    return {
+        name: next(v for v in values[name] if repr(v) == count.most_common(1)[0][0])
+        for name, count in counts.items()
+        if len(count) > 1
+    }
+
+
+def _by_method(records: list[Record]) -> list[Group]:
+    found: dict[str, list[Record]] = {}
+    for record in records:
+        found.setdefault(record.method, []).append(record)
+    place = {method: i for i, method in enumerate(ORDER)}
+    return [Group(m, found[m]) for m in sorted(found, key=lambda m: (place.get(m, len(ORDER)), m))]
+
+
+def _ablation(option: str, common: list[Record], varied: list[Record]) -> Ablation:
+    """Methods that were varied, by the option's value: numbers in their order, then the others."""
+    methods = {record.method for record in varied}
+    found: dict[str, tuple[Any, list[Record]]] = {}
+    for record in [*(r for r in common if r.method in methods), *varied]:
+        value = record.options.get(option)
+        found.setdefault(repr(value), (value, []))[1].append(record)
+    by_value = [(v, g) for v, records in found.values() for g in _by_method(records)]
+    by_value.sort(key=lambda pair: (not is_number(pair[0]), pair[0] if is_number(pair[0]) else 0))
+    return Ablation(option, by_value)

@@ -1,0 +1,134 @@
+"""Finished runs, as far as figures need them: read from run folders alone."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from simtune.errors import InputError
+from simtune.run import read_json, read_jsonl
+from simtune.validate import is_number
+
+# Options by which runs may differ and still be seeds of one another, or that follow from others
+_NO_CONDITIONS = ("task", "out", "seed", "method", "device", "move", "robot", "real_parameters")
+_FLOOR = 0.01  # of a parameter's upper bound: a smaller truth counts as this, see `Truth.score`
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """A run that has a result."""
+
+    name: str
+    config: Mapping[str, Any]
+    result: Mapping[str, Any]
+    metrics: list[dict[str, Any]] = field(repr=False)
+
+    @property
+    def task(self) -> str:
+        return Path(str(self.result["task"])).stem
+
+    @property
+    def method(self) -> str:
+        """Of a training; of a run of `tune`, how it searched."""
+        if "method" in self.config:
+            return self.config["method"]
+        search = self.config.get("search", "posterior")
+        return "tune" if search == "posterior" else f"tune, {search}"
+
+    @property
+    def is_training(self) -> bool:
+        return "method" in self.config
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """By which runs of one method may differ, but for what its command derived from them."""
+        plain = {k: v for k, v in self.config.items() if not isinstance(v, dict)}
+        derived = ("_content", "truth")
+        names = [k for k in plain if k not in _NO_CONDITIONS and not k.endswith(derived)]
+        return {name: plain[name] for name in names}
+
+    def score(self, name: str) -> float | None:
+        """The mean of "return", "success", ... over scored episodes, or a plain number."""
+        value = self.result.get(name)
+        value = value.get("mean") if isinstance(value, dict) else value
+        return value if is_number(value) else None
+
+    def returns(self) -> list[tuple[float, float]]:
+        """(policy steps, return in simulation) of episodes that were played on pictures."""
+        played = [line for line in self.metrics if line.get("filmed")]
+        return _points(played, "step", "return/simulated")
+
+    def scores(self, against: str, score: str) -> list[tuple[float, float]]:
+        """(`against`, score in the pseudo-real world) on the way, and at last."""
+        points = _points(self.metrics, against, f"{score}/real")
+        at = self.result.get("policy_steps" if against == "step" else against)
+        last = self.score(score)
+        if is_number(at) and last is not None:
+            points = [(x, y) for x, y in points if x < at] + [(float(at), last)]
+        return points
+
+    def percent_errors(self) -> list[tuple[float, float]]:
+        """(real episodes, mean percent error) of the start and after each round."""
+        truths = {n: p["real"] for n, p in self.result["parameters"].items() if "real" in p}
+        if not truths:
+            return []
+        start = {n: p["initial"] for n, p in self.result["parameters"].items()}
+        rounds = [
+            (float(line["real_episodes"]), {n: line.get(f"mean/{n}") for n in truths})
+            for line in self.metrics
+            if "round" in line
+        ]
+        known = [(0.0, start), *rounds]
+        return [
+            (num, sum(self._percent_error(n, means[n], truths[n]) for n in truths) / len(truths))
+            for num, means in known
+            if all(is_number(means[n]) for n in truths)
+        ]
+
+    def _percent_error(self, name: str, mean: float, real: float) -> float:
+        return 100 * abs(mean - real) / max(abs(real), _FLOOR * self._highs.get(name, 0.0), 1e-12)
+
+    @cached_property
+    def _highs(self) -> dict[str, float]:
+        """Upper bounds by name, as far as the result has them."""
+        covariance = self.result.get("covariance") or {}
+        return {each["name"]: abs(each["high"]) for each in covariance.get("coordinates", ())}
+
+
+def _points(lines: list[dict[str, Any]], x: str, y: str) -> list[tuple[float, float]]:
+    pairs = [(line.get(x), line.get(y)) for line in lines]
+    return [(float(a), float(b)) for a, b in pairs if is_number(a) and is_number(b)]
+
+
+def read_records(folder: Path) -> tuple[list[Record], list[str]]:
+    """All finished runs in a folder, at any depth, and the names of those without a result.
+
+    A sweep's pilots are none. Raises InputError where there are no runs, or one is damaged.
+    """
+    finished, unfinished = [], []
+    for path, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if name not in ("pilots", "checkpoints"))
+        if "config.json" in files:
+            folders.clear()
+            record = _read(Path(path), folder)
+            (finished if record else unfinished).append(record or Path(path).name)
+    if not finished:
+        raise InputError(f"{folder} has no run with a result in it, so there is nothing to draw")
+    return finished, unfinished
+
+
+def _read(path: Path, folder: Path) -> Record | None:
+    try:
+        config = read_json(path / "config.json")["config"]
+        if not (path / "result.json").is_file():
+            return None
+        result = read_json(path / "result.json")
+        if not isinstance(result, dict) or not {"task", "parameters"} <= result.keys():
+            raise ValueError("result.json is none of a run")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} is damaged: {type(error).__name__}: {error}") from None
+    metrics = read_jsonl(path / "metrics.jsonl")
+    name = str(path.relative_to(folder))
+    return Record(name=name, config=config, result=result, metrics=metrics)

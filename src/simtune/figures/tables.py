@@ -1,0 +1,109 @@
+"""What all seeds reached in the end, as rows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from simtune.figures.authors import AUTHORS
+from simtune.figures.groups import ORDER, Group, Setting
+from simtune.figures.records import Record
+from simtune.figures.statistics import Centre, centre, stratified
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A method in a setting; what is not known is None."""
+
+    setting: str
+    method: str
+    seeds: int
+    score: Centre | None  # return, or success as a share
+    near_success: Centre | None
+    of_oracle: Centre | None  # the score as a share of the oracles' mean
+    percent_error: Centre | None
+    real_episodes: Centre | None
+    policy_steps: Centre | None
+    minutes: Centre | None
+
+
+def rows(setting: Setting) -> list[Row]:
+    return [_row(setting, group) for group in setting.groups]
+
+
+def _row(setting: Setting, group: Group) -> Row:
+    tells_error = group.method not in ("dr", "oracle")
+    return Row(
+        setting=setting.title,
+        method=group.method,
+        seeds=len(group.runs),
+        score=_known(group.scores(setting.score)) if setting.is_training else None,
+        near_success=_known(group.scores("near_success")),
+        of_oracle=_known(shares_of_oracle(setting, group)),
+        percent_error=_known(group.scores("percent_error")) if tells_error else None,
+        real_episodes=_known(group.scores("real_episodes")),
+        policy_steps=_known(group.scores("policy_steps")),
+        minutes=_known([wall_s / 60 for wall_s in group.scores("wall_s")]),
+    )
+
+
+def _known(values: Sequence[float]) -> Centre | None:
+    return centre(values) if values else None
+
+
+def shares_of_oracle(setting: Setting, group: Group) -> list[float]:
+    """Each seed's score as a share of what oracles of this setting reach on average."""
+    oracle = setting.group("oracle")
+    reached = oracle.scores(setting.score) if oracle else []
+    level = sum(reached) / len(reached) if reached else 0.0
+    return [score / level for score in group.scores(setting.score)] if level > 0 else []
+
+
+def overall(settings: Sequence[Setting]) -> dict[str, Centre]:
+    """Shares of the oracle over all tasks and seeds, by method."""
+    found = {}
+    for method in ORDER:
+        pairs = [(s, group) for s in settings if (group := s.group(method))]
+        if strata := [shares for s, group in pairs if (shares := shares_of_oracle(s, group))]:
+            found[method] = stratified(strata)
+    return found
+
+
+def authors(setting: Setting) -> list[dict[str, Any]]:
+    """What the paper's authors reached in the same task, by method."""
+    reached = AUTHORS.get(setting.task)
+    if not setting.is_training or setting.has_gap or reached is None:
+        return []
+    oracle = reached.methods["oracle"].mean
+    return [
+        {
+            "method": method,
+            "score": reached.methods[method],
+            "of_oracle": reached.methods[method].mean / oracle,
+            "policy_steps": reached.policy_steps,
+            "percent_error": reached.percent_error[1]
+            if reached.percent_error and method == "autotune"
+            else None,
+        }
+        for method in ORDER
+        if method in reached.methods
+    ]
+
+
+def flat(row: Row) -> dict[str, Any]:
+    """A row of the CSV: each figure with its interval."""
+    cells: dict[str, Any] = {}
+    for name, value in vars(row).items():
+        if isinstance(value, Centre):
+            cells |= {name: value.mean, f"{name}_low": value.low, f"{name}_high": value.high}
+        else:
+            cells[name] = value
+    return cells
+
+
+def run_row(record: Record) -> dict[str, Any]:
+    """A run by itself, so that anybody can check the figures or draw others."""
+    names = ("return", "success", "near_success", "percent_error", "real_episodes")
+    names += ("policy_steps", "sim_steps", "wall_s")
+    known = {"run": record.name, "task": record.task, "method": record.method}
+    known |= {"seed": record.config.get("seed"), "real_gap": bool(record.config.get("real_gap"))}
+    return known | {name: record.score(name) for name in names}

@@ -1,0 +1,103 @@
+"""`simtune figures`: a page, and each figure as SVG, PNG and CSV."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader
+from markupsafe import Markup
+
+from simtune.errors import InputError
+from simtune.figures import tables
+from simtune.figures.draw import LEGEND, colour, draw, with_legend
+from simtune.figures.figure import Figure
+from simtune.figures.gather import figures_of
+from simtune.figures.groups import Setting, settings
+from simtune.figures.raster import png
+from simtune.figures.records import Record, read_records
+from simtune.report import words
+from simtune.run import write_atomically
+from simtune.validate import is_number
+
+PAGE = "figures.html"
+
+
+def write_figures(folder: Path | str) -> Path:
+    """Draw what the runs in a folder say together; returns the page's path.
+
+    Raises InputError where there are none with a result, or nothing can be written.
+    """
+    folder = Path(folder)
+    records, unfinished = read_records(folder)
+    found = settings(records)
+    drawn = {setting.key: figures_of(setting) for setting in found}
+    environment = _environment()
+    try:
+        _write_files(folder / "figures", environment, found, drawn, records)
+        page = environment.get_template("figures.html").render(
+            settings=found,
+            figures=drawn,
+            overall=[(words_, tables.overall(of)) for words_, of in _trainings(found)],
+            num_runs=len(records),
+            unfinished=unfinished,
+            title=folder.resolve().name,
+            written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        )
+        write_atomically(folder / PAGE, page)
+    except OSError as error:
+        raise InputError(f"cannot write into {folder}: {error.strerror}") from error
+    return folder / PAGE
+
+
+def _trainings(found: Sequence[Setting]) -> list[tuple[str, list[Setting]]]:
+    """Those that are summed up over tasks: apart, through the gap or not."""
+    names = {False: "All tasks", True: "All tasks, through the gap"}
+    apart = [(names[g], [s for s in found if s.is_training and s.has_gap == g]) for g in names]
+    return [(name, of) for name, of in apart if len(of) > 1]
+
+
+def _write_files(
+    folder: Path,
+    environment: Environment,
+    found: Sequence[Setting],
+    drawn: Mapping[str, Sequence[Figure]],
+    records: Sequence[Record],
+) -> None:
+    folder.mkdir(exist_ok=True)
+    template = environment.get_template("figure.svg.html")
+    for figure in (figure for figures in drawn.values() for figure in figures):
+        plot = with_legend(figure)
+        write_atomically(folder / f"{figure.key}.svg", template.render(plot=plot, legend=LEGEND))
+        write_atomically(folder / f"{figure.key}.png", png(plot))
+        write_atomically(folder / f"{figure.key}.csv", _csv(figure.rows()))
+    table = [tables.flat(row) for setting in found for row in tables.rows(setting)]
+    write_atomically(folder / "table.csv", _csv(table))
+    write_atomically(folder / "runs.csv", _csv([tables.run_row(record) for record in records]))
+
+
+def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    file = io.StringIO()
+    writer = csv.DictWriter(file, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({k: v for k, v in row.items() if v == v} for row in rows)  # NaN: unknown
+    return file.getvalue()
+
+
+def _environment() -> Environment:
+    loaders = [PackageLoader("simtune.figures"), PackageLoader("simtune.report")]
+    environment = Environment(
+        loader=ChoiceLoader(loaders), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {f.__name__: f for f in (words.number, words.count, words.percent)}
+    environment.filters |= {"colour": colour, "share": words.share}
+    environment.tests["finite"] = is_number
+    environment.globals |= {"draw": draw, "rows": tables.rows, "authors": tables.authors}
+    style = files("simtune.report").joinpath("style.css").read_text(encoding="utf-8")
+    own = files("simtune.figures").joinpath("style.css").read_text(encoding="utf-8")
+    environment.globals |= {"style": Markup(style + own), "own_style": Markup(own)}
+    return environment

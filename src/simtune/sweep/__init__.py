@@ -1,0 +1,6 @@
+"""Grids of runs, carried out on this machine or on a Ray cluster, whatever is killed meanwhile."""
+
+from simtune.sweep.dry_run import dry_run
+from simtune.sweep.sweep import sweep
+
+__all__ = ["dry_run", "sweep"]

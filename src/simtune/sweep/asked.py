@@ -1,0 +1,85 @@
+"""A run that a grid asks for: its name, its options, and the command to type."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from simtune.config import ROBOTS, TrainConfig, TuneConfig
+from simtune.errors import InputError, UnknownName
+
+COMMANDS = {"tune": TuneConfig, "train": TrainConfig}
+_PATHS = ("robot", "real_parameters")
+
+
+@dataclass(frozen=True, kw_only=True)
+class AskedRun:
+    name: str  # of its folder
+    command: str  # one of COMMANDS
+    options: Mapping[str, Any]  # as the grid has them, the task among them
+    folder: Path  # of the grid, to which paths in `options` are relative
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """What sweep.json remembers of it: a name always stands for the same."""
+        return {"command": self.command, **self.options}
+
+    @property
+    def seed(self) -> int:
+        return self.options.get("seed", 0)
+
+    @property
+    def kind(self) -> str:
+        """What it has in common with runs of other seeds, which take as long."""
+        options = {k: v for k, v in self.asked.items() if k != "seed"}
+        return " ".join(f"{k}={v}" for k, v in options.items())
+
+    @cached_property
+    def values(self) -> dict[str, Any]:
+        """The options; files and folders so that they are found from anywhere."""
+        return {name: self._found(name, value) for name, value in self.options.items()}
+
+    def _found(self, name: str, value: Any) -> Any:
+        is_path = name in _PATHS
+        is_path |= name == "task" and str(value).endswith(".toml")
+        is_path |= name == "real" and value not in ("pseudo", *ROBOTS)
+        return str((self.folder / str(value)).resolve()) if is_path else value
+
+    def config(self) -> TuneConfig | TrainConfig:
+        """The command's options. Raises InputError for what the command would refuse."""
+        kind = COMMANDS[self.command]
+        types = get_type_hints(kind)
+        known = [field.name for field in fields(kind) if field.name != "out"]
+        for name, value in self.options.items():
+            if name not in known:
+                raise UnknownName("option", name, f"simtune {self.command}", known)
+            if not _fits(value, types[name]):
+                raise InputError(f"{name} = {value!r} is nothing that simtune {self.command} takes")
+        paths = {name: Path(self.values[name]) for name in _PATHS if name in self.values}
+        config = kind(**self.values | paths, out=Path(self.name))
+        config.check()
+        return config
+
+    def arguments(self, out: Path) -> list[str]:
+        """What is typed after `simtune`, for a run in the folder `out`."""
+        typed = [self.command, self.values["task"], "--out", str(out.resolve())]
+        for name, value in self.values.items():
+            flag = name.replace("_", "-")
+            if isinstance(value, bool):
+                typed.append(f"--{flag}" if value else f"--no-{flag}")
+            elif name != "task":
+                typed += [f"--{flag}", str(value)]
+        return typed
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value of TOML is of an option's type; files are texts there."""
+    if get_origin(hint) in (Union, UnionType):
+        return any(_fits(value, each) for each in get_args(hint))
+    if get_origin(hint) is Literal:
+        return value in get_args(hint)
+    if isinstance(value, bool):
+        return hint is bool
+    return isinstance(value, {float: int | float, Path: str}.get(hint, hint))

@@ -1,0 +1,85 @@
+"""A run carried out: the ordinary command in its folder, again until it is decided."""
+
+import errno
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from simtune.sweep.asked import AskedRun
+from simtune.sweep.lease import Lease, cores_taken
+from simtune.sweep.process import NO_ROOM, Processes
+from simtune.sweep.standing import Places, Standing
+
+_FULL = tuple(map(os.strerror, NO_ROOM))
+_ROOM_PAUSES_S = (1.0, 5.0, 20.0, 60.0)  # between looks whether a full disk has room again
+_OTHERS_PAUSE_S = 1.0  # between looks whether another process has done with a run
+_LONGEST_REASON = 300  # characters
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attempts:
+    """What all runs of a sweep have in common."""
+
+    folder: Path  # of the sweep
+    retries: int
+    cores_per_run: int
+    processes: Processes
+    say: Callable[[str], None] = print
+
+    def carry_out(self, run: AskedRun) -> Standing:
+        """Attempts of a run until it is done or has failed too often. Returns how it stands then.
+
+        Waits while another process has it, and while the disk is full. All else that it knows lies
+        in files, so it goes on wherever whoever had the run before was killed.
+        """
+        places, pauses = Places(self.folder, run.name), iter(_ROOM_PAUSES_S)
+        while True:
+            standing = places.standing(self.retries)
+            if standing.status != "waiting" or self.processes.is_stopped:
+                return standing
+            try:
+                self._try(run, places)
+            except OSError as error:
+                if error.errno not in NO_ROOM:
+                    raise
+                pause_s = next(pauses, _ROOM_PAUSES_S[-1])
+                self.say(f"{run.name}: the disk is full; the next look in {pause_s:g} s")
+                self._sleep(pause_s)
+
+    def _try(self, run: AskedRun, places: Places) -> None:
+        """One attempt, and what went wrong is noted. Raises OSError where the disk is full."""
+        places.make_folders()
+        if not (lease := Lease.take(places.lease)):
+            self._sleep(_OTHERS_PAUSE_S)
+            return
+        try:
+            with cores_taken(self.cores_per_run) as cores:
+                # While it waited for the lease and for cores, another process may have ended it.
+                if places.standing(self.retries).status == "waiting":
+                    arguments = run.arguments(places.run)
+                    began_s = time.monotonic()
+                    status, lines = self.processes.run(arguments, places.log, lease, cores)
+                    if not self.processes.is_stopped:
+                        self._note(places, time.monotonic() - began_s, status, lines)
+        finally:
+            lease.close()
+
+    def _note(self, places: Places, spent_s: float, status: int, lines: list[str]) -> None:
+        if status == 0 and places.standing(self.retries).status == "done":
+            places.note(spent_s)
+            return
+        if any(words in line for words in _FULL for line in lines):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        said = lines[-1][:_LONGEST_REASON] if lines else "it said nothing"
+        if status == 0:
+            said = "it ended without a result.json and a report.html"
+        by = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"
+        places.note(spent_s, f"{by}: {said}", killed=status < 0)
+
+    def _sleep(self, seconds: float) -> None:
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s and not self.processes.is_stopped:
+            time.sleep(min(0.2, seconds))

@@ -1,0 +1,108 @@
+"""How a sweep stands: sweep.json, a live table on a terminal, and plain lines elsewhere."""
+
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from threading import Lock
+
+from simtune.report.words import duration
+from simtune.run import write_json
+from simtune.sweep.asked import AskedRun
+from simtune.sweep.estimate import Expectation, seconds_left
+from simtune.sweep.pilot import Pilots
+from simtune.sweep.process import NO_ROOM
+from simtune.sweep.standing import Places, Standing
+
+FILE = "sweep.json"
+_COLUMNS = ("done", "running", "waiting", "failed")
+
+
+class Board:
+    """Told of each run that begins and ends, from any thread."""
+
+    def __init__(self, folder: Path, runs: Sequence[AskedRun], retries: int, workers: int):
+        self._folder, self._runs, self._workers = folder, runs, workers
+        self.standings = {run.name: Places(folder, run.name).standing(retries) for run in runs}
+        self._pilots, self._running = Pilots(folder), dict[str, float]()
+        self._lock, self._drawn, self._is_live = Lock(), 0, sys.stderr.isatty()
+        self._write()
+
+    def begin(self, run: AskedRun) -> None:
+        with self._lock:
+            self._running[run.name] = time.monotonic()
+            self._draw()
+
+    def end(self, run: AskedRun, standing: Standing) -> None:
+        with self._lock:
+            self._running.pop(run.name, None)
+            self.standings[run.name] = standing
+            self._write()
+            why = f", {standing.reason}" if standing.status == "failed" else ""
+            self._print(f"{run.name}: {standing.status}{why}")
+            if not self._is_live:
+                self._print(self._total())
+            self._draw()
+
+    def say(self, words: str) -> None:
+        with self._lock:
+            self._print(words)
+            self._draw()
+
+    @property
+    def seconds_left(self) -> float | None:
+        expected = Expectation(self._runs, self.standings, self._pilots)
+        left_s, now_s = list[float | None](), time.monotonic()
+        for run in self._runs:
+            if self.standings[run.name].status == "waiting":
+                whole_s = expected[run]
+                spent_s = now_s - self._running.get(run.name, now_s)
+                left_s.append(None if whole_s is None else whole_s - spent_s)
+        return seconds_left(left_s, self._workers)
+
+    def _total(self) -> str:
+        counts = Counter(standing.status for standing in self.standings.values())
+        left = "unknown" if self.seconds_left is None else f"about {duration(self.seconds_left)}"
+        failed = f", {counts['failed']} failed" if counts["failed"] else ""
+        return f"{counts['done']} of {len(self._runs)} runs done{failed}; time left: {left}"
+
+    def table(self) -> list[str]:
+        """Lines: how many runs of each task and method stand how, and all together."""
+        groups: dict[str, Counter[str]] = {}
+        for run in self._runs:
+            method = run.options.get("method", run.command)
+            status = "running" if run.name in self._running else self.standings[run.name].status
+            groups.setdefault(f"{Path(run.options['task']).stem} {method}", Counter())[status] += 1
+        width = max(map(len, groups))
+        lines = [" " * width + "".join(f"{column:>9s}" for column in _COLUMNS)]
+        for name, counts in groups.items():
+            cells = (str(counts[column] or "·") for column in _COLUMNS)
+            lines.append(name.ljust(width) + "".join(f"{cell:>9s}" for cell in cells))
+        return [*lines, self._total()]
+
+    def _write(self) -> None:
+        """Replace sweep.json. With a full disk the former one stays until the next time."""
+        entries = [self.standings[run.name].entry(run) for run in self._runs]
+        try:
+            write_json(self._folder / FILE, {"runs": entries})
+        except OSError as error:
+            if error.errno not in NO_ROOM:
+                raise
+
+    def _print(self, words: str) -> None:
+        self._erase()
+        print(words, file=sys.stderr, flush=True)
+
+    def _draw(self) -> None:
+        if self._is_live:
+            self._erase()
+            lines = self.table()
+            self._drawn = len(lines)
+            print("\n".join(lines), file=sys.stderr, flush=True)
+
+    def _erase(self) -> None:
+        """The table, so that what is said next takes its place."""
+        if self._drawn:
+            print(f"\x1b[{self._drawn}F\x1b[J", end="", file=sys.stderr)
+        self._drawn = 0

@@ -1,0 +1,70 @@
+"""`simtune sweep --dry-run`: what is to be done, and how long it takes, by pilots."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from simtune.config import SweepConfig
+from simtune.report.words import duration
+from simtune.sweep.asked import AskedRun
+from simtune.sweep.estimate import Expectation, seconds_left
+from simtune.sweep.local import num_workers
+from simtune.sweep.pilot import Pilot, Pilots, measure
+from simtune.sweep.process import Processes
+from simtune.sweep.standing import Places
+from simtune.sweep.sweep import PROGRAM, open_sweep, places_to_run
+
+
+def dry_run(
+    config: SweepConfig, say: Callable[[str], None], program: Sequence[str] = PROGRAM
+) -> float | None:
+    """Seconds that the sweep has left; None: a pilot could not tell. Its runs are left alone.
+
+    Pilots are measured once, and finished runs count more. Raises InputError for what cannot be
+    used.
+    """
+    runs, folder = open_sweep(config), config.out.resolve()
+    _, at_once = places_to_run(config)
+    standings = {run.name: Places(folder, run.name).standing(config.retries) for run in runs}
+    waiting = [run for run in runs if standings[run.name].status == "waiting"]
+    finished = {run.kind for run in runs if standings[run.name].status == "done"}
+    pilots = Pilots(folder)
+    missing = [run for run in pilots.missing(waiting) if run.kind not in finished]
+    for run, pilot in _measured(missing, config, folder, program, say):
+        pilots.add(run.kind, pilot)
+    expected = Expectation(runs, standings, pilots)
+    for kind in dict.fromkeys(run.kind for run in waiting):
+        alike = [run for run in waiting if run.kind == kind]
+        pilot = pilots.get(kind)
+        by = "finished ones" if kind in finished or not pilot else pilot.how
+        say(f"{len(alike):4d} × {duration(expected[alike[0]])} (by {by}): {kind}")
+    left_s = seconds_left([expected[run] for run in waiting], at_once)
+    how = f"{at_once} at a time" if at_once > 1 else "one after another"
+    say(f"{len(waiting)} of {len(runs)} runs are to be done, {how}: {duration(left_s)}")
+    return left_s
+
+
+def _measured(
+    runs: Sequence[AskedRun],
+    config: SweepConfig,
+    folder: Path,
+    program: Sequence[str],
+    say: Callable[[str], None],
+) -> list[tuple[AskedRun, Pilot]]:
+    """A pilot of each run, on this machine's workers."""
+    if not runs:
+        return []
+    limit_s, processes = 60 * config.pilot_minutes, Processes(program)
+    workers = num_workers(config.workers, config.cores_per_run)
+    say(f"pilots of {len(runs)} kinds, {workers} at a time, each {duration(limit_s)} at most")
+
+    def pilot(run: AskedRun) -> Pilot:
+        return measure(run, folder, processes, config.cores_per_run, limit_s)
+
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            return list(zip(runs, pool.map(pilot, runs), strict=True))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            processes.stop()
+            raise

@@ -1,0 +1,76 @@
+"""GRID.toml to runs: each block's lists, multiplied out (docs/sweeps.md)."""
+
+import itertools
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from simtune.errors import InputError
+from simtune.sweep.asked import COMMANDS, AskedRun
+from simtune.tasks import load_any_task
+from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
+
+_OF_BLOCK = ("name", "command", "skip")  # every other key is an option of the command
+
+
+def read_grid(file: Path) -> list[AskedRun]:
+    """All runs that a file asks for, those of the lowest seeds first, so that any part is balanced.
+
+    Raises InputError for what cannot be read, and for whatever the commands themselves would
+    refuse, with its line.
+    """
+    table = read_toml(file)
+    table.allow("options", "runs")
+    usual, found = table.table("options"), dict[str, AskedRun]()
+    common = {key: usual.value(key) for key in usual}
+    blocks = table.tables("runs")
+    if not blocks:
+        raise table.error("it asks for no runs: declare some after a line [[runs]]")
+    for block in blocks:
+        for run in _multiplied(block, common):
+            if found.setdefault(run.name, run).asked != run.asked:
+                raise block.error(
+                    f"two runs would be called {run.name}, of other options: give one of their "
+                    "blocks a name"
+                )
+    return sorted(found.values(), key=lambda run: run.seed)
+
+
+def _multiplied(block: TomlTable, common: dict[str, Any]) -> Iterator[AskedRun]:
+    """The runs of a block, each checked. Raises InputError."""
+    command = block.choice("command", COMMANDS)
+    options = common | {key: block.value(key) for key in block if key not in _OF_BLOCK}
+    if "task" not in options:
+        raise block.error("task is missing: a built-in task, a tuning file, or a list of them")
+    axes = [value if isinstance(value, list) else [value] for value in options.values()]
+    varied = [name for name, value in options.items() if isinstance(value, list)]
+    skips = [{key: skip.value(key) for key in skip} for skip in block.tables("skip")]
+    for skip in skips:
+        if unknown := [key for key in skip if key not in options]:
+            raise block.error(f"skip asks for {unknown[0]}, which no run of this block has", "skip")
+    loaded = set()
+    for values in itertools.product(*axes):
+        chosen = dict(zip(options, values, strict=True))
+        if any(skip.items() <= chosen.items() for skip in skips):
+            continue
+        name = _name(block.text("name", ""), command, chosen, varied)
+        run = AskedRun(name=name, command=command, options=chosen, folder=block.file.parent)
+        with block.at():
+            run.config()
+            if run.values["task"] not in loaded:
+                load_any_task(run.values["task"])
+                loaded.add(run.values["task"])
+        yield run
+
+
+def _name(block: str, command: str, options: dict[str, Any], varied: list[str]) -> str:
+    """Of a run's folder: what differs between runs, and how."""
+    parts = [block, Path(str(options["task"])).stem, options.get("method", command)]
+    others = [name for name in varied if name not in ("task", "method", "seed")]
+    parts += [f"{name}={Path(str(options[name])).stem}" for name in others]
+    parts.append(f"s{options.get('seed', 0)}")
+    name = "-".join(str(part) for part in parts if part)
+    if not re.fullmatch(r"[\w.=+-]+", name):
+        raise InputError(f"{name} can be no folder's name: give the block a name, and plain values")
+    return name

@@ -1,0 +1,101 @@
+"""How a run of a sweep stands, read from its own folder and from what is noted of its failures."""
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from simtune.run import read_json, write_json
+from simtune.sweep.asked import AskedRun
+
+_MOST_KILLS = 20  # by a signal, as where memory is short: most are of no fault of the run's
+_SCORES = (
+    "percent_error",
+    "return",
+    "success",
+    "near_success",
+    "real_episodes",
+    "policy_steps",
+    "sim_steps",
+    "wall_s",
+    "stopped",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standing:
+    """Of one run."""
+
+    status: Literal["done", "failed", "waiting"]
+    failures: int = 0
+    kills: int = 0
+    reason: str | None = None  # of the last failure
+    spent_s: float = 0.0  # by its processes from their start to their end, as far as was seen
+    scores: dict[str, Any] = field(default_factory=dict)
+
+    def entry(self, run: AskedRun) -> dict[str, Any]:
+        """As sweep.json has it."""
+        return {"name": run.name, "asked": run.asked, **asdict(self)}
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where a run's files lie. Its own folder holds nothing of the sweep's."""
+
+    folder: Path  # of the sweep
+    name: str
+    kind: Literal["runs", "pilots"] = "runs"
+
+    @property
+    def run(self) -> Path:
+        return self.folder / self.kind / self.name
+
+    @property
+    def lease(self) -> Path:
+        return self._beside("lock")
+
+    @property
+    def noted(self) -> Path:
+        return self._beside("json")
+
+    @property
+    def log(self) -> Path:
+        return self._beside("txt")
+
+    def _beside(self, ending: str) -> Path:
+        return self.folder / "state" / self.kind / f"{self.name}.{ending}"
+
+    def make_folders(self) -> None:
+        for path in (self.run, self.lease):
+            path.parent.mkdir(parents=True, exist_ok=True)
+
+    def standing(self, retries: int) -> Standing:
+        """A run is done with its report, which it writes last."""
+        noted = self._read_noted()
+        result = read_result(self.run)
+        if result is not None and (self.run / "report.html").is_file():
+            scores = {key: result[key] for key in _SCORES if key in result}
+            return Standing(status="done", scores=scores, **noted)
+        is_failed = noted["failures"] > retries or noted["kills"] > _MOST_KILLS
+        return Standing(status="failed" if is_failed else "waiting", **noted)
+
+    def note(self, spent_s: float, reason: str | None = None, *, killed: bool = False) -> None:
+        """One attempt more, with what went wrong in it. Only the holder of the lease may."""
+        noted = self._read_noted()
+        noted["spent_s"] += spent_s
+        if reason is not None:
+            noted["kills" if killed else "failures"] += 1
+            noted["reason"] = reason
+        write_json(self.noted, noted)
+
+    def _read_noted(self) -> dict[str, Any]:
+        known = {"failures": 0, "kills": 0, "reason": None, "spent_s": 0.0}
+        return known | (read_json(self.noted) if self.noted.exists() else {})
+
+
+def read_result(run: Path) -> dict[str, Any] | None:
+    """result.json of a run's folder; None where there is no sound one."""
+    try:
+        result = read_json(run / "result.json")
+    except (OSError, ValueError):
+        return None
+    return result if isinstance(result, dict) else None

@@ -1,0 +1,89 @@
+"""`simtune sweep`: a grid of runs, from any state that it is in to its end.
+
+Nothing is known of a sweep but what lies in its folder. Each run is an ordinary run folder, which
+goes on by the same command; beside it are a lease, which whoever carries it out holds, and notes of
+its failures. So any number of drivers may be killed, or work side by side.
+
+runs/NAME/              a run folder each
+state/runs/NAME.lock    the lease of a run
+state/runs/NAME.json    its failures, where there were any
+state/runs/NAME.txt     what it said
+pilots/ state/pilots/   the same of a dry run's pilots
+pilots.json             how long runs take, by them
+sweep.json              how all runs stand
+"""
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from simtune.config import SweepConfig
+from simtune.errors import InputError
+from simtune.run import read_json
+from simtune.sweep.asked import AskedRun
+from simtune.sweep.attempt import Attempts
+from simtune.sweep.board import FILE, Board
+from simtune.sweep.grid import read_grid
+from simtune.sweep.local import carry_out_here, num_workers
+from simtune.sweep.on_ray import carry_out_on_ray, connect
+from simtune.sweep.process import Processes
+from simtune.sweep.standing import Standing
+
+PROGRAM = (sys.executable, "-m", "simtune")
+
+
+def sweep(config: SweepConfig, program: Sequence[str] = PROGRAM) -> dict[str, Standing]:
+    """Carry out a grid; returns how each run stands in the end, by name.
+
+    `program`: what the arguments of `tune` and `train` are given to.
+    Raises InputError for what cannot be used, with nothing written.
+    """
+    runs = open_sweep(config)
+    settings: dict[str, Any] = {
+        "folder": config.out.resolve(),
+        "retries": config.retries,
+        "cores_per_run": config.cores_per_run,
+    }
+    ray, workers = places_to_run(config)
+    status = Board(config.out, runs, config.retries, workers)
+    waiting = [run for run in runs if status.standings[run.name].status == "waiting"]
+    if ray:
+        ended = carry_out_on_ray(ray, waiting, program, settings)
+    else:
+        attempts = Attempts(**settings, processes=Processes(program), say=status.say)
+        ended = carry_out_here(waiting, attempts, workers, status.begin)
+    for run, standing in ended:
+        status.end(run, standing)
+    return status.standings
+
+
+def open_sweep(config: SweepConfig) -> list[AskedRun]:
+    """The grid's runs, with the sweep's folder made for them.
+
+    Raises InputError for a grid that cannot be used, and where a name stood for another run before.
+    """
+    config.check()
+    runs, file = read_grid(config.grid), config.out / FILE
+    try:
+        config.out.mkdir(parents=True, exist_ok=True)
+        known = read_json(file)["runs"] if file.exists() else []
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{config.out} cannot be a sweep's folder: {error}") from error
+    before = {entry["name"]: entry["asked"] for entry in known}
+    for run in runs:
+        if before.get(run.name, run.asked) != run.asked:
+            differing = {k for k, _ in before[run.name].items() ^ run.asked.items()}
+            raise InputError(
+                f"{config.out} has a run {run.name} of another {', '.join(sorted(differing))}: "
+                "give its block of the grid a name, or another --out"
+            )
+    return runs
+
+
+def places_to_run(config: SweepConfig) -> tuple[Any, int]:
+    """Ray, where it was asked for, and how many runs go on at a time. Raises InputError."""
+    if config.ray is None:
+        return None, num_workers(config.workers, config.cores_per_run)
+    ray = connect(config.ray)
+    cores = int(ray.cluster_resources().get("CPU", 0))
+    return ray, max(1, cores // config.cores_per_run)

@@ -1,0 +1,270 @@
+"""Figures of many runs, from tiny run folders made by hand."""
+
+import csv
+import json
+import math
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from simtune.errors import InputError
+from simtune.figures import write_figures
+from simtune.figures.authors import AUTHORS
+from simtune.figures.curves import interpolated, stepped
+from simtune.figures.draw import LEGEND, draw
+from simtune.figures.gather import figures_of
+from simtune.figures.groups import Setting, settings
+from simtune.figures.raster import png
+from simtune.figures.records import read_records
+from simtune.figures.statistics import centre, stratified
+from simtune.figures.tables import overall, rows, shares_of_oracle
+
+
+def make_run(
+    folder: Path,
+    method: str = "autotune",
+    seed: int = 0,
+    *,
+    returned: float = 700.0,
+    task: str = "ball_in_cup",
+    rounds: tuple[tuple[int, float], ...] = ((5, 1.2), (7, 1.1)),
+    **options: object,
+) -> Path:
+    """A training that ends; `rounds`: real episodes, and the mean of a mass that is 1."""
+    path = folder / f"{task}-{method}-{seed}-{'-'.join(map(str, options.values()))}"
+    path.mkdir(parents=True)
+    config = {"task": task, "method": method, "seed": seed, "out": str(path), "real_gap": False}
+    config |= {"real_episodes": None, "real": "pseudo", "truth": str(seed)} | options
+    (path / "config.json").write_text(json.dumps({"config": config}))
+    lines = [{"step": 0, "real_episodes": n, "round": i, "mean/mass": m} for i, (n, m) in
+             enumerate(rounds, 1)]  # fmt: skip
+    lines += [
+        {"step": step, "real_episodes": 7, "filmed": float(step > 100), "return/simulated": step}
+        for step in (100, 200, 400)
+    ]
+    (path / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    mass = {"initial": 2.0, "mean": rounds[-1][1], "real": 1.0, "percent_error": 10.0}
+    result = {"task": task, "method": method, "seed": seed, "parameters": {"mass": mass}}
+    result |= {"return": {"mean": returned, "std": 5.0, "episodes": 10}, "policy_steps": 400}
+    result |= {"percent_error": 100 * abs(rounds[-1][1] - 1), "real_episodes": rounds[-1][0]}
+    (path / "result.json").write_text(json.dumps(result | {"wall_s": 600.0, "sim_steps": 1000}))
+    return path
+
+
+def found(folder: Path) -> list[Setting]:
+    return settings(read_records(folder)[0])
+
+
+# --- statistics ---------------------------------------------------------------------------
+
+
+def test_interquartile_mean_leaves_out_a_quarter_on_either_side():
+    assert centre([0, 1, 2, 3, 4, 5, 6, 100]).mean == (2 + 3 + 4 + 5) / 4
+    assert centre([1, 2, 6]).mean == 3  # of three none can go
+    assert centre([1, 2, 3, 90]).mean == 2.5
+
+
+def test_the_interval_of_two_seeds_by_hand():
+    """Drawn with replacement, a quarter of means is each value and half are between."""
+    assert centre([0, 10])[:3] == (5, 0, 10)
+
+
+def test_a_single_seed_has_no_interval():
+    alone = centre([3.0])
+    assert alone.mean == 3
+    assert math.isnan(alone.low)
+    assert alone.num == 1
+
+
+def test_intervals_agree_with_a_bootstrap_written_plainly():
+    rng = np.random.default_rng(1)
+    values = rng.normal(100, 10, 12)
+    means = []
+    for _ in range(20_000):
+        drawn = np.sort(rng.choice(values, 12))
+        means.append(drawn[3:9].mean())
+    low, high = np.percentile(means, [2.5, 97.5])
+    ours = centre(list(values))
+    assert (ours.low, ours.high) == pytest.approx((low, high), abs=0.6)
+
+
+def test_seeds_are_drawn_within_their_tasks():
+    """Two tasks far apart: how they differ is no uncertainty of the seeds."""
+    apart = stratified([[0.0, 0.0, 0.0], [100.0, 100.0, 100.0]])
+    assert apart[:3] == (50, 50, 50)
+    assert stratified([[0.0, 2.0], [10.0]])[:3] == (4, pytest.approx(10 / 3), pytest.approx(14 / 3))
+
+
+# --- curves -------------------------------------------------------------------------------
+
+
+def test_an_estimate_holds_until_the_next_one():
+    band = stepped([[(0, 60), (5, 10)], [(0, 40), (5, 30), (5, 20), (7, 10)], []])
+    assert [(x, c.mean) for x, c in band] == [(0, 50), (5, 15), (7, 10)]
+
+
+def test_a_seed_that_has_not_begun_is_not_made_up():
+    assert [x for x, _ in stepped([[(0, 1), (5, 1)], [(3, 1)]])] == [3, 5]
+
+
+def test_smooth_curves_are_compared_where_all_seeds_are():
+    band = interpolated([[(0, 0), (10, 10)], [(2, 0), (6, 8)]])
+    assert (band[0][0], band[-1][0]) == (2, 6)
+    assert band[0][1].mean == pytest.approx((2 + 0) / 2)
+    assert band[-1][1].mean == pytest.approx((6 + 8) / 2)
+    assert interpolated([[(0, 0), (1, 1)], [(2, 0), (3, 1)]]) == []
+
+
+# --- runs and settings --------------------------------------------------------------------
+
+
+def test_percent_error_on_the_way_is_that_of_the_result(tmp_path):
+    make_run(tmp_path)
+    (record,) = read_records(tmp_path)[0]
+    errors = record.percent_errors()
+    assert [x for x, _ in errors] == [0, 5, 7]
+    assert [y for _, y in errors] == pytest.approx([100, 20, 10])
+    assert errors[-1][1] == pytest.approx(record.result["percent_error"])
+
+
+def test_a_truth_near_zero_counts_as_a_hundredth_of_the_bound(tmp_path):
+    path = make_run(tmp_path)
+    result = json.loads((path / "result.json").read_text())
+    result["parameters"]["mass"] |= {"real": 0.0, "initial": 0.1}
+    result["covariance"] = {"coordinates": [{"name": "mass", "high": 2.0}]}
+    (path / "result.json").write_text(json.dumps(result))
+    (record,) = read_records(tmp_path)[0]
+    assert record.percent_errors()[0] == (0, pytest.approx(100 * 0.1 / 0.02))
+
+
+def test_unfinished_runs_and_pilots_are_left_out(tmp_path):
+    make_run(tmp_path / "runs")
+    (make_run(tmp_path / "runs", seed=1) / "result.json").unlink()
+    make_run(tmp_path / "pilots", seed=2)
+    records, unfinished = read_records(tmp_path)
+    assert [record.config["seed"] for record in records] == [0]
+    assert unfinished == ["ball_in_cup-autotune-1-"]
+
+
+def test_methods_are_compared_where_all_else_is_usual(tmp_path):
+    for seed in (0, 1):
+        for method in ("oracle", "dr", "autotune"):
+            make_run(tmp_path, method, seed)
+    for episodes in (1, 10):
+        make_run(tmp_path, "autotune", 0, real_episodes=episodes, returned=500 + episodes)
+    make_run(tmp_path, "autotune", 0, real_gap=True)
+    usual, gap = found(tmp_path)
+    assert [group.method for group in usual.groups] == ["autotune", "dr", "oracle"]
+    assert [len(group.runs) for group in usual.groups] == [2, 2, 2]
+    (ablation,) = usual.ablations
+    assert ablation.option == "real_episodes"
+    values = {value: group.scores("return") for value, group in ablation.groups}
+    assert values == {None: [700, 700], 1: [501], 10: [510]}
+    assert (gap.has_gap, gap.title, gap.key) == (
+        True,
+        "ball_in_cup, through the gap",
+        "ball_in_cup-gap",
+    )
+
+
+def test_shares_of_the_oracle_by_hand(tmp_path):
+    for seed, (ours, oracle) in enumerate([(630, 700), (720, 740)]):
+        make_run(tmp_path, "autotune", seed, returned=ours)
+        make_run(tmp_path, "oracle", seed, returned=oracle)
+    (setting,) = found(tmp_path)
+    autotune = setting.group("autotune")
+    assert autotune is not None
+    assert shares_of_oracle(setting, autotune) == [630 / 720, 1.0]
+    (row, _) = rows(setting)
+    assert row.score is not None
+    assert row.score[:3] == (675, 630, 720)
+    assert row.percent_error is not None
+    assert row.percent_error.mean == pytest.approx(10)
+    assert overall([setting])["autotune"].mean == pytest.approx((630 / 720 + 1) / 2)
+
+
+def test_figures_show_what_was_measured_and_the_authors_end(tmp_path):
+    for seed, returned in enumerate((600, 700, 800)):
+        make_run(tmp_path, "autotune", seed, returned=returned)
+    make_run(tmp_path, "dr", 0, returned=100, rounds=((0, 2.0),))
+    figures = {figure.key.removeprefix("ball_in_cup-"): figure for figure in
+               figures_of(*found(tmp_path))}  # fmt: skip
+    assert set(figures) == {"learning", "return-step", "return-real_episodes", "error"}
+    learning = figures["learning"].series[0].band
+    assert [(learning[0][0], learning[0][1].mean)] == [(200, 200)]  # what the teacher did is none
+    (autotune,) = figures["return-real_episodes"].series
+    assert [(x, c.mean, c.low, c.high) for x, c in autotune.band] == [(7, 700, 600, 800)]
+    levels = {each.label: each.value for each in figures["return-real_episodes"].references}
+    assert levels == {"dr": 100, "authors' autotune": 337}
+    (error,) = figures["error"].series  # dr estimates nothing
+    assert [(x, round(c.mean)) for x, c in error.band] == [(0, 100), (5, 20), (7, 10)]
+    assert figures["error"].references[0].value == 33
+
+
+def test_authors_numbers_are_those_of_the_reference():
+    assert AUTHORS["walker"].methods["autotune"].mean == 132
+    assert AUTHORS["rope_peg"].methods["autotune"].mean == 0.42
+    assert all(set(task.methods) == {"oracle", "autotune", "dr"} for task in AUTHORS.values())
+
+
+# --- files --------------------------------------------------------------------------------
+
+
+@pytest.mark.thorough
+def test_a_page_and_files_are_written(tmp_path):
+    for seed in (0, 1):
+        make_run(tmp_path, "autotune", seed, returned=700 + seed)
+        make_run(tmp_path, "oracle", seed, returned=710)
+    make_run(tmp_path, "autotune", 0, preset="<other>")
+    page = write_figures(tmp_path)
+    text = page.read_text()
+    assert page == tmp_path / "figures.html"
+    assert not re.search(r"(src|href)=.http", text)  # it is read without a network
+    assert "<other>" not in text
+    assert "authors' autotune" in text
+    with (tmp_path / "figures" / "ball_in_cup-return-step.csv").open() as file:
+        (autotune, *_) = csv.DictReader(file)
+    assert autotune == {
+        "series": "autotune",
+        "policy steps": "400.0",
+        "mean": "700.5",
+        "low": "700.0",
+        "high": "701.0",
+        "num": "2",
+    }
+    with (tmp_path / "figures" / "runs.csv").open() as file:
+        assert {row["return"] for row in csv.DictReader(file)} == {"700", "700.0", "701", "710"}
+    for svg in (tmp_path / "figures").glob("*.svg"):
+        ElementTree.parse(svg)
+        picture = svg.with_suffix(".png").read_bytes()
+        assert picture.startswith(b"\x89PNG")
+        width = int.from_bytes(picture[16:20], "big")
+        assert width == 2 * 300
+
+
+def test_a_picture_has_the_marks_where_the_plot_has_them(tmp_path):
+    from matplotlib.image import imread
+
+    make_run(tmp_path, "autotune", 0, returned=400)
+    figures = figures_of(*found(tmp_path))
+    plot = draw(next(figure for figure in figures if figure.key.endswith("return-step")))
+    (dot,) = [mark for mark in plot.marks if mark.tag == "circle"]
+    path = tmp_path / "plot.png"
+    path.write_bytes(png(plot))
+    at = [round(2 * (float(dot.attributes["cy"]) + LEGEND)), round(2 * float(dot.attributes["cx"]))]
+    blue = np.array([0x25, 0x63, 0xEB]) / 255
+    np.testing.assert_allclose(imread(path)[*at][:3], blue, atol=0.1)
+
+
+def test_a_folder_without_runs_is_refused(tmp_path):
+    with pytest.raises(InputError, match="has no run with a result in it"):
+        write_figures(tmp_path)
+
+
+def test_a_damaged_run_is_named(tmp_path):
+    (make_run(tmp_path) / "result.json").write_text("{}")
+    with pytest.raises(InputError, match=r"ball_in_cup-autotune-0- is damaged"):
+        write_figures(tmp_path)

@@ -1,0 +1,381 @@
+"""Grids of runs: what is asked for, and that each is done once, whatever is killed."""
+
+import json
+import os
+import posix
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from sweep_driver import STAND_IN
+
+from simtune.config import SweepConfig
+from simtune.errors import InputError
+from simtune.sweep import dry_run, sweep
+from simtune.sweep.asked import AskedRun
+from simtune.sweep.estimate import Expectation, seconds_left
+from simtune.sweep.grid import read_grid
+from simtune.sweep.lease import Lease, cores_taken
+from simtune.sweep.pilot import Pilot, Pilots
+from simtune.sweep.standing import Places, Standing
+
+GRID = """
+[options]
+budget_minutes = 2
+
+[[runs]]
+command = "tune"
+task = "cartpole"
+seed = SEEDS
+"""
+
+
+@pytest.fixture
+def beside(tmp_path, monkeypatch) -> Path:
+    """A folder for what stand-ins note, and two cores to run on, whatever there are."""
+    monkeypatch.setenv("STAND_IN", str(tmp_path))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))  # other tests' sweeps hold cores of theirs
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setattr(os, "sched_getaffinity", posix.sched_getaffinity)  # see conftest.py
+    return tmp_path
+
+
+def grid(folder: Path, seeds: object, text: str = GRID) -> Path:
+    path = folder / "grid.toml"
+    path.write_text(text.replace("SEEDS", str(seeds)))
+    return path
+
+
+def lines(path: Path) -> list[str]:
+    return path.read_text().splitlines() if path.exists() else []
+
+
+def begun(folder: Path) -> list[str]:
+    return lines(folder / "begun")
+
+
+def entries(out: Path) -> dict[str, dict]:
+    return {run["name"]: run for run in json.loads((out / "sweep.json").read_text())["runs"]}
+
+
+# --- grids --------------------------------------------------------------------------------
+
+
+def runs_of(tmp_path: Path, text: str) -> list[AskedRun]:
+    return read_grid(grid(tmp_path, [0], text))
+
+
+def test_lists_are_multiplied_out_and_low_seeds_come_first(tmp_path):
+    runs = runs_of(
+        tmp_path,
+        """
+        [options]
+        preset = "fast"
+        [[runs]]
+        command = "train"
+        task = ["cartpole", "finger"]
+        method = ["dr", "oracle"]
+        seed = [1, 0]
+        skip = [{task = "finger", method = "oracle"}]
+        [[runs]]
+        name = "episodes"
+        command = "tune"
+        task = "cartpole"
+        real_episodes = [1, 5]
+        real_gap = true
+        """.replace('preset = "fast"', ""),
+    )
+    assert [run.name for run in runs] == [
+        "cartpole-dr-s0",
+        "cartpole-oracle-s0",
+        "finger-dr-s0",
+        "episodes-cartpole-tune-real_episodes=1-s0",
+        "episodes-cartpole-tune-real_episodes=5-s0",
+        "cartpole-dr-s1",
+        "cartpole-oracle-s1",
+        "finger-dr-s1",
+    ]
+    assert runs[0].arguments(Path("/x"))[:4] == ["train", "cartpole", "--out", "/x"]
+    assert runs[0].arguments(Path("/x"))[4:] == ["--method", "dr", "--seed", "0"]
+    assert runs[3].arguments(Path("/x"))[4:] == ["--real-episodes", "1", "--real-gap"]
+    assert runs[0].kind == runs[5].kind != runs[1].kind
+
+
+def test_files_are_found_beside_the_grid(tmp_path):
+    (tmp_path / "truth.json").write_text("{}")
+    text = '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nreal_parameters = "truth.json"\n'
+    (run,) = runs_of(tmp_path, text)
+    assert str(tmp_path / "truth.json") in run.arguments(Path("x"))
+    assert run.asked["real_parameters"] == "truth.json"  # the folder may move
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("seed = 1", "grid.toml:1: no key 'seed' in the file; there are: options, runs"),
+        ("[options]\nseed = 1", "it asks for no runs"),
+        ('[[runs]]\ncommand = "tuna"', "did you mean 'tune'"),
+        ('[[runs]]\ncommand = "tune"', "task is missing"),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpol"', "did you mean 'cartpole'"),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nsede = 1', "did you mean 'seed'"),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nseed = "a"', "seed = 'a' is nothing"),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nseed = -1', "--seed must not be negative"),
+        ('[[runs]]\ncommand = "train"\ntask = "cartpole"\nmethod = "rd"', "method = 'rd' is noth"),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nskip = [{gap = 1}]', "skip asks for gap"),
+        (
+            '[[runs]]\ncommand = "tune"\ntask = "cartpole"\n'
+            '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nreal_episodes = 2',
+            "give one of their blocks a name",
+        ),
+    ],
+)
+def test_what_a_command_would_refuse_is_said_before_anything_runs(tmp_path, text, complaint):
+    with pytest.raises(InputError) as error:
+        runs_of(tmp_path, text)
+    assert complaint in str(error.value)
+    assert "grid.toml:" in str(error.value)
+
+
+# --- leases -------------------------------------------------------------------------------
+
+
+def test_a_lease_is_one_holders_until_it_is_given_back(tmp_path):
+    lease = Lease.take(tmp_path / "lock")
+    assert lease is not None
+    assert Lease.take(tmp_path / "lock") is None
+    lease.close()
+    again = Lease.take(tmp_path / "lock")
+    assert again is not None
+    again.close()
+
+
+def test_cores_are_nobody_elses_meanwhile(beside, monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {3, 5, 8})
+    with cores_taken(2) as first, cores_taken(1) as second:
+        assert (first, second) == ([3, 5], [8])
+    with cores_taken(3) as all_of_them:
+        assert all_of_them == [3, 5, 8]
+
+
+# --- sweeps -------------------------------------------------------------------------------
+
+
+def cores() -> int:
+    return len(os.sched_getaffinity(0))
+
+
+def test_every_run_is_done_once_and_not_again(beside):
+    config = SweepConfig(grid=grid(beside, [0, 1, 2]), out=beside / "out", workers=1)
+    assert {s.status for s in sweep(config, STAND_IN).values()} == {"done"}
+    assert len(begun(beside)) == 3
+    sweep(config, STAND_IN)  # there is nothing left
+    sweep(SweepConfig(**vars(config) | {"grid": grid(beside, [0, 1, 2, 3])}), STAND_IN)
+    assert len(begun(beside)) == 4
+    entry = entries(beside / "out")["cartpole-tune-s2"]
+    assert entry["asked"] == {
+        "command": "tune",
+        "budget_minutes": 2,
+        "task": "cartpole",
+        "seed": 2,
+    }
+    assert entry["scores"] == {"percent_error": 0.2, "wall_s": 0.2}
+    assert (entry["status"], entry["failures"], entry["kills"]) == ("done", 0, 0)
+    assert entry["spent_s"] > 0.2
+
+
+def test_a_run_is_bound_to_one_core(beside):
+    sweep(SweepConfig(grid=grid(beside, [0]), out=beside / "out"), STAND_IN)
+    (line,) = begun(beside)
+    assert line.split()[-1].isdigit()
+
+
+def test_a_failed_run_is_retried_and_then_listed_with_its_reason(beside):
+    config = SweepConfig(grid=grid(beside, [1013, 0]), out=beside / "out", workers=1, retries=2)
+    sweep(config, STAND_IN)
+    assert len(begun(beside)) == 1 + 3
+    failed = entries(beside / "out")["cartpole-tune-s1013"]
+    assert (failed["status"], failed["failures"]) == ("failed", 3)
+    assert failed["reason"] == "exit status 1: simtune: unlucky"
+    assert entries(beside / "out")["cartpole-tune-s0"]["status"] == "done"
+    sweep(config, STAND_IN)
+    assert len(begun(beside)) == 4  # it is not tried for ever
+    sweep(SweepConfig(**vars(config) | {"retries": 3}), STAND_IN)
+    assert len(begun(beside)) == 5
+
+
+def test_a_full_disk_is_waited_for_and_counts_as_no_failure(beside):
+    config = SweepConfig(grid=grid(beside, [1014]), out=beside / "out", retries=0)
+    timer = threading.Timer(0.5, (beside / "room").touch)
+    timer.start()
+    try:
+        (standing,) = sweep(config, STAND_IN).values()
+    finally:
+        timer.join()
+    assert (standing.status, standing.failures) == ("done", 0)
+    assert len(begun(beside)) == 2
+
+
+def test_a_name_stands_for_one_run_for_ever(beside):
+    config = SweepConfig(grid=grid(beside, [0]), out=beside / "out")
+    sweep(config, STAND_IN)
+    grid(beside, [0], GRID.replace("budget_minutes = 2", "budget_minutes = 3"))
+    with pytest.raises(InputError, match="has a run cartpole-tune-s0 of another budget_minutes"):
+        sweep(config, STAND_IN)
+
+
+def test_more_workers_than_cores_are_refused(beside):
+    config = SweepConfig(grid=grid(beside, [0]), out=beside / "out", workers=10_000)
+    with pytest.raises(InputError, match="10000 runs at a time on 1 cores each need more than"):
+        sweep(config, STAND_IN)
+
+
+def test_ctrl_c_ends_the_runs_and_the_same_command_goes_on(beside):
+    driver = start_driver(beside, range(3), 1)
+    wait_for(lambda: len(begun(beside)) == 1)
+    driver.send_signal(signal.SIGINT)
+    assert driver.wait(20) != 0
+    (line,) = begun(beside)
+    wait_for(lambda: not is_alive(int(line.split()[1])))
+    assert entries(beside / "out")["cartpole-tune-s0"]["failures"] == 0
+    assert start_driver(beside, range(3), 1).wait(30) == 0
+    assert not lines(beside / "doubled")
+
+
+# --- kills --------------------------------------------------------------------------------
+
+
+def start_driver(folder: Path, seeds: range, workers: int) -> subprocess.Popen:
+    script = Path(__file__).with_name("sweep_driver.py")
+    command = [sys.executable, script, grid(folder, list(seeds)), folder / "out", str(workers)]
+    return subprocess.Popen(command, stderr=subprocess.DEVNULL)
+
+
+def wait_for(condition, seconds: float = 30.0) -> None:
+    end_s = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end_s, "it never came about"
+        time.sleep(0.01)
+
+
+def is_alive(pid: int) -> bool:
+    state = Path(f"/proc/{pid}/stat")
+    return state.exists() and state.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("kills", "num_runs"), [(6, 10), pytest.param(100, 60, marks=pytest.mark.slow)]
+)
+def test_kills_at_random_lose_and_double_nothing(beside, kills, num_runs):
+    """Of runs, of the driver, and of both at once."""
+    rng, workers = random.Random(kills), min(2, cores())
+    driver, done = start_driver(beside, range(num_runs), workers), 0
+    while done < kills:
+        before = len(begun(beside))
+        wait_for(lambda n=before, d=driver: d.poll() is not None or len(begun(beside)) > n)
+        assert driver.poll() is None, "it was done before it could be killed so often"
+        time.sleep(rng.uniform(0, 0.25))
+        what = rng.choice(["run", "driver", "both"])
+        if what != "driver":
+            pid = int(begun(beside)[-1].split()[1])
+            if is_alive(pid):
+                os.kill(pid, signal.SIGKILL)
+                done += 1
+        if what != "run":
+            driver.kill()
+            driver.wait()
+            done += 1
+            driver = start_driver(beside, range(num_runs), workers)
+    assert driver.wait(120) == 0
+    assert not lines(beside / "doubled")
+    found = entries(beside / "out")
+    assert len(found) == num_runs
+    assert {run["status"] for run in found.values()} == {"done"}
+    assert {run["scores"]["percent_error"] for run in found.values()} == {
+        seed / 10 for seed in range(num_runs)
+    }
+    assert sum(run["failures"] for run in found.values()) == 0
+
+
+@pytest.mark.thorough
+def test_two_drivers_share_the_work(beside):
+    drivers = [start_driver(beside, range(8), 1) for _ in range(2)]
+    assert [driver.wait(60) for driver in drivers] == [0, 0]
+    assert len(begun(beside)) == 8
+    assert not lines(beside / "doubled")
+
+
+# --- how long it takes --------------------------------------------------------------------
+
+
+def asked(seed: int, task: str = "cartpole") -> AskedRun:
+    options = {"task": task, "seed": seed}
+    return AskedRun(name=f"{task}-{seed}", command="tune", options=options, folder=Path())
+
+
+def test_time_left_by_hand():
+    assert seconds_left([10, 20, 30], 1) == 60
+    assert seconds_left([10, 20, 30], 2) == 30
+    assert seconds_left([10, 20, 60], 2) == 60  # the longest cannot be split
+    assert seconds_left([10, -5], 1) == 10  # one takes longer than was thought
+    assert seconds_left([10, None], 1) is None
+    assert seconds_left([], 3) == 0
+
+
+def test_finished_runs_tell_more_than_pilots_and_pilots_more_than_other_kinds(tmp_path):
+    runs = [asked(0), asked(1), asked(2), asked(0, "finger"), asked(0, "walker")]
+    standings = {run.name: Standing(status="waiting") for run in runs}
+    pilots = Pilots(tmp_path)
+    assert Expectation(runs, standings, pilots)[runs[0]] is None
+    pilots.add(runs[0].kind, Pilot(100.0, "a whole run"))
+    pilots.add(runs[3].kind, Pilot(50.0, "a whole run"))
+    assert Expectation(runs, standings, Pilots(tmp_path))[runs[2]] == 100
+    standings["cartpole-0"] = Standing(status="done", spent_s=10.0, scores={"wall_s": 8.0})
+    standings["cartpole-1"] = Standing(status="done", spent_s=1.0, scores={"wall_s": 20.0})
+    expected = Expectation(runs, standings, pilots)
+    assert [expected[run] for run in runs[2:]] == [15, 50, 15]
+
+
+def test_a_dry_run_measures_a_pilot_of_each_kind_once_and_starts_no_run(beside):
+    text = GRID.replace('"cartpole"', '["cartpole", "finger"]')
+    config = SweepConfig(grid=grid(beside, [0, 1], text), out=beside / "out", workers=1)
+    said: list[str] = []
+    left_s = dry_run(config, said.append, STAND_IN)
+    assert len(begun(beside)) == 2
+    assert not (beside / "out" / "runs").exists()
+    pilots = json.loads((beside / "out" / "pilots.json").read_text())
+    assert left_s == pytest.approx(2 * sum(pilot["wall_s"] for pilot in pilots.values()))
+    assert 4 * 0.2 < left_s < 4 * 20
+    assert dry_run(config, said.append, STAND_IN) == left_s
+    assert len(begun(beside)) == 2
+    began_s = time.monotonic()
+    sweep(config, STAND_IN)
+    assert time.monotonic() - began_s > 4 * 0.2
+    assert dry_run(config, said.append, STAND_IN) == 0
+
+
+def test_a_pilot_that_was_cut_short_says_what_its_number_rests_on(beside):
+    text = GRID.replace('"cartpole"', '"cartpole"\nbudget_minutes = 5')
+    config = SweepConfig(
+        grid=grid(beside, [0], text), out=beside / "out", workers=1, pilot_minutes=0.05 / 60
+    )
+    said: list[str] = []
+    assert dry_run(config, said.append, STAND_IN) == 300
+    assert "by its budget, at most" in said[-2]
+
+
+def test_a_runs_folder_without_a_sound_result_is_waiting(tmp_path):
+    places = Places(tmp_path, "a")
+    assert places.standing(0).status == "waiting"
+    places.run.mkdir(parents=True)
+    (places.run / "result.json").write_text('{"wall_s": 3.0}')
+    assert places.standing(0).status == "waiting"  # its report comes last
+    (places.run / "report.html").write_text("")
+    assert places.standing(0).scores == {"wall_s": 3.0}
+    (places.run / "result.json").write_text('{"wall')
+    assert places.standing(0).status == "waiting"
