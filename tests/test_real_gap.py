@@ -5,17 +5,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
-from simtune.config import RealConfig, TuneConfig
+from simtune.agents import Observation
+from simtune.algorithm import train
+from simtune.config import EvaluateConfig, RealConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.evaluate import evaluate
 from simtune.experiment.experiment import build_experiment
 from simtune.observation import ObservationModel
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
-from simtune.simulation import Simulator, make_renderer, opengl
+from simtune.rollout import Environment
+from simtune.run import read_jsonl
+from simtune.simulation import Simulator, acting_late, make_renderer, opengl
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
+from simtune.vision.image_noise import ImageNoise
+from simtune.vision.noisy_cameras import NoisyCameras
 
 STEPS = 12
 SIZE = 32
@@ -37,7 +45,7 @@ def collect(simulator: Simulator, gap: RealityGap | None, seed: int = 0) -> list
 
 def drawn_by_opengl(seed: int, real_gap: bool = True) -> list[Trajectory]:
     try:
-        real, *_ = choose_real(RealConfig(seed=seed), TASK, SIZE, real_gap=real_gap)
+        real, *_ = choose_real(RealConfig(seed=seed, real_gap=real_gap), TASK, SIZE)
     except InputError as error:
         pytest.skip(str(error))
     return real.collect(2)
@@ -143,7 +151,7 @@ def test_a_gap_without_opengl_is_refused_in_one_line(monkeypatch):
     # Other tests may have had renderers kept.
     monkeypatch.setattr("simtune.simulation.filming.make_renderer", make_renderer)
     with pytest.raises(InputError, match="the opengl renderer cannot be used"):
-        choose_real(RealConfig(), TASK, SIZE, real_gap=True)
+        choose_real(RealConfig(real_gap=True), TASK, SIZE)
 
 
 def test_a_gap_needs_a_pseudo_real_world(tmp_path):
@@ -164,3 +172,119 @@ def test_tuning_averages_over_pixels_where_the_real_camera_does(
     config = TuneConfig(task="cartpole", out=Path(tmp_path / "run"), real_gap=real_gap)
     experiment = build_experiment(dataclasses.replace(config, real_episodes=1), settings=quick)
     assert experiment.simulator.supersampling == supersampling
+
+
+# --- policies behind the gap --------------------------------------------------------------
+
+
+def test_an_action_is_carried_out_late_and_nothing_before():
+    act = acting_late(lambda t, states: np.full((1, 1), t + 1.0), 2, 1, 1)
+    states = np.zeros((1, 4))
+    assert [float(act(t, states)[0, 0]) for t in range(5)] == [0, 0, 1, 2, 3]
+    prompt = acting_late(lambda t, states: np.full((1, 1), t + 1.0), 0, 1, 1)
+    assert [float(prompt(t, states)[0, 0]) for t in range(3)] == [1, 2, 3]
+
+
+def test_a_policy_sees_what_the_gaps_camera_delivers_and_acts_a_step_late(simulator, monkeypatch):
+    gap = RealityGap(SIZE, brightness=1.1)
+    real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=gap)
+    seen, played = [], []
+    play = Simulator.play
+
+    def spy(*given, **options):
+        played.append(play(*given, **options))
+        return played[-1]
+
+    def push(frames: np.ndarray) -> np.ndarray:
+        seen.append(frames.copy())
+        return np.full((len(frames), 1), 1.0 if len(seen) == 1 else 0.0)  # once, at first
+
+    monkeypatch.setattr(Simulator, "play", spy)
+    first, second = real.run_policy(push, 3, 2, seed=0)
+    assert first.frames.shape == (STEPS + 1, SIZE, SIZE, 3)
+    np.testing.assert_array_equal(seen[5][0, -1], first.frames[5])  # the recorded ones
+    np.testing.assert_array_equal(first.actions[:, 0], [1.0] + [0.0] * (STEPS - 1))
+    np.testing.assert_array_equal(second.actions, first.actions)
+    np.testing.assert_array_equal(played[0].actions[:, :3, 0], [[0, 1, 0]] * 2)
+    again, _ = real.run_policy(lambda frames: np.zeros((len(frames), 1)), 3, 2, seed=0)
+    np.testing.assert_array_equal(again.frames[0], first.frames[0])
+
+
+def test_latest_actions_belong_to_the_state_where_they_may_be_late():
+    simulator = TASK.simulator(image_size=SIZE)
+    environment = Environment(TASK, simulator, 1, most_late=2)
+    told: list[np.ndarray] = []
+
+    def policy(observation: Observation) -> np.ndarray:
+        told.append(observation.state)
+        return np.full((2, 1), 0.05 * len(told))
+
+    worlds = np.tile(SPACE.nominal, (2, 1))
+    episodes = environment.play(policy, worlds, np.random.default_rng(0), False, delay_steps=1)
+    assert told[0].shape == (2, environment.num_states)
+    latest = [state[0, -2:] for state in told[:3]]
+    np.testing.assert_allclose(latest, [[0, 0], [0.05, 0], [0.1, 0.05]], rtol=1e-6)
+    np.testing.assert_array_equal(episodes.states[:, :-1], np.stack(told, 1))
+    last = [0.05 * STEPS, 0.05 * (STEPS - 1)]
+    np.testing.assert_allclose(episodes.states[:, -1, -2:], [last] * 2, rtol=1e-6)
+    np.testing.assert_allclose(episodes.actions[0, :, 0], 0.05 * np.arange(1, STEPS + 1), rtol=1e-6)
+    assert environment.num_positions == Environment(TASK, simulator, 1).num_positions
+
+
+def test_a_delay_moves_what_happens_by_its_steps():
+    simulator = TASK.simulator(image_size=SIZE)
+    worlds, environment = SPACE.nominal[None], Environment(TASK, simulator, 1, most_late=2)
+
+    def accelerations(delay_steps: int) -> np.ndarray:
+        rng = np.random.default_rng(0)
+        played = environment.play(lambda _: np.ones((1, 1)), worlds, rng, False, delay_steps)
+        return np.abs(np.diff(played.full_states[0, :, 3]))  # of the cart
+
+    for delay_steps in (0, 1, 2):
+        assert np.argmax(accelerations(delay_steps) > 0.5) == delay_steps
+
+
+def test_noisy_cameras_do_to_tensors_what_the_noise_says():
+    generator = torch.Generator().manual_seed(0)
+    pictures = torch.zeros(500, 3, 4, 4)  # half of the full scale
+    seen = (NoisyCameras.draw(ImageNoise(), 500, generator)(pictures) + 1) / 2
+    level = seen.mean((2, 3))
+    assert float(level.mean()) == pytest.approx(0.5, abs=0.01)
+    expected = np.hypot(np.hypot(0.06, 0.02) * 0.5, 0.02)
+    assert float(level.std(0).mean()) == pytest.approx(expected, rel=0.15)
+    assert float(seen.std((2, 3)).mean()) == pytest.approx(0.025 / 2, rel=0.15)
+    dot = torch.full((1, 3, 5, 5), -1.0)
+    dot[:, :, 2, 2] = 1.0
+    none = ImageNoise(gain=0, tint=0, offset=0, noise=0)
+    still = NoisyCameras.draw(none, 1, generator)
+    blur, found = float(still.blur), (still(dot) + 1) / 2
+    assert float(found[0, 0, 2, 2]) == pytest.approx(1 - blur + blur / 4, abs=1e-5)
+    assert float(found[0, 0, 2, 3]) == pytest.approx(blur / 8, abs=1e-5)
+
+
+@pytest.mark.thorough
+def test_a_policy_is_filmed_and_scored_behind_the_gap(tmp_path, quick, monkeypatch):
+    films: list[int] = []
+    film = RealityGap.film
+
+    def spy(self, frames, *others):
+        films.append(len(frames))
+        return film(self, frames, *others)
+
+    drawn = staticmethod(lambda task: task.simulator(image_size=64))  # needs no OpenGL
+    monkeypatch.setattr(RealityGap, "simulator", drawn)
+    monkeypatch.setattr(RealityGap, "film", spy)
+    episodes = {"real_episodes": 2, "tried_episodes": 1, "scored_episodes": 3}
+    config = TrainConfig(
+        task="cartpole", out=tmp_path / "run", real_gap=True, policy_steps=24 * 16 * 6, **episodes
+    )
+    result = train(config, settings=quick)
+    # Two random episodes, whole; then each frame that a policy sees, in one world and in three.
+    assert films[:2] == [25, 25]
+    assert films.count(1) == 25
+    assert films.count(3) == 2 * 25  # after each of both cycles
+    assert result["return"]["episodes"] == 3
+    lines = read_jsonl(tmp_path / "run" / "metrics.jsonl")
+    assert len([line for line in lines if "return/real" in line]) == 1
+    again = evaluate(EvaluateConfig(run_folder=tmp_path / "run", episodes=3, seed=0), quick)
+    assert again["mean"] == pytest.approx(result["return"]["mean"], rel=1e-6)

@@ -89,7 +89,7 @@ class Players:
         self.distribution = Distribution.proportional(SPACE, SPACE.clip(mean), 0.5)
         return Round(unsure(self.distribution, "weak"), [], {})
 
-    def play(self, policy, parameters, rng, film):
+    def play(self, policy, parameters, rng, film, delay_steps):
         self.calls.append("play")
         self.seen_worlds.append(parameters)
         return SimpleNamespace(rewards=np.zeros((len(parameters), STEPS)))
@@ -130,6 +130,9 @@ def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_f
         environment=players,
         replay=players,
         start=SPACE.nominal,
+        truth=None,
+        search_name="posterior",
+        delay_steps=lambda estimated, rng: 0,
         tensors=dict,
         state=dict,
     )

@@ -99,7 +99,7 @@ def _carry_out_baseline(run: OneRun, config: TuneConfig) -> None:
     find = import_module(f"baselines.{run.method}").find
     task = load_task(run.task)
     with _watching() as rollouts:
-        real, start, truth = choose_real(config, task, 64, real_gap=run.gap)
+        real, start, truth = choose_real(config, task, 64)
         trajectories = real.collect(run.real_episodes)
     assert truth is not None, "it is a pseudo-real world"
     simulator = task.simulator(  # as tune makes it

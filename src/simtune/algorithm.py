@@ -60,6 +60,7 @@ class Training:
         self.real: list[Trajectory] = []  # all real episodes, the latest first
         self.num_filmings = 0  # of the real world, one a cycle
         self.num_skipped = 0  # of them, where no policy could act yet
+        self.num_scored = 0  # cycles after which the policy was scored
         self.rng = np.random.default_rng(experiment.config.seed)
         self._saved_s = time.monotonic()
 
@@ -79,6 +80,8 @@ class Training:
             # At each reset, sample ξ_sim ~ Ξ_policy; collect in D_policy, train π_θ
             while run.step < schedule.steps_after(cycle):
                 self._train_policy()
+            if self.num_scored <= cycle < len(schedule.policy_steps) - 1:
+                self._score_meanwhile()
         self._save()
 
     def _film_real_world(self, num_episodes: int) -> None:
@@ -112,7 +115,9 @@ class Training:
         self._report("training the policy", self.run.step / schedule.total_steps)
         worlds = self.distribution_policy.sample(schedule.num_worlds, self.rng)
         is_filmed = agent.wants_frames
-        episodes = self.experiment.environment.play(agent.explore, worlds, self.rng, is_filmed)
+        delay_steps = self._delay_steps()
+        environment = self.experiment.environment
+        episodes = environment.play(agent.explore, worlds, self.rng, is_filmed, delay_steps)
         self.experiment.replay.add(episodes)
         num_steps = len(worlds) * self.experiment.task.episode_steps
         losses = agent.update(self.experiment.replay, num_steps)
@@ -122,6 +127,25 @@ class Training:
         self.run.log(len(self.real), scalars | losses)
         if time.monotonic() - self._saved_s > self.experiment.settings.checkpoint_every_s:
             self._save()
+
+    def _score_meanwhile(self) -> None:
+        """A point of the curve that figures show; nothing learns from it."""
+        experiment, config = self.experiment, self.experiment.config
+        if experiment.truth is not None and experiment.agent.can_act:
+            done = self.run.step / experiment.schedule.total_steps
+            self._report("scoring the policy meanwhile", done)
+            num, world = config.scored_episodes, experiment.truth.for_oracle()
+            scores, _ = experiment.score(world, num, config.seed)
+            means = {f"{name}/real": float(values.mean()) for name, values in scores.items()}
+            self.run.log(len(self.real), means)
+        self.num_scored += 1
+        self._save()
+
+    def _delay_steps(self) -> int:
+        """By which actions are late: of the estimate, once a search has looked for it."""
+        is_known = self.run.num_rounds and self.experiment.search_name == "posterior"
+        estimated = self.run.estimate.latency_steps if is_known else None
+        return self.experiment.delay_steps(estimated, self.rng)
 
     @property
     def distribution_policy(self) -> Distribution:
@@ -151,6 +175,7 @@ class Training:
 
     def _save(self) -> None:
         counters = {"filmings": self.num_filmings, "skipped": self.num_skipped}
+        counters["scored"] = self.num_scored
         self.run.save(**counters, rng=self.rng.bit_generator.state)
         self._saved_s = time.monotonic()
 
@@ -159,6 +184,7 @@ class Training:
         if not (state := self.run.resume()):
             return
         self.num_filmings, self.num_skipped = state["filmings"], state["skipped"]
+        self.num_scored = state["scored"]
         for cycle in range(self.num_filmings):
             step_s = self.experiment.real.step_s
             self.real = self.run.folder.read_real(cycle, step_s) + self.real

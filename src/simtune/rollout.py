@@ -6,8 +6,9 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.agents.agent import Observation
+from simtune.real.gap import RealityGap
 from simtune.replay import Episodes
-from simtune.simulation import FrameStacker, Rollouts, Simulator, scale_actions
+from simtune.simulation import FrameStacker, Rollouts, Simulator, acting_late, scale_actions
 from simtune.tasks import Task
 from simtune.vision.keypoints import Keypoints
 
@@ -22,13 +23,25 @@ class Environment:
     """
 
     def __init__(
-        self, task: Task, simulator: Simulator, num_stacked: int, keypoints: Keypoints | None = None
+        self,
+        task: Task,
+        simulator: Simulator,
+        num_stacked: int,
+        keypoints: Keypoints | None = None,
+        *,
+        gap: RealityGap | None = None,
+        most_late: int = 0,
     ):
-        """`keypoints`: whose pixels filmed episodes hold besides. Raises ValueError: no reward."""
+        """`keypoints`: whose pixels filmed episodes hold besides. Raises ValueError: no reward.
+
+        Behind a `gap` a policy sees what its camera delivers. `most_late`: steps by which actions
+        may be late; so many of the latest ones belong to the state, since they are still to come.
+        """
         if task.reward is None:
             raise ValueError(f"{task.name} has no reward, so no policy can be trained in it")
         self.task, self.simulator, self._reward = task, simulator, task.reward
         self.num_stacked, self.keypoints = num_stacked, keypoints
+        self.gap, self.most_late = gap, most_late
         self._space, joint = simulator.state_space, simulator.model.joint
         self._free = [joint(name).qposadr[0] for name in task.free_joints]
         self._turning = [joint(name).qposadr[0] for name in task.symmetric_hinges]
@@ -37,31 +50,43 @@ class Environment:
     @property
     def num_states(self) -> int:
         """D, the length of what `observe` returns."""
-        return len(self._space.features(np.zeros(self._space.nq + self._space.nv)))
+        own = len(self._space.features(np.zeros(self._space.nq + self._space.nv)))
+        return own + self.most_late * self.simulator.num_actions
 
     @property
     def num_positions(self) -> int:
-        """How many of them, the first ones, are positions; velocities follow."""
-        return self.num_states - self._space.nv
+        """How many of them, the first ones, are positions; velocities follow, then actions."""
+        late = self.most_late * self.simulator.num_actions
+        return self.num_states - late - self._space.nv
 
     def observe(self, full_states: np.ndarray) -> np.ndarray:
-        """(..., S) to (..., D): positions and velocities, without what makes no difference."""
+        """(..., S) to (..., D): positions and velocities, without what makes no difference.
+
+        Without the actions that are still to come, of which MuJoCo's state knows nothing.
+        """
         known = self._space.positions_and_velocities(full_states).copy()
         known[..., self._free] = 0
         known[..., self._turning] *= self._turns
         return self._space.features(known).astype(np.float32)
 
     def play(
-        self, policy: Policy, parameters: np.ndarray, rng: np.random.Generator, film: bool = True
+        self,
+        policy: Policy,
+        parameters: np.ndarray,
+        rng: np.random.Generator,
+        film: bool = True,
+        delay_steps: int = 0,
     ) -> Episodes:
         """An episode in each of n worlds of (n, N) parameters; without `film` nothing is drawn.
 
+        Actions take effect `delay_steps` late; those of the episodes are the policy's.
         Raises RuntimeError where the policy's actions are not finite, or rewards of live worlds.
         """
         simulator, num_steps = self.simulator, self.task.episode_steps
         stacker = None
         if film:
-            stacker = FrameStacker(simulator, parameters, num_steps, self.num_stacked)
+            camera = self.gap.camera(simulator.step_s, rng) if self.gap else None
+            stacker = FrameStacker(simulator, parameters, num_steps, self.num_stacked, camera)
         keypoints = self.keypoints if film else None
         actions = np.empty((len(parameters), num_steps, simulator.num_actions), np.float32)
 
@@ -69,6 +94,7 @@ class Environment:
             frames = stacker.draw(t, full_states) if stacker else None
             # A world that diverged may hold NaN; the others go on.
             states = np.nan_to_num(self.observe(full_states))
+            states = np.hstack([states, self._latest(actions, t)])
             actions[:, t] = policy(Observation(states, frames))
             if not np.isfinite(actions[:, t]).all():
                 raise RuntimeError("the policy's actions are no numbers: its training diverged")
@@ -76,7 +102,7 @@ class Environment:
 
         rollouts = simulator.play(
             parameters,
-            act,
+            acting_late(act, delay_steps, len(parameters), simulator.num_actions),
             num_steps,
             rng,
             observe=lambda batch: self._observe_batch(batch, keypoints),
@@ -86,6 +112,13 @@ class Environment:
             stacker.draw(num_steps, rollouts.states[:, -1])
         frames = stacker.frames if stacker else None
         return self._episodes(rollouts, actions, frames, keypoints)
+
+    def _latest(self, actions: np.ndarray, t: int) -> np.ndarray:
+        """(n, most_late · A): of (n, T, A) actions those before step t, the newest first."""
+        latest = np.zeros((len(actions), self.most_late, actions.shape[2]), np.float32)
+        known = min(t, self.most_late)
+        latest[:, :known] = actions[:, t - known : t][:, ::-1]
+        return latest.reshape(len(actions), -1)
 
     def _observe_batch(self, batch: Batch, keypoints: Keypoints | None) -> np.ndarray:
         """(n, 1 + G + 2 L): the reward, which goals are reached, where keypoints are."""
@@ -113,7 +146,13 @@ class Environment:
         return Episodes(
             parameters=rollouts.parameters,
             full_states=rollouts.states,
-            states=self.observe(rollouts.states),
+            states=np.concatenate(
+                [
+                    self.observe(rollouts.states),
+                    np.stack([self._latest(actions, t) for t in range(num_steps + 1)], 1),
+                ],
+                axis=2,
+            ),
             actions=actions,
             rewards=rewards.astype(np.float32),
             lengths=rollouts.lengths,

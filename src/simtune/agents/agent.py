@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from simtune.replay import Replay
+from simtune.vision.image_noise import ImageNoise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,8 +18,9 @@ class AgentSpec:
     num_stacked: int  # of them, the latest ones
     num_keypoints: int
     num_states: int
-    num_positions: int  # the first of the states; velocities follow
+    num_positions: int  # the first of the states
     num_actions: int
+    image_noise: ImageNoise | None = None  # of the real camera, which simulated pictures lack
     privileged: np.ndarray  # (N,) bool: parameters that may be used where the state may be, too
     total_steps: int  # of the whole training, for what changes in its course
     first_tried: int  # steps after which it is first tried out in the real world

@@ -17,6 +17,7 @@ from torch.nn import functional
 from simtune.agents.agent import AgentSpec
 from simtune.networks import mlp, predicting
 from simtune.vision.detector import DetectorConfig, KeypointDetector, to_input
+from simtune.vision.noisy_cameras import NoisyCameras
 
 _PLACES = 2  # for each keypoint: what looks alike, left and right, gets mixed up
 _POSITIONS_WIDTH = 4.0  # of the range that errors count relative to, in standard deviations
@@ -47,6 +48,7 @@ class Student(nn.Module):
     def __init__(self, spec: AgentSpec, config: StudentConfig):
         super().__init__()
         self.config, self._image_size = config, spec.image_size
+        self._image_noise = spec.image_noise
         self.detector = KeypointDetector(
             spec.num_keypoints,
             spec.num_positions,
@@ -83,12 +85,18 @@ class Student(nn.Module):
         with predicting(self):
             return self(detected)
 
-    def detect(self, frames: torch.Tensor) -> torch.Tensor:
+    def detect_recorded(self, frames: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+        """The same of (n, H, W, 3) simulated frames, had a real camera filmed them."""
+        noise = self._image_noise
+        return self.detect(frames, NoisyCameras.draw(noise, 1, generator) if noise else None)
+
+    def detect(self, frames: torch.Tensor, camera: NoisyCameras | None = None) -> torch.Tensor:
         """(n, H, W, 3) uint8 to (n, F): two places for each keypoint, and positions."""
         parts = []
         with predicting(self):
             for part in frames.split(_CHUNK):
-                heatmaps, _, positions = self.detector(to_input(part))
+                pictures = camera(to_input(part)) if camera else to_input(part)
+                heatmaps, _, positions = self.detector(pictures)
                 places, probability = self.detector.candidates(heatmaps)
                 centred = places / self._image_size * 2 - 1
                 found = (centred.flatten(1), probability.flatten(1), positions)
@@ -109,6 +117,8 @@ class Student(nn.Module):
         """
         config = self.config.detector
         pictures = to_input(frames)
+        if self._image_noise:
+            pictures = NoisyCameras.draw(self._image_noise, len(frames), generator)(pictures)
         noise = torch.randn(pictures.shape, generator=generator, device=pictures.device)
         width = torch.full_like(positions[0], _POSITIONS_WIDTH)
         loss = self.detector.loss(pictures + 2 * config.noise * noise, keypoints, positions, width)

@@ -129,7 +129,8 @@ class TeacherStudent:
 
         slots = replay.latest_filmed(config.remembered_episodes)
         lengths = replay.lengths[slots].to(self.device)
-        seen = torch.stack([student.detect(replay.frames[slot]) for slot in slots])
+        recorded = (student.detect_recorded(replay.frames[s], self._generator) for s in slots)
+        seen = torch.stack(list(recorded))
         best = self.teacher.act(replay.states[slots])
         for _ in range(round(num_steps * config.head_updates_per_step)):
             shape = (config.student.batch_size,)

@@ -85,6 +85,9 @@ class RealConfig(RecordingsConfig):
     """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
     start_factor: float = 2.0
     """With `pseudo`: the factor by which every parameter is too high or too low at the start."""
+    real_gap: bool = False
+    """With `pseudo`: another renderer, video compression, camera noise and actions that come a
+    step late stand between the simulator and that world, for a policy too. Needs OpenGL."""
     seed: int = 0
     """Of all random numbers; with `pseudo` it also chooses which parameters start too high."""
 
@@ -99,6 +102,8 @@ class RealConfig(RecordingsConfig):
             raise InputError("--real-parameters goes with --real pseudo only")
         if self.real != "pseudo" and self.start_factor != RealConfig.start_factor:
             raise InputError("--start-factor goes with --real pseudo only")
+        if self.real_gap and self.real != "pseudo":
+            raise InputError("--real-gap goes with --real pseudo only")
         if not self.start_factor >= 1:
             raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
         check_seed(self.seed)

@@ -24,9 +24,6 @@ class TuneConfig(Observes, RealConfig):
     """A built-in task (see `simtune tasks`), or a tuning file (docs/tuning-file.md)."""
     out: Path
     """The run's folder."""
-    real_gap: bool = False
-    """With `pseudo`: another renderer, video compression, camera noise and actions that come a
-    step late stand between the simulator and that world. Needs OpenGL."""
     real_episodes: int | None = None
     """How many real episodes to film (by default 5), or to take from the recordings (by default
     all, at most 10)."""
@@ -55,8 +52,6 @@ class TuneConfig(Observes, RealConfig):
             raise InputError(f"--budget-minutes must be above 0, got {self.budget_minutes:g}")
         if not 0 <= self.relative_precision < 1:
             raise InputError(f"--precision must be a percentage such as 1%, got {self.precision}")
-        if self.real_gap and self.real != "pseudo":
-            raise InputError("--real-gap goes with --real pseudo only")
 
 
 @dataclass(frozen=True, kw_only=True)

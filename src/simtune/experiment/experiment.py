@@ -141,9 +141,9 @@ def build_world(
         real, truth = ClosedReal(trained["step_s"], seen), None
         start = task.parameters.nominal.copy()
     else:
-        options = {"real_episodes": num_recorded, "out": config.out}
-        options["real_gap"] = tunes and config.real_gap
-        real, start, truth = choose_real(config, task, image_size, **options)
+        real, start, truth = choose_real(
+            config, task, image_size, real_episodes=num_recorded, out=config.out
+        )
     is_read = tunes or (num_recorded != 0 and isinstance(real, RecordedReal))
     recordings = real.collect(num_recorded) if is_read else []
     run_config = outcome.run_config(config, task, start, real.facts, truth)

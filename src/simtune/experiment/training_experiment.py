@@ -16,6 +16,7 @@ from simtune.networks import under
 from simtune.presets import choose_agent, choose_range, choose_schedule, choose_search
 from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
+from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
 from simtune.replay import Replay
 from simtune.rollout import Environment
@@ -34,6 +35,7 @@ class TrainingExperiment(Experiment):
     task: Task
     schedule: Schedule
     environment: Environment
+    scored_in: Environment  # behind the reality gap, where there is one
     agent: Agent
     replay: Replay
 
@@ -42,7 +44,7 @@ class TrainingExperiment(Experiment):
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """(num_episodes,) of "return" and of goals reached, by pixels alone; and a film.
 
-        In a world of (N,) parameters.
+        In a world of (N,) parameters, behind the reality gap if there is one.
         """
         rng = np.random.default_rng((seed, 3))  # episodes that nothing was learnt from
         worlds = np.tile(world, (num_episodes, 1))
@@ -51,11 +53,25 @@ class TrainingExperiment(Experiment):
             assert observation.frames is not None
             return self.agent.act(observation.frames)
 
-        played = self.environment.play(act, worlds, rng)
+        played = self.scored_in.play(act, worlds, rng, delay_steps=self.true_delay_steps)
         assert played.frames is not None
         assert played.reached is not None
         scores = dict(zip(self.task.goals, played.reached.T, strict=True))
         return {"return": played.rewards.sum(1), **scores}, played.frames[0]
+
+    @property
+    def true_delay_steps(self) -> int:
+        """By which actions are late behind the gap: for scores, and the oracle."""
+        return self.scored_in.gap.delay_steps if self.scored_in.gap else 0
+
+    def delay_steps(self, estimated: int | None, rng: np.random.Generator) -> int:
+        """By which actions are late in simulated episodes: as `estimated`, or else any number."""
+        if self.config.method == "oracle":
+            return self.true_delay_steps
+        if not self.environment.most_late:
+            return 0
+        any_number = int(rng.integers(self.environment.most_late + 1))
+        return any_number if estimated is None else estimated
 
     def policy_warnings(self, num_skipped: int) -> list[str]:
         """What may be wrong with the policy, which came too late for `num_skipped` real trials."""
@@ -112,7 +128,14 @@ def build_training(
         schedule = replace(schedule, real_episodes=(len(world.recordings), *later))
     assert isinstance(world.simulator, Simulator), "load_task gives models' only"
     assert isinstance(world.keypoints, Keypoints)
-    environment = Environment(task, world.simulator, schedule.num_stacked, world.keypoints)
+    most_late = 0 if world.space.is_delay.any() else world.real.observation.max_latency_steps
+    stacked = schedule.num_stacked
+    environment = Environment(task, world.simulator, stacked, world.keypoints, most_late=most_late)
+    gap = RealityGap.of(config, schedule.image_size)
+    scored_in = environment
+    if gap:
+        simulator = gap.simulator(task, world.real.observation.views())
+        scored_in = Environment(task, simulator, stacked, gap=gap, most_late=most_late)
     return TrainingExperiment(
         **vars(world),
         settings=settings,
@@ -120,7 +143,8 @@ def build_training(
         search=build_search(world, name, settings) if name else _fixed_range(config, world),
         schedule=schedule,
         environment=environment,
-        agent=_agent(config, settings, schedule, environment, device),
+        scored_in=scored_in,
+        agent=_agent(config, settings, schedule, environment, world, device),
         replay=_replay(schedule, task, device),
     )
 
@@ -139,6 +163,7 @@ def _agent(
     settings: Settings,
     schedule: Schedule,
     environment: Environment,
+    world: World,
     device: str,
 ) -> Agent:
     assert environment.keypoints is not None, "given above"
@@ -149,6 +174,7 @@ def _agent(
         num_states=environment.num_states,
         num_positions=environment.num_positions,
         num_actions=environment.simulator.num_actions,
+        image_noise=world.real.observation.image_noise,
         privileged=~environment.task.parameters.is_appearance,
         total_steps=schedule.total_steps,
         first_tried=schedule.first_tried,

@@ -30,13 +30,12 @@ def choose_real(
     image_size: int,
     *,
     real_episodes: int | None = None,
-    real_gap: bool = False,
     out: Path | None = None,
 ) -> tuple[RealWorld, np.ndarray, Truth | None]:
     """A real world, where the search for its parameters starts (N,), and the truth, where known.
 
     `pseudo`: a simulated world of `real_parameters`, searched from `start_factor` times too high
-    or too low; `real_gap` puts a RealityGap before it. A robot films into the run's folder `out`
+    or too low, perhaps behind a RealityGap. A robot films into the run's folder `out`
     and moves only with `move`; without it, and with nothing filmed yet, a dry run ends in an
     InputError that says what it found. Of recordings the first `real_episodes` (None: a few) are
     read at once, so that what is unsound is said before anything is written. Both are searched
@@ -47,12 +46,10 @@ def choose_real(
     space = task.parameters
     if config.real == "pseudo":
         truth = Truth(space, read_parameters(config.real_parameters, space))
-        gap = RealityGap.draw(image_size, config.seed) if real_gap else None
+        gap = RealityGap.of(config, image_size)
         seen = observed(task, config.observed, is_simulated=gap is None)
-        if gap and isinstance(task, Task):
+        if gap:
             simulator = gap.simulator(task, seen.views())
-        elif gap:
-            raise InputError("--real-gap needs a MuJoCo model, to draw it another way")
         else:
             simulator = task.simulator(image_size=image_size, views=seen.views())
         steps = task.episode_steps

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from simtune.config import RealConfig
+from simtune.errors import InputError
 from simtune.pictures import resize
 from simtune.recordings import decode, write_video
-from simtune.simulation import OPENGL_DM_CONTROL, Simulator
-from simtune.tasks import Task
+from simtune.simulation import OPENGL_DM_CONTROL, LiveCamera, Simulator
+from simtune.tasks import AnyTask, Task
 from simtune.views import View
 
 _DRAWN_PX = 128  # side of what the camera sees
@@ -32,16 +34,30 @@ class RealityGap:
     delay_steps: int = 1
 
     @classmethod
+    def of(cls, config: RealConfig, image_size: int) -> "RealityGap | None":
+        """The gap that a command asks for, which its seed draws."""
+        return cls.draw(image_size, config.seed) if config.real_gap else None
+
+    @classmethod
     def draw(cls, image_size: int, seed: int) -> "RealityGap":
         """The gap of a seed."""
         rng = np.random.default_rng((seed, 1))  # not the numbers that the start is drawn by
         return cls(image_size, rng.uniform(*_BRIGHTNESS))
 
     @staticmethod
-    def simulator(task: Task, views: Sequence[View] | None = None) -> Simulator:
-        """What draws the world behind the gap. Raises InputError where there is no OpenGL."""
+    def simulator(task: AnyTask, views: Sequence[View] | None = None) -> Simulator:
+        """What draws the world behind the gap.
+
+        Raises InputError where there is no OpenGL, or no model to draw.
+        """
+        if not isinstance(task, Task):
+            raise InputError("--real-gap needs a MuJoCo model, to draw it another way")
         options = {"renderer": "opengl", "quality": OPENGL_DM_CONTROL}
         return task.simulator(image_size=_DRAWN_PX, views=views, **options)
+
+    def camera(self, step_s: float, rng: np.random.Generator) -> LiveCamera:
+        """What a policy sees through, of n worlds at once: no frame depends on others."""
+        return LiveCamera(self.image_size, lambda drawn: self.film(drawn, step_s, rng))
 
     def film(self, frames: np.ndarray, step_s: float, rng: np.random.Generator) -> np.ndarray:
         """(T, H, W, 3) uint8 as drawn to (T, image_size, W', 3) uint8 as recorded."""

@@ -7,7 +7,7 @@ import numpy as np
 from simtune.observation import ObservationModel
 from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
-from simtune.simulation import AnySimulator, FrameStacker, PixelPolicy, on_pictures
+from simtune.simulation import AnySimulator, FrameStacker, PixelPolicy, acting_late, on_pictures
 from simtune.trajectory import Trajectory
 
 
@@ -43,8 +43,10 @@ class PseudoReal(RealWorld):
             policy: PixelPolicy, num_stacked: int, num_episodes: int, rng: np.random.Generator
         ) -> list[Trajectory]:
             worlds = np.tile(parameters, (num_episodes, 1))
-            stacker = FrameStacker(simulator, worlds, episode_steps, num_stacked)
-            return _film_policy(simulator, worlds, stacker, policy, rng)
+            camera = gap.camera(simulator.step_s, rng) if gap else None
+            stacker = FrameStacker(simulator, worlds, episode_steps, num_stacked, camera)
+            delay_steps = gap.delay_steps if gap else 0
+            return _film_policy(simulator, worlds, stacker, policy, delay_steps, rng)
 
         self._film, self._run_policy, self._seed = film, run_policy, seed
 
@@ -55,9 +57,7 @@ class PseudoReal(RealWorld):
     def run_policy(
         self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
     ) -> list[Trajectory]:
-        """See `RealWorld`; the same policy and seed give the same episodes. Without a gap only."""
-        if not self.observation.same_renderer:
-            raise NotImplementedError("no policy can act through a reality gap")
+        """See `RealWorld`; the same policy and seed give the same episodes."""
         return self._run_policy(
             policy, num_stacked, num_episodes, np.random.default_rng((self._seed, 2, seed))
         )
@@ -116,14 +116,25 @@ def _film_policy(
     worlds: np.ndarray,
     stacker: FrameStacker,
     policy: PixelPolicy,
+    delay_steps: int,
     rng: np.random.Generator,
 ) -> list[Trajectory]:
-    """Episodes of a policy in (n, N) worlds, which `stacker` films; those that diverge left out."""
-    num_steps = stacker.frames.shape[1] - 1
-    rollouts = simulator.play(worlds, on_pictures(simulator, stacker, policy), num_steps, rng)
+    """Episodes of a policy in (n, N) worlds, which `stacker` films; those that diverge left out.
+
+    Its commands are recorded, which take effect so many steps late.
+    """
+    num_steps, num_actions = stacker.frames.shape[1] - 1, simulator.num_actions
+    commands = np.zeros((len(worlds), num_steps, num_actions), np.float32)
+    decide = on_pictures(simulator, stacker, policy)
+
+    def command(t: int, states: np.ndarray) -> np.ndarray:
+        commands[:, t] = actions = decide(t, states)
+        return actions
+
+    act = acting_late(command, delay_steps, len(worlds), num_actions)
+    rollouts = simulator.play(worlds, act, num_steps, rng)
     stacker.draw(num_steps, rollouts.states[:, -1])
-    rollouts = rollouts.finished()
     return [
-        Trajectory(stacker.frames[i], actions.astype(np.float32), simulator.step_s)
-        for i, actions in zip(rollouts.index, rollouts.actions, strict=True)
+        Trajectory(stacker.frames[i], commands[i], simulator.step_s)
+        for i in rollouts.finished().index
     ]

@@ -31,7 +31,14 @@ action mappings get that batch. Its pitfalls:
   reentrant, and other numbers in turn allocate anew. Renderers use all cores the process may use.
 """
 
-from simtune.simulation.acting import FrameStacker, PixelPolicy, on_pictures, scale_actions
+from simtune.simulation.acting import (
+    FrameStacker,
+    LiveCamera,
+    PixelPolicy,
+    acting_late,
+    on_pictures,
+    scale_actions,
+)
 from simtune.simulation.actions import (
     ActionMapping,
     DirectActions,
@@ -68,6 +75,7 @@ __all__ = [
     "EnvironmentSimulator",
     "FrameStacker",
     "JointActions",
+    "LiveCamera",
     "MapActions",
     "MocapActions",
     "OpenGLQuality",
@@ -82,6 +90,7 @@ __all__ = [
     "Simulator",
     "StateSpace",
     "Worlds",
+    "acting_late",
     "count_substeps",
     "make_renderer",
     "on_pictures",

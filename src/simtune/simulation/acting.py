@@ -1,6 +1,8 @@
 """Acting on pictures: the latest ones as a stack, and actions in a task's own units."""
 
+from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,16 +13,32 @@ from simtune.simulation.any_simulator import Act, AnySimulator
 PixelPolicy = Callable[[np.ndarray], np.ndarray]
 
 
+class LiveCamera(NamedTuple):
+    """What stands between drawn pictures and a policy, at every step."""
+
+    image_size: int  # H' of what it delivers
+    film: Callable[[np.ndarray], np.ndarray]  # (n, H, W, 3) uint8 to (n, H', W', 3), as in shape
+
+
 class FrameStacker:
     """Films n worlds of (n, N) parameters while they are played; the latest frames are a stack."""
 
     frames: np.ndarray  # (n, num_steps + 1, H, W, 3) uint8, of the steps that were drawn
 
     def __init__(
-        self, simulator: AnySimulator, parameters: np.ndarray, num_steps: int, num_stacked: int
+        self,
+        simulator: AnySimulator,
+        parameters: np.ndarray,
+        num_steps: int,
+        num_stacked: int,
+        camera: LiveCamera | None = None,
     ):
-        frames = (len(parameters), num_steps + 1, *simulator.shape, 3)
-        self.frames = np.empty(frames, np.uint8)
+        """`camera`: None: pictures are seen as they are drawn."""
+        height, width = simulator.shape
+        if camera:
+            height, width = camera.image_size, camera.image_size * width // height
+        self._film = camera.film if camera else None
+        self.frames = np.empty((len(parameters), num_steps + 1, height, width, 3), np.uint8)
         self._simulator, self._parameters = simulator, parameters
         self._offsets = np.arange(1 - num_stacked, 1)
 
@@ -29,7 +47,8 @@ class FrameStacker:
 
         Before an episode's first frame that one is repeated.
         """
-        self.frames[:, t] = self._simulator.render(states, self._parameters)
+        drawn = self._simulator.render(states, self._parameters)
+        self.frames[:, t] = self._film(drawn) if self._film else drawn
         return self.frames[:, np.maximum(t + self._offsets, 0)]
 
 
@@ -46,3 +65,14 @@ def on_pictures(simulator: AnySimulator, stacker: FrameStacker, policy: PixelPol
     """
     mapping = simulator.action_mapping
     return lambda t, states: scale_actions(mapping, policy(stacker.draw(t, states)))
+
+
+def acting_late(act: Act, steps: int, num_worlds: int, num_actions: int) -> Act:
+    """The same, but each action is carried out so many steps later; until then nothing moves."""
+    coming = deque([np.zeros((num_worlds, num_actions))] * steps)
+
+    def act_late(t: int, states: np.ndarray) -> np.ndarray:
+        coming.append(act(t, states))
+        return coming.popleft()
+
+    return act_late
