@@ -1,4 +1,4 @@
-"""Run by test_sweep.py to be killed: a sweep of stand-ins. Arguments: GRID OUT WORKERS"""
+"""Run by tests of sweeps to be killed: a sweep of stand-ins. Arguments: GRID OUT WORKERS-OR-RAY"""
 
 import sys
 from pathlib import Path
@@ -9,5 +9,6 @@ from simtune.sweep import sweep
 STAND_IN = (sys.executable, "-S", str(Path(__file__).with_name("sweep_stand_in.py")))
 
 if __name__ == "__main__":
-    grid, out, workers = sys.argv[1:]
-    sweep(SweepConfig(grid=Path(grid), out=Path(out), workers=int(workers)), STAND_IN)
+    grid, out, by = sys.argv[1:]
+    where = {"workers": int(by)} if by.isdigit() else {"ray": by}
+    sweep(SweepConfig(grid=Path(grid), out=Path(out), **where), STAND_IN)

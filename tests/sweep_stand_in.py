@@ -1,4 +1,4 @@
-"""A run that takes a fifth of a second, for tests of sweeps: COMMAND TASK --out RUN --seed N ...
+"""A run of a fifth of a second or so, for tests of sweeps: COMMAND TASK --out RUN --seed N ...
 
 It goes on where it was killed, refuses a folder that another process writes, and writes its result
 and then its report, as the real one does. Beside the sweep's folder it notes, in STAND_IN: a line
@@ -29,6 +29,7 @@ def main() -> None:
     if seed == 1013:
         sys.exit("simtune: unlucky")
     if seed == 1014 and not (Path(os.environ["STAND_IN"]) / "room").exists():
+        note("full", out.name)
         sys.exit("simtune: [Errno 28] No space left on device: 'checkpoint'")
     if (out / "result.json").exists() and (out / "report.html").exists():
         note("doubled", f"{out.name} was done")
@@ -41,7 +42,7 @@ def main() -> None:
         sys.exit("simtune: it is being written by a run that is still going")
     steps = out / "step"
     for step in range(int(steps.read_text()) if steps.exists() else 0, STEPS):
-        time.sleep(0.02)
+        time.sleep(float(os.environ.get("STAND_IN_STEP_S", "0.02")))
         replace(steps, str(step + 1))
     result = {"task": sys.argv[2], "seed": seed, "wall_s": 0.2, "percent_error": seed / 10}
     replace(out / "result.json", json.dumps(result))

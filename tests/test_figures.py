@@ -161,6 +161,7 @@ def test_methods_are_compared_where_all_else_is_usual(tmp_path):
     assert [len(group.runs) for group in usual.groups] == [2, 2, 2]
     (ablation,) = usual.ablations
     assert ablation.option == "real_episodes"
+    assert usual.num_others == 0
     values = {value: group.scores("return") for value, group in ablation.groups}
     assert values == {None: [700, 700], 1: [501], 10: [510]}
     assert (gap.has_gap, gap.title, gap.key) == (
@@ -168,6 +169,24 @@ def test_methods_are_compared_where_all_else_is_usual(tmp_path):
         "ball_in_cup, through the gap",
         "ball_in_cup-gap",
     )
+
+
+def test_searches_are_methods_and_what_differs_twice_is_counted(tmp_path):
+    make_run(tmp_path, "autotune", 0)
+    make_run(tmp_path, "autotune", 1)
+    make_run(tmp_path, "autotune", 0, search="paper")
+    make_run(tmp_path, "autotune", 0, search="paper", real_episodes=2)
+    make_run(tmp_path, "autotune", 0, real_episodes=2, preset="paper")
+    make_run(tmp_path, "autotune", 0, pretrain_steps=100, start_factor=1.5)
+    usual, pretrained = found(tmp_path)
+    assert [group.method for group in usual.groups] == ["autotune", "autotune, paper"]
+    (ablation,) = usual.ablations
+    assert [(value, group.method) for value, group in ablation.groups] == [
+        (2, "autotune, paper"),
+        (None, "autotune, paper"),
+    ]
+    assert usual.num_others == 1
+    assert pretrained.key == "ball_in_cup-sim-to-real"
 
 
 def test_shares_of_the_oracle_by_hand(tmp_path):

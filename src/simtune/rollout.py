@@ -75,14 +75,17 @@ class Environment:
         parameters: np.ndarray,
         rng: np.random.Generator,
         film: bool = True,
-        delay_steps: int = 0,
+        delay_steps: int | None = None,
     ) -> Episodes:
         """An episode in each of n worlds of (n, N) parameters; without `film` nothing is drawn.
 
-        Actions take effect `delay_steps` late; those of the episodes are the policy's.
+        Actions take effect `delay_steps` late, by default as the gap says; those of the episodes
+        are the policy's.
         Raises RuntimeError where the policy's actions are not finite, or rewards of live worlds.
         """
         simulator, num_steps = self.simulator, self.task.episode_steps
+        if delay_steps is None:
+            delay_steps = self.gap.delay_steps if self.gap else 0
         stacker = None
         if film:
             camera = self.gap.camera(simulator.step_s, rng) if self.gap else None

@@ -53,21 +53,19 @@ class TrainingExperiment(Experiment):
             assert observation.frames is not None
             return self.agent.act(observation.frames)
 
-        played = self.scored_in.play(act, worlds, rng, delay_steps=self.true_delay_steps)
+        played = self.scored_in.play(act, worlds, rng)
         assert played.frames is not None
         assert played.reached is not None
         scores = dict(zip(self.task.goals, played.reached.T, strict=True))
         return {"return": played.rewards.sum(1), **scores}, played.frames[0]
 
-    @property
-    def true_delay_steps(self) -> int:
-        """By which actions are late behind the gap: for scores, and the oracle."""
-        return self.scored_in.gap.delay_steps if self.scored_in.gap else 0
-
     def delay_steps(self, estimated: int | None, rng: np.random.Generator) -> int:
-        """By which actions are late in simulated episodes: as `estimated`, or else any number."""
-        if self.config.method == "oracle":
-            return self.true_delay_steps
+        """By which actions are late in simulated episodes: as `estimated`, or else any number.
+
+        An oracle knows the gap's.
+        """
+        if self.config.method == "oracle" and self.scored_in.gap:
+            return self.scored_in.gap.delay_steps
         if not self.environment.most_late:
             return 0
         any_number = int(rng.integers(self.environment.most_late + 1))

@@ -1,6 +1,7 @@
 """Which runs are compared: settings, methods, and what was varied besides.
 
-A setting is a task, through a reality gap or not, trained or only tuned. In it the runs of a method
+A setting is a task, trained or only tuned, through a reality gap or not, after pretraining
+(sim-to-real) or not. In it the runs of a method
 that differ by nothing but their seeds are a group. Where an option was varied, its most common
 value is the usual one: groups that have it are drawn together, method beside method, and the other
 values beside it as an ablation of this option.
@@ -41,18 +42,22 @@ class Setting:
     task: str
     is_training: bool
     has_gap: bool
+    is_pretrained: bool
     groups: list[Group]  # a method each, all options as usual
     ablations: list[Ablation]
+    num_others: int  # runs of which more than one option is not as usual: they are not drawn
 
     @property
     def title(self) -> str:
         what = "" if self.is_training else ", parameters alone"
+        what += ", sim-to-real" if self.is_pretrained else ""
         return self.task + what + (", through the gap" if self.has_gap else "")
 
     @property
     def key(self) -> str:
         """For the names of files."""
-        parts = [self.task, "" if self.is_training else "tune", "gap" if self.has_gap else ""]
+        parts = [self.task, "" if self.is_training else "tune"]
+        parts += ["sim-to-real" if self.is_pretrained else "", "gap" if self.has_gap else ""]
         return "-".join(part for part in parts if part)
 
     @property
@@ -67,14 +72,15 @@ class Setting:
 
 def settings(records: Sequence[Record]) -> list[Setting]:
     """All that the runs are of, trainings first, gaps last."""
-    apart: dict[tuple[bool, bool, str], list[Record]] = {}
+    apart: dict[tuple[bool, bool, bool, str], list[Record]] = {}
     for record in records:
-        has_gap = bool(record.config.get("real_gap"))
-        apart.setdefault((has_gap, not record.is_training, record.task), []).append(record)
-    return [_setting(*key, apart[key]) for key in sorted(apart)]
+        gap, first = (bool(record.config.get(name)) for name in ("real_gap", "pretrain_steps"))
+        apart.setdefault((gap, first, not record.is_training, record.task), []).append(record)
+    return [_setting(key, apart[key]) for key in sorted(apart)]
 
 
-def _setting(has_gap: bool, is_tuning: bool, task: str, records: list[Record]) -> Setting:
+def _setting(key: tuple[bool, bool, bool, str], records: list[Record]) -> Setting:
+    has_gap, is_pretrained, is_tuning, task = key
     usual = _usual(records)
     apart: dict[frozenset[str], list[Record]] = {}
     for record in records:
@@ -87,7 +93,15 @@ def _setting(has_gap: bool, is_tuning: bool, task: str, records: list[Record]) -
         if len(names) == 1
     ]
     ablations.sort(key=lambda ablation: ablation.option)
-    return Setting(task, not is_tuning, has_gap, _by_method(common), ablations)
+    return Setting(
+        task=task,
+        is_training=not is_tuning,
+        has_gap=has_gap,
+        is_pretrained=is_pretrained,
+        groups=_by_method(common),
+        ablations=ablations,
+        num_others=sum(len(varied) for names, varied in apart.items() if len(names) > 1),
+    )
 
 
 def _usual(records: list[Record]) -> dict[str, Any]:

@@ -12,7 +12,8 @@ from simtune.run import read_json, read_jsonl
 from simtune.validate import is_number
 
 # Options by which runs may differ and still be seeds of one another, or that follow from others
-_NO_CONDITIONS = ("task", "out", "seed", "method", "device", "move", "robot", "real_parameters")
+_NO_CONDITIONS = ("task", "out", "seed", "method", "search", "device", "move", "robot")
+_NO_CONDITIONS += ("real_parameters",)
 _FLOOR = 0.01  # of a parameter's upper bound: a smaller truth counts as this, see `Truth.score`
 
 
@@ -31,11 +32,9 @@ class Record:
 
     @property
     def method(self) -> str:
-        """Of a training; of a run of `tune`, how it searched."""
-        if "method" in self.config:
-            return self.config["method"]
-        search = self.config.get("search", "posterior")
-        return "tune" if search == "posterior" else f"tune, {search}"
+        """Of a training, or `tune`; with how it searched, unless by the usual search."""
+        search, method = self.config.get("search"), self.config.get("method", "tune")
+        return method if search in (None, "posterior") else f"{method}, {search}"
 
     @property
     def is_training(self) -> bool:

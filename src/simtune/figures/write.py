@@ -55,8 +55,9 @@ def write_figures(folder: Path | str) -> Path:
 
 def _trainings(found: Sequence[Setting]) -> list[tuple[str, list[Setting]]]:
     """Those that are summed up over tasks: apart, through the gap or not."""
+    usual = [s for s in found if s.is_training and not s.is_pretrained]
     names = {False: "All tasks", True: "All tasks, through the gap"}
-    apart = [(names[g], [s for s in found if s.is_training and s.has_gap == g]) for g in names]
+    apart = [(names[g], [s for s in usual if s.has_gap == g]) for g in names]
     return [(name, of) for name, of in apart if len(of) > 1]
 
 

@@ -56,7 +56,7 @@ class Attempts:
             self._sleep(_OTHERS_PAUSE_S)
             return
         try:
-            with cores_taken(self.cores_per_run) as cores:
+            with cores_taken(self.cores_per_run, self.say) as cores:
                 # While it waited for the lease and for cores, another process may have ended it.
                 if places.standing(self.retries).status == "waiting":
                     arguments = run.arguments(places.run)

@@ -66,11 +66,17 @@ def _multiplied(block: TomlTable, common: dict[str, Any]) -> Iterator[AskedRun]:
 
 def _name(block: str, command: str, options: dict[str, Any], varied: list[str]) -> str:
     """Of a run's folder: what differs between runs, and how."""
-    parts = [block, Path(str(options["task"])).stem, options.get("method", command)]
+    parts = [block, _short(options["task"]), options.get("method", command)]
     others = [name for name in varied if name not in ("task", "method", "seed")]
-    parts += [f"{name}={Path(str(options[name])).stem}" for name in others]
+    parts += [f"{name}={_short(options[name])}" for name in others]
     parts.append(f"s{options.get('seed', 0)}")
     name = "-".join(str(part) for part in parts if part)
     if not re.fullmatch(r"[\w.=+-]+", name):
         raise InputError(f"{name} can be no folder's name: give the block a name, and plain values")
     return name
+
+
+def _short(value: Any) -> str:
+    """A value as part of a name; of a file its own."""
+    text = str(value)
+    return Path(text).stem if text.endswith((".toml", ".json")) else text

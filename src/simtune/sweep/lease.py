@@ -8,7 +8,7 @@ import fcntl
 import os
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -45,26 +45,35 @@ def usable_cores() -> list[int]:
 
 
 @contextmanager
-def cores_taken(count: int) -> Iterator[list[int]]:
+def cores_taken(count: int, say: Callable[[str], None] = print) -> Iterator[list[int]]:
     """So many cores that no other run of any sweep on this machine is on, as soon as there are.
 
-    Empty where processes cannot be bound to cores.
+    Empty where processes cannot be bound to cores. What it waits for is said once.
     """
-    usable, leases = usable_cores(), dict[int, Lease]()
     folder = Path(tempfile.gettempdir()) / f"simtune-cores-{os.getuid()}"
     folder.mkdir(exist_ok=True)
+    usable = usable_cores()
+    leases = _take_cores(folder, usable, count)
+    if leases is None:
+        say(f"waiting for a core of {', '.join(map(str, usable))} that no other sweep is on")
+    while leases is None:
+        time.sleep(_LOOK_EVERY_S)
+        leases = _take_cores(folder, usable, count)
     try:
-        while usable and len(leases) < count:
-            for core in usable:
-                if core not in leases and (lease := Lease.take(folder / str(core))):
-                    leases[core] = lease
-                if len(leases) == count:
-                    break
-            else:  # two that wait for each other's cores would wait for ever
-                while leases:
-                    leases.popitem()[1].close()
-                time.sleep(_LOOK_EVERY_S)
         yield sorted(leases)
     finally:
         for lease in leases.values():
             lease.close()
+
+
+def _take_cores(folder: Path, usable: list[int], count: int) -> dict[int, Lease] | None:
+    """All of them or none, or two could wait for each other's for ever."""
+    leases: dict[int, Lease] = {}
+    for core in usable:
+        if len(leases) < count and (lease := Lease.take(folder / str(core))):
+            leases[core] = lease
+    if usable and len(leases) < count:
+        for lease in leases.values():
+            lease.close()
+        return None
+    return leases
