@@ -25,7 +25,7 @@ cluster_utils = pytest.importorskip("ray.cluster_utils")
 pytestmark = pytest.mark.slow
 
 GRID = '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nbudget_minutes = 2\nseed = SEEDS\n'
-_RUNS, _KILLS = 40, 24
+_RUNS = 60
 TRAININGS = """
 [[runs]]
 command = "train"
@@ -91,36 +91,34 @@ def test_kills_at_random_lose_and_double_nothing(cluster, tmp_path, monkeypatch)
     monkeypatch.setenv("STAND_IN_STEP_S", "0.1")
     (tmp_path / "grid.toml").write_text(GRID.replace("SEEDS", str(list(range(_RUNS)))))
     rng, killed = random.Random(0), Counter[str]()
-    driver = start_driver(tmp_path, cluster.address)
-    while killed.total() < _KILLS:
-        before = len(lines(tmp_path / "begun"))
-        end_s = time.monotonic() + 120
-        while len(lines(tmp_path / "begun")) == before:
-            assert driver.poll() is None, "it was done before it could be killed so often"
-            assert time.monotonic() < end_s, "nothing begins any more"
-            time.sleep(0.02)
-        time.sleep(rng.uniform(0, 1))
+    driver, end_s = start_driver(tmp_path, cluster.address), time.monotonic() + 500
+    while driver.poll() != 0:
+        assert time.monotonic() < end_s, "it never ends"
+        if driver.poll():  # it was connected to a node that was killed
+            driver = start_driver(tmp_path, cluster.address)
+        time.sleep(rng.uniform(0.2, 3))
+        if not (begun := lines(tmp_path / "begun")):
+            continue
         what = rng.choice(["run", "worker", "node", "driver"])
-        _, run, worker, _ = lines(tmp_path / "begun")[-1].split()
+        _, run, worker, _ = begun[-1].split()
         if what == "driver":
             driver.kill()
             driver.wait()
-            driver = start_driver(tmp_path, cluster.address)
-        elif what == "node":
-            cluster.remove_node(cluster.worker_nodes[-1], allow_graceful=False)
+        elif what == "node" and cluster.worker_nodes:
+            cluster.remove_node(next(iter(cluster.worker_nodes)), allow_graceful=False)
             cluster.add_node(num_cpus=1)
         else:
             try:
-                os.kill(int(run if what == "run" else worker), signal.SIGKILL)
+                os.kill(int(worker if what == "worker" else run), signal.SIGKILL)
             except ProcessLookupError:
                 continue
         killed[what] += 1
-    assert driver.wait(400) == 0
     found = results(tmp_path / "out")
     assert len(found) == _RUNS
     assert {run["status"] for run in found.values()} == {"done"}
     assert not lines(tmp_path / "doubled")
     assert len(killed) == 4
+    assert killed.total() >= 10
 
 
 def test_no_cluster_is_said_in_one_line(tmp_path):

@@ -28,6 +28,7 @@ from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import build_training
 from simtune.randomization import Distribution
+from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.recordings import write_dataset
@@ -530,9 +531,16 @@ def test_a_stopped_run_resumes_to_the_same_result(autotuned, tmp_path, quick):
     with pytest.raises(InputError, match=r"is no folder that `simtune train` wrote"):
         evaluate(EvaluateConfig(run_folder=tmp_path / "nowhere"), settings=quick)
 
-    # A training of a robot is loaded without asking the robot, here one without its file.
+
+@pytest.mark.thorough
+def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quick, monkeypatch):
+    """One that was made behind the gap, which a camera films as well, stands for it."""
+    drawn = staticmethod(lambda task: task.simulator(image_size=64))
+    monkeypatch.setattr(RealityGap, "simulator", drawn)
+    out = tmp_path / "run"
+    train(config_of(out, real_gap=True), settings=quick)
     stored = read_json(out / "config.json")
-    stored["config"] |= {"real": "xarm", "robot": "gone.toml", "truth": None}
+    stored["config"] |= {"real": "xarm", "robot": "gone.toml", "truth": None, "real_gap": False}
     (out / "config.json").write_text(json.dumps(stored))
     trained = load_trained(out, settings=quick)
     assert trained.agent.can_act
