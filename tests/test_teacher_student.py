@@ -177,15 +177,15 @@ def test_a_student_learns_to_detect_dots_and_their_heights():
 
 
 def test_a_student_that_remembers_pictures_acts_as_one_that_sees_them_anew():
-    student = small_student()
+    student, nothing = small_student(), torch.zeros(4, 0)  # no action is late
     film = dots(40)[0].reshape(4, 10, SIZE, SIZE, 3)
     for t in range(8):
         stack = film[:, t : t + 3]
-        acted = student.act(stack)
+        acted = student.act(stack, nothing)
         student_anew = small_student()
-        torch.testing.assert_close(acted, student_anew.act(stack), rtol=1e-5, atol=1e-6)
+        torch.testing.assert_close(acted, student_anew.act(stack, nothing), rtol=1e-5, atol=1e-6)
     other = film[:, [0, 5, 9]]  # not the next picture: all are looked at
-    torch.testing.assert_close(student.act(other), small_student().act(other))
+    torch.testing.assert_close(student.act(other, nothing), small_student().act(other, nothing))
 
 
 # --- both together ------------------------------------------------------------------------
@@ -276,6 +276,30 @@ def test_the_policy_acts_without_the_teachers_networks():
             weights.data.fill_(torch.nan)  # nothing that needs the state can answer
     np.testing.assert_array_equal(agent.act(frames), acted)
     assert np.ptp(agent.act(episodes(10, True).frames[:, :3]) - acted) > 0
+
+
+def test_an_agent_whose_actions_may_be_late_knows_its_latest_ones():
+    """In the real world by what it did itself; as an episode begins it has done nothing."""
+    spec = replace(SPEC, most_late=2, num_states=3 + 2)
+    agent, told = TeacherStudent(spec, SMALL), []
+    act = agent.student.act
+
+    def spy(frames: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
+        told.append(latest)
+        return act(frames, latest)
+
+    agent.student.act = spy
+    film = np.random.default_rng(0).integers(0, 255, (2, 4, SIZE, SIZE, 3), np.uint8)
+    stacks = [film[:, np.maximum(np.arange(t - 2, t + 1), 0)] for t in range(4)]
+    acted = [agent.act(stack) for stack in [*stacks, stacks[0]]]
+    zero = np.zeros((2, 1))
+    expected = [(zero, zero), (acted[0], zero), (acted[1], acted[0]), (acted[2], acted[1])]
+    for latest, pair in zip(told, [*expected, (zero, zero)], strict=True):
+        np.testing.assert_array_equal(latest, np.hstack(pair))
+    seen = Observation(np.arange(10, dtype=np.float32).reshape(2, 5), stacks[2])
+    agent.num_steps = SMALL.random_steps
+    agent.explore(seen)  # in simulation the state has them
+    np.testing.assert_array_equal(told[-1], [[3, 4], [8, 9]])
 
 
 def test_exploring_without_pictures_acts_on_the_state():

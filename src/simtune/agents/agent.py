@@ -20,6 +20,7 @@ class AgentSpec:
     num_states: int
     num_positions: int  # the first of the states
     num_actions: int
+    most_late: int = 0  # steps by which actions may be late; so many of them end the states
     image_noise: ImageNoise | None = None  # of the real camera, which simulated pictures lack
     privileged: np.ndarray  # (N,) bool: parameters that may be used where the state may be, too
     total_steps: int  # of the whole training, for what changes in its course

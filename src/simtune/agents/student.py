@@ -57,8 +57,9 @@ class Student(nn.Module):
         )
         # Of each place x, y and how probable it is
         self.num_features = spec.num_keypoints * _PLACES * 3 + spec.num_positions
-        hidden = config.hidden_size
-        sizes = (spec.num_stacked * self.num_features, hidden, hidden, spec.num_actions)
+        # What it did lately may be still to come, and then no picture shows it.
+        num_seen = spec.num_stacked * self.num_features + spec.most_late * spec.num_actions
+        sizes = (num_seen, config.hidden_size, config.hidden_size, spec.num_actions)
         self.head = mlp(sizes, nn.ReLU)
         self.detector_optimizer = torch.optim.AdamW(
             self.detector.parameters(), config.detector.learning_rate, fused=True
@@ -69,12 +70,15 @@ class Student(nn.Module):
         self.num_updates = 0  # of the detector
         self._memory: Memory | None = None
 
-    def forward(self, detected: torch.Tensor) -> torch.Tensor:
-        """(B, K, F) what was detected lately to (B, A) actions."""
-        return self.head(detected.flatten(1)).tanh()
+    def forward(self, detected: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
+        """(B, K, F) what was detected lately, and (B, most_late · A) done, to (B, A) actions."""
+        return self.head(torch.cat([detected.flatten(1), latest], 1)).tanh()
 
-    def act(self, frames: torch.Tensor) -> torch.Tensor:
-        """Pixels to actions. Where a stack continues the last one, only its newest frame is new."""
+    def act(self, frames: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
+        """Pixels and (n, most_late · A) latest actions to actions.
+
+        Where a stack continues the last one, only its newest frame is new.
+        """
         memory = self._memory
         if memory and torch.equal(memory.frames[:, 1:], frames[:, :-1]):
             newest = self.detect(frames[:, -1])[:, None]
@@ -83,7 +87,7 @@ class Student(nn.Module):
             detected = self.detect(frames.flatten(0, 1)).unflatten(0, frames.shape[:2])
         self._memory = Memory(frames.clone(), detected)
         with predicting(self):
-            return self(detected)
+            return self(detected, latest)
 
     def detect_recorded(self, frames: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """The same of (n, H, W, 3) simulated frames, had a real camera filmed them."""
@@ -128,10 +132,10 @@ class Student(nn.Module):
         return loss.detach()
 
     def learn_to_act(
-        self, detected: torch.Tensor, actions: torch.Tensor, progress: float
+        self, detected: torch.Tensor, latest: torch.Tensor, actions: torch.Tensor, progress: float
     ) -> torch.Tensor:
         """One step towards a teacher's (B, A) actions after (B, K, F) was detected; the loss."""
-        loss = functional.mse_loss(self(detected), actions)
+        loss = functional.mse_loss(self(detected, latest), actions)
         self._step(self.head_optimizer, loss, self.config.learning_rate, progress)
         return loss.detach()
 

@@ -50,6 +50,8 @@ class TeacherStudent:
         self._privileged = torch.as_tensor(np.flatnonzero(spec.privileged), device=self.device)
         self._total_steps, self._num_actions = spec.total_steps, spec.num_actions
         self._num_positions = spec.num_positions
+        self._num_latest = spec.most_late * spec.num_actions
+        self._latest = torch.zeros(0, self._num_latest)  # actions in n worlds, the newest first
         # The student begins after these steps: at least a round of them before it is tried out
         latest = (-(-spec.first_tried // spec.round_steps) - 1) * spec.round_steps - 1
         self._begins = max(1.0, min(config.teacher_share * spec.first_tried, latest))
@@ -73,10 +75,23 @@ class TeacherStudent:
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """See `Agent`. A sample is the best action with noise."""
-        actions = self.student.act(torch.from_numpy(frames).to(self.device))
+        seen = torch.from_numpy(frames).to(self.device)
+        latest = self._remembered(seen)
+        actions = self.student.act(seen, latest)
         if sample:
             actions = self._disturbed(actions, self.config.noise)
+        self._latest = torch.cat([actions, latest], 1)[:, : self._num_latest]
         return actions.cpu().numpy()
+
+    def _remembered(self, frames: torch.Tensor) -> torch.Tensor:
+        """(n, L) actions that `act` returned lately; 0 where a stack is an episode's first one.
+
+        That one is a single frame, repeated; a camera's noise makes all others differ.
+        """
+        if not self._num_latest or len(self._latest) != len(frames):
+            return torch.zeros(len(frames), self._num_latest, device=self.device)
+        is_first = (frames[:, 1:] == frames[:, :-1]).flatten(1).all(1, keepdim=True)
+        return self._latest.where(~is_first, 0.0)
 
     def explore(self, observation: Observation) -> np.ndarray:
         """The teacher alone where nothing is filmed; else the student, more and more."""
@@ -89,7 +104,7 @@ class TeacherStudent:
             trusting_steps = self.config.trusting_share * self._total_steps
             acts_itself = self._uniform(len(states), 1) * trusting_steps < self._num_filmed
             frames = torch.from_numpy(observation.frames).to(self.device)
-            own = self.student.act(frames)
+            own = self.student.act(frames, self._latest_of(states))
             best = torch.where(acts_itself, own, self.teacher.act(states))
             actions = self._disturbed(best, self.config.noise)
         return actions.cpu().numpy()
@@ -131,14 +146,19 @@ class TeacherStudent:
         lengths = replay.lengths[slots].to(self.device)
         recorded = (student.detect_recorded(replay.frames[s], self._generator) for s in slots)
         seen = torch.stack(list(recorded))
-        best = self.teacher.act(replay.states[slots])
+        states = replay.states[slots]
+        best, latest = self.teacher.act(states), self._latest_of(states)
         for _ in range(round(num_steps * config.head_updates_per_step)):
             shape = (config.student.batch_size,)
             e = torch.randint(len(slots), shape, generator=self._generator, device=self.device)
             t = (self._uniform(*shape) * lengths[e]).long()
             stacks = seen[e[:, None], (t[:, None] + replay.stack_offsets).clamp(min=0)]
-            losses["imitation"] = student.learn_to_act(stacks, best[e, t], progress)
+            losses["imitation"] = student.learn_to_act(stacks, latest[e, t], best[e, t], progress)
         return losses
+
+    def _latest_of(self, states: torch.Tensor) -> torch.Tensor:
+        """(..., D) to (..., L): how states end, see `AgentSpec.most_late`."""
+        return states[..., states.shape[-1] - self._num_latest :]
 
     def _sample(self, replay: Replay, batch_size: int) -> Transitions:
         batch = replay.sample(batch_size, self._generator, with_frames=False)

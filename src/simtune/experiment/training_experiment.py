@@ -172,6 +172,7 @@ def _agent(
         num_states=environment.num_states,
         num_positions=environment.num_positions,
         num_actions=environment.simulator.num_actions,
+        most_late=environment.most_late,
         image_noise=world.real.observation.image_noise,
         privileged=~environment.task.parameters.is_appearance,
         total_steps=schedule.total_steps,
