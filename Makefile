@@ -39,8 +39,8 @@ evidence: $(READY)
 	@echo "  $(BIN)/simtune sweep grids/evidence.toml --out $(EVIDENCE) --dry-run"
 	@echo "Stop it when you like: the same command goes on. The figures of what is done so far:"
 	@echo "  $(BIN)/simtune figures $(EVIDENCE)"
-	$(BIN)/simtune sweep grids/evidence.toml --out $(EVIDENCE) $(SWEEP)
-	$(BIN)/simtune figures $(EVIDENCE)
+	$(BIN)/simtune sweep grids/evidence.toml --out $(EVIDENCE) $(SWEEP); status=$$?; \
+	$(BIN)/simtune figures $(EVIDENCE); exit $$status
 
 # Without those of about a second and more; `make test` before a change is handed on.
 test-quick: $(READY)
