@@ -1,6 +1,6 @@
 """Workers of this machine: threads that each carry out one run after another."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
 from simtune.errors import InputError
@@ -27,7 +27,7 @@ def carry_out_here(
     attempts: Attempts,
     workers: int,
     on_begin: Callable[[AskedRun], None],
-) -> Iterator[tuple[AskedRun, Standing]]:
+) -> Generator[tuple[AskedRun, Standing]]:
     """How each stands in the end, as they end. Whatever ends the caller ends all of them."""
 
     def work(run: AskedRun) -> Standing:

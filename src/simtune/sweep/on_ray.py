@@ -1,7 +1,7 @@
 """A Ray cluster: it decides where runs go, and repeats what dies with a worker or a node."""
 
 import importlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from typing import Any
 
 from simtune.errors import InputError
@@ -26,7 +26,7 @@ def connect(address: str) -> Any:
 
 def carry_out_on_ray(
     ray: Any, runs: Sequence[AskedRun], program: Sequence[str], settings: dict[str, Any]
-) -> Iterator[tuple[AskedRun, Standing]]:
+) -> Generator[tuple[AskedRun, Standing]]:
     """How each stands in the end, as they end. `settings`: of `Attempts`, but for its processes.
 
     A run's failures are counted in the sweep's folder; what dies with its worker or its node Ray
@@ -35,9 +35,12 @@ def carry_out_on_ray(
     options = {"num_cpus": settings["cores_per_run"], "max_retries": -1}
     task = ray.remote(**options)(_carry_out)
     waiting = {task.remote(run, tuple(program), settings): run for run in runs}
-    while waiting:
-        (ended,), _ = ray.wait(list(waiting), num_returns=1)
-        yield waiting.pop(ended), ray.get(ended)
+    try:
+        while waiting:
+            (ended,), _ = ray.wait(list(waiting), num_returns=1)
+            yield waiting.pop(ended), ray.get(ended)
+    finally:
+        ray.shutdown()
 
 
 def _carry_out(run: AskedRun, program: Sequence[str], settings: dict[str, Any]) -> Standing:

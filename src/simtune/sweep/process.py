@@ -79,10 +79,11 @@ def _read(process: subprocess.Popen[str], log: Path) -> list[str]:
     """What it says until it ends: all of it into a file, its last lines returned."""
     assert process.stdout is not None, "a pipe, as asked"
     tail = deque[str](maxlen=_TAIL)
-    for line in process.stdout:
-        tail.append(line.strip())
-        with _room_or_not(), log.open("a", encoding="utf-8") as file:
-            file.write(line)
+    with process.stdout as said:
+        for line in said:
+            tail.append(line.strip())
+            with _room_or_not(), log.open("a", encoding="utf-8") as file:
+                file.write(line)
     return [line for line in tail if line]
 
 

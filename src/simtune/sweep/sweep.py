@@ -15,6 +15,7 @@ sweep.json              how all runs stand
 
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from typing import Any
 
 from simtune.config import SweepConfig
@@ -52,8 +53,9 @@ def sweep(config: SweepConfig, program: Sequence[str] = PROGRAM) -> dict[str, St
     else:
         attempts = Attempts(**settings, processes=Processes(program), say=status.say)
         ended = carry_out_here(waiting, attempts, workers, status.begin)
-    for run, standing in ended:
-        status.end(run, standing)
+    with closing(ended):  # whatever comes between, its runs end as well
+        for run, standing in ended:
+            status.end(run, standing)
     return status.standings
 
 
