@@ -11,7 +11,7 @@ from typing import Any
 
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Replace a file whole: readers, also after a crash, see the old content or the new."""
-    temporary = path.with_name(f".{path.name}.tmp")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")  # others may write it, too
     try:
         with temporary.open("wb") as file:
             file.write(content.encode() if isinstance(content, str) else content)
