@@ -205,6 +205,21 @@ def test_shares_of_the_oracle_by_hand(tmp_path):
     assert overall([setting])["autotune"].mean == pytest.approx((630 / 720 + 1) / 2)
 
 
+def test_a_task_with_a_goal_is_judged_by_success(tmp_path):
+    for seed, reached in enumerate((0.8, 1.0)):
+        path = make_run(tmp_path, "autotune", seed, task="rope_peg", returned=-20)
+        result = json.loads((path / "result.json").read_text())
+        result["success"] = {"mean": reached, "std": 0.0, "episodes": 10}
+        (path / "result.json").write_text(json.dumps(result))
+    (setting,) = found(tmp_path)
+    (row,) = rows(setting)
+    assert (row.score, row.returned) == (centre([0.8, 1.0]), centre([-20, -20]))
+    assert row.score.mean == pytest.approx(0.9)
+    (figure,) = [f for f in figures_of(setting) if f.key == "rope_peg-success-step"]
+    assert figure.references[0].value == 0.42
+    assert "-20" in write_figures(tmp_path).read_text()
+
+
 def test_figures_show_what_was_measured_and_the_authors_end(tmp_path):
     for seed, returned in enumerate((600, 700, 800)):
         make_run(tmp_path, "autotune", seed, returned=returned)

@@ -19,6 +19,7 @@ class Row:
     seeds: int
     score: Centre | None  # return, or success as a share
     near_success: Centre | None
+    returned: Centre | None  # where the score is success
     of_oracle: Centre | None  # the score as a share of the oracles' mean
     percent_error: Centre | None
     real_episodes: Centre | None
@@ -39,6 +40,7 @@ def _row(setting: Setting, group: Group) -> Row:
         score=_known(group.scores(setting.score)) if setting.is_training else None,
         near_success=_known(group.scores("near_success")),
         of_oracle=_known(shares_of_oracle(setting, group)),
+        returned=_known(group.scores("return")) if setting.score == "success" else None,
         percent_error=_known(group.scores("percent_error")) if tells_error else None,
         real_episodes=_known(group.scores("real_episodes")),
         policy_steps=_known(group.scores("policy_steps")),
