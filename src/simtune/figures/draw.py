@@ -26,7 +26,7 @@ def draw(figure: Figure) -> Plot:
         values.append(1.0)
     places = [x for band in bands for x, _ in band]
     y = value_axis(values, HEIGHT - BOTTOM, TOP, is_colour=False)
-    plot = Plot(figure.title, _x_axis(places, bool(figure.categories)), y, WIDTH)
+    plot = Plot(figure.title, _x_axis(places, figure), y, WIDTH)
     plot.label_y(y.ticks(5))
     plot.label_x(_x_labels(figure, plot.x), figure.x_title)
     for reference in figure.references:
@@ -49,11 +49,11 @@ def with_legend(figure: Figure) -> Plot:
     return plot
 
 
-def _x_axis(places: list[float], are_categories: bool) -> Axis:
+def _x_axis(places: list[float], figure: Figure) -> Axis:
     start, end = LEFT + 10, WIDTH - RIGHT - 10
-    if are_categories:
+    if figure.categories:
         return Axis(-0.5, max(places) + 0.5, start, end)
-    if min(places) > 0 and max(places) / min(places) >= 8 and len(set(places)) <= 8:
+    if figure.is_ablation and min(places) > 0 and max(places) / min(places) >= 8:
         return Axis(min(places), max(places), start, end, log=True)
     low = 0.0 if min(places) >= 0 else min(places)
     return Axis(low, max(max(places), low + 1e-9), start, end)

@@ -29,6 +29,7 @@ class Figure:
     y_title: str
     series: list[Series]
     references: list[Reference] = field(default_factory=list)
+    is_ablation: bool = False  # x are values of an option, often multiples of one another
     categories: tuple[str, ...] = ()  # names of x = 0, 1, ..., where these are no numbers
 
     @property

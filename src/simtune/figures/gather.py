@@ -111,6 +111,7 @@ def _ablated(setting: Setting, ablation: Ablation, name: str, title: str) -> Fig
         x_title=option,
         y_title=title,
         series=[Series(method, method, band(method), line=are_numbers) for method in methods],
+        is_ablation=True,
         categories=() if are_numbers else tuple(_shown(v) for v in values),
     )
 
