@@ -271,7 +271,7 @@ def test_a_policy_is_filmed_and_scored_behind_the_gap(tmp_path, quick, monkeypat
         films.append(len(frames))
         return film(self, frames, *others)
 
-    drawn = staticmethod(lambda task: task.simulator(image_size=64))  # needs no OpenGL
+    drawn = staticmethod(lambda task, views: task.simulator(image_size=64, views=views))
     monkeypatch.setattr(RealityGap, "simulator", drawn)
     monkeypatch.setattr(RealityGap, "film", spy)
     episodes = {"real_episodes": 2, "tried_episodes": 1, "scored_episodes": 3}

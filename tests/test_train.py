@@ -535,7 +535,7 @@ def test_a_stopped_run_resumes_to_the_same_result(autotuned, tmp_path, quick):
 @pytest.mark.thorough
 def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quick, monkeypatch):
     """One that was made behind the gap, which a camera films as well, stands for it."""
-    drawn = staticmethod(lambda task: task.simulator(image_size=64))
+    drawn = staticmethod(lambda task, views: task.simulator(image_size=64, views=views))
     monkeypatch.setattr(RealityGap, "simulator", drawn)
     out = tmp_path / "run"
     train(config_of(out, real_gap=True), settings=quick)
