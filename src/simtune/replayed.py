@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.fit import OpenLoop, Readings
+from simtune.fit import OpenLoop, Readings, replay_whole
 from simtune.observation import ObservationModel, units_of
 from simtune.run.files import plain
 from simtune.simulation import AnySimulator
@@ -65,9 +65,9 @@ def replay(
     joints, labels, space = loop.sensors, observation.reading_labels, simulator.space
     readings = Readings.of(trajectories, joints)
     offsets = np.array([tuned.offsets.get(label, 0.0) for label in labels])
-    before = loop.replay(readings, space.to_unit(start), np.zeros(len(labels)))
+    before = replay_whole(loop, readings, space.to_unit(start), np.zeros(len(labels)))
     late = readings.delayed(tuned.latency_steps)
-    after = loop.replay(late, space.to_unit(tuned.mean), offsets)
+    after = replay_whole(loop, late, space.to_unit(tuned.mean), offsets)
     return Replayed(
         labels, units_of(joints), offsets, simulator.step_s, readings.values, before, after
     )

@@ -13,6 +13,7 @@ from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.shooting import ShootingConfig, Stage
 from simtune.fit.sizing import FitConfig, count_fit_steps, fit_to_budget
 from simtune.fit.uncertainty import correlations, in_range, inflate, model_checks, ranks
+from simtune.fit.whole_episodes import replay_whole
 
 __all__ = [
     "FEW_EPISODES",
@@ -40,5 +41,6 @@ __all__ = [
     "model_checks",
     "num_fitted",
     "ranks",
+    "replay_whole",
     "run_bootstrap",
 ]

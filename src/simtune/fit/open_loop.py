@@ -1,4 +1,4 @@
-"""Episodes replayed open loop from where their first readings say, and how that depends on what.
+"""Stretches of episodes, played open loop in simulated worlds.
 
 Only readings are looked at, never pictures. An episode may be cut into stretches, each of which
 begins anew: a short one is nearly linear in what is unknown, a whole one is what has to be right.
@@ -11,14 +11,10 @@ import numpy as np
 
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, Stretches, filled, velocities
-from simtune.fit.slopes import Groups, Slopes, agreed
-from simtune.observation import JointSensor, ObservationModel, joints_of, usual_noise
+from simtune.observation import JointSensor, ObservationModel, joints_of
 from simtune.simulation import AnySimulator, Simulator
 
 _VELOCITY_ERROR = 3.0  # of a start's, in noise a step
-_UNIT_DELTA = 5e-3
-_FIRST, _BEGIN_ITERATIONS = 5, 3  # steps that say what a replay begins with
-_STATE_DELTA = 0.05  # of what is unknown of a state
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
 _FAR_AWAY = 1e3  # in terms of the model's extent
 
@@ -38,7 +34,8 @@ class OpenLoop:
         self._places, space = np.array(places, int), physics.space
         tangents = np.zeros((2 * len(places), space.num_tangent))
         model = physics.simulator.model
-        self._may_touch = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT.value
+        no_contacts = mujoco.mjtDisableBit.mjDSBL_CONTACT.value
+        self.may_touch = not model.opt.disableflags & no_contacts  # whether anything may
         self._dofs = np.array([model.jnt_dofadr[list(model.jnt_qposadr).index(p)] for p in places])
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
@@ -65,6 +62,14 @@ class OpenLoop:
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
         physics = Physics(simulator, observation.observe_beside(), full_state)
         return cls(physics, sensors, np.flatnonzero(~simulator.space.is_appearance))
+
+    def by_starts_alone(self) -> "OpenLoop":
+        """The same, derived by no parameter."""
+        return OpenLoop(self.physics, self.sensors, self.fitted[:0])
+
+    def moved(self, states: np.ndarray, shift: np.ndarray, start_std: np.ndarray) -> np.ndarray:
+        """(W, nq + nv) starts that are (W, S) times what is unknown of them, (S,), elsewhere."""
+        return self.physics.space.move(states, (shift * start_std) @ self.start_tangents)
 
     def start_std(self, noise: np.ndarray) -> np.ndarray:
         """(S,) what is unknown of a start, where readings have the noise (D,)."""
@@ -116,38 +121,6 @@ class OpenLoop:
             left[episode, step],
         )
 
-    def replay(self, readings: Readings, unit: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-        """(E, T + 1, D) what (N,) parameters predict of whole episodes, from their first readings.
-
-        The first few say what an episode begins with; later ones are not looked at.
-        """
-        whole = self.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
-        states = self._begin(whole, unit, offsets)
-        predicted, _ = self.play(whole, states[None], unit[None])
-        return predicted[0] + offsets
-
-    def _begin(self, whole: Stretches, unit: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-        """(W, nq + nv) starts that explain the first few readings best (Gauss-Newton)."""
-        first = whole._replace(
-            actions=whole.actions[:, :_FIRST], values=whole.values[:, : _FIRST + 1]
-        )
-        noise = usual_noise(self.sensors)
-        start_std = self.start_std(noise)
-        states, shift = first.states, np.zeros((len(first.states), len(start_std)))
-        for _ in range(_BEGIN_ITERATIONS):
-            slopes = self.differentiate(first, states, unit, start_std)
-            left = (slopes.predicted + offsets - first.values) / noise
-            known = np.isfinite(left)
-            r = np.where(known, left, 0.0).reshape(len(left), -1)
-            by_start = np.where(known[:, None], slopes.by_start / noise, 0.0)
-            j = by_start.reshape(*shift.shape, -1)
-            hessian = j @ j.swapaxes(1, 2) + np.eye(shift.shape[1])
-            gradient = (j @ r[..., None])[..., 0] + shift
-            shift = shift - np.linalg.solve(hessian, gradient[..., None])[..., 0]
-            tangents = (shift * start_std) @ self.start_tangents
-            states = self.physics.space.move(first.states, tangents)
-        return states
-
     def play(
         self, stretches: Stretches, states: np.ndarray, units: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -166,53 +139,6 @@ class OpenLoop:
         return predicted.reshape(*shape, *predicted.shape[1:]), full_states[:, 0].reshape(
             *shape, -1
         )
-
-    def differentiate(
-        self,
-        stretches: Stretches,
-        states: np.ndarray,
-        unit: np.ndarray,
-        start_std: np.ndarray,
-        groups: Groups | None = None,
-    ) -> Slopes:
-        """By central finite differences, for which all changed worlds run at once.
-
-        Of two parameters that do the same, such as a servo's kv and its joint's damping, one-sided
-        ones would seem to tell which is which, by their own curvature. And after a contact the
-        least change may throw a motion elsewhere: a derivative is noise then, and would be taken
-        for a reading that tells much. So derivatives count by how well those to both sides agree.
-        `groups`: to be quicker, and a little wrong; one-sided where nothing can touch.
-        """
-        num_fitted, num_starts = len(self.fitted), len(self.start_tangents)
-        is_quick = groups is not None
-        groups = groups or Groups.one_by_one(num_fitted + num_starts, self.num_readings)
-        delta = np.full(num_fitted + num_starts, _STATE_DELTA)
-        delta[:num_fitted] = np.where(unit[self.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
-        world, num_groups = 1 + groups.number, len(groups.owner)
-        units = np.repeat(unit[None], 1 + num_groups, 0)
-        units[world[:num_fitted], self.fitted] += delta[:num_fitted]
-        tangents = np.zeros((1 + num_groups, self.start_tangents.shape[1]))
-        change = _STATE_DELTA * start_std[:, None] * self.start_tangents
-        np.add.at(tangents, world[num_fitted:], change)
-        twice = np.unique(world[:num_fitted])  # worlds in which a parameter is changed
-        if is_quick and not self._may_touch:
-            twice = twice[:0]
-        back = 2 * unit - units[twice]
-        # At a bound there is no other side: twice as far, then
-        is_inside = ((back >= 0) & (back <= 1)).all(1)
-        side = np.where(is_inside, -1, 2)[:, None]
-        units = np.concatenate([units, unit + side * (units[twice] - unit)])
-        tangents = np.concatenate([tangents, side * tangents[twice]])
-        spread = np.repeat(tangents[:, None], len(states), 1)
-        predicted, _ = self.play(stretches, self.physics.space.move(states, spread), units)
-        changes = (predicted[1 : 1 + num_groups] - predicted[0]).swapaxes(0, 1)  # (W, G, K + 1, D)
-        others, known = predicted[1 + num_groups :], predicted[np.where(is_inside, 0, twice)]
-        inward = np.where(is_inside, -1, 1)[:, None, None, None]
-        others = (inward * (others - known)).swapaxes(0, 1)
-        changes[:, twice - 1] = agreed(changes[:, twice - 1], others)
-        is_owner = groups.owner[groups.number] == np.arange(len(delta))[:, None]  # (U, D)
-        slopes = changes[:, groups.number] * is_owner[:, None] / delta[:, None, None]
-        return Slopes(predicted[0], slopes[:, :num_fitted], slopes[:, num_fitted:])
 
 
 def _loose(model: mujoco.MjModel) -> list[int]:

@@ -22,6 +22,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit.combine import step_within_bounds
+from simtune.fit.differences import differentiate
 from simtune.fit.normal_equations import NormalEquations, jackknife, normal_equations
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.readings import Readings, Stretches
@@ -100,7 +101,7 @@ class OutputError:
         start_std = loop.start_std(noise)
         iteration = 0
         while True:
-            slopes = loop.differentiate(stretches, point.states, point.unit, start_std, groups)
+            slopes = differentiate(loop, stretches, point.states, point.unit, start_std, groups)
             if groups is None and (iteration >= iterations or budget.is_over):
                 return point, slopes
             residuals = self._residuals(stretches, point, slopes.predicted)
@@ -164,8 +165,7 @@ class OutputError:
         offsets[self._finds_offset] += change[num:]
         gradient = equations.gradient + equations.cross @ change
         shift = point.shift - np.linalg.solve(equations.hessian, gradient[..., None])[..., 0]
-        tangents = (shift * start_std) @ self._loop.start_tangents
-        states = self._loop.physics.space.move(stretches.states, tangents)
+        states = self._loop.moved(stretches.states, shift, start_std)
         return replace(point, unit=new, offsets=offsets, states=states, shift=shift)
 
     def _conclude(self, stretches: Stretches, point: _Point, slopes: Slopes) -> OutputErrorFit:

@@ -46,6 +46,10 @@ class Stretches(NamedTuple):
     states: np.ndarray  # (W, nq + nv) in which each begins, as far as readings say
     actuator_states: np.ndarray  # (W, S) what earlier actions left
 
+    def first(self, steps: int) -> "Stretches":
+        """So many steps of each."""
+        return self._replace(actions=self.actions[:, :steps], values=self.values[:, : steps + 1])
+
 
 def filled(values: np.ndarray) -> np.ndarray:
     """(E, T, D) without gaps: straight lines through them."""

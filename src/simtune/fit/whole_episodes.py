@@ -1,0 +1,41 @@
+"""Whole episodes replayed open loop, from where their first few readings say."""
+
+import numpy as np
+
+from simtune.fit.differences import differentiate
+from simtune.fit.normal_equations import normal_equations
+from simtune.fit.open_loop import OpenLoop
+from simtune.fit.readings import Readings, Stretches
+from simtune.observation import usual_noise
+
+_FIRST, _ITERATIONS = 5, 3  # steps that say what a replay begins with
+
+
+def replay_whole(
+    loop: OpenLoop, readings: Readings, unit: np.ndarray, offsets: np.ndarray
+) -> np.ndarray:
+    """(E, T + 1, D) what (N,) parameters in unit coordinates predict of whole episodes.
+
+    The first few readings say what an episode begins with; later ones are not looked at.
+    `offsets`: (D,) measured − simulated.
+    """
+    whole = loop.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
+    states = _begin(loop, whole, unit, offsets)
+    predicted, _ = loop.play(whole, states[None], unit[None])
+    return predicted[0] + offsets
+
+
+def _begin(loop: OpenLoop, whole: Stretches, unit: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """(W, nq + nv) starts that explain the first few readings best (Gauss-Newton)."""
+    loop = loop.by_starts_alone()
+    first, noise = whole.first(_FIRST), usual_noise(loop.sensors)
+    start_std, states = loop.start_std(noise), first.states
+    shift, no_offset = np.zeros((len(states), len(start_std))), np.zeros(len(noise), bool)
+    for _ in range(_ITERATIONS):
+        slopes = differentiate(loop, first, states, unit, start_std)
+        residuals = slopes.predicted + offsets - first.values
+        equations = normal_equations(slopes, residuals, noise, no_offset, shift)
+        step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]
+        shift = shift - step
+        states = loop.moved(first.states, shift, start_std)
+    return states
