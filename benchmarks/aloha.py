@@ -14,13 +14,13 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import tyro
-from common import machine, record_figures
+from common import kept_in, machine, record_figures
 from two_arms import sysid
 from two_arms.world import World, film
 
@@ -35,93 +35,95 @@ Method = Literal["video", "readings", "both", "mujoco.sysid"]
 METHODS: tuple[Method, ...] = ("video", "readings", "both", "mujoco.sysid")
 _OBSERVE = {"video": "cameras", "readings": "joints", "both": "cameras,joints"}
 _SHOWN_BY_VIDEO = ("box_mass", "box_friction")
-_TUNE = (sys.executable, "-c", "from simtune.cli import main; main()", "tune")
-_QUICK_TUNE = (sys.executable, "-m", "whole.variants", "--quick", "tune")  # found beside this file
+_PLAIN_TUNE = (sys.executable, "-c", "from simtune.cli import main; main()", "tune")
+_QUICK_TUNE = (
+    sys.executable,
+    "-m",
+    "whole.variants",
+    "--quick",
+    "tune",
+)  # found beside this file
 
 
-def main(
-    task: Path = Path("examples/aloha/tune.toml"),
-    seed: int = 0,
-    methods: tuple[Method, ...] = METHODS,
-    minutes: float = 10.0,
-    episodes: int = 6,
-    steps: int = 200,
-    out: Path = Path("runs/aloha"),
-    record: Path | None = None,
-    quick: bool = False,
-) -> None:
-    """Measure it.
+@dataclass(frozen=True)
+class Settings:
+    """Measure it."""
 
-    Args:
-        task: The example's tuning file; examples/aloha/prepare.sh unpacks its scene.
-        seed: Of the world and of what the arms do.
-        methods: What is compared.
-        minutes: Each run's --budget-minutes.
-        episodes: Of the world.
-        steps: Of each episode.
-        out: Folder for the recordings and the runs.
-        record: Write the figures into this file of docs/results, too.
-        quick: A search that finds nothing, by readings and both of two short episodes.
-    """
+    task: Path = Path("examples/aloha/tune.toml")
+    """The example's tuning file; examples/aloha/prepare.sh unpacks its scene."""
+    seed: int = 0
+    """Of the world and of what the arms do."""
+    methods: tuple[Method, ...] = METHODS
+    """What is compared."""
+    minutes: float = 10.0
+    """Each run's --budget-minutes."""
+    episodes: int = 6
+    """Of the world."""
+    steps: int = 200
+    """Of each episode."""
+    out: Path = Path("runs/aloha")
+    """Folder for the recordings and the runs."""
+    record: Path | None = None
+    """Write the figures into this file of docs/results, too."""
+    quick: bool = False
+    """A search that finds nothing, by readings and both of two short episodes."""
+
+
+def main(settings: tyro.conf.OmitArgPrefixes[Settings]) -> None:
+    if settings.quick:
+        methods: tuple[Method, ...] = ("readings", "both")
+        settings = replace(settings, episodes=2, steps=24, minutes=0.1, methods=methods)
     try:
-        loaded = load_task(str(task))
+        task = load_task(str(settings.task))
     except InputError as error:
         sys.exit(f"{error}\nrun examples/aloha/prepare.sh first")
-    assert isinstance(loaded, Task)
-    with tempfile.TemporaryDirectory() as temporary:
-        if quick:
-            episodes, steps, minutes, out = 2, 24, 0.1, Path(temporary)
-            methods = tuple(m for m in methods if m in ("readings", "both"))
-        folder = out / f"world-{seed}"
-        world = World.draw(loaded.parameters, loaded.sensors[0].size, seed)
-        real = folder / "recordings"
+    assert isinstance(task, Task)
+    world, scores = World.draw(task.parameters, task.sensors[0].size, settings.seed), {}
+    with kept_in(settings.out, settings.quick) as out:
+        settings = replace(settings, out=out / f"world-{settings.seed}")
+        real = settings.out / "recordings"
         if not real.exists():
-            film(loaded, world, real, episodes, steps, seed)
-        scores = {}
-        for method in methods:
-            result = _result(method, task, loaded, real, folder / method, seed, minutes, quick)
-            scores[method] = _score(loaded, world, result) if result else None
-    scores = {method: its for method, its in scores.items() if its}
-    rows = _rows(loaded, seed, scores)
+            film(task, world, real, settings.episodes, settings.steps, settings.seed)
+        for method in settings.methods:
+            if result := _result(method, settings, task):
+                scores[method] = _score(task, world, result)
+    rows = _rows(task, settings.seed, scores)
     _print_table(rows)
-    if not quick:
-        record_figures(record, ["world", "parameter"], rows)
-    print(json.dumps({"benchmark": "aloha", "quick": quick, **machine(), "methods": scores}))
-    if len(scores) < len(methods):
+    if not settings.quick:
+        record_figures(settings.record, ["world", "parameter"], rows)
+    about = {"benchmark": "aloha", "quick": settings.quick, **machine()}
+    print(json.dumps({**about, "methods": scores}))
+    if len(scores) < len(settings.methods):
         sys.exit("some did not end well")
 
 
-def _result(
-    method: Method,
-    task: Path,
-    loaded: Task,
-    real: Path,
-    out: Path,
-    seed: int,
-    minutes: float,
-    quick: bool,
-) -> dict[str, Any] | None:
+def _result(method: Method, settings: Settings, task: Task) -> dict[str, Any] | None:
     """What a method makes of recordings, now or before; None where it fails."""
+    real, out = settings.out / "recordings", settings.out / method
     path = out / "result.json"
     if path.exists():
         print(f"{out} is finished: scoring it", file=sys.stderr)
     elif method == "mujoco.sysid":
-        config = TuneConfig(task=str(task), real=str(real), out=out, observe="joints")
-        seen = observed(loaded, config.observed, is_simulated=False)
-        dataset = open_recordings(real, loaded, config, 64, seen)
+        config = TuneConfig(task=str(settings.task), real=str(real), out=out, observe="joints")
+        seen = observed(task, config.observed, is_simulated=False)
+        dataset = open_recordings(real, task, config, 64, seen)
         trajectories = [dataset.read(i) for i in range(dataset.num_episodes)]
         out.mkdir(parents=True, exist_ok=True)
-        write_json(path, sysid.fit(loaded, trajectories, _SHOWN_BY_VIDEO))
-    else:
-        command = [*(_QUICK_TUNE if quick else _TUNE), str(task), "--real", str(real)]
-        command += ["--observe", _OBSERVE[method], "--out", str(out), "--seed", str(seed)]
-        command += ["--budget-minutes", str(minutes)]
-        paths = [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
-        print(f"{method}: {' '.join(command[-10:])}", file=sys.stderr)
-        if subprocess.run(command, stdout=sys.stderr, env=environment).returncode:
-            return None
+        write_json(path, sysid.fit(task, trajectories, _SHOWN_BY_VIDEO))
+    elif _tune(_OBSERVE[method], settings, out):
+        return None
     return read_json(path)
+
+
+def _tune(observe: str, settings: Settings, out: Path) -> int:
+    """The command's exit status."""
+    command = [*(_QUICK_TUNE if settings.quick else _PLAIN_TUNE), str(settings.task), "--real"]
+    command += [str(settings.out / "recordings"), "--observe", observe, "--out", str(out)]
+    command += ["--seed", str(settings.seed), "--budget-minutes", str(settings.minutes)]
+    paths = [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    print(f"{observe}: {' '.join(command[-10:])}", file=sys.stderr)
+    return subprocess.run(command, stdout=sys.stderr, env=environment).returncode
 
 
 def _score(task: Task, world: World, result: dict[str, Any]) -> dict[str, Any]:

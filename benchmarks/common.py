@@ -6,10 +6,12 @@ import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import date
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import torch
@@ -43,6 +45,15 @@ def machine(*more_packages: str) -> dict[str, Any]:
         "hardware": {"cpu": _cpu_model(), "cores": os.cpu_count()},
         "versions": {name: version(name) for name in (*_PACKAGES, *more_packages)},
     }
+
+
+@contextmanager
+def kept_in(out: Path, quick: bool) -> Iterator[Path]:
+    """The folder for what is not run again; of a quick run one that goes away."""
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary) if quick else out
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
 
 
 def record_figures(

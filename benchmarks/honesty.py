@@ -21,7 +21,6 @@ done again; the last line is one JSON object.
 
 import json
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,7 +30,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import tyro
-from common import QUICK, machine, record_figures
+from common import QUICK, kept_in, machine, record_figures
 from searching import context_of, run_rounds
 
 from simtune.budget import Budget
@@ -130,13 +129,12 @@ def main(
         quick: One world, no time to learn, nothing kept.
     """
     config, found = PosteriorSearchConfig(precision=_PRECISION), {}
-    with tempfile.TemporaryDirectory() as temporary:
-        if quick:
-            minutes, real_episodes, out, config = 0.1, 3, Path(temporary), QUICK
-        out.mkdir(parents=True, exist_ok=True)
+    if quick:
+        minutes, real_episodes, config = 0.1, 3, QUICK
+    with kept_in(out, quick) as folder:
         chosen = {c: task for c, task in CASES.items() if not cases or c.__name__ in cases}
         for case, name in list(chosen.items())[: 1 if quick else None]:
-            path = out / f"{case.__name__}-{seed}.json"
+            path = folder / f"{case.__name__}-{seed}.json"
             if not path.exists():
                 print(f"running {path}", file=sys.stderr)
                 worlds = case(load_task(name))

@@ -13,18 +13,16 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import tyro
-from arms import ARMS, tuning_file, unpack
 from common import machine, record_figures
-from scipy.ndimage import gaussian_filter1d
+from wheel_arms import ARMS, STEP_S, middle, tuning_file, unpack, wandering
 
 from simtune.fit.reading_sensitivity import ReplayedReadings
 from simtune.fit.sensitivity import where_analyzed
 from simtune.observation import ObservationModel
-from simtune.tasks import load_task
+from simtune.tasks import Task, load_task
 
-_EPISODES, _STEPS, _STEP_S = 4, 400, 0.02
+_EPISODES, _STEPS = 4, 400
 _ERROR, _TOGETHER_S = 1e-3, 1.0
-_REACH = 0.35  # rad, standard deviation around the middle
 _NOTHING = 1.0  # of the whole range
 _STEEP = 3.0  # times as far and as fast: what brings a servo to its limit
 
@@ -42,35 +40,26 @@ def main(arm: str = "yam", record: Path | None = None, quick: bool = False) -> N
         unpack(its, Path(folder) / "model")
         file.write_text(tuning_file(its))
         task = load_task(str(file))
-        rng, middle, rows = np.random.default_rng(0), _middle(task, its.joints), []
+        assert isinstance(task, Task)
+        rng, mid, rows = np.random.default_rng(0), middle(task, its.joints), []
         motions = list(_motions(len(its.joints), rng).items())
         for name, motion in motions[: 1 if quick else None]:
-            rows.append({"arm": arm, "motion": name, **_told(task, middle + motion, middle)})
+            rows.append({"arm": arm, "motion": name, **_told(task, mid + motion)})
             print(rows[-1])
     record_figures(record, ["arm", "motion"], rows)
     print(json.dumps({"benchmark": "motions", "quick": quick, **machine(), "motions": len(rows)}))
-
-
-def _middle(task, joints: tuple[str, ...]) -> np.ndarray:
-    model = task.load_model()
-    low, high = (np.array([model.joint(j).range[k] for j in joints]) for k in (0, 1))
-    return np.where(high > low, (low + high) / 2, np.pi)
 
 
 def _motions(count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """{what: (E, T, A) around the middle}."""
     shape = (_EPISODES, _STEPS, count)
 
-    def wandering(sigma: int) -> np.ndarray:
-        smooth = gaussian_filter1d(rng.normal(size=shape), sigma, axis=1)
-        return _REACH * smooth / smooth.std((0, 1))
-
-    quick = wandering(12)
+    quick = wandering(shape, 12, rng)
     turn = np.arange(_STEPS)[:, None] * count // _STEPS == np.arange(count)
     one_by_one = quick * turn
     held = quick[:, (np.arange(_STEPS) // 50) * 50]
     return {
-        "slow: a turn in ten seconds": wandering(100),
+        "slow: a turn in ten seconds": wandering(shape, 100, rng),
         "quick: a turn in a second": quick,
         "quick, one joint after the other": one_by_one,
         "steps, held for a second": held,
@@ -78,7 +67,7 @@ def _motions(count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
     }
 
 
-def _told(task, actions: np.ndarray, middle: np.ndarray) -> dict[str, float | None]:
+def _told(task: Task, actions: np.ndarray) -> dict[str, float | None]:
     """{parameter: standard deviation, percent of it; of an offset mrad, of a delay ms}.
 
     None of one that does not show.
@@ -87,13 +76,11 @@ def _told(task, actions: np.ndarray, middle: np.ndarray) -> dict[str, float | No
     def start(batch, _: np.random.Generator) -> None:
         batch.qpos[:] = actions[: batch.nsim, 0]
 
-    simulator = replace(task, initialize=start, camera=None).simulator(
-        image_size=16, step_s=_STEP_S
-    )
+    simulator = replace(task, initialize=start, camera=None).simulator(image_size=16, step_s=STEP_S)
     observation = ObservationModel.of_reality(task.sensors).only(("joints",))
     nominal = where_analyzed(simulator.space)
     replayed = ReplayedReadings(simulator, observation, nominal, actions)
-    noise = np.full(len(middle), _ERROR * np.sqrt(_TOGETHER_S / _STEP_S))
+    noise = np.full(actions.shape[-1], _ERROR * np.sqrt(_TOGETHER_S / STEP_S))
     space = simulator.space
     changed = np.repeat(nominal[None], len(space), 0)
     information = replayed.changes(changed, noise).information

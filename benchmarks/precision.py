@@ -13,14 +13,13 @@ import math
 import os
 import signal
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tyro
-from common import machine, record_figures
+from common import kept_in, machine, record_figures
 from whole.lines import Line, Lines, figure
 from whole.measure import Measurement, check_tasks
 from whole.run import Ended, WholeRun
@@ -74,11 +73,10 @@ def main(
         record: Write the figures into this file of docs/results, too.
         quick: One run of a search that takes seconds and finds nothing; nothing is kept.
     """
-    with tempfile.TemporaryDirectory() as temporary:
-        if quick:
-            tasks, worlds, minutes, cores = ("cartpole",), 1, 0.1, 1
-            out = Path(temporary)
-        check_tasks(tasks)
+    if quick:
+        tasks, worlds, minutes, cores = ("cartpole",), 1, 0.1, 1
+    check_tasks(tasks)
+    with kept_in(out, quick) as folder:
         asked = [
             WholeRun(
                 task=task,
@@ -92,8 +90,8 @@ def main(
             for seed in range(seeds_from, seeds_from + worlds)
             for task in tasks
         ]
-        known = Lines(out)
-        Measurement(known=known, out=out, score=followed).carry_out(asked, jobs=1)
+        known = Lines(folder)
+        Measurement(known=known, out=folder, score=followed).carry_out(asked, jobs=1)
         rows, failed = [], []
         for task in tasks:
             own = [line for run in asked if run.task == task for line in known.of_run(run)]

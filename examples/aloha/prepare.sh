@@ -6,26 +6,12 @@
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 python=${PYTHON:-python3}
-wheel=${1:-}
-if [ -z "$wheel" ]; then
-    wheels=$(mktemp -d)
-    trap 'rm -rf "$wheels"' EXIT
-    "$python" -m pip download --quiet --no-deps --dest "$wheels" gym-aloha==0.1.5
-    wheel=$(echo "$wheels"/gym_aloha-*.whl)
-fi
-"$python" - "$wheel" "$here/model" <<'PYTHON'
-import pathlib, sys, zipfile
-
-wheel, target = zipfile.ZipFile(sys.argv[1]), pathlib.Path(sys.argv[2])
-prefix = "gym_aloha/assets/"
-for name in wheel.namelist():
-    if name.startswith(prefix) and not name.endswith("/"):
-        path = target / name.removeprefix(prefix)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(wheel.read(name))
+"$python" "$here/../unpack_wheel.py" "${1:-gym-aloha==0.1.5}" gym_aloha/assets/ "$here/model"
+"$python" - "$here/model/bimanual_viperx_transfer_cube.xml" <<'PYTHON'
+import pathlib, sys
 
 # Of two that touch MuJoCo takes the larger friction; with priority it takes the box's own.
-model = target / "bimanual_viperx_transfer_cube.xml"
+model = pathlib.Path(sys.argv[1])
 text = model.read_text()
 assert text.count('name="red_box"') == 1, "another version of the scene"
 model.write_text(text.replace('name="red_box"', 'name="red_box" priority="1"'))
