@@ -14,7 +14,7 @@ from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import OpenLoop, Readings
-from simtune.fit.differences import differentiate
+from simtune.fit.differences import Where, differentiate
 from simtune.record import record
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
@@ -86,7 +86,7 @@ def test_two_that_do_the_same_are_not_told_apart_by_their_own_curvature(tmp_path
     of_kv, of_damping = names.index("shoulder_kv"), names.index("damping")
     share = context.start[of_kv] / context.start[of_damping]  # both scales are logarithmic
 
-    slopes = differentiate(loop, stretches, stretches.states, unit, start_std)
+    slopes = differentiate(loop, Where(stretches, stretches.states, unit, start_std))
     kv, damping = (slopes.by_parameter[:, i] for i in (of_kv, of_damping))
     # One force: one-sided differences are 2 % apart
     assert np.abs(kv - share * damping).max() < 3e-4 * np.abs(kv).max()

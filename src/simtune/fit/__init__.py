@@ -4,10 +4,11 @@ from simtune.fit.bootstrap import FEW_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.observed import Observed
 from simtune.fit.open_loop import OpenLoop
-from simtune.fit.output_error import OutputError, OutputErrorFit, ReplayStage
+from simtune.fit.output_error import Descent, OutputError, OutputErrorFit, ReplayStage
 from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings
+from simtune.fit.replay_cost import Guess
 from simtune.fit.replay_fit import ReplayFit, num_fitted
 from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.shooting import ShootingConfig, Stage
@@ -18,8 +19,10 @@ from simtune.fit.whole_episodes import replay_whole
 __all__ = [
     "FEW_EPISODES",
     "Bootstrap",
+    "Descent",
     "FitConfig",
     "FitResult",
+    "Guess",
     "Observed",
     "OpenLoop",
     "OutputError",

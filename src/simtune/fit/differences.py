@@ -1,5 +1,7 @@
 """How predictions change with parameters and starts: finite differences, all worlds at once."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from simtune.fit.open_loop import OpenLoop
@@ -10,68 +12,84 @@ _UNIT_DELTA = 5e-3
 _STATE_DELTA = 0.05  # of what is unknown of a state
 
 
-def differentiate(
-    loop: OpenLoop,
-    stretches: Stretches,
-    states: np.ndarray,
-    unit: np.ndarray,
-    start_std: np.ndarray,
-    groups: Groups | None = None,
-) -> Slopes:
-    """By central differences, at (W, nq + nv) starts and (N,) parameters in unit coordinates.
+class Where(NamedTuple):
+    """Where it is derived: W stretches, S unknowns of each start, N parameters."""
+
+    stretches: Stretches
+    states: np.ndarray  # (W, nq + nv) in which they begin
+    unit: np.ndarray  # (N,) in unit coordinates
+    start_std: np.ndarray  # (S,) what is unknown of a start, in terms of which it is derived
+
+
+def differentiate(loop: OpenLoop, where: Where, one_sided: bool = False) -> Slopes:
+    """By each parameter and start, by central differences.
 
     Of two parameters that do the same, such as a servo's kv and its joint's damping, one-sided
     ones would seem to tell which is which, by their own curvature. And after a contact the
     least change may throw a motion elsewhere: a derivative is noise then, and would be taken
     for a reading that tells much. So derivatives count by how well those to both sides agree.
-    `start_std`: (S,) what is unknown of a start, in terms of which it is derived by starts.
-    `groups`: to be quicker, and a little wrong; one-sided where nothing can touch.
+    `one_sided`: to be quicker, and a little wrong, where nothing can touch.
     """
-    num_fitted, num_starts = len(loop.fitted), len(loop.start_tangents)
-    is_quick = groups is not None
-    groups = groups or Groups.one_by_one(num_fitted + num_starts, loop.num_readings)
-    delta = np.full(num_fitted + num_starts, _STATE_DELTA)
-    delta[:num_fitted] = np.where(unit[loop.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
-    units, tangents = _changed(loop, unit, start_std, delta, groups)
-    # Worlds in which a parameter is changed are looked at from the other side, too
-    twice = np.unique(groups.number[:num_fitted])
-    twice = twice[:0] if is_quick and not loop.may_touch else twice
-    is_inside, more_units, more_tangents = _other_side(unit, units[twice], tangents[twice])
-    units = np.concatenate([unit[None], units, more_units])
-    tangents = np.concatenate([0 * tangents[:1], tangents, more_tangents])
-    spread = np.repeat(tangents[:, None], len(states), 1)
-    predicted, _ = loop.play(stretches, loop.physics.space.move(states, spread), units)
-    here, there, beyond = np.split(predicted, [1, 1 + len(groups.owner)])
-    changes = (there - here).swapaxes(0, 1)  # (W, G, K + 1, D)
-    inward = is_inside[:, None, None, None]
-    others = np.where(inward, here - beyond, beyond - there[twice]).swapaxes(0, 1)
-    changes[:, twice] = agreed(changes[:, twice], others)
-    is_owner = groups.owner[groups.number] == np.arange(len(delta))[:, None]  # (U, D)
-    slopes = changes[:, groups.number] * is_owner[:, None] / delta[:, None, None]
-    return Slopes(here[0], slopes[:, :num_fitted], slopes[:, num_fitted:])
+    delta = _deltas(loop, where.unit)
+    number = np.arange(len(delta))
+    here, there, others = _changed(loop, where, delta, number, one_sided)
+    twice = len(others)
+    there[:twice] = agreed(there[:twice], others)
+    slopes = (there / delta[:, None, None, None]).swapaxes(0, 1)
+    num = len(loop.fitted)
+    return Slopes(here, slopes[:, :num], slopes[:, num:])
+
+
+def refresh(loop: OpenLoop, where: Where, slopes: Slopes, groups: Groups) -> Slopes:
+    """By few worlds: of each group a reading's main derivative anew; others as they were near by.
+
+    One-sided where nothing can touch.
+    """
+    delta, num = _deltas(loop, where.unit), len(loop.fitted)
+    here, there, others = _changed(loop, where, delta, groups.number, one_sided=True)
+    every = np.concatenate([slopes.by_parameter, slopes.by_start], 1).swapaxes(0, 1)  # (U, W, …)
+    is_main = groups.owner[groups.number] == np.arange(len(delta))[:, None]  # (U, D)
+    # What the others of a group change is taken from what it changed in all
+    by_others = np.where(is_main[:, None, None], 0.0, every * delta[:, None, None, None])
+    of_group = groups.number == np.arange(len(groups.owner))[:, None]  # (G, U)
+    side = np.tensordot(of_group.astype(float), by_others, 1)
+    there, twice = there - side, len(others)
+    there[:twice] = agreed(there[:twice], others - side[:twice])
+    anew = there[groups.number] / delta[:, None, None, None]
+    new = np.where(is_main[:, None, None], anew, every).swapaxes(0, 1)
+    return Slopes(here, new[:, :num], new[:, num:])
+
+
+def _deltas(loop: OpenLoop, unit: np.ndarray) -> np.ndarray:
+    """(U,) by how much unknowns are changed: inward, where they have bounds."""
+    of_parameters = np.where(unit[loop.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
+    return np.concatenate([of_parameters, np.full(len(loop.start_tangents), _STATE_DELTA)])
 
 
 def _changed(
-    loop: OpenLoop, unit: np.ndarray, start_std: np.ndarray, delta: np.ndarray, groups: Groups
-) -> tuple[np.ndarray, np.ndarray]:
-    """(G, N) parameters and (G, 2 nv) tangents of starts, one group of unknowns changed in each."""
-    num_groups, num_fitted = len(groups.owner), len(loop.fitted)
-    units = np.repeat(unit[None], num_groups, 0)
-    units[groups.number[:num_fitted], loop.fitted] += delta[:num_fitted]
-    tangents = np.zeros((num_groups, loop.start_tangents.shape[1]))
-    change = (delta[num_fitted:] * start_std)[:, None] * loop.start_tangents
-    np.add.at(tangents, groups.number[num_fitted:], change)
-    return units, tangents
-
-
-def _other_side(
-    unit: np.ndarray, units: np.ndarray, tangents: np.ndarray
+    loop: OpenLoop, where: Where, delta: np.ndarray, number: np.ndarray, one_sided: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a second difference ends that begins here; at a bound, one that begins there.
+    """What is predicted, and by how much else with unknowns changed, those of a `number` at once.
 
-    (B,) bool whether it is the former; (B, N) parameters, (B, 2 nv) tangents.
+    (W, K + 1, D); (G, W, K + 1, D); and of the first B of them, in which parameters change,
+    (B, W, K + 1, D) as seen from the other side. B is 0 if `one_sided`, unless something may touch.
     """
-    back = 2 * unit - units
+    num_groups, num_fitted, unit = number.max() + 1, len(loop.fitted), where.unit
+    units = np.repeat(unit[None], num_groups, 0)
+    np.add.at(units, (number[:num_fitted], loop.fitted), delta[:num_fitted])
+    tangents = np.zeros((num_groups, loop.start_tangents.shape[1]))
+    change = (delta[num_fitted:] * where.start_std)[:, None] * loop.start_tangents
+    np.add.at(tangents, number[num_fitted:], change)
+    twice = 0 if one_sided and not loop.may_touch else number[:num_fitted].max(initial=-1) + 1
+    back = 2 * unit - units[:twice]
+    # At a bound there is no other side: twice as far, then
     is_inside = np.all((back >= 0) & (back <= 1), axis=1)
     side = np.where(is_inside, -1, 2)[:, None]
-    return is_inside, unit + side * (units - unit), side * tangents
+    units = np.concatenate([unit[None], units, unit + side * (units[:twice] - unit)])
+    tangents = np.concatenate([0 * tangents[:1], tangents, side * tangents[:twice]])
+    spread = np.repeat(tangents[:, None], len(where.states), 1)
+    states = loop.physics.space.move(where.states, spread)
+    predicted, _ = loop.play(where.stretches, states, units)
+    here, there, beyond = np.split(predicted, [1, 1 + num_groups])
+    others = np.where(is_inside[:, None, None, None], here - beyond, beyond - there[:twice])
+    return here[0], there - here, others

@@ -18,6 +18,12 @@ class NormalEquations(NamedTuple):
     information: np.ndarray  # (W, P + offsets, P + offsets)
     slope: np.ndarray  # (W, P + offsets)
 
+    def promised(self, information: np.ndarray, slope: np.ndarray) -> float:
+        """By how much the cost falls in a whole step, were all linear; of all, with a prior."""
+        of_shared = slope @ np.linalg.solve(information, slope)
+        own = np.linalg.solve(self.hessian, self.gradient[..., None])[..., 0]
+        return float(of_shared + (self.gradient * own).sum()) / 2
+
 
 def normal_equations(
     slopes: Slopes,

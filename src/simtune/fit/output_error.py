@@ -21,21 +21,20 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit.combine import step_within_bounds
-from simtune.fit.differences import differentiate
-from simtune.fit.normal_equations import NormalEquations, jackknife, normal_equations
+from simtune.fit.differences import differentiate, refresh
+from simtune.fit.normal_equations import jackknife
 from simtune.fit.open_loop import OpenLoop
-from simtune.fit.readings import Readings, Stretches
-from simtune.fit.residuals import HUBER, correlation_times, spread
+from simtune.fit.readings import Readings
+from simtune.fit.replay_cost import Guess, Point, ReplayCost
+from simtune.fit.residuals import correlation_times, spread
 from simtune.fit.slopes import Groups, Slopes
 
-_PRIOR_STD = 0.3  # of parameters, in unit coordinates: nothing is known within a factor of 3
-_LARGEST_STEP = 0.12
 _FIRST_DAMPING = 1e-2
 _DAMPING = (1e-4, 1e6)
 _TRIED = 7  # steps, each with more damping, before it is over
 _ENOUGH = 1e-4  # share of the cost, that a step has to gain for another one to follow
 _FEWEST = 2.0  # effective observations of a reading
+_MORE_ITERATIONS = 5  # with all derivatives anew
 
 
 class ReplayStage(NamedTuple):
@@ -45,24 +44,41 @@ class ReplayStage(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Descent:
+    """Where Gauss-Newton stands or ended, and what it knows of derivatives there."""
+
+    objective: ReplayCost
+    point: Point
+    noise: np.ndarray  # (D,) root mean square of what is left
+    slopes: Slopes | None = None
+
+    @property
+    def unit(self) -> np.ndarray:
+        """(N,) parameters in unit coordinates, those not fitted as they were."""
+        return self.point.unit
+
+    @property
+    def guess(self) -> Guess:
+        """Where another one may begin."""
+        return Guess(self.point.unit, self.point.offsets)
+
+    @property
+    def cost(self) -> float:
+        """Mean logarithm of what is left, over all that was read: lower is better."""
+        known = np.isfinite(self.objective.stretches.values).sum((0, 1))
+        return float(np.average(np.log(self.noise), weights=known))
+
+
+@dataclass(frozen=True)
 class OutputErrorFit:
-    """What was found; P parameters, D readings."""
+    """What was found, and how sure that is; P parameters, D readings."""
 
     unit: np.ndarray  # (N,) parameters in unit coordinates, those not fitted as they were
     covariance: np.ndarray  # (P, P) in unit coordinates
     offsets: np.ndarray  # (D,) measured − simulated
     noise: np.ndarray  # (D,) root mean square of what is left
-    cost: float  # mean logarithm of that, over all that was read: lower is better
     correlation_steps: np.ndarray  # (D,) how long what is left goes on
     start: np.ndarray  # (S,) full state in which the first stretch begins
-
-
-@dataclass(frozen=True)
-class _Point:
-    unit: np.ndarray  # (N,)
-    offsets: np.ndarray  # (D,)
-    states: np.ndarray  # (W, nq + nv)
-    shift: np.ndarray  # (W, S) of the starts, in terms of what was unknown of them
 
 
 class OutputError:
@@ -71,127 +87,96 @@ class OutputError:
     def __init__(self, loop: OpenLoop, finds_offset: np.ndarray, prior: np.ndarray):
         """`finds_offset`: (D,) bool; `prior`: (N,) first guess, in unit coordinates."""
         self._loop, self._finds_offset, self._prior = loop, finds_offset, prior
-        self._fitted = loop.fitted
+        self.sensors = loop.sensors
 
-    def fit(
+    def descend(
         self,
         readings: Readings,
-        unit: np.ndarray,
-        offsets: np.ndarray,
+        begin: Guess,
         stage: ReplayStage,
         budget: Budget,
-    ) -> OutputErrorFit:
-        """From (N,) parameters and (D,) offsets; `budget` ends it early."""
-        steps = stage.steps or readings.actions.shape[1]
-        stretches = self._loop.cut(readings, unit, offsets, steps, stage.at_most)
-        shift = np.zeros((len(stretches.states), len(self._loop.start_tangents)))
-        begin = _Point(unit, offsets, stretches.states, shift)
-        return self._conclude(stretches, *self._descend(stretches, begin, stage.iterations, budget))
+        near: Descent | None = None,
+    ) -> Descent:
+        """From a first guess; `budget` ends it early.
 
-    def _descend(
-        self, stretches: Stretches, point: _Point, iterations: int, budget: Budget
-    ) -> tuple[_Point, Slopes]:
-        """The lowest point found, and all derivatives there.
-
-        They are first taken one by one, then of many unknowns at once (`Groups`), until that gains
-        nothing; then one by one again, to see whether it is over.
+        `near`: a descent of the same stage, whose derivatives will do to begin with.
         """
-        loop, damping, groups = self._loop, _FIRST_DAMPING, None
-        noise = spread(self._residuals(stretches, point, self._predict(stretches, point)))
-        start_std = loop.start_std(noise)
-        iteration = 0
-        while True:
-            slopes = differentiate(loop, stretches, point.states, point.unit, start_std, groups)
-            if groups is None and (iteration >= iterations or budget.is_over):
-                return point, slopes
-            residuals = self._residuals(stretches, point, slopes.predicted)
-            equations = normal_equations(slopes, residuals, noise, self._finds_offset, point.shift)
-            before, gain, tried = self._cost(point, residuals, noise), 0.0, point
-            for _ in range(_TRIED):
-                tried = self._step(point, equations, damping, start_std, stretches)
-                residuals = self._residuals(stretches, tried, self._predict(stretches, tried))
-                gain = before - self._cost(tried, residuals, noise)
-                damping = float(np.clip(damping * (0.2 if gain > 0 else 8), *_DAMPING))
-                if gain > 0:
-                    break
-            is_over = gain < _ENOUGH * before
-            if is_over and groups is None:
-                return point, slopes
-            if gain > 0:
-                point, noise = tried, spread(residuals)
-            iteration += 1
-            is_last = is_over or iteration >= iterations or budget.is_over
-            groups = None if is_last else groups or Groups.of(slopes, noise)
+        loop, steps = self._loop, stage.steps or readings.actions.shape[1]
+        stretches = loop.cut(readings, begin.unit, begin.offsets, steps, stage.at_most)
+        played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
+        noise = spread(played[0] + begin.offsets - stretches.values)
+        start_std = near.objective.start_std if near else loop.start_std(noise)
+        objective = ReplayCost(loop, stretches, start_std, self._finds_offset, self._prior)
+        begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
+        return self._go_on(begun, stage.iterations, budget)
 
-    def _predict(self, stretches: Stretches, point: _Point) -> np.ndarray:
-        return self._loop.play(stretches, point.states[None], point.unit[None])[0][0]
+    def _go_on(self, its: Descent, iterations: int, budget: Budget) -> Descent:
+        """Derivatives are taken of many unknowns at once where some are known near by."""
+        damping, loop = _FIRST_DAMPING, self._loop
+        groups = Groups.of(its.slopes, its.noise) if its.slopes else None
+        for _ in range(iterations):
+            if budget.is_over:
+                break
+            where = its.objective.where(its.point)
+            if its.slopes is None or groups is None:
+                slopes = differentiate(loop, where, one_sided=True)
+                groups = Groups.of(slopes, its.noise)
+            else:
+                slopes = refresh(loop, where, its.slopes, groups)
+            its, damping, is_over = _stepped(replace(its, slopes=slopes), damping)
+            if is_over:
+                break
+        return its
 
-    def _residuals(self, stretches: Stretches, point: _Point, predicted: np.ndarray) -> np.ndarray:
-        """(W, K + 1, D), NaN where nothing was read."""
-        return predicted + point.offsets - stretches.values
+    def judge(self, ended: Descent, budget: Budget) -> OutputErrorFit:
+        """How sure it is, by all derivatives anew; it goes on where these lead farther down."""
+        slopes = differentiate(self._loop, ended.objective.where(ended.point))
+        further, _, is_over = _stepped(replace(ended, slopes=slopes), _FIRST_DAMPING)
+        if is_over or budget.is_over:
+            return self._conclude(ended, slopes)
+        ended = self._go_on(further, _MORE_ITERATIONS, budget)
+        return self._conclude(ended, differentiate(self._loop, ended.objective.where(ended.point)))
 
-    def _cost(self, point: _Point, residuals: np.ndarray, noise: np.ndarray) -> float:
-        size = np.abs(np.nan_to_num(residuals / noise))
-        huber = np.where(size < HUBER, size**2 / 2, HUBER * (size - HUBER / 2))
-        away = (point.unit - self._prior)[self._fitted] / _PRIOR_STD
-        return float(huber.sum() + np.square(point.shift).sum() / 2 + np.square(away).sum() / 2)
-
-    def _with_prior(
-        self, equations: NormalEquations, unit: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Information and slope of all stretches and, of the parameters, which come first, Π."""
-        information, slope = equations.information.sum(0), equations.slope.sum(0)
-        its = np.arange(len(self._fitted))
-        information[its, its] += _PRIOR_STD**-2
-        slope[its] += (unit - self._prior)[self._fitted] / _PRIOR_STD**2
-        return information, slope
-
-    def _step(
-        self,
-        point: _Point,
-        equations: NormalEquations,
-        damping: float,
-        start_std: np.ndarray,
-        stretches: Stretches,
-    ) -> _Point:
-        num = len(self._fitted)
-        information, slope = self._with_prior(equations, point.unit)
-        damped = information + damping * np.diag(np.diag(information))
-        unit = point.unit[self._fitted]
-        change = step_within_bounds(damped, slope, unit, _LARGEST_STEP)
-        new = point.unit.copy()
-        new[self._fitted] = np.clip(unit + change[:num], 0, 1)
-        offsets = point.offsets.copy()
-        offsets[self._finds_offset] += change[num:]
-        gradient = equations.gradient + equations.cross @ change
-        shift = point.shift - np.linalg.solve(equations.hessian, gradient[..., None])[..., 0]
-        states = self._loop.moved(stretches.states, shift, start_std)
-        return replace(point, unit=new, offsets=offsets, states=states, shift=shift)
-
-    def _conclude(self, stretches: Stretches, point: _Point, slopes: Slopes) -> OutputErrorFit:
+    def _conclude(self, ended: Descent, slopes: Slopes) -> OutputErrorFit:
         """How sure the parameters are, as if each residual counted as 1/τ of a measurement."""
-        loop, num = self._loop, len(self._fitted)
-        residuals = self._residuals(stretches, point, slopes.predicted)
+        objective, point, num = ended.objective, ended.point, len(self._loop.fitted)
+        residuals = objective.residuals(point, slopes.predicted)
         noise, times = spread(residuals), correlation_times(residuals)
         count = np.maximum(np.isfinite(residuals).sum((0, 1)) / times, _FEWEST)
         # Each column pays for its own offset and for its share of the parameters
         spent = self._finds_offset + num / len(noise)
         unsure = np.sqrt(times * count / np.maximum(count - spent, count / 4))
-        equations = normal_equations(
-            slopes, residuals, noise * unsure, self._finds_offset, point.shift
-        )
-        information, _ = self._with_prior(equations, point.unit)
+        equations = objective.equations(point, slopes, noise * unsure)
+        information, _ = objective.with_prior(equations, point.unit)
         covariance = np.linalg.inv(information)
         scatter = jackknife(equations, information)[:num]
         std = np.sqrt(np.diag(covariance))[:num]
         wider = np.maximum(scatter / std, 1.0)
-        _, full_states = loop.play(stretches, point.states[None], point.unit[None])
         return OutputErrorFit(
             point.unit,
             covariance[:num, :num] * np.outer(wider, wider),
             point.offsets,
             noise,
-            float(np.average(np.log(noise), weights=np.isfinite(residuals).sum((0, 1)))),
             times,
-            full_states[0, 0],
+            objective.play(point)[1][0],
         )
+
+
+def _stepped(its: Descent, damping: float) -> tuple[Descent, float, bool]:
+    """After a step of Gauss-Newton; its damping, and whether it gains too little to go on."""
+    objective, slopes, noise = its.objective, its.slopes, its.noise
+    assert slopes is not None
+    equations = objective.equations(its.point, slopes, noise)
+    shared = objective.with_prior(equations, its.point.unit)
+    before = objective.cost(its.point, objective.residuals(its.point, slopes.predicted), noise)
+    if equations.promised(*shared) < _ENOUGH * before:
+        return its, damping, True
+    for _ in range(_TRIED):
+        point = objective.step(its.point, equations, damping)
+        residuals = objective.residuals(point, objective.play(point)[0])
+        gain = before - objective.cost(point, residuals, noise)
+        damping = float(np.clip(damping * (0.2 if gain > 0 else 8), *_DAMPING))
+        if gain > 0:
+            is_over = gain < _ENOUGH * before
+            return replace(its, point=point, noise=spread(residuals)), damping, is_over
+    return its, damping, True

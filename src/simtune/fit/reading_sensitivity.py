@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simtune.fit.differences import differentiate
+from simtune.fit.differences import Where, differentiate
 from simtune.fit.normal_equations import normal_equations
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.physics import Physics
@@ -105,7 +105,8 @@ class ReplayedReadings:
         """(N, N); what offsets and where episodes start would explain as well is taken out."""
         stretches, loop, num = self._stretches, self._loop, len(self._unit)
         start_std = loop.start_std(usual_noise(loop.sensors))
-        slopes = differentiate(loop, stretches, stretches.states, self._unit, start_std)
+        where = Where(stretches, stretches.states, self._unit, start_std)
+        slopes = differentiate(loop, where)
         nothing_left = 0 * stretches.values  # NaN where nothing was read
         each = normal_equations(slopes, nothing_left, noise, finds_offset(loop.sensors))
         num_frames = np.isfinite(stretches.values).any(-1).sum()

@@ -23,8 +23,8 @@ class Groups:
     """Unknowns that are derived by at once, since no reading depends on two of a group.
 
     An arm's elbow moves by its own servo's numbers, hardly by those of the others. So few worlds
-    give nearly all of the derivatives (Curtis, Powell and Reid 1974), and what is left out shows
-    in a step only, not in what is minimised.
+    give nearly all of the derivatives (Curtis, Powell and Reid 1974); the others, which change
+    little, are those of before.
     """
 
     number: np.ndarray  # (U,) the group of each unknown
@@ -51,14 +51,9 @@ class Groups:
         )
         return cls(number, owner)
 
-    @classmethod
-    def one_by_one(cls, num_unknown: int, num_readings: int) -> "Groups":
-        number = np.arange(num_unknown)
-        return cls(number, np.repeat(number[:, None], num_readings, 1))
-
 
 def agreed(change: np.ndarray, another: np.ndarray) -> np.ndarray:
-    """(W, G, K + 1, D) the mean of two changes by equal steps, less where they disagree.
+    """(G, W, K + 1, D) the mean of two changes by equal steps, less where they disagree.
 
     The share of its square that is no noise, as in Wiener's filter: noise of the two is not
     correlated, so their product has none of it.

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simtune.fit.differences import differentiate
+from simtune.fit.differences import Where, differentiate
 from simtune.fit.normal_equations import normal_equations
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.readings import Readings, Stretches
@@ -32,7 +32,7 @@ def _begin(loop: OpenLoop, whole: Stretches, unit: np.ndarray, offsets: np.ndarr
     start_std, states = loop.start_std(noise), first.states
     shift, no_offset = np.zeros((len(states), len(start_std))), np.zeros(len(noise), bool)
     for _ in range(_ITERATIONS):
-        slopes = differentiate(loop, first, states, unit, start_std)
+        slopes = differentiate(loop, Where(first, states, unit, start_std))
         residuals = slopes.predicted + offsets - first.values
         equations = normal_equations(slopes, residuals, noise, no_offset, shift)
         step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]

@@ -1,0 +1,188 @@
+"""From first guesses to what explains whole episodes best, over longer and longer stretches.
+
+Over a quarter of a second a motion is nearly linear in what is unknown, wherever that begins; over
+whole episodes, with limits that are reached and joints that swing, there are many minima. So each
+horizon begins where the shorter one ended, and what is left behind there is dropped.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.budget import Budget
+from simtune.fit import Descent, Guess, OutputError, Readings, ReplayStage
+from simtune.observation import JointSensor, declared_noise
+
+FEWEST_STEPS = 8
+_FAR_MORE = 4.0  # times the noise that a sensor declares
+_WORTH_A_FIT = 0.2  # of the best one's cost: what is farther is dominated
+_LONGEST_DELAY_S = 0.5
+_CLEARLY_BETTER = 0.02  # share of what is left: a fit, or a delay, that explains less is as good
+_INSIDE = 0.1  # of the range, from its ends: where is begun, as at an end nothing moves inward
+_SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should come back
+_FEW_FITS = 4  # to whole episodes, where two of stretches agree
+_TOGETHER = 2  # of these, in which all parameters are higher or lower
+
+
+class Horizon(NamedTuple):
+    seconds: float
+    guesses: int  # that are followed so far
+    stretches: int  # at most; more would hardly tell more
+
+
+_LATE = Horizon(1.0, 1, 24)  # at which a delay is looked for
+
+
+@dataclass(frozen=True, kw_only=True)
+class Horizons:
+    """How far ahead is looked, one after the other, and how long."""
+
+    growing: tuple[Horizon, ...] = (
+        Horizon(0.25, 5, 48),
+        Horizon(0.5, 3, 24),
+        Horizon(1.0, 3, 24),
+        Horizon(2.0, 2, 12),
+    )
+    iterations: int = 6
+    late_iterations: int = 3
+    whole_iterations: int = 15
+    most_fits: int = 8  # to whole episodes
+
+
+class Found(NamedTuple):
+    """The best of several descents, and what the others say of it."""
+
+    best: Descent
+    apart: np.ndarray  # (P,) half of how far away others end that are as good
+    is_sure: bool  # another one is as good
+    num_fits: int
+    is_whole: bool  # of whole episodes, and not of stretches of the last horizon
+
+
+class ReadingsFits:
+    """Descents to readings of whole episodes."""
+
+    def __init__(
+        self,
+        fit: OutputError,
+        readings: Readings,
+        step_s: float,
+        bounds: tuple[np.ndarray, np.ndarray],
+        horizons: Horizons,
+        seed: int,
+    ):
+        """`bounds`: (N,) low and high, in unit coordinates, between which is begun; equal where a
+        parameter shows in pictures only.
+        """
+        self._fit, self._readings, self._step_s, self._seed = fit, readings, step_s, seed
+        self._bounds, self._horizons = bounds, horizons
+
+    def grow(self, first_guess: np.ndarray, budget: Budget) -> list[Descent]:
+        """Those that are left at the last horizon, best first; from (N,) and others around it."""
+        low, high = self._bounds
+        rng, horizons, inside = np.random.default_rng(self._seed), self._horizons, _INSIDE
+        units = [np.clip(first_guess, low + inside * (high - low), high - inside * (high - low))]
+        units += [rng.uniform(low, high) for _ in range(horizons.growing[0].guesses - 1)]
+        guesses = [Guess(unit, np.zeros(self._readings.values.shape[-1])) for unit in units]
+        ended: list[Descent] = []
+        for number, horizon in enumerate(horizons.growing):
+            budget.report(
+                f"fitting stretches of {horizon.seconds:g} s", number / len(horizons.growing)
+            )
+            stage, count = self._stage(horizon, horizons.iterations), horizon.guesses
+            # Where two agree, others are not better
+            followed, ended = guesses[: 2 if is_twice(ended) else count], []
+            for guess in followed:
+                near = ended[0] if ended else None
+                ended.append(self._fit.descend(self._readings, guess, stage, budget, near))
+            ended.sort(key=lambda its: its.cost)
+            guesses = [its.guess for its in ended]
+        return ended
+
+    def how_late(self, ended: list[Descent], budget: Budget) -> tuple[list[Descent], int]:
+        """Steps by which actions take effect late, where that explains clearly more.
+
+        `ended`: as if they were not, best first; returned as it is then.
+        """
+        stage = self._stage(_LATE, self._horizons.late_iterations)
+        longest = math.ceil(_LONGEST_DELAY_S / self._step_s)
+        begun = best = self._fit.descend(self._readings, ended[0].guess, stage, budget)
+        steps = 0
+        for number in range(1, longest + 1):
+            budget.report("looking for a delay", number / longest)
+            late = self._readings.delayed(number)
+            its = self._fit.descend(late, best.guess, stage, budget, best)
+            if its.cost < best.cost - _CLEARLY_BETTER:
+                best, steps = its, number
+            elif number > steps + 2 or budget.is_over:
+                break
+        if best is begun:
+            return ended, 0
+        stage, late = self._last_stage, self._readings.delayed(steps)
+        return [self._fit.descend(late, best.guess, stage, budget)], steps
+
+    def until_found_twice(self, ended: list[Descent], late: int, budget: Budget) -> Found:
+        """Fits to whole episodes, from one start after the other, until two are the best.
+
+        `ended`: where the last horizon led. If two were the best there, but none of whole
+        episodes, which may depend on the least change, then it is theirs.
+        """
+        readings, ended = self._readings.delayed(late), list(ended)
+        stage = ReplayStage(0, self._horizons.whole_iterations, 10**9)
+        rng, fits, took_s = np.random.default_rng((self._seed, 1)), list[Descent](), 0.0
+        guesses = [its.guess for its in ended if its.cost < ended[0].cost + _WORTH_A_FIT]
+        while len(fits) < (_FEW_FITS if is_twice(ended) else self._horizons.most_fits):
+            best = min(fits, key=lambda its: its.cost, default=None)
+            if best and is_twice(fits) and not unexplained(best.noise, self._fit.sensors).any():
+                break
+            if best and not (budget.is_endless or budget.seconds_left > took_s):
+                break
+            budget.report("replaying whole episodes", len(fits) / self._horizons.most_fits)
+            left_s = budget.seconds_left
+            if best and not guesses:
+                aside = self._aside(best, rng, len(fits) <= _TOGETHER)
+                ended.append(self._fit.descend(readings, aside, self._last_stage, budget, ended[0]))
+                guesses.append(ended[-1].guess)
+            fits.append(self._fit.descend(readings, guesses.pop(0), stage, budget, best))
+            took_s = took_s or left_s - budget.seconds_left
+        is_whole = is_twice(fits) or not is_twice(ended)
+        return self._found(fits if is_whole else ended, is_whole)
+
+    def _found(self, fits: list[Descent], is_whole: bool) -> Found:
+        best = min(fits, key=lambda its: its.cost)
+        as_good = [its.unit for its in fits if its.cost < best.cost + _CLEARLY_BETTER]
+        apart = np.abs(as_good - best.unit).max(0)[self._moving] / 2
+        return Found(best, apart, is_twice(fits), len(fits), is_whole)
+
+    def _aside(self, best: Descent, rng: np.random.Generator, together: bool) -> Guess:
+        """Near the best: all parameters higher or lower, as what is far off mostly is, or not."""
+        away = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(*np.log(_SIDESTEPS)))
+        step = away if together else away * rng.normal(size=len(best.unit))
+        return Guess(np.clip(best.unit + step * self._moving, 0, 1), best.guess.offsets)
+
+    @property
+    def _moving(self) -> np.ndarray:
+        """(N,) bool"""
+        return self._bounds[0] < self._bounds[1]
+
+    @property
+    def _last_stage(self) -> ReplayStage:
+        return self._stage(self._horizons.growing[-1], self._horizons.iterations)
+
+    def _stage(self, horizon: Horizon, iterations: int) -> ReplayStage:
+        steps = max(FEWEST_STEPS, round(horizon.seconds / self._step_s))
+        return ReplayStage(steps, iterations, horizon.stretches)
+
+
+def is_twice(fits: Sequence[Descent]) -> bool:
+    """Whether the two best ones leave as little, nearly."""
+    costs = sorted(its.cost for its in fits)
+    return len(costs) > 1 and costs[1] < costs[0] + _CLEARLY_BETTER
+
+
+def unexplained(noise: np.ndarray, sensors: Sequence[JointSensor]) -> np.ndarray:
+    """(D,) bool: readings that are off by far more, (D,), than the noise that was declared."""
+    return noise > _FAR_MORE * declared_noise(sensors)

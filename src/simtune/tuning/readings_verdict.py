@@ -1,0 +1,96 @@
+"""What fits to joint readings say: an estimate, how sure it is, and what the model lacks."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from simtune.fit import OutputErrorFit
+from simtune.fit.result import block_correlation
+from simtune.fit.uncertainty import latency_warning, tell_apart
+from simtune.observation import ObservationModel, joints_of
+from simtune.randomization import Distribution
+from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_curves
+from simtune.tuning.readings_fits import Found, unexplained
+from simtune.tuning.search import Estimate, at_most_weak
+
+_SEEN_WIDTH = 6.0  # standard deviations to either side, within which curves are drawn
+_LEAST_STD = 1e-3  # in unit coordinates
+_UNKNOWN_STD = 1.0  # of what shows in pictures only
+_AT_BOUND = 1e-3
+_NOT_FOUND_TWICE = (
+    "Fits to whole episodes ended at no answer twice ({} tried, from as many starts), so how sure "
+    "the best of them is cannot be said, and nothing is called identified. Leave parameters out "
+    "that go with others, give better first guesses, or more minutes."
+)
+_BY_STRETCHES = (
+    "Fits to whole episodes ended at no answer twice, as where the least change throws a motion "
+    "elsewhere; fits to stretches of two seconds did, and the estimate is theirs."
+)
+_UNEXPLAINED = (
+    "The simulator leaves {} off by over four times the noise that the tuning file declares: the "
+    "model lacks something, or the search ended beside the truth. Intervals count what is left, "
+    "not why."
+)
+
+
+def conclude(
+    judged: OutputErrorFit,
+    found: Found,
+    first: Distribution,
+    observation: ObservationModel,
+    late: int,
+) -> tuple[Estimate, Distribution]:
+    """The estimate, and the part of the `first` range that its curves are drawn in.
+
+    `late`: steps by which actions were found to take effect late.
+    """
+    space, fitted = first.space, np.flatnonzero(~first.space.is_appearance)
+    std = np.full(len(space), _UNKNOWN_STD)
+    std[fitted] = np.hypot(np.sqrt(np.diag(judged.covariance)), found.apart)
+    discrepancy = observation.discrepancy_std(space.is_appearance)
+    std = np.maximum(np.hypot(std, discrepancy), _LEAST_STD)
+    ends = (judged.unit - _SEEN_WIDTH * std, judged.unit + _SEEN_WIDTH * std)
+    low, high = (space.from_unit(np.clip(end, 0, 1)) for end in ends)
+    mean = space.from_unit(judged.unit)
+    seen = first.with_interval(mean, low, high)
+    width = space.to_unit(high) - space.to_unit(low)
+    curves = normal_curves(seen.to_range_unit(mean), std / width)
+    correlation = block_correlation(len(std), [(fitted, judged.covariance)])
+    read = read_curves(curves, seen, first, RangeUpdateConfig())
+    estimate = replace(
+        read,
+        mean=mean,
+        verdict=read.verdict if found.is_sure else at_most_weak(read.verdict),
+        correlation=correlation,
+        correlations=tell_apart(correlation, space.names),
+        warnings=_warnings(judged, found, first, observation, late),
+        start=judged.start.tolist(),
+        latency_steps=late,
+        offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),
+    )
+    return estimate, seen
+
+
+def _warnings(
+    judged: OutputErrorFit,
+    found: Found,
+    first: Distribution,
+    observation: ObservationModel,
+    late: int,
+) -> list[str]:
+    warnings = latency_warning(late)
+    if not found.is_whole:
+        warnings.append(_BY_STRETCHES)
+    if not found.is_sure:
+        warnings.append(_NOT_FOUND_TWICE.format(found.num_fits))
+    off = unexplained(judged.noise, joints_of(observation.sensors))
+    if off.any():
+        labels = [n for n, its in zip(observation.reading_labels, off, strict=True) if its]
+        warnings.append(_UNEXPLAINED.format(", ".join(labels)))
+    for parameter, unit in zip(first.space, judged.unit, strict=True):
+        if min(unit, 1 - unit) < _AT_BOUND and not parameter.is_appearance:
+            warnings.append(
+                f"{parameter.name} ended at a bound of its range: the truth may lie beyond, "
+                "or the model lacks something; give it a wider low and high to see"
+            )
+    return warnings
