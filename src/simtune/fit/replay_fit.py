@@ -44,8 +44,9 @@ class ReplayFit:
         """`discrepancy_std`: (N,) in unit coordinates, of what no fit can see."""
         self._physics, self._estimator, self._config = physics, estimator, config or FitConfig()
         self._discrepancy_std, self.space = discrepancy_std, physics.parameters
-        appearance = self.space.is_appearance
-        self._moving, self._appearance = np.flatnonzero(~appearance), np.flatnonzero(appearance)
+        self._all_moving = np.flatnonzero(~self.space.is_appearance)
+        self._moving = np.setdiff1d(self._all_moving, self._config.held)
+        self._appearance = np.flatnonzero(self.space.is_appearance)
 
     def sized(self, num_steps: int, seconds: float) -> "ReplayFit":
         """One that takes about so long, for episodes of `num_steps` in all; no larger than this."""
@@ -83,7 +84,7 @@ class ReplayFit:
             observed.episodes(held_out), states[held_out], parameters
         )
         deviation = np.sqrt(np.diag(motion.covariance))
-        std = np.zeros(len(self.space))
+        std = start.std.copy()
         std[self._moving] = np.hypot(deviation, apart)
         std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
         at_least = np.maximum(std, _SMALLEST_STD)
@@ -93,7 +94,7 @@ class ReplayFit:
             at_least,
             self._discrepancy_std,
             diluted(block_correlation(len(std), blocks), std / at_least),
-            self._moving,
+            self._all_moving,
             Misfit(test.distances, pictures.noise),
             tuple((part.name, part.unit) for part in observed.evidence.parts),
             motion.full_states[0, 0],
@@ -131,8 +132,9 @@ class ReplayFit:
         shooting, unit = self._shooting(self._moving), self.space.to_unit(start.parameters)
         fits = []
         for side in (-1, 1):
-            begin = self.space.from_unit(unit + side * np.clip(start.std, *_SIDESTEP))
-            fits.append(shooting.fit(observed, states, begin))
+            begin = unit.copy()
+            begin[self._moving] += side * np.clip(start.std[self._moving], *_SIDESTEP)
+            fits.append(shooting.fit(observed, states, self.space.from_unit(begin)))
         better = min(fits, key=lambda fit: float(np.median(fit.misfit)))
         if extend_horizon:
             extended = shooting.extend_horizon(observed, states, start.parameters, better)

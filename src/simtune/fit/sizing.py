@@ -18,6 +18,7 @@ _TRIED_WORLDS, _TRIED_STEPS = 64, 12
 class FitConfig:
     particles: ParticleConfig = field(default_factory=ParticleConfig)
     shooting: ShootingConfig = field(default_factory=ShootingConfig)
+    held: tuple[int, ...] = ()  # parameters that are left where a fit starts, as sure as that says
 
     def scaled(self, share: float) -> "FitConfig":
         """With that share of the particles and windows, but never fewer than tell anything."""

@@ -39,9 +39,11 @@ from simtune.tuning.range_update import (
 )
 from simtune.tuning.rounds import gains_nothing, half_widths, is_precise, plan_round
 from simtune.tuning.search import Estimate, Round, SearchContext
+from simtune.tuning.told import Told
 from simtune.tuning.world_sampler import WorldSampler
 
 _FITS_SHARE = 0.9  # of what is left then, for a fit and its refits
+_READINGS_SHARE = 0.35  # of all the time, for what readings alone tell
 _REFIT = 0.8  # of a fit: it looks at fewer episodes
 
 
@@ -75,6 +77,7 @@ class PosteriorSearch:
         self._worlds = WorldSampler(context)
         self._full_s = math.inf  # that a whole round takes, where time is limited
         # What a round learnt beside the networks' weights; no checkpoint has it.
+        self._told: Told | None = None  # by joint readings alone, before the first round
         self._fit_stage: FitStage | None = None
         self._bootstrap: Bootstrap | None = None
 
@@ -89,6 +92,7 @@ class PosteriorSearch:
 
     def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
         """Simulate, train the detector and the posterior network, estimate, fit and judge."""
+        real = self._listen(real, budget)
         budget, may_be_last = self._plan(real, budget)
         self.searched = self.distribution
         worlds = self._simulate(real, budget)
@@ -105,6 +109,18 @@ class PosteriorSearch:
         self.num_rounds += 1
         self._see_whether_to_stop(half_widths(estimate, self.first))
         return Round(estimate, events, metrics)
+
+    def _listen(self, real: list[Trajectory], budget: Budget) -> list[Trajectory]:
+        """To readings alone; the trajectories, with actions when they took effect."""
+        if not self._can_fit:
+            return real
+        if self._told is None:
+            part = budget.part(_READINGS_SHARE * budget.seconds_left, (0.0, 0.1), "readings: ")
+            self._told = Told.by_readings(self.context, real, part)
+        if self._told is None:
+            return real
+        self.distribution = self._told.narrowed(self.distribution)
+        return self._told.late(real)
 
     def _see_whether_to_stop(self, widths: np.ndarray) -> None:
         precision, before = self.config.precision, self._widths
@@ -203,7 +219,9 @@ class PosteriorSearch:
         if not self._can_fit:
             return None
         num_steps = min(len(t) for t in real) * len(real)
-        stage = FitStage.prepare(self.context, self.model, held_out, self.config, budget)
+        held = tuple(np.flatnonzero(self._told.is_held)) if self._told else ()
+        config = replace(self.config, fit=replace(self.config.fit, held=held))
+        stage = FitStage.prepare(self.context, self.model, held_out, config, budget)
         fits = 1 + _REFIT * self.config.num_refits[0]
         return stage.sized(num_steps, _FITS_SHARE * budget.seconds_left / fits)
 
@@ -239,6 +257,7 @@ class PosteriorSearch:
         (budget or Budget()).report("fitting", 0.55)
         observed = stage.observed(*detected)
         start = point_estimate(prob_higher, self.searched)
+        start = self._told.start(start) if self._told else start
         fit = stage.fit(observed, start, may_be_last)
         if budget:
             num = self._num_refits(budget, time.monotonic() - began_s) if may_be_last else 0
@@ -249,7 +268,8 @@ class PosteriorSearch:
         estimate, curves = conclude(prob_higher, fit, self._bootstrap, *ranges, config.range_update)
         labels = self.context.observation.reading_labels
         offsets = dict(zip(labels, fit.offsets.tolist(), strict=False))
-        return replace(estimate, offsets=offsets), curves
+        estimate = replace(estimate, offsets=offsets)
+        return self._told.better(estimate) if self._told else estimate, curves
 
     def _num_refits(self, budget: Budget, fit_s: float) -> int:
         """As many as there is time for, after a fit that took so long."""

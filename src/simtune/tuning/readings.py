@@ -24,7 +24,7 @@ from simtune.observation import finds_offset
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.readings_fits import FEWEST_STEPS, Horizons, ReadingsFits
+from simtune.tuning.readings_fits import FEWEST_STEPS, Horizons, ReadingsFits, unexplained
 from simtune.tuning.readings_verdict import conclude
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import Event, Round, SearchContext
@@ -56,7 +56,7 @@ class ReadingsSearch:
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = Distribution.first(simulator.space, context.start)
-        self.stop_reason = ""
+        self.stop_reason, self.is_explained = "", False  # as well as sensors declare
 
     def check(self, real: list[Trajectory]) -> None:
         """Raises InputError where there are no trajectories, or too short ones."""
@@ -88,14 +88,16 @@ class ReadingsSearch:
         fits = ReadingsFits(
             fit, readings, self._simulator.step_s, (low, high), self.config.horizons, context.seed
         )
-        ended = fits.grow(first_guess, budget.part(budget.seconds_left / 3, (0.05, 0.3)))
-        late = 0
+        guesses, late = fits.begin(first_guess), 0
         if self._may_be_late:
-            part = budget.part(budget.seconds_left / 3, (0.3, 0.4))
-            ended, late = fits.how_late(ended, part)
+            part = budget.part(budget.seconds_left / 4, (0.0, 0.1))
+            guesses[0], late = fits.how_late(guesses[0], part)
+        part = budget.part(budget.seconds_left / 3, (0.1, 0.4))
+        ended = fits.grow(guesses, part, late)
         found = fits.until_found_twice(ended, late, budget.part(budget.seconds_left, (0.4, 0.9)))
         budget.report("judging how sure that is", 0.9)
         judged = fit.judge(found.best, budget)
+        self.is_explained = not unexplained(judged.noise, loop.sensors).any()
         estimate, self.distribution = conclude(judged, found, self.first, context.observation, late)
         precision = self.config.precision
         is_known = precision and is_precise(half_widths(estimate, self.first), precision)

@@ -80,36 +80,46 @@ class ReadingsFits:
         self._fit, self._readings, self._step_s, self._seed = fit, readings, step_s, seed
         self._bounds, self._horizons = bounds, horizons
 
-    def grow(self, first_guess: np.ndarray, budget: Budget) -> list[Descent]:
-        """Those that are left at the last horizon, best first; from (N,) and others around it."""
+    def begin(self, first_guess: np.ndarray) -> list[Guess]:
+        """From (N,) in unit coordinates: that, and as many at random as are followed first."""
         low, high = self._bounds
-        rng, horizons, inside = np.random.default_rng(self._seed), self._horizons, _INSIDE
-        units = [np.clip(first_guess, low + inside * (high - low), high - inside * (high - low))]
-        units += [rng.uniform(low, high) for _ in range(horizons.growing[0].guesses - 1)]
-        guesses = [Guess(unit, np.zeros(self._readings.values.shape[-1])) for unit in units]
-        ended: list[Descent] = []
-        for number, horizon in enumerate(horizons.growing):
-            budget.report(
-                f"fitting stretches of {horizon.seconds:g} s", number / len(horizons.growing)
-            )
-            stage, count = self._stage(horizon, horizons.iterations), horizon.guesses
+        rng, inside = np.random.default_rng(self._seed), _INSIDE * (high - low)
+        units = [np.clip(first_guess, low + inside, high - inside)]
+        count = self._horizons.growing[0].guesses
+        units += [rng.uniform(low, high) for _ in range(count - 1)]
+        return [Guess(unit, np.zeros(self._readings.values.shape[-1])) for unit in units]
+
+    def grow(
+        self, guesses: list[Guess], budget: Budget, late: int = 0, to_s: float = math.inf
+    ) -> list[Descent]:
+        """Those that are left at the last horizon, or at `to_s`, best first.
+
+        `late`: steps by which actions take effect late.
+        """
+        readings, ended = self._readings.delayed(late), list[Descent]()
+        horizons = [its for its in self._horizons.growing if its.seconds <= to_s]
+        for number, horizon in enumerate(horizons):
+            budget.report(f"fitting stretches of {horizon.seconds:g} s", number / len(horizons))
+            stage = self._stage(horizon, self._horizons.iterations)
             # Where two agree, others are not better
-            followed, ended = guesses[: 2 if is_twice(ended) else count], []
+            followed = guesses[: 2 if is_twice(ended) else horizon.guesses]
+            ended = []
             for guess in followed:
                 near = ended[0] if ended else None
-                ended.append(self._fit.descend(self._readings, guess, stage, budget, near))
+                ended.append(self._fit.descend(readings, guess, stage, budget, near))
             ended.sort(key=lambda its: its.cost)
             guesses = [its.guess for its in ended]
         return ended
 
-    def how_late(self, ended: list[Descent], budget: Budget) -> tuple[list[Descent], int]:
+    def how_late(self, guess: Guess, budget: Budget) -> tuple[Guess, int]:
         """Steps by which actions take effect late, where that explains clearly more.
 
-        `ended`: as if they were not, best first; returned as it is then.
+        `guess`: a first one; returned as it is then.
         """
+        grown = self.grow([guess], budget, to_s=_LATE.seconds)[0]
         stage = self._stage(_LATE, self._horizons.late_iterations)
         longest = math.ceil(_LONGEST_DELAY_S / self._step_s)
-        begun = best = self._fit.descend(self._readings, ended[0].guess, stage, budget)
+        best = self._fit.descend(self._readings, grown.guess, stage, budget, grown)
         steps = 0
         for number in range(1, longest + 1):
             budget.report("looking for a delay", number / longest)
@@ -119,10 +129,7 @@ class ReadingsFits:
                 best, steps = its, number
             elif number > steps + 2 or budget.is_over:
                 break
-        if best is begun:
-            return ended, 0
-        stage, late = self._last_stage, self._readings.delayed(steps)
-        return [self._fit.descend(late, best.guess, stage, budget)], steps
+        return best.guess, steps
 
     def until_found_twice(self, ended: list[Descent], late: int, budget: Budget) -> Found:
         """Fits to whole episodes, from one start after the other, until two are the best.
