@@ -13,6 +13,7 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.fit import PointEstimate
 from simtune.fit.uncertainty import tell_apart
+from simtune.observation import joints_of
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
@@ -40,7 +41,7 @@ class Told:
     ) -> "Told | None":
         """None where nothing is read, or nothing moves that readings could tell."""
         space = context.simulator.space
-        is_readable = bool(context.observation.reading_labels) and not space.is_appearance.all()
+        is_readable = bool(joints_of(context.observation.sensors)) and not space.is_appearance.all()
         if not is_readable or not isinstance(context.simulator, Simulator):
             return None
         search = ReadingsSearch(context, ReadingsConfig(precision=0.0))

@@ -1,0 +1,108 @@
+"""How joint readings are fitted: derivatives of many unknowns at once, and horizons that grow."""
+
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from servo_arm import write_arm
+
+from simtune.budget import Budget
+from simtune.config import TuneConfig
+from simtune.experiment.experiment import build_experiment
+from simtune.fit import OpenLoop, OutputError, Readings
+from simtune.fit.differences import Where, differentiate, refresh
+from simtune.fit.slopes import Groups
+from simtune.observation import finds_offset
+from simtune.simulation import Simulator
+from simtune.tuning.readings_fits import Horizon, Horizons, ReadingsFits, is_twice
+
+TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+    """An arm with servos of known numbers, and its readings."""
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "truth.json").write_text(json.dumps(TRUTH))
+    config = TuneConfig(
+        task=str(write_arm(folder)),
+        out=folder / "run",
+        real_parameters=folder / "truth.json",
+        real_episodes=2,
+    )
+    experiment = build_experiment(config)
+    context, space = experiment.context, experiment.space
+    assert isinstance(context.simulator, Simulator)
+    loop = OpenLoop.of(context.simulator, context.observation, context.start)
+    readings = Readings.of(experiment.recordings, loop.sensors)
+    start, truth = space.to_unit(context.start), space.to_unit(space.from_dict(TRUTH))
+    fit = OutputError(loop, finds_offset(loop.sensors), start)
+    return SimpleNamespace(
+        loop=loop, readings=readings, fit=fit, start=start, truth=truth, step_s=0.05
+    )
+
+
+def test_derivatives_of_many_unknowns_at_once_are_those_one_by_one(arm: SimpleNamespace):
+    noise, zero = np.full(2, 0.002), np.zeros(2)
+    stretches = arm.loop.cut(arm.readings, arm.truth, zero, 20, 4)
+    there = Where(stretches, stretches.states, arm.truth, arm.loop.start_std(noise))
+    near = there._replace(unit=arm.truth - 0.02)
+    of_all = differentiate(arm.loop, there)
+
+    begun = differentiate(arm.loop, near, one_sided=True)
+    groups = Groups.of(begun, noise)
+    few = refresh(arm.loop, there, begun, groups)
+
+    assert len(groups.owner) < len(groups.number)
+    size = np.abs(of_all.by_parameter).max()
+    assert np.abs(few.by_parameter - of_all.by_parameter).max() < 0.05 * size
+    before = np.abs(begun.by_parameter - of_all.by_parameter).max()
+    assert np.abs(few.by_parameter - of_all.by_parameter).max() < before
+
+
+def test_growing_horizons_end_at_the_truth(arm: SimpleNamespace):
+    horizons = Horizons(growing=(Horizon(0.4, 3, 24), Horizon(1.0, 2, 12)))
+    ends = (np.zeros(4), np.ones(4))
+    fits = ReadingsFits(arm.fit, arm.readings, arm.step_s, ends, horizons, 0)
+    ended = fits.grow(fits.begin(arm.start), Budget())
+    # Readings have a noise of .002 rad
+    assert ended[0].cost < np.log(0.0022)
+    assert np.abs(ended[0].unit - arm.truth).max() < 0.03
+
+
+class Rough:
+    """Descents of which no two to whole episodes end alike, but those to stretches do."""
+
+    def __init__(self, agreeing_steps: int):
+        self.sensors, self.rng, self._steps = (), np.random.default_rng(0), agreeing_steps
+        self.stages: list[int] = []
+
+    def descend(self, readings, begin, stage, budget, near=None) -> Any:
+        self.stages.append(stage.steps)
+        cost = 0.0 if stage.steps == self._steps else float(self.rng.uniform(1, 9))
+        noise = np.zeros(0)
+        return SimpleNamespace(unit=begin.unit, guess=begin, cost=cost, noise=noise)
+
+
+@pytest.mark.parametrize(("agreeing_steps", "is_whole"), [(40, False), (0, True)])
+def test_what_only_stretches_tell_twice_is_theirs(agreeing_steps: int, is_whole: bool):
+    fit, readings = Rough(agreeing_steps), Readings(np.zeros((1, 99, 1)), np.zeros((1, 100, 1)))
+    ends = (np.zeros(3), np.ones(3))
+    fits = ReadingsFits(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
+    ended = fits.grow(fits.begin(np.full(3, 0.5)), Budget())
+    found = fits.until_found_twice(ended, 0, Budget())
+    assert found.is_whole == is_whole
+    assert found.is_sure
+    assert fit.stages[:3] == [8, 8, 8]  # a quarter of a second is no less than eight steps
+    assert fit.stages.count(0) == (2 if is_whole else 4)
+
+
+def test_twice_means_nearly_the_same_cost():
+    def costing(*costs: float) -> list[Any]:
+        return [SimpleNamespace(cost=cost) for cost in costs]
+
+    assert is_twice(costing(-5.0, -2.0, -4.99))
+    assert not is_twice(costing(-5.0, -4.9))
+    assert not is_twice(costing(-5.0))

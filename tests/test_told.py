@@ -1,0 +1,78 @@
+"""What readings tell before videos are looked at, and how the two are put together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simtune.fit import PointEstimate
+from simtune.parameters import ParameterSpace, dynamics
+from simtune.randomization import Distribution
+from simtune.trajectory import Trajectory
+from simtune.tuning.search import Estimate
+from simtune.tuning.told import Told
+
+SPACE = ParameterSpace(
+    [dynamics(n, "body_mass", (n,), nominal=1.0, unit="kg") for n in ("servo", "box")]
+)
+FIRST = Distribution.first(SPACE, SPACE.nominal)
+
+
+def estimate(low: tuple[float, float], high: tuple[float, float], *verdicts, **others) -> Estimate:
+    mean = np.sqrt(np.multiply(low, high))
+    curves = {name: (np.array([low[i], high[i]]), np.array([1.0, 0.0])) for i, name in
+              enumerate(SPACE.names)}  # fmt: skip
+    return Estimate(mean, np.array(low), np.array(high), list(verdicts), curves, **others)
+
+
+READ = estimate(
+    (1.9, 0.5), (2.1, 2.0), "identified", "not identifiable",
+    correlation=np.array([[1.0, 0.9], [0.9, 1.0]]), latency_steps=2,
+)  # fmt: skip
+SEEN = FIRST.with_interval(READ.mean, np.array([1.8, 0.5]), np.array([2.2, 2.0]))
+
+
+def test_what_readings_identify_is_held_where_they_have_it():
+    told = Told(READ, SEEN, is_explained=True)
+    assert told.is_held.tolist() == [True, False]
+    start = told.start(PointEstimate(np.array([1.0, 1.5]), np.array([0.2, 0.3])))
+    assert start.parameters == pytest.approx([READ.mean[0], 1.5])
+    width = SPACE.to_unit(READ.high) - SPACE.to_unit(READ.low)
+    assert start.std == pytest.approx([width[0] / 3.29, 0.3])
+    narrowed = told.narrowed(FIRST)
+    assert (narrowed.low[0], narrowed.high[0]) == (1.8, 2.2)
+    assert (narrowed.low[1], narrowed.high[1]) == (FIRST.low[1], FIRST.high[1])
+
+
+def test_each_parameter_is_as_the_better_of_both_says():
+    both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "identified", correlation=np.eye(2))
+    mixed = Told(READ, SEEN, is_explained=True).better(both)
+    assert mixed.verdict == ["identified", "identified"]
+    assert mixed.mean == pytest.approx([READ.mean[0], both.mean[1]])
+    assert (mixed.low[0], mixed.low[1]) == (1.9, 0.9)
+    assert mixed.curves["servo"] is READ.curves["servo"]
+    assert mixed.curves["box"] is both.curves["box"]
+    assert mixed.correlation is not None
+    # Of errors of different fits nothing is known
+    assert mixed.correlation == pytest.approx(np.eye(2))
+    # What both found late adds up: the fit looked at actions that were late already
+    assert mixed.latency_steps == 2
+
+
+def test_readings_that_no_simulator_explains_have_no_say():
+    told = Told(READ, SEEN, is_explained=False)
+    both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "identified")
+    assert not told.is_held.any()
+    assert told.latency_steps == 0
+    mixed = told.better(both)
+    assert mixed.mean == pytest.approx(both.mean)
+    assert mixed.verdict == both.verdict
+
+
+def test_actions_are_taken_when_they_took_effect():
+    frames = np.zeros((5, 0, 0, 3), np.uint8)
+    real = Trajectory(frames, np.arange(4.0)[:, None], 0.1, {})
+    (late,) = Told(READ, SEEN, is_explained=True).late([real])
+    assert late.actions[:, 0].tolist() == [0, 0, 0, 1]
+    unsure = Told(replace(READ, verdict=["weak", "weak"]), SEEN, is_explained=True)
+    assert unsure.late([real])[0] is real
