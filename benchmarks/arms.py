@@ -59,8 +59,26 @@ def main(
         "identified_within_5_percent": sum(row["percent_error"] <= 5 for row in known),
         "largest_identified_percent_error": max((r["percent_error"] for r in known), default=None),
     }
-    record_figures(record, ["arm", "seed", "parameter"], rows)
+    runs = [[r for r in rows if (r["arm"], r["seed"]) == its] for its in _runs(rows)]
+    record_figures(record, ["arm", "seed"], [_summary(its) for its in runs])
     print(json.dumps({"benchmark": "arms", "quick": quick, **machine(), **figures}))
+
+
+def _runs(rows: list[dict[str, Any]]) -> list[tuple[str, int]]:
+    return list(dict.fromkeys((row["arm"], row["seed"]) for row in rows))
+
+
+def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Of one run, as docs/results shows it."""
+    known = [row for row in rows if row["verdict"] == "identified"]
+    return {
+        **{key: rows[0][key] for key in ("arm", "seed", "seconds")},
+        "parameters": len(rows),
+        "held": sum(row["holds"] for row in rows),
+        "identified": len(known),
+        "largest": max((row["percent_error"] for row in known), default=0.0),
+        "identified_missed": [row["parameter"] for row in known if not row["holds"]],
+    }
 
 
 def _run(name: str, seed: int, minutes: float, folder: Path) -> list[dict[str, Any]]:
