@@ -33,7 +33,7 @@ SEEN = FIRST.with_interval(READ.mean, np.array([1.8, 0.5]), np.array([2.2, 2.0])
 
 
 def test_what_readings_identify_is_held_where_they_have_it():
-    told = Told(READ, SEEN, is_explained=True)
+    told = Told(READ, SEEN, is_trusted=True)
     assert told.is_held.tolist() == [True, False]
     start = told.start(PointEstimate(np.array([1.0, 1.5]), np.array([0.2, 0.3])))
     assert start.parameters == pytest.approx([READ.mean[0], 1.5])
@@ -46,7 +46,7 @@ def test_what_readings_identify_is_held_where_they_have_it():
 
 def test_each_parameter_is_as_the_better_of_both_says():
     both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "identified", correlation=np.eye(2))
-    mixed = Told(READ, SEEN, is_explained=True).better(both)
+    mixed = Told(READ, SEEN, is_trusted=True).better(both)
     assert mixed.verdict == ["identified", "identified"]
     assert mixed.mean == pytest.approx([READ.mean[0], both.mean[1]])
     assert (mixed.low[0], mixed.low[1]) == (1.9, 0.9)
@@ -59,8 +59,8 @@ def test_each_parameter_is_as_the_better_of_both_says():
     assert mixed.latency_steps == 2
 
 
-def test_readings_that_no_simulator_explains_have_no_say():
-    told = Told(READ, SEEN, is_explained=False)
+def test_readings_that_no_simulator_explains_twice_have_no_say():
+    told = Told(READ, SEEN, is_trusted=False)
     both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "identified")
     assert not told.is_held.any()
     assert told.latency_steps == 0
@@ -72,7 +72,7 @@ def test_readings_that_no_simulator_explains_have_no_say():
 def test_actions_are_taken_when_they_took_effect():
     frames = np.zeros((5, 0, 0, 3), np.uint8)
     real = Trajectory(frames, np.arange(4.0)[:, None], 0.1, {})
-    (late,) = Told(READ, SEEN, is_explained=True).late([real])
+    (late,) = Told(READ, SEEN, is_trusted=True).late([real])
     assert late.actions[:, 0].tolist() == [0, 0, 0, 1]
-    unsure = Told(replace(READ, verdict=["weak", "weak"]), SEEN, is_explained=True)
+    unsure = Told(replace(READ, verdict=["weak", "weak"]), SEEN, is_trusted=True)
     assert unsure.late([real])[0] is real

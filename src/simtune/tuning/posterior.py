@@ -76,6 +76,7 @@ class PosteriorSearch:
         )
         self._worlds = WorldSampler(context)
         self._full_s = math.inf  # that a whole round takes, where time is limited
+        self._least_s = 0.0  # that the smallest sound one takes
         # What a round learnt beside the networks' weights; no checkpoint has it.
         self._told: Told | None = None  # by joint readings alone, before the first round
         self._fit_stage: FitStage | None = None
@@ -114,8 +115,10 @@ class PosteriorSearch:
         """To readings alone; the trajectories, with actions when they took effect."""
         if not self._can_fit:
             return real
-        if self._told is None:
-            part = budget.part(_READINGS_SHARE * budget.seconds_left, (0.0, 0.1), "readings: ")
+        left = budget.seconds_left
+        seconds = left if budget.is_endless else min(_READINGS_SHARE * left, left - self._least_s)
+        if self._told is None and seconds > 0:
+            part = budget.part(seconds, (0.0, 0.1), "readings: ")
             self._told = Told.by_readings(self.context, real, part)
         if self._told is None:
             return real
@@ -136,8 +139,8 @@ class PosteriorSearch:
         """Seconds that the smallest sound round takes on this machine, and those of a whole one."""
         pace = Pace.measure(self.context, self.model, self.first)
         work, config = self._work(real), self.config
-        self._full_s = pace.round_s(config, work)
-        return pace.round_s(smallest(config), work), self._full_s
+        self._full_s, self._least_s = (pace.round_s(c, work) for c in (config, smallest(config)))
+        return self._least_s, self._full_s
 
     def _work(self, real: list[Trajectory]) -> Work:
         steps = min(len(t) for t in real)

@@ -56,7 +56,8 @@ class ReadingsSearch:
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = Distribution.first(simulator.space, context.start)
-        self.stop_reason, self.is_explained = "", False  # as well as sensors declare
+        self.stop_reason = ""
+        self.is_trusted = False  # whether two fits ended alike, as near as sensors declare
 
     def check(self, real: list[Trajectory]) -> None:
         """Raises InputError where there are no trajectories, or too short ones."""
@@ -97,7 +98,8 @@ class ReadingsSearch:
         found = fits.until_found_twice(ended, late, budget.part(budget.seconds_left, (0.4, 0.9)))
         budget.report("judging how sure that is", 0.9)
         judged = fit.judge(found.best, budget)
-        self.is_explained = not unexplained(judged.noise, loop.sensors).any()
+        is_explained = not unexplained(judged.noise, loop.sensors).any()
+        self.is_trusted = found.is_sure and bool(is_explained)
         estimate, self.distribution = conclude(judged, found, self.first, context.observation, late)
         precision = self.config.precision
         is_known = precision and is_precise(half_widths(estimate, self.first), precision)

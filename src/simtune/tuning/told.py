@@ -26,13 +26,13 @@ _CENTRAL = 2 * 1.645  # standard deviations in a 90 % interval
 class Told:
     """An estimate from readings, and what of it is told well."""
 
-    def __init__(self, estimate: Estimate, distribution: Distribution, is_explained: bool):
-        """`distribution`: the range that the estimate leaves; `is_explained`: whether it explains
-        readings as well as a tuning file declares.
+    def __init__(self, estimate: Estimate, distribution: Distribution, is_trusted: bool):
+        """`distribution`: the range that the estimate leaves; `is_trusted`: whether two fits ended
+        there, and explain readings as well as a tuning file declares.
         """
-        self._estimate, self._seen, self._is_explained = estimate, distribution, is_explained
+        self._estimate, self._seen, self._is_trusted = estimate, distribution, is_trusted
         identified = np.array([verdict == "identified" for verdict in estimate.verdict])
-        self.is_held = identified & is_explained  # (N,)
+        self.is_held = identified & is_trusted  # (N,)
         self.latency_steps = estimate.latency_steps if self.is_held.any() else 0
 
     @classmethod
@@ -46,7 +46,7 @@ class Told:
             return None
         search = ReadingsSearch(context, ReadingsConfig(precision=0.0))
         estimate = search.run_round(real, budget).estimate
-        return cls(estimate, search.distribution, search.is_explained)
+        return cls(estimate, search.distribution, search.is_trusted)
 
     def narrowed(self, searched: Distribution) -> Distribution:
         """The range to search, with what is held within what readings leave open."""
@@ -72,7 +72,7 @@ class Told:
         """Each parameter from the estimate of readings and video, or from this one if narrower."""
         space, its = self._seen.space, self._estimate
         widths = [space.to_unit(e.high) - space.to_unit(e.low) for e in (its, estimate)]
-        own = (widths[0] <= widths[1]) & ~space.is_appearance & self._is_explained
+        own = (widths[0] <= widths[1]) & ~space.is_appearance & self._is_trusted
         mixed = _mixed(own, its, estimate)
         together = {} if mixed.correlation is None else tell_apart(mixed.correlation, space.names)
         late = estimate.latency_steps + self.latency_steps
