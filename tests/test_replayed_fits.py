@@ -14,7 +14,7 @@ from simtune.experiment.experiment import build_experiment
 from simtune.fit import OpenLoop, OutputError, Readings
 from simtune.fit.differences import Where, differentiate, refresh
 from simtune.fit.slopes import Groups
-from simtune.observation import finds_offset
+from simtune.observation import JointSensor, finds_offset
 from simtune.simulation import Simulator
 from simtune.tuning.readings_fits import Horizon, Horizons, ReadingsFits, is_twice
 
@@ -75,28 +75,45 @@ def test_growing_horizons_end_at_the_truth(arm: SimpleNamespace):
 class Rough:
     """Descents of which no two to whole episodes end alike, but those to stretches do."""
 
-    def __init__(self, agreeing_steps: int):
-        self.sensors, self.rng, self._steps = (), np.random.default_rng(0), agreeing_steps
+    def __init__(self, agreeing_steps: int, sensor: JointSensor):
+        self.sensors, self.rng, self._steps = (sensor,), np.random.default_rng(0), agreeing_steps
         self.stages: list[int] = []
 
     def descend(self, readings, begin, stage, budget, near=None) -> Any:
         self.stages.append(stage.steps)
         cost = 0.0 if stage.steps == self._steps else float(self.rng.uniform(1, 9))
-        noise = np.zeros(0)
+        noise = np.full(1, 0.001)
         return SimpleNamespace(unit=begin.unit, guess=begin, cost=cost, noise=noise)
 
 
-@pytest.mark.parametrize(("agreeing_steps", "is_whole"), [(40, False), (0, True)])
-def test_what_only_stretches_tell_twice_is_theirs(agreeing_steps: int, is_whole: bool):
-    fit, readings = Rough(agreeing_steps), Readings(np.zeros((1, 99, 1)), np.zeros((1, 100, 1)))
+@pytest.mark.parametrize(
+    ("agreeing_steps", "declared", "is_whole", "is_sure"),
+    [(40, 0.001, False, True), (0, 0.001, True, True), (40, None, True, False)],
+)
+def test_what_only_stretches_tell_twice_is_theirs_where_they_leave_but_noise(
+    agreeing_steps: int, declared: float | None, is_whole: bool, is_sure: bool
+):
+    sensor = JointSensor(
+        name="encoder",
+        columns=("a",),
+        joints=("a",),
+        places=np.zeros(1, int),
+        factor=np.ones(1),
+        shift=np.zeros(1),
+        noise=declared,
+    )
+    fit, readings = (
+        Rough(agreeing_steps, sensor),
+        Readings(np.zeros((1, 99, 1)), np.zeros((1, 100, 1))),
+    )
     ends = (np.zeros(3), np.ones(3))
     fits = ReadingsFits(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
     ended = fits.grow(fits.begin(np.full(3, 0.5)), Budget())
     found = fits.until_found_twice(ended, 0, Budget())
     assert found.is_whole == is_whole
-    assert found.is_sure
+    assert found.is_sure == is_sure
     assert fit.stages[:3] == [8, 8, 8]  # a quarter of a second is no less than eight steps
-    assert fit.stages.count(0) == (2 if is_whole else 4)
+    assert fit.stages.count(0) == (4 if not is_whole else 2 if is_sure else Horizons().most_fits)
 
 
 def test_twice_means_nearly_the_same_cost():

@@ -18,6 +18,7 @@ from simtune.observation import JointSensor, declared_noise
 
 FEWEST_STEPS = 8
 _FAR_MORE = 4.0  # times the noise that a sensor declares
+_LITTLE_MORE = 1.5  # times that
 _WORTH_A_FIT = 0.2  # of the best one's cost: what is farther is dominated
 _LONGEST_DELAY_S = 0.5
 _CLEARLY_BETTER = 0.02  # share of what is left: a fit, or a delay, that explains less is as good
@@ -134,14 +135,16 @@ class ReadingsFits:
     def until_found_twice(self, ended: list[Descent], late: int, budget: Budget) -> Found:
         """Fits to whole episodes, from one start after the other, until two are the best.
 
-        `ended`: where the last horizon led. If two were the best there, but none of whole
-        episodes, which may depend on the least change, then it is theirs.
+        `ended`: where the last horizon led. If two were the best there and leave no more than the
+        noise that sensors declare, but none of whole episodes, which may depend on the least
+        change, then it is theirs: a simulator that lacks something has to be right as a whole.
         """
         readings, ended = self._readings.delayed(late), list(ended)
         stage = ReplayStage(0, self._horizons.whole_iterations, 10**9)
         rng, fits, took_s = np.random.default_rng((self._seed, 1)), list[Descent](), 0.0
         guesses = [its.guess for its in ended if its.cost < ended[0].cost + _WORTH_A_FIT]
-        while len(fits) < (_FEW_FITS if is_twice(ended) else self._horizons.most_fits):
+        most = _FEW_FITS if self._is_enough(ended) else self._horizons.most_fits
+        while len(fits) < most:
             best = min(fits, key=lambda its: its.cost, default=None)
             if best and is_twice(fits) and not unexplained(best.noise, self._fit.sensors).any():
                 break
@@ -155,8 +158,15 @@ class ReadingsFits:
                 guesses.append(ended[-1].guess)
             fits.append(self._fit.descend(readings, guesses.pop(0), stage, budget, best))
             took_s = took_s or left_s - budget.seconds_left
-        is_whole = is_twice(fits) or not is_twice(ended)
+        is_whole = is_twice(fits) or not self._is_enough(ended)
         return self._found(fits if is_whole else ended, is_whole)
+
+    def _is_enough(self, ended: list[Descent]) -> bool:
+        """Whether stretches of the last horizon tell twice what leaves little but noise."""
+        noise = min(ended, key=lambda its: its.cost).noise
+        declared = declared_noise(self._fit.sensors)
+        left = noise < _LITTLE_MORE * declared
+        return is_twice(ended) and bool((left & np.isfinite(declared)).all())
 
     def _found(self, fits: list[Descent], is_whole: bool) -> Found:
         best = min(fits, key=lambda its: its.cost)

@@ -24,7 +24,8 @@ _NOT_FOUND_TWICE = (
 )
 _BY_STRETCHES = (
     "Fits to whole episodes ended at no answer twice, as where the least change throws a motion "
-    "elsewhere; fits to stretches of two seconds did, and the estimate is theirs."
+    "elsewhere; fits to stretches of two seconds did, and leave little but noise: the estimate is "
+    "theirs."
 )
 _UNEXPLAINED = (
     "The simulator leaves {} off by over four times the noise that the tuning file declares: the "
