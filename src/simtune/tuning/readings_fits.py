@@ -19,7 +19,6 @@ from simtune.observation import JointSensor, declared_noise
 FEWEST_STEPS = 8
 _FAR_MORE = 4.0  # times the noise that a sensor declares
 _LITTLE_MORE = 1.5  # times that
-_WORTH_A_FIT = 0.2  # of the best one's cost: what is farther is dominated
 _LONGEST_DELAY_S = 0.5
 _CLEARLY_BETTER = 0.02  # share of what is left: a fit, or a delay, that explains less is as good
 _INSIDE = 0.1  # of the range, from its ends: where is begun, as at an end nothing moves inward
@@ -139,10 +138,9 @@ class ReadingsFits:
         noise that sensors declare, but none of whole episodes, which may depend on the least
         change, then it is theirs: a simulator that lacks something has to be right as a whole.
         """
-        readings, ended = self._readings.delayed(late), list(ended)
+        readings = self._readings.delayed(late)
         stage = ReplayStage(0, self._horizons.whole_iterations, 10**9)
         rng, fits, took_s = np.random.default_rng((self._seed, 1)), list[Descent](), 0.0
-        guesses = [its.guess for its in ended if its.cost < ended[0].cost + _WORTH_A_FIT]
         most = _FEW_FITS if self._is_enough(ended) else self._horizons.most_fits
         while len(fits) < most:
             best = min(fits, key=lambda its: its.cost, default=None)
@@ -152,11 +150,9 @@ class ReadingsFits:
                 break
             budget.report("replaying whole episodes", len(fits) / self._horizons.most_fits)
             left_s = budget.seconds_left
-            if best and not guesses:
-                aside = self._aside(best, rng, len(fits) <= _TOGETHER)
-                ended.append(self._fit.descend(readings, aside, self._last_stage, budget, ended[0]))
-                guesses.append(ended[-1].guess)
-            fits.append(self._fit.descend(readings, guesses.pop(0), stage, budget, best))
+            # Aside of the best, since others that grew may lie at the same place of a valley
+            guess = self._aside(best, rng, len(fits) <= _TOGETHER) if best else ended[0].guess
+            fits.append(self._fit.descend(readings, guess, stage, budget, best))
             took_s = took_s or left_s - budget.seconds_left
         is_whole = is_twice(fits) or not self._is_enough(ended)
         return self._found(fits if is_whole else ended, is_whole)
@@ -184,10 +180,6 @@ class ReadingsFits:
     def _moving(self) -> np.ndarray:
         """(N,) bool"""
         return self._bounds[0] < self._bounds[1]
-
-    @property
-    def _last_stage(self) -> ReplayStage:
-        return self._stage(self._horizons.growing[-1], self._horizons.iterations)
 
     def _stage(self, horizon: Horizon, iterations: int) -> ReplayStage:
         steps = max(FEWEST_STEPS, round(horizon.seconds / self._step_s))
