@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simtune.budget import OutOfTime
 from simtune.fit import (
     Bootstrap,
     FitResult,
@@ -47,6 +48,7 @@ def a_fit(motion: float = 0.3, picture: float = 0.004, latency_steps: int = 0) -
         sensors=(KEYPOINTS,),
         start=np.zeros(1),
         latency_steps=latency_steps,
+        rough_std=np.where(np.isin(np.arange(len(SPACE)), MOVING), 0.02, 0.0),
         offsets=np.zeros(0),
     )
 
@@ -134,6 +136,18 @@ def test_refit_astray_in_any_sensor_is_left_out():
     assert made.errors.shape == (2, len(SPACE))
 
 
+def test_a_refit_that_runs_out_of_time_is_the_last_and_does_not_count():
+    def find(_: np.ndarray) -> FitResult:
+        if len(replay_fit.starts) == 3:
+            raise OutOfTime
+        return a_fit()
+
+    replay_fit = FakeReplayFit(find)
+    start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
+    made = run_bootstrap(replay_fit, observe_nothing, a_fit(), start, 6, np.random.default_rng(0))
+    assert (len(made.errors), len(replay_fit.starts)) == (2, 3)
+
+
 def test_worlds_that_diverge_are_no_refits():
     answers = iter([None, observe_nothing(NOTHING, 0), None])
     replay_fit = FakeReplayFit(lambda _: a_fit())
@@ -200,7 +214,8 @@ def test_a_fit_that_claims_less_than_refits_usually_do_is_no_surer_than_they_are
     start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
     surest = replace(a_fit(), std=np.full(len(SPACE), 0.002))
     made = run_bootstrap(replay_fit, observe_nothing, surest, start, 3, np.random.default_rng(0))
-    usual = np.sqrt(np.mean(np.square([0.004, 0.02, 0.028])))
+    # What is usual before any refit, .005, counts like two of them.
+    usual = np.sqrt(np.mean(np.square([0.004, 0.02, 0.028, 0.005, 0.005])))
     std = inflate(surest, made).std / made.inflation()
     np.testing.assert_allclose(std[MOVING], usual)
     np.testing.assert_allclose(std[APPEARANCE], 0.002)
@@ -211,6 +226,12 @@ def test_a_fit_that_claims_less_than_refits_usually_do_is_no_surer_than_they_are
     alone = inflate(surest, none).std / none.inflation()
     np.testing.assert_allclose(alone[MOVING], 0.005)  # nothing was seen: as is usual in a hurry
     np.testing.assert_allclose(alone[APPEARANCE], 0.002)
+    # ... but no more than .4 of how far off it began
+    began_well = replace(surest, rough_std=surest.rough_std / 10)
+    exact = run_bootstrap(
+        replay_fit, observe_nothing, began_well, start, 0, np.random.default_rng(0)
+    )
+    np.testing.assert_allclose(exact.usual_std[MOVING], 0.4 * 0.002)
 
 
 def test_the_worst_sensor_widens_intervals():

@@ -184,8 +184,9 @@ def test_fit_to_budget_counts_windows_by_the_parameters_that_move(simulator, mon
     particles, shooting = ParticleConfig(num=10_000), ShootingConfig(num_windows=10_000)
     config, seconds = FitConfig(particles=particles, shooting=shooting), 1000.0
     size = fit_to_budget(config, physics, SPACE.nominal, 1000, seconds)
-    # Every window once as it is, and by two joints' positions and velocities, a mass and a gain.
-    derived = 1 + 2 * 2 + 2
+    # Every window once as it is, by two joints' positions and velocities, and by a mass and a
+    # gain, up and down.
+    derived = 1 + 2 * 2 + 2 * 2
     window_s = 2 * 1e-3 * shooting.steps_per_window(derived)  # from two sides
     window_s += 1e-3 * shooting.steps_of_longer(derived)  # from one
     num_windows = 1000 / shooting.stages[-1].window  # there are no more in so many steps

@@ -6,6 +6,10 @@ import time
 from simtune.progress import ReportProgress, silent
 
 
+class OutOfTime(Exception):
+    """The time is over, and what was begun is not worth more of it."""
+
+
 class Budget:
     """A deadline, and a stretch of the progress bar.
 
@@ -38,6 +42,11 @@ class Budget:
     @property
     def is_over(self) -> bool:
         return self.seconds_left == 0
+
+    def check(self) -> None:
+        """Raises OutOfTime where it is over."""
+        if self.is_over:
+            raise OutOfTime(f"the {self.seconds:.0f} s for this are over")
 
     @property
     def is_endless(self) -> bool:

@@ -11,13 +11,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtrit
 
-from simtune.budget import Budget
+from simtune.budget import Budget, OutOfTime
 from simtune.fit.observed import Observed
 from simtune.fit.replay_fit import ReplayFit
 from simtune.fit.result import FitResult, Misfit, PointEstimate
 
 _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no refits
-_UNKNOWN_STD = 0.005  # of what moves, in unit coordinates: what fits in a hurry usually claim
+# Before any refit, a fit of what moves is taken to be off by so much, in unit coordinates, or by
+# so large a share of what it began with, if that is less; and that counts like two refits.
+_USUAL_STD, _USUAL_SHARE, _USUAL_COUNT = 0.005, 0.4, 2.0
 _POOLED_COUNT = 3.0  # all parameters of a kind count like three refits of each
 # Before any refit errors are taken to be at least so many times what fits claim, and that counts
 # like two of them: the first few may all be lucky.
@@ -83,6 +85,7 @@ def run_bootstrap(
 ) -> Bootstrap:
     """Fit `num` worlds near `fit` as the real one was fitted; fewer where `budget` is over before.
 
+    One that raises OutOfTime is left out, and is the last.
     `start` is where the real one's fit began; `extend_horizon`: see `ReplayFit.fit`.
     """
     budget = budget or Budget()
@@ -92,7 +95,7 @@ def run_bootstrap(
     std = np.clip(2 * fit.std, _SMALLEST_STD, smallest)
     # As far as the real one's fit had to go: what begins near the truth ends there easily.
     away = np.maximum(start.std, np.abs(unit - space.to_unit(start.parameters)))
-    errors, stds, misfits, astray = [], [], [], []
+    errors, stds, misfits, astray, rough = [], [], [], [], [fit.rough_std]
     for number in range(num):
         if number and not budget.allows_another(number):
             break
@@ -102,12 +105,15 @@ def run_bootstrap(
         if observed is None:
             continue
         begin = space.from_unit(truth + away * rng.normal(size=len(unit)))
-        refit = replay_fit.fit(
-            observed, PointEstimate(begin, start.std), (fit.latency_steps,), extend_horizon
-        )
+        begun = PointEstimate(begin, start.std)
+        try:
+            refit = replay_fit.fit(observed, begun, (fit.latency_steps,), extend_horizon)
+        except OutOfTime:
+            break
         misfits.append(refit.misfit)
         errors.append(space.to_unit(refit.parameters) - truth)
         stds.append(refit.std)
+        rough.append(refit.rough_std)
         # Either may be NaN.
         pairs = zip(refit.misfit.motion, fit.misfit.motion, strict=True)
         astray.append(any(its > _ASTRAY * real for its, real in pairs))
@@ -115,19 +121,22 @@ def run_bootstrap(
     kept = ~np.array(astray, bool) | np.all(astray)
     shape = (-1, len(unit))
     off, std = np.array(errors).reshape(shape)[kept], np.array(stds).reshape(shape)[kept]
-    usual_std = _usual_std(std, fit.is_moving)
+    usual_std = _usual_std(std, np.array(rough), fit.is_moving)
     claimed = np.hypot(np.maximum(std, usual_std), fit.discrepancy_std)
     return Bootstrap(off / claimed, fit.is_moving, misfits, usual_std)
 
 
-def _usual_std(std: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
+def _usual_std(std: np.ndarray, rough: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
     """(N,) root mean square of what (K, N) refits claim of what moves.
 
     How far apart a fit's two sides end says most of what it claims, and that is a single draw:
-    sides that are both off may well meet. Few such draws tell together what is usual.
+    sides that are both off may well meet. Few such draws tell together what is usual, and the
+    fewer they are the more counts what is known without them: `rough`, (K + 1, N) of where the
+    real fit and the refits began.
     """
-    usual = np.sqrt(np.square(std).mean(0)) if len(std) else _UNKNOWN_STD
-    return np.where(is_moving, usual, 0.0)
+    expected = np.minimum(_USUAL_STD, _USUAL_SHARE * np.sqrt(np.square(rough).mean(0)))
+    square = np.square(std).sum(0) + _USUAL_COUNT * expected**2
+    return np.where(is_moving, np.sqrt(square / (len(std) + _USUAL_COUNT)), 0.0)
 
 
 def _ratio(value: float, known) -> float:

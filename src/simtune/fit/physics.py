@@ -1,10 +1,12 @@
 """Physics as a fit asks for it: states and parameters in, states and predictions out."""
 
+import copy
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.simulation import Simulator
 from simtune.simulation.states import StateSpace
 
@@ -28,6 +30,13 @@ class Physics:
         self.simulator, self._observe, self._full_state = simulator, observe, full_state
         self.space, self.parameters = StateSpace(simulator.model), simulator.space
         self._rng = np.random.default_rng(0)  # starts are given, or make no difference
+        self._budget = Budget()
+
+    def within(self, budget: Budget) -> "Physics":
+        """The same, of which nothing is played once `budget` is over: `play` raises OutOfTime."""
+        physics = copy.copy(self)
+        physics._budget = budget
+        return physics
 
     def play(
         self,
@@ -40,8 +49,9 @@ class Physics:
 
         They begin in (n, nq + nv) states, have (n, N) parameters in unit coordinates and play
         (n, T, A) actions. `actuator_states`: (n, S) of `replay_actuators`, where actions came
-        before. A world that diverges stays where it does.
+        before. A world that diverges stays where it does. Raises OutOfTime; see `within`.
         """
+        self._budget.check()
         starts = self._full_state if actuator_states is None else actuator_states
         played = self.simulator.roll_out(
             self.parameters.from_unit(units),

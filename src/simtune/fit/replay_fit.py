@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.observed import Observed
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
@@ -65,6 +66,7 @@ class ReplayFit:
 
         `latencies`: by how many steps the actions may take effect late, the usual one first.
         `extend_horizon`: to longer windows where short ones do not tell enough, which takes time.
+        Raises OutOfTime; see `within`.
         """
         latency_steps = latencies[0]
         if len(latencies) > 1:
@@ -99,8 +101,14 @@ class ReplayFit:
             tuple((part.name, part.unit) for part in observed.evidence.parts),
             motion.full_states[0, 0],
             latency_steps,
+            np.where(self.space.is_appearance, 0.0, start.std),
             offsets,
         )
+
+    def within(self, budget: Budget) -> "ReplayFit":
+        """The same, which raises OutOfTime as soon as `budget` is over."""
+        physics = self._physics.within(budget)
+        return ReplayFit(physics, self._estimator, self._discrepancy_std, self._config)
 
     def _shooting(self, fitted: np.ndarray, config: ShootingConfig | None = None) -> Shooting:
         config = config or self._config.shooting
@@ -124,24 +132,29 @@ class ReplayFit:
     def _fit_motion(
         self, observed: Observed, states: np.ndarray, start: PointEstimate, extend_horizon: bool
     ) -> tuple[ShootingFit, np.ndarray]:
-        """From below and from above: the middle, and (P,) half of how far apart the two end.
+        """From below and from above: the middle, and (P,) how far it is taken to be off.
 
-        Where the horizon is extended from the better one, that has the last word; what it moved
-        by then is how much short windows were misled, and longer ones may be as well.
+        That is half of how far apart the two end; in proportion more, where the middle lies
+        farther from the start than they began. Where the horizon is extended from there, that has
+        the last word on the middle; half of what it moved by then is what short windows were
+        misled, and longer ones may be as well.
         """
         shooting, unit = self._shooting(self._moving), self.space.to_unit(start.parameters)
-        fits = []
+        fits, aside = [], np.clip(start.std, *_SIDESTEP)
         for side in (-1, 1):
             begin = unit.copy()
-            begin[self._moving] += side * np.clip(start.std[self._moving], *_SIDESTEP)
+            begin[self._moving] += side * aside[self._moving]
             fits.append(shooting.fit(observed, states, self.space.from_unit(begin)))
         better = min(fits, key=lambda fit: float(np.median(fit.misfit)))
-        if extend_horizon:
-            extended = shooting.extend_horizon(observed, states, start.parameters, better)
-            if extended is not better:
-                return extended, np.abs(extended.unit - better.unit) / 2
         one, other = (fit.unit for fit in fits)
-        return replace(better, unit=(one + other) / 2), np.abs(one - other) / 2
+        middle = replace(better, unit=(one + other) / 2)
+        went = np.abs(middle.unit - unit[self._moving]) / aside[self._moving]
+        off = np.abs(one - other) / 2 * np.maximum(1, went)
+        if extend_horizon:
+            extended = shooting.extend_horizon(observed, states, start.parameters, middle)
+            if extended is not middle:
+                return extended, np.maximum(np.abs(extended.unit - middle.unit) / 2, off)
+        return middle, off
 
     def _find_latency(
         self, observed: Observed, parameters: np.ndarray, latencies: Sequence[int]

@@ -37,6 +37,8 @@ class FitResult:
     sensors: tuple[tuple[str, str], ...]  # names and units of the misfits in motion
     start: np.ndarray  # (S,) the full state in which the first episode began
     latency_steps: int  # by which the actions seem to take effect late
+    # (N,) standard deviations of the particles' estimate, where it began; 0 of mere appearance
+    rough_std: np.ndarray
     offsets: np.ndarray  # (D,) measured − true, of joints that are read beside pictures; or none
 
     @property

@@ -169,7 +169,7 @@ class Shooting:
                 share = 0.0 if stage.blur > _STATES_ONLY else share
                 if slopes is None or iteration % _DERIVED_EVERY == 0:
                     windows = self._with_lags(windows, point.unit, replay)
-                    slopes = self._player.differentiate(windows, point)
+                    slopes = self._player.differentiate(windows, point, stage.blur)
                 point, covariance, predicted = self._step(windows, point, slopes, share, stage.blur)
                 slopes = slopes._replace(predicted=predicted)
         full_states, predicted = self._player.play(windows, point.states[None], point.unit[None])

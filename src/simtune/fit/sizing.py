@@ -39,7 +39,7 @@ def count_fit_steps(
     """Policy steps that particles and windows play, for episodes of `num_steps` in all."""
     shooting = config.shooting
     windows = min(shooting.num_windows, -(-num_steps // shooting.stages[-1].window))
-    num_derived = 1 + num_tangent + num_fitted
+    num_derived = 1 + num_tangent + 2 * num_fitted
     each = _SIDES * shooting.steps_per_window(num_derived) + shooting.steps_of_longer(num_derived)
     return num_steps * config.particles.num, windows * each
 

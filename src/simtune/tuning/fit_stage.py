@@ -144,7 +144,7 @@ class FitStage:
     ) -> Bootstrap:
         """Film and fit `num` known worlds near `fit`, which play the same actions.
 
-        Fewer, where `budget` is over before.
+        Fewer, where `budget` is over before; one that is not finished by then does not count.
         """
         actions, observation = observed.actions[:FEW_EPISODES], self._context.observation
 
@@ -158,9 +158,8 @@ class FitStage:
             detections = [self._model.detect(trajectory.frames) for trajectory in recorded]
             return replace(self.observed(recorded, detections), actions=actions)
 
-        return run_bootstrap(
-            self._replay_fit, synthesize, fit, start, num, rng, extend_horizon, budget
-        )
+        replay_fit = self._replay_fit.within(budget)
+        return run_bootstrap(replay_fit, synthesize, fit, start, num, rng, extend_horizon, budget)
 
 
 def conclude(

@@ -44,7 +44,7 @@ from simtune.tuning.world_sampler import WorldSampler
 
 _FITS_SHARE = 0.9  # of what is left then, for a fit and its refits
 _READINGS_SHARE = 0.35  # of all the time, for what readings alone tell
-_REFIT = 0.8  # of a fit: it looks at fewer episodes
+_REFIT = 0.9  # of a fit: it looks at fewer episodes, which are filmed before
 
 
 class PosteriorSearch:

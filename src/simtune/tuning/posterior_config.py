@@ -34,4 +34,4 @@ class PosteriorSearchConfig:
     detector_share: float = 0.27
     posterior_share: float = 0.04
     state_share: float = 0.05
-    num_refits: tuple[int, int] = (4, 8)  # of the bootstrap: planned, at most
+    num_refits: tuple[int, int] = (5, 8)  # of the bootstrap: planned, at most
