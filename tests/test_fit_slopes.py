@@ -1,0 +1,134 @@
+"""Slopes across what is rough, and what a fit claims of where its two sides end: by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from simtune.budget import Budget, OutOfTime
+from simtune.fit import FitConfig, Observed, Physics, PointEstimate
+from simtune.fit.linearization import LinearizationPoint, WindowPlayer
+from simtune.fit.replay_fit import ReplayFit
+from simtune.fit.shooting import ShootingFit
+from simtune.fit.windows import Windows
+from simtune.observation import AllEvidence
+from simtune.tasks import load_task
+
+SPACE = load_task("cartpole").parameters
+MOVING = np.flatnonzero(~SPACE.is_appearance)
+ROUGHNESS, SLOPE = 1e-3, 2.0
+
+
+class RoughPhysics:
+    """Predicts SLOPE times the parameter, and the state's first number; both are rough."""
+
+    space = SimpleNamespace(num_tangent=2, move=lambda states, tangents: states + tangents)
+
+    def play(self, states, units, actions, actuator_states):
+        rough = ROUGHNESS * np.sin(7e4 * (units[:, 0] + states[:, 0]))
+        predicted = SLOPE * units[:, 0] + states[:, 0] + rough
+        return np.zeros((len(states), 2, 1)), np.tile(predicted[:, None, None], (1, 2, 1))
+
+
+def slopes_at(unit: float, blur: float = 1.0):
+    states = np.array([[0.1, 0.0], [0.2, 0.0], [0.31, 0.0]])
+    none = np.zeros((3, 1))
+    windows = Windows(AllEvidence(()), none[:, None], states, none, np.zeros(3), np.zeros(3))
+    player = WindowPlayer(RoughPhysics(), np.full(2, 1.0), np.array([0]))  # pyright: ignore
+    point = LinearizationPoint(states, np.array([unit]), np.zeros(3), 0.02**2)
+    return player.differentiate(windows, point, blur)
+
+
+@pytest.mark.parametrize("unit", [0.0, 0.003, 0.5, 1.0])
+def test_slopes_are_no_steeper_than_what_they_cross_in_between_and_at_bounds(unit):
+    """A thousandth beside the point they would be off by up to 2 of 2."""
+    slopes = slopes_at(unit)
+    # The roughness at both ends, over the distance of .01 to .02 between them
+    np.testing.assert_allclose(slopes.by_parameter, SLOPE, atol=2 * ROUGHNESS / 0.01)
+    np.testing.assert_allclose(slopes.by_state[:, 0], 1.0, atol=2 * ROUGHNESS / 0.03)
+    np.testing.assert_array_equal(slopes.by_state[:, 1], 0.0)
+
+
+def test_slopes_reach_twice_as_far_while_the_noise_is_blurred():
+    fine, coarse, coarser = (np.ptp(reach(blur)) for blur in (1.0, 2.0, 6.0))
+    assert (coarse / fine, coarser / fine) == pytest.approx((2, 2))
+
+
+def reach(blur: float) -> np.ndarray:
+    """(G,) parameters of the worlds by which is derived."""
+    tried = []
+
+    class Recording(RoughPhysics):
+        def play(self, states, units, actions, actuator_states):
+            tried.append(units[:, 0])
+            return super().play(states, units, actions, actuator_states)
+
+    none, states = np.zeros((1, 1)), np.zeros((1, 2))
+    windows = Windows(AllEvidence(()), none[:, None], states, none, np.zeros(1), np.zeros(1))
+    point = LinearizationPoint(states, np.array([0.5]), np.zeros(1), 0.02**2)
+    player = WindowPlayer(Recording(), np.ones(2), np.array([0]))  # pyright: ignore
+    player.differentiate(windows, point, blur)
+    return tried[0]
+
+
+class Contraction:
+    """Fits that go `1 - left` of the way to the truth; a longer horizon moves by `moved`."""
+
+    def __init__(self, truth: np.ndarray, left: float, moved: float | None):
+        self.truth, self.left, self.moved = truth, left, moved
+
+    def fit(self, observed, states, parameters) -> ShootingFit:
+        begun = SPACE.to_unit(parameters)[MOVING]
+        return self._at(self.truth + self.left * (begun - self.truth))
+
+    def extend_horizon(self, observed, states, parameters, fit: ShootingFit) -> ShootingFit:
+        return fit if self.moved is None else self._at(fit.unit + self.moved)
+
+    def _at(self, unit: np.ndarray) -> ShootingFit:
+        none = np.zeros(1)
+        return ShootingFit(unit, np.zeros((2, 2)), none, none, none, none, (0.0,))
+
+
+def fit_motion(truth: np.ndarray, std: float, left: float, moved: float | None = None):
+    start = PointEstimate(SPACE.nominal, np.full(len(SPACE), std))
+    fit = ReplayFit(
+        SimpleNamespace(parameters=SPACE),  # pyright: ignore
+        None,  # pyright: ignore
+        np.zeros(len(SPACE)),
+        FitConfig(),
+    )
+    fit._shooting = lambda *_: Contraction(truth, left, moved)  # pyright: ignore
+    nothing = Observed(AllEvidence(()), np.zeros((1, 4, 1)))
+    return fit._fit_motion(nothing, np.zeros((1, 5, 4)), start, moved is not None)
+
+
+def test_what_a_fit_claims_grows_with_how_far_it_had_to_go_and_outlives_a_longer_horizon():
+    unit = SPACE.to_unit(SPACE.nominal)[MOVING]
+    near, far = unit + 0.01, unit + 0.1
+    # A tenth of the way is left: of ±.02 each side ends .002 off the middle, which is .001 off.
+    fit, off = fit_motion(near, 0.02, 0.1)
+    np.testing.assert_allclose(fit.unit, near - 0.001, atol=1e-9)
+    np.testing.assert_allclose(off, 0.002, atol=1e-9)
+    # From .1 away the middle went .09, 4.5 times as far as the sides began: it is .01 off.
+    fit, off = fit_motion(far, 0.02, 0.1)
+    np.testing.assert_allclose(fit.unit, far - 0.01, atol=1e-9)
+    np.testing.assert_allclose(off, 4.5 * 0.002, atol=1e-9)
+    # A longer horizon that hardly moves is no proof; one that does tells what misled.
+    _, off = fit_motion(far, 0.02, 0.1, moved=0.0004)
+    np.testing.assert_allclose(off, 4.5 * 0.002, atol=1e-9)
+    fit, off = fit_motion(far, 0.02, 0.1, moved=0.03)
+    np.testing.assert_allclose(fit.unit, far + 0.02, atol=1e-9)
+    np.testing.assert_allclose(off, 0.015, atol=1e-9)
+
+
+def test_physics_within_a_budget_plays_nothing_once_it_is_over():
+    simulator = load_task("cartpole").simulator(image_size=48)
+    rollouts = simulator.roll_out(
+        SPACE.nominal[None], np.zeros((1, 1, 1)), np.random.default_rng(0)
+    )
+    physics = Physics(simulator, lambda batch: batch.qpos.copy(), rollouts.states[0, 0])
+    states, units = physics.some_state[None], SPACE.to_unit(SPACE.nominal)[None]
+    with pytest.raises(OutOfTime):
+        physics.within(Budget(0.0)).play(states, units, np.zeros((1, 3, 1)))
+    played, _ = physics.within(Budget(60.0)).play(states, units, np.zeros((1, 3, 1)))
+    np.testing.assert_array_equal(played, physics.play(states, units, np.zeros((1, 3, 1)))[0])
