@@ -288,6 +288,12 @@ def test_misfit_that_cannot_be_told_makes_everything_that_moves_unsure():
     assert model_checks(a_fit(motion=0.9), one_lost), "a refit that was lost silences nothing"
 
 
+def test_a_single_refit_is_said_to_be_one():
+    (warning,) = model_checks(a_fit(), bootstrap_of(np.zeros((1, len(SPACE)))))
+    assert "single known world" in warning
+    assert model_checks(a_fit(), bootstrap_of(np.zeros((2, len(SPACE))))) == []
+
+
 def test_model_checks_warn_of_misfit_and_of_latency():
     bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
     assert model_checks(a_fit(), bootstrap) == []

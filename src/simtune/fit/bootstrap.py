@@ -23,7 +23,7 @@ _USUAL_STD, _USUAL_SHARE, _USUAL_COUNT = 0.005, 0.4, 2.0
 _POOLED_COUNT = 3.0  # all parameters of a kind count like three refits of each
 # Before any refit errors are taken to be at least so many times what fits claim, and that counts
 # like two of them: the first few may all be lucky.
-_EXPECTED, _EXPECTED_COUNT = {"moving": 1.5, "appearance": 0.7}, 2.0
+_EXPECTED, _EXPECTED_COUNT = {"moving": 1.5, "appearance": 1.0}, 2.0
 _USUAL = 0.85  # share of errors that are taken to be no accident
 # A fit may be too careful, but few refits may all be lucky: worlds drawn at random show that what
 # moves must not be believed to be better known than it says (docs/results.md).

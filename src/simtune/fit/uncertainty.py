@@ -12,6 +12,10 @@ _WORTH_TELLING = 0.6  # correlation
 # Times as far off as the worst refit's: with few of them, the worst one is not very bad yet.
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
 
+_HARDLY_JUDGED = (
+    "A single known world was fitted for comparison, so intervals lean on how far fits usually "
+    "are off. Give it more minutes."
+)
 _NOT_JUDGED = (
     "There was no time to fit a known world for comparison, so nothing tells how far these "
     "estimates can be trusted: none is called identified. Give it more minutes."
@@ -63,9 +67,11 @@ def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
     """Warnings for a user who would trust the estimates."""
     if not bootstrap.misfits:
         return [_NOT_JUDGED, *latency_warning(fit.latency_steps)]
-    warnings = []
+    warnings, num = [], len(bootstrap.misfits)
+    if num == 1:
+        warnings.append(_HARDLY_JUDGED)
     ratios = bootstrap.motion_ratios(fit.misfit)
-    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / max(1, len(bootstrap.misfits))
+    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / num
     if (ratio := max(ratios)) > limit:
         worst = ratios.index(ratio)
         (name, unit), distance = fit.sensors[worst], fit.misfit.motion[worst]
