@@ -121,15 +121,16 @@ PACE = Pace(step_s=1e-3, frame_s=0.01, detect_s=0.02, update_s=0.1)
 
 
 def test_steps_of_a_fit_by_hand():
-    # Stages derive in every second iteration, by 7 worlds here, and try 2 worlds in each.
-    per_window = 4 * (2 * 7 + 3 * 2) + 10 * (1 * 7 + 2 * 2)
-    assert FIT.shooting.steps_per_window(7) == per_window == 190
-    # As many steps once more, blurred and not, in 5 iterations each, of which 3 derive.
-    longer = 2 * 10 * (3 * 7 + 5 * 2)
-    assert FIT.shooting.steps_of_longer(7) == longer == 620
+    # Stages derive in every third iteration, by 9 worlds here, and try 2 worlds in each.
+    per_window = 4 * (1 * 9 + 3 * 2) + 10 * (1 * 9 + 2 * 2)
+    assert FIT.shooting.steps_per_window(9) == per_window == 190
+    # As many steps once more, blurred and not, in 5 iterations each, of which 2 derive.
+    longer = 2 * 10 * (2 * 9 + 5 * 2)
+    assert FIT.shooting.steps_of_longer(9) == longer == 560
     # Of 200 steps 20 windows of the last stage's 10, from two sides; all that are asked for of 900.
-    assert count_fit_steps(FIT, 200, 4, 2) == (200 * 50, 20 * (2 * 190 + 620))
-    assert count_fit_steps(FIT, 900, 4, 2) == (900 * 50, 30 * (2 * 190 + 620))
+    # The point itself, 4 unknowns of a state, and 2 parameters up and down make 9 worlds.
+    assert count_fit_steps(FIT, 200, 4, 2) == (200 * 50, 20 * (2 * 190 + 560))
+    assert count_fit_steps(FIT, 900, 4, 2) == (900 * 50, 30 * (2 * 190 + 560))
 
 
 def test_a_scaled_fit_keeps_the_fewest_that_tell_anything():
@@ -154,7 +155,7 @@ def test_seconds_of_a_round_by_hand():
     played_s = 1e-3 * 50 * (100 * 2 + 80)
     drawn_s = 0.01 * (100 * 5 + 80 * 10) + 0.02 * 80 * 10
     updates_s = 0.1 * (300 + 0.7 * (250 + 100))
-    fit_s = 1.3 * 1e-3 * (100 * 50 + 10 * (2 * 190 + 620))
+    fit_s = 1.3 * 1e-3 * (100 * 50 + 10 * (2 * 190 + 560))
     expected = played_s + drawn_s + updates_s + fit_s * (1 + 5)  # two episodes are in refits, too
     assert PACE.round_s(SEARCH, work) == pytest.approx(expected)
     # Each picture of four that are averaged takes four times as long, so a fourth is drawn.
