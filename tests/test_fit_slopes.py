@@ -30,13 +30,13 @@ class RoughPhysics:
         return np.zeros((len(states), 2, 1)), np.tile(predicted[:, None, None], (1, 2, 1))
 
 
-def slopes_at(unit: float, blur: float = 1.0):
+def slopes_at(unit: float):
     states = np.array([[0.1, 0.0], [0.2, 0.0], [0.31, 0.0]])
     none = np.zeros((3, 1))
     windows = Windows(AllEvidence(()), none[:, None], states, none, np.zeros(3), np.zeros(3))
     player = WindowPlayer(RoughPhysics(), np.full(2, 1.0), np.array([0]))  # pyright: ignore
     point = LinearizationPoint(states, np.array([unit]), np.zeros(3), 0.02**2)
-    return player.differentiate(windows, point, blur)
+    return player.differentiate(windows, point)
 
 
 @pytest.mark.parametrize("unit", [0.0, 0.003, 0.5, 1.0])
@@ -47,28 +47,6 @@ def test_slopes_are_no_steeper_than_what_they_cross_in_between_and_at_bounds(uni
     np.testing.assert_allclose(slopes.by_parameter, SLOPE, atol=2 * ROUGHNESS / 0.01)
     np.testing.assert_allclose(slopes.by_state[:, 0], 1.0, atol=2 * ROUGHNESS / 0.03)
     np.testing.assert_array_equal(slopes.by_state[:, 1], 0.0)
-
-
-def test_slopes_reach_twice_as_far_while_the_noise_is_blurred():
-    fine, coarse, coarser = (np.ptp(reach(blur)) for blur in (1.0, 2.0, 6.0))
-    assert (coarse / fine, coarser / fine) == pytest.approx((2, 2))
-
-
-def reach(blur: float) -> np.ndarray:
-    """(G,) parameters of the worlds by which is derived."""
-    tried = []
-
-    class Recording(RoughPhysics):
-        def play(self, states, units, actions, actuator_states):
-            tried.append(units[:, 0])
-            return super().play(states, units, actions, actuator_states)
-
-    none, states = np.zeros((1, 1)), np.zeros((1, 2))
-    windows = Windows(AllEvidence(()), none[:, None], states, none, np.zeros(1), np.zeros(1))
-    point = LinearizationPoint(states, np.array([0.5]), np.zeros(1), 0.02**2)
-    player = WindowPlayer(Recording(), np.ones(2), np.array([0]))  # pyright: ignore
-    player.differentiate(windows, point, blur)
-    return tried[0]
 
 
 class Contraction:

@@ -13,7 +13,6 @@ from simtune.fit.windows import Windows
 
 _STATE_DELTA, _SMALLEST_DELTA = 0.03, 1e-5  # of a state's prior_std; at least
 _UNIT_DELTA = 0.5  # of the standard deviation between windows
-_COARSEST = 2.0  # times as far, where the noise is blurred so much
 
 
 @dataclass(frozen=True)
@@ -73,25 +72,21 @@ class WindowPlayer:
             predicted.reshape(*shape, *predicted.shape[1:]),
         )
 
-    def differentiate(
-        self, windows: Windows, point: LinearizationPoint, blur: float = 1.0
-    ) -> Slopes:
+    def differentiate(self, windows: Windows, point: LinearizationPoint) -> Slopes:
         """Predictions at the point, and their derivatives, in their units.
 
         Contacts make the motion rough, and slopes across a rough patch are huge and random: a
         regression on such slopes comes to a halt where it began. So they are taken over as much
-        as windows disagree on the parameters, and from both sides; farther as long as the noise
-        is blurred, where it matters to get near and not to end exactly there.
+        as windows disagree on the parameters, and from both sides.
         """
         num_states, num_fitted = self._space.num_tangent, len(self._fitted)
-        coarse = min(blur, _COARSEST)
-        delta = np.maximum(coarse * _STATE_DELTA * self._prior_std, _SMALLEST_DELTA)
+        delta = np.maximum(_STATE_DELTA * self._prior_std, _SMALLEST_DELTA)
         tangents = np.zeros((1 + num_states + 2 * num_fitted, num_states))
         tangents[1 : 1 + num_states] = np.diag(delta)
         spread = np.repeat(tangents[:, None], len(point.states), 1)
         states = self._space.move(point.states, spread)
         units = np.repeat(point.unit[None], len(tangents), 0)
-        middle, away = point.unit[self._fitted], coarse * _UNIT_DELTA * np.sqrt(point.variance)
+        middle, away = point.unit[self._fitted], _UNIT_DELTA * np.sqrt(point.variance)
         above, below = np.minimum(middle + away, 1), np.maximum(middle - away, 0)
         sides = 1 + num_states + np.arange(2 * num_fitted)
         units[sides, np.tile(self._fitted, 2)] = np.concatenate([above, below])

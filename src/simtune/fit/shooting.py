@@ -30,7 +30,8 @@ _LARGEST_STATE_STEP = 4.0  # prior standard deviations
 _FIRST_DAMPING, _DAMPING = 1e-2, (1e-6, 1e4)
 _FULL_STEPS = 3  # iterations of a stage; later ones take half of each step in the parameters
 _EXTENDED_BLUR = 3.0
-_DERIVED_EVERY = 3  # iterations (the chord method): derivatives cost most, and change slowly
+_DERIVED_EVERY = 3  # iterations (the chord method): derivatives cost most, and change slowly,
+_WITH_LAGS = 2  # ... unless what is left behind before a window changes, too
 _TRIED = 2  # worlds, with which it is seen whether a step is one for the better
 _LAG_DELTA = 0.01  # in unit coordinates
 _ENOUGH = 0.01  # standard deviation of a parameter, in unit coordinates
@@ -163,13 +164,13 @@ class Shooting:
         for stage in stages:
             windows = whole.first(stage.window)
             point = replace(point, damping=damping, step_scale=1.0)
-            slopes = None
+            slopes, derived_every = None, _WITH_LAGS if self._lags else _DERIVED_EVERY
             for iteration in range(stage.iterations):
                 share = 1.0 if iteration < _FULL_STEPS else 0.5
                 share = 0.0 if stage.blur > _STATES_ONLY else share
-                if slopes is None or iteration % _DERIVED_EVERY == 0:
+                if slopes is None or iteration % derived_every == 0:
                     windows = self._with_lags(windows, point.unit, replay)
-                    slopes = self._player.differentiate(windows, point, stage.blur)
+                    slopes = self._player.differentiate(windows, point)
                 point, covariance, predicted = self._step(windows, point, slopes, share, stage.blur)
                 slopes = slopes._replace(predicted=predicted)
         full_states, predicted = self._player.play(windows, point.states[None], point.unit[None])
