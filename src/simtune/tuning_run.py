@@ -14,7 +14,9 @@ from simtune.experiment.settings import Settings
 from simtune.progress import ReportProgress, silent
 
 log = logging.getLogger(__name__)
-_AT_THE_END_S = 6.0  # for videos and the report
+# For videos and the report: as long as it took to begin, within these. A busy machine that films
+# slowly at first does so at the end.
+_AT_THE_END_S = (6.0, 30.0)
 _SURELY = 0.6  # of what was timed, in a moment that may have been a busy one
 _WORTHWHILE = 0.6  # of the last round's time: it knows where to search
 
@@ -36,6 +38,7 @@ def tune(
     began_s = time.monotonic()
     experiment = build_experiment(config, report, settings)
     built_s = time.monotonic() - began_s  # filming the real world, say
+    ending_s = min(max(_AT_THE_END_S[0], built_s), _AT_THE_END_S[1])
     warnings = experiment.warnings(experiment.recordings)
     for warning in warnings:  # now, not after minutes
         log.warning("%s", warning)
@@ -46,8 +49,9 @@ def tune(
             report("the search is over already; another --out searches anew", 1.0)
         elif not run.num_rounds and settings is None:
             needed_s = search.needed_s(real)
-            _refuse_if_too_short(config.budget_minutes, built_s + run.wall_s, *needed_s)
-        spent_s = built_s + run.wall_s + _AT_THE_END_S
+            beside_s = built_s + run.wall_s + ending_s
+            _refuse_if_too_short(config.budget_minutes, beside_s, *needed_s)
+        spent_s = built_s + run.wall_s + ending_s
         budget = Budget(60 * config.budget_minutes - spent_s, report)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
             run.folder.drop_result()  # of an earlier sitting: this one goes on
@@ -61,9 +65,11 @@ def tune(
         return run.finish(real, stopped, warnings, command)
 
 
-def _refuse_if_too_short(minutes: float, spent_s: float, least_s: float, whole_s: float) -> None:
-    """Raises InputError for a time in which no answer would be sound."""
-    beside_s = spent_s + _AT_THE_END_S
+def _refuse_if_too_short(minutes: float, beside_s: float, least_s: float, whole_s: float) -> None:
+    """Raises InputError for a time in which no answer would be sound.
+
+    `beside_s`: that all but rounds take.
+    """
     log.info("a round takes about %.0f s here", whole_s)
     if 60 * minutes < _SURELY * least_s + beside_s:
         needed = math.ceil((2 * least_s + beside_s) / 6) / 10
