@@ -44,6 +44,7 @@ from simtune.tuning.world_sampler import WorldSampler
 
 _FITS_SHARE = 0.9  # of what is left then, for a fit and its refits
 _READINGS_SHARE = 0.35  # of all the time, for what readings alone tell
+_WORTH_BEGINNING = 0.5  # of a fit: time that is left, with which a refit may be finished
 _REFIT = 0.9  # of a fit: it looks at fewer episodes, which are filmed before
 
 
@@ -275,11 +276,12 @@ class PosteriorSearch:
         return self._told.better(estimate) if self._told else estimate, curves
 
     def _num_refits(self, budget: Budget, fit_s: float) -> int:
-        """As many as there is time for, after a fit that took so long."""
+        """To begin with, after a fit that took so long: what does not end in time is left out."""
         planned, most = self.config.num_refits
         if budget.is_endless:
             return planned
-        return min(most, int(budget.seconds_left / (_REFIT * fit_s)))
+        # They may take less: of them no latency is looked for.
+        return most if budget.seconds_left > _WORTH_BEGINNING * fit_s else 0
 
     def _episodes_per_world(self, real: list[Trajectory]) -> int:
         return min(self.config.episodes_per_world, len(real))
