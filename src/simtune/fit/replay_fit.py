@@ -22,6 +22,7 @@ _SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fit
 _FEWEST_TO_FIT = 2  # episodes
 _UNSEEN = 0.5  # of a sensor's noise: what changes a prediction by less is not observed
 _SIDESTEP = (0.01, 0.1)  # at least, at most, from a start, in unit coordinates
+_FARTHEST = 2.0  # times as far as its sides begun, of which a fit's way counts
 _PARTICLE_STD = (0.02, 0.1)  # of their parameters: at least, at most, in unit coordinates
 _PRIOR_STDS = 3.0  # as far as a first guess may be off, in terms of its usual error
 _CLEARLY_BETTER = 0.05  # by so much a latency has to lower −log likelihood to be believed
@@ -134,7 +135,7 @@ class ReplayFit:
     ) -> tuple[ShootingFit, np.ndarray]:
         """From below and from above: the middle, and (P,) how far it is taken to be off.
 
-        That is half of how far apart the two end; in proportion more, where the middle lies
+        That is half of how far apart the two end; up to twice as much, where the middle lies
         farther from the start than they began. Where the horizon is extended from there, that has
         the last word on the middle; half of what it moved by then is what short windows were
         misled, and longer ones may be as well.
@@ -149,7 +150,7 @@ class ReplayFit:
         one, other = (fit.unit for fit in fits)
         middle = replace(better, unit=(one + other) / 2)
         went = np.abs(middle.unit - unit[self._moving]) / aside[self._moving]
-        off = np.abs(one - other) / 2 * np.maximum(1, went)
+        off = np.abs(one - other) / 2 * np.clip(went, 1, _FARTHEST)
         if extend_horizon:
             extended = shooting.extend_horizon(observed, states, start.parameters, middle)
             if extended is not middle:
