@@ -88,7 +88,7 @@ def opengl_or_skip(model, space, camera, image_size, quality=SHADOWS) -> Rendere
 )
 def renderer(request, scene) -> Renderer:
     if request.param == "opengl":
-        return opengl_or_skip(scene, SPACE, "above", (SIZE, SIZE))
+        return opengl_or_skip(scene, SPACE, "above", SIZE)
     return make_renderer("raycaster", scene, SPACE, "above", (SIZE, SIZE))
 
 
@@ -517,7 +517,7 @@ def test_opengl_draws_the_string_that_the_ray_caster_cannot():
 
 @pytest.mark.opengl
 def test_opengl_renderers_do_not_disturb_one_another(scene):
-    first = opengl_or_skip(scene, SPACE, "above", (SIZE, SIZE))
+    first = opengl_or_skip(scene, SPACE, "above", SIZE)
     before = draw_one(first, scene, RED, BLUE)
     other = opengl_or_skip(scene, SPACE, "above", 2 * SIZE, OPENGL_DM_CONTROL)
     draw_one(other, scene, BLUE, RED)
@@ -553,6 +553,6 @@ def test_a_camera_with_a_sensor_shows_the_square_of_its_field_of_view():
         data = mujoco.MjData(model)
         row = np.empty((1, mujoco.mj_stateSize(model, STATE.value)))
         mujoco.mj_getState(model, data, row[0], STATE.value)
-        drawer = opengl_or_skip(model, SPACE, "above", (SIZE, SIZE))
+        drawer = opengl_or_skip(model, SPACE, "above", SIZE)
         pictures.append(drawer.render(row, SPACE.nominal[None])[0].astype(int))
     assert np.abs(pictures[0] - pictures[1]).max() <= 2

@@ -82,6 +82,9 @@ SCENE = """
   </keyframe>
 </mujoco>
 """
+CALIBRATION = """{image_width: 96, image_height: 64, dist_coeffs: [0, 0, 0, 0, 0],
+camera_matrix: [[80, 0, 47.5], [0, 80, 31.5], [0, 0, 1]]}
+"""
 HEAD = 'model = "scene.xml"\ncontrol_timestep_s = 0.05\n'
 MASS = '[[parameters]]\nname = "m"\nkind = "mass"\nobjects = "bob"\n'
 
@@ -119,6 +122,10 @@ def test_every_example_in_the_documentation_loads(load, folder, block, tmp_path)
             '<velocity name="elbow" joint="elbow" kv', '<position name="elbow" joint="elbow" kp'
         )
         (folder / "scene.xml").write_text(servos)
+    if "[[cameras]]" in block:
+        more = "".join(f'<camera name="{name}" pos="0 0 3"/>' for name in ("top", "hand_camera"))
+        (folder / "scene.xml").write_text(SCENE.replace("<camera", f"{more}<camera", 1))
+        (folder / "wrist.yaml").write_text(CALIBRATION)
     task = load(head + block + ("" if "[[parameters]]" in block else MASS))
     assert len(task.parameters) >= 1
     batch = Batch(task.load_model(), 8, 1)
