@@ -186,9 +186,21 @@ def _check(config: CheckConfig) -> None:
     from simtune.checking import check, table
     from simtune.progress import ProgressBar
 
+    if config.camera_pose:
+        _find_camera_pose(config)
+        return
     with ProgressBar() as progress:
         result = check(config, progress)
     print(json.dumps(result) if config.json else "\n".join(table(result)))
+
+
+def _find_camera_pose(config: CheckConfig) -> None:
+    from simtune.camera_pose import find_camera_pose, lines
+    from simtune.progress import ProgressBar
+
+    with ProgressBar(60 * config.budget_minutes) as progress:
+        result = find_camera_pose(config, progress)
+    print(json.dumps(result) if config.json else "\n".join(lines(result, config.camera_pose)))
 
 
 def _compare(config: CompareConfig) -> None:

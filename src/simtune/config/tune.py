@@ -6,6 +6,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from simtune.config.camera_pose import CameraPoseOptions
 from simtune.config.checks import at_least, check_seed
 from simtune.config.real import Observes, RealConfig, RecordingsConfig
 from simtune.errors import InputError
@@ -55,7 +56,7 @@ class TuneConfig(Observes, RealConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckConfig(Observes, RecordingsConfig):
+class CheckConfig(Observes, CameraPoseOptions, RecordingsConfig):
     """Say, before any training, what each parameter changes and what recordings can tell of it.
 
     Takes seconds, beside reading recordings. What a parameter "shows" is the best that can be
@@ -84,6 +85,7 @@ class CheckConfig(Observes, RecordingsConfig):
             raise InputError("check simulates by itself what it needs: leave out --real pseudo")
         self.check_recordings(self.real is not None)
         self.check_image_size()
+        self.check_camera_pose(self.real)
         at_least(self, 1, "episodes")
         check_seed(self.seed)
         if self.pictures is not None:

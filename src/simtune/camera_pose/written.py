@@ -1,0 +1,78 @@
+"""What is said of a camera that was found."""
+
+import json
+from typing import Any
+
+import numpy as np
+from scipy.special import stdtrit
+
+from simtune.camera_pose.align import Camera
+from simtune.parameters import ModelWriter, ParameterSpace
+from simtune.run.files import plain
+from simtune.tasks import Task
+
+_DISCREPANCY = 0.002  # of the range: what is wrong with all frames alike, and no fit can see
+_AT_END = 0.01  # of the range
+
+
+def describe(task: Task, camera: Camera, errors: np.ndarray, num_frames: int) -> dict[str, Any]:
+    """JSON of a camera, and of (K, P) errors with which known ones are found, all in units."""
+    space, num = task.parameters, len(camera.unit)
+    known = np.mean(np.square(errors), 0)
+    std = np.sqrt(np.maximum(known, np.diag(camera.covariance)) + _DISCREPANCY**2)
+    reach = float(stdtrit(len(errors), 0.95)) * std
+    units = [np.clip(camera.unit + sign * reach, 0, 1) for sign in (0, -1, 1)]
+    values = [_with_camera(space, unit) for unit in units]
+    mean, low, high = values
+    model = task.load_model()
+    ModelWriter(space, model).write(model, mean)
+    its = model.camera(task.cameras[0].camera)
+    parameters = {
+        p.name: {"unit": p.unit, "mean": mean[i], "low": low[i], "high": high[i]}
+        for i, p in enumerate(list(space)[:num])
+    }
+    return plain(
+        {
+            "camera": task.cameras[0].name,
+            "position_m": its.pos.tolist(),
+            "quat": its.quat.tolist(),
+            "field_of_view_deg": float(its.fovy[0]),
+            "parameters": parameters,
+            "frames": num_frames,
+            "warnings": _warnings(task, camera, num),
+        }
+    )
+
+
+def _with_camera(space: ParameterSpace, unit: np.ndarray) -> np.ndarray:
+    every = space.to_unit(space.nominal)
+    every[: len(unit)] = unit
+    return space.from_unit(every)
+
+
+def _warnings(task: Task, camera: Camera, num: int) -> list[str]:
+    found = []
+    for i, parameter in enumerate(list(task.parameters)[:num]):
+        if not _AT_END < camera.unit[i] < 1 - _AT_END:
+            found.append(
+                f"{parameter.name} is at the end of what was searched: give a nearer guess, or a "
+                "wider range (--within-m, --within-deg, --within-fov-deg)"
+            )
+    return found
+
+
+def lines(result: dict[str, Any], path: object) -> list[str]:
+    """What is printed."""
+    rows = [
+        f"{name:22s} {p['mean']:10.4g} {p['unit']:4s} {p['low']:.4g} to {p['high']:.4g}"
+        for name, p in result["parameters"].items()
+    ]
+    said = f"camera {result['camera']}, by {result['frames']} frames"
+    return [said, *rows, *(f"warning: {w}" for w in result["warnings"]), f"written to {path}"]
+
+
+def tuning_table(result: dict[str, Any]) -> str:
+    """The pose as a tuning file has it."""
+    keys = ("position_m", "quat", "field_of_view_deg")
+    rows = [f"{key} = {json.dumps(result[key])}" for key in keys]
+    return "\n".join(["[camera]", *rows, ""])

@@ -1,0 +1,46 @@
+"""The options of `simtune check --camera-pose`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from simtune.config.checks import flag
+from simtune.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraPoseOptions:
+    """Where a camera is, found by joint readings."""
+
+    camera_pose: Path | None = None
+    """Find where the recordings' camera is, by [[sensors]] of the robot's joints, and nothing else;
+    the pose is written as FILE.toml. The tuning file's own pose is the first guess."""
+    within_m: float = 0.3
+    """With --camera-pose: how far from the first guess the camera may be, along each axis."""
+    within_deg: float = 25.0
+    """The same, for its rotation about each axis."""
+    within_fov_deg: float = 0.0
+    """The same, for its field of view, which by default is taken to be known: a nearer camera of a
+    wider view sees nearly the same."""
+    budget_minutes: float = 2.0
+    """With --camera-pose: how long it may take. A robot of many meshes, of which few pictures can
+    be drawn in the time, takes longer."""
+
+    def check_camera_pose(self, real: Path | None) -> None:
+        """Raises InputError for what makes no sense."""
+        if self.camera_pose is None:
+            return
+        if real is None:
+            raise InputError("--camera-pose goes with recordings only: give --real DIR")
+        if self.camera_pose.suffix != ".toml" or not self.camera_pose.parent.is_dir():
+            raise InputError(
+                f"--camera-pose {self.camera_pose}: expected a new file NAME.toml in a folder that "
+                "is there"
+            )
+        if self.camera_pose.exists():
+            raise InputError(f"--camera-pose {self.camera_pose}: exists already; name a new file")
+        limits = {"within_m": 10.0, "within_deg": 60.0, "within_fov_deg": 60.0}
+        for name, most in {**limits, "budget_minutes": 1e4}.items():
+            got, may_be_0 = getattr(self, name), name == "within_fov_deg"
+            if not 0 <= got <= most or (got == 0 and not may_be_0):
+                least = "at least 0" if may_be_0 else "above 0"
+                raise InputError(f"{flag(name)} must be {least} and at most {most:g}, got {got:g}")
