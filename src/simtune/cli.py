@@ -145,7 +145,9 @@ def _run(command: Any) -> None:
 
             out = export(command)
             what = f"{out / 'model.xml'}, with its numbers in parameters.json and apply.py"
-            print(out if command.is_file else what + ", and samples.csv" * bool(command.samples))
+            what += ", and samples.csv" * bool(command.samples)
+            what += f", and {command.format}_worlds.py" * (command.format != "samples")
+            print(out if command.is_file else what)
         case CompareConfig():
             _compare(command)
         case ReportCommand(run_folder):

@@ -3,4 +3,5 @@
 from typing import Literal
 
 RendererName = Literal["raycaster", "opengl"]
+ExportFormat = Literal["samples", "mjlab", "playground"]
 SearchName = Literal["posterior", "paper", "regression"]

@@ -15,6 +15,7 @@ from simtune.checking import table as check_lines
 from simtune.config import ExportConfig
 from simtune.errors import InputError
 from simtune.export import draw_samples, export, tuned_model
+from simtune.names import ExportFormat
 from simtune.report.data import RunData
 from simtune.tasks import with_model
 
@@ -121,12 +122,19 @@ class Result:
         mean = np.array([self.parameters[name].mean for name in task.parameters.names])
         return tuned_model(task, mean, self.content.get("step_s"))[1]
 
-    def export(self, out: str | PathLike[str], samples: int | None = None) -> Path:
+    def export(
+        self,
+        out: str | PathLike[str],
+        samples: int | None = None,
+        format: ExportFormat = "samples",
+    ) -> Path:
         """What `simtune export` writes into the new folder `out`; returns it.
 
-        model.xml, parameters.json, apply.py; with `samples` draws of the posterior: samples.csv.
+        model.xml, parameters.json, apply.py; with `samples` draws of the posterior: samples.csv,
+        and for the training of the library that `format` names: worlds.npz and a module.
         """
-        return export(ExportConfig(run_folder=self.path, out=Path(out), samples=samples))
+        config = ExportConfig(run_folder=self.path, out=Path(out), samples=samples, format=format)
+        return export(config)
 
     def to_pandas(self) -> "pandas.DataFrame":
         """A row a parameter, by name. Needs pandas."""

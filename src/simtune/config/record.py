@@ -8,7 +8,7 @@ from tyro.conf import Positional, arg
 
 from simtune.config.checks import at_least, check_seed, flag
 from simtune.errors import InputError
-from simtune.names import RendererName
+from simtune.names import ExportFormat, RendererName
 
 _LARGEST_PX = 1024  # an episode is kept whole until it is written
 
@@ -63,10 +63,15 @@ class ExportConfig:
     write them alone to, NAME.csv, NAME.npz or NAME.json."""
     samples: int | None = None
     """How many worlds to draw from the joint posterior: what is known, and how it goes together."""
+    format: ExportFormat = "samples"
+    """What else draws are written for: the training of mjlab or of MuJoCo Playground, into
+    worlds.npz, beside a Python module that randomises environments by them."""
 
     def check(self) -> None:
         """Raises InputError for what makes no sense."""
         at_least(self, 1, "samples")
+        if self.format != "samples" and (self.samples is None or self.is_file):
+            raise InputError(f"--format {self.format} needs --samples, and a folder as --out")
         if self.is_file and self.samples is None:
             raise InputError(f"--out {self.out} is for --samples; without them give a folder")
 

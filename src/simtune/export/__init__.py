@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from simtune.config import ExportConfig
@@ -10,7 +11,8 @@ from simtune.errors import InputError
 from simtune.export.mjcf import tuned_model, write_mjcf
 from simtune.export.samples import draw_samples, write_samples
 from simtune.export.script import apply_script
-from simtune.parameters import ParameterSpace
+from simtune.export.worlds import refuse_unfit, write_module, write_worlds
+from simtune.parameters import ModelWriter, ParameterSpace
 from simtune.report.data import RunData, read_finished
 from simtune.run import write_atomically, write_json
 from simtune.tasks import Task, with_model
@@ -33,20 +35,27 @@ def export(config: ExportConfig) -> Path:
     if config.is_file:
         assert draws is not None, "checked"
         return _write_file(config.out, space, draws)
+    if config.format != "samples":
+        refuse_unfit(space, config.format)
     task, out = with_model(task), _new_folder(config.out)
-    _write_model(run, task, out)
+    writer, model = _write_model(run, task, out)
     if draws is not None:
         write_samples(out / "samples.csv", space.names, draws)
+        if config.format != "samples":
+            write_worlds(out / "worlds.npz", writer, model, draws)
+            write_module(out, config.format)
     return out
 
 
-def _write_model(run: RunData, task: Task, out: Path) -> None:
+def _write_model(run: RunData, task: Task, out: Path) -> tuple[ModelWriter, mujoco.MjModel]:
+    """Returns the tuned model, which `write_mjcf` wrote, and what writes into such ones."""
     found = run.result["parameters"]
     mean = np.array([found[name]["mean"] for name in task.parameters.names])
     spec, model, writer = tuned_model(task, mean, run.result.get("step_s"))
     write_mjcf(spec, model, writer, out)
     write_atomically(out / "apply.py", apply_script(writer, model).encode())
     write_json(out / "parameters.json", _content(run, task.parameters))
+    return writer, model
 
 
 def _content(run: RunData, space: ParameterSpace) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import mujoco
 
 from simtune.export.inferred import write_down_inferred
 from simtune.export.mjcf import not_copied
+from simtune.export.training.rows import rows_of_object
 from simtune.parameters import ModelWriter, field_of, rows_of
 from simtune.tasks.tuning_file.name_all import name_all
 
@@ -23,6 +24,7 @@ have the same names as in the one that was tuned.{note}
 import sys
 
 import mujoco
+import numpy as np
 
 # (field of MjModel, kind of object, its name, the object's values)
 FOUND = [
@@ -34,13 +36,8 @@ def apply(model: mujoco.MjModel) -> None:
     for field, kind, name, values in FOUND:
         if kind == "opt":
             setattr(model.opt, field, values)
-        elif kind == "dof":
-            joint = model.joint(name).id
-            getattr(model, field)[model.dof_jntid == joint] = values
-        elif kind in ("qpos0", "qpos"):
-            getattr(model, field)[model.joint(name).qposadr[0]] = values
         else:
-            getattr(model, field)[getattr(model, kind)(name).id] = values
+            getattr(model, field)[rows_of_object(model, kind, name)] = values
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
@@ -71,7 +68,8 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
         f"    spec.{kind}({name!r}).{attribute} = {value!r}\n"
         for kind, name, attribute, value in not_copied(writer, model)
     )
-    functions, named = inspect.getsource(write_down_inferred), ""
+    functions = "\n\n".join(map(inspect.getsource, (rows_of_object, write_down_inferred)))
+    named = ""
     if any(re.fullmatch(r"\w+ \d+", name) for _, _, name, _ in _found(writer, model)):
         functions = f"{inspect.getsource(name_all)}\n\n{functions}"
         named = "    name_all(spec)\n"

@@ -1,0 +1,18 @@
+"""Files that go into a user's training, where there is no simtune: each is copied as one module."""
+
+import inspect
+from importlib import resources
+
+from simtune.export.training.rows import rows_of_object
+
+LIBRARIES = ("mjlab", "playground")
+
+
+def module_text(library: str) -> str:
+    """The text of one of LIBRARIES's modules, with what it imports from here written into it."""
+    text = resources.files(__name__).joinpath(f"{library}_worlds.py").read_text("utf-8")
+    statement = "from simtune.export.training.rows import rows_of_object\n"
+    before, found, after = text.partition(statement)
+    assert found, f"{library}_worlds.py must import what it shares by one line"
+    head, gap, body = after.partition("\n\n\n")
+    return f"{before.rstrip()}\n{head}{gap}{inspect.getsource(rows_of_object)}\n\n{body}"

@@ -1,0 +1,65 @@
+"""Draws of a run's joint posterior as the training of other libraries reads them."""
+
+import copy
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.export.training import module_text
+from simtune.names import ExportFormat
+from simtune.parameters import ModelWriter, ParameterSpace, field_of, rows_of
+from simtune.run import write_atomically
+
+
+def refuse_unfit(space: ParameterSpace, library: ExportFormat) -> None:
+    """Raises InputError for a parameter of what cannot be found, or differ, among the worlds."""
+    for parameter in space:
+        if nameless := [name for name in parameter.objects if re.fullmatch(r"\w+ \d+", name)]:
+            raise InputError(
+                f"{parameter.name} is of {nameless[0]}, which has no name to find it by in another "
+                "model: give it one in the model, and tune that"
+            )
+        if library == "mjlab" and parameter.field_info.is_option:
+            raise InputError(
+                f"mjlab has one {parameter.field} for all worlds, so {parameter.name} cannot be "
+                "randomised there: --format playground can"
+            )
+
+
+def write_module(folder: Path, library: ExportFormat) -> None:
+    """FOLDER/LIBRARY_worlds.py: randomises the library's environments by worlds.npz beside it."""
+    write_atomically(folder / f"{library}_worlds.py", module_text(library).encode())
+
+
+def write_worlds(path: Path, writer: ModelWriter, model: mujoco.MjModel, draws: np.ndarray) -> None:
+    """(W, N) draws, and what each writes into the model, as NPZ.
+
+    `names` (N,) and `draws` (W, N); `targets` (M, 3): a field of MjModel, the kind of an object and
+    its name; `values_0` to `values_M-1`, each (W, rows, ...): what the object has there.
+    """
+    targets = list(_targets(writer))
+    values: list[list[np.ndarray]] = [[] for _ in targets]
+    world = copy.copy(model)
+    for draw in draws:
+        writer.write(world, draw)
+        for (field, _, name), each in zip(targets, values, strict=True):
+            info = field_of(field)
+            rows = ... if info.is_option else rows_of(world, field, name)
+            each.append(np.array(info.read(world)[rows]))
+    file = io.BytesIO()
+    arrays = {f"values_{i}": np.array(each) for i, each in enumerate(values)}
+    arrays |= {"names": np.array(writer.space.names), "draws": draws, "targets": np.array(targets)}
+    np.savez_compressed(file, allow_pickle=False, **arrays)
+    write_atomically(path, file.getvalue())
+
+
+def _targets(writer: ModelWriter) -> Iterator[tuple[str, str, str]]:
+    """(field, kind of object, its name) of all that is written; an option is nobody's."""
+    for field, objects in writer.written.items():
+        for name in objects or [""]:
+            yield field, field_of(field).prefix, name
