@@ -3,6 +3,7 @@
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
+DOCS_READY := $(VENV)/docs-ready
 
 # The first Python that is new enough and can make virtual environments; or give PYTHON=...
 PYTHON ?= $(shell for python in python3.11 python3 python3.12 python3.13; do \
@@ -15,7 +16,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # Two processes of one thread each; a test file's own fixtures are made once by each of them.
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
-.PHONY: install demo evidence test test-quick check test-all bench dist
+.PHONY: install demo docs evidence test test-quick check test-all bench dist
 
 install: $(READY)
 
@@ -54,8 +55,17 @@ check: $(READY)
 	$(BIN)/ruff format --check
 	$(BIN)/pyright
 
+# The site, into build/site; a warning is an error.
+docs: $(DOCS_READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "build/site/index.html"
+
+$(DOCS_READY): $(READY)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group docs
+	@touch $(DOCS_READY)
+
 # Also the slow tests, and those of a GPU where there is one.
-test-all: $(READY)
+test-all: $(DOCS_READY)
 	$(PYTEST) -m ""
 
 # A wheel and an sdist, for an index or a colleague.

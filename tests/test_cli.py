@@ -376,7 +376,7 @@ def test_tasks_lists_every_parameter(simtune):
 
 
 @pytest.mark.thorough
-def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands):
+def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands, monkeypatch):
     out = tmp_path / "run"
     command = ("tune", "cartpole", "--out", out, "--real-episodes", 1, "--budget-minutes", "1e-5")
     status, said, progress = simtune(*command)
@@ -394,6 +394,10 @@ def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands):
     status, said, err = simtune("report", out)
     assert (status, said, err) == (0, f"{out / 'report.html'}\n", "")
     assert (out / "report.html").is_file()
+    shown = []
+    monkeypatch.setattr("webbrowser.open", shown.append)
+    assert simtune("report", out, "--open")[0] == 0
+    assert shown == [(out / "report.html").as_uri()]
     simtune.refuses(*command, "--seed", 9, message="seed = 0, now = 9")
 
 
@@ -405,7 +409,7 @@ def test_two_runs_are_compared_and_draws_of_one_are_taken_along(simtune, tmp_pat
         assert simtune("tune", "cartpole", "--out", out, *few)[0] == 0
     status, said, err = simtune("compare", *runs)
     assert (status, err) == (0, "")
-    assert said.splitlines()[0] == f"first {runs[0]}, second {runs[1]}: cartpole"
+    assert said.splitlines()[0] == f"cartpole: run 1 {runs[0]}, run 2 {runs[1]}"
     assert "agree: the largest of 8 differences is" in said.splitlines()[-1]
     told = json.loads(simtune("compare", *runs, "--json")[1])
     z = {name: entry["difference_std"] for name, entry in told["parameters"].items()}

@@ -40,8 +40,8 @@ def a_run(path: Path, mean: np.ndarray, space: ParameterSpace = SPACE, **facts) 
     return path
 
 
-def compared(one: Path, other: Path) -> dict:
-    return compare(CompareConfig(run_folder=one, other_folder=other))
+def compared(*runs: Path) -> dict:
+    return compare(CompareConfig(run_folders=runs))
 
 
 def test_runs_of_one_world_agree_but_for_the_stated_share_of_false_alarms():
@@ -50,7 +50,7 @@ def test_runs_of_one_world_agree_but_for_the_stated_share_of_false_alarms():
     rejected = 0
     for _ in range(4000):
         one, other = std * rng.normal(size=num), other_std * rng.normal(size=num)
-        z = differences(one, std, other, other_std)
+        z = differences(np.array([one, other]), np.array([std, other_std]))
         rejected += np.abs(z).max() > largest_allowed(num, FALSE_ALARM_RATE)
     assert rejected / 4000 == pytest.approx(FALSE_ALARM_RATE, abs=0.012)
 
@@ -61,8 +61,11 @@ def test_limit_and_probability_by_hand():
     assert largest_allowed(2, 0.0975) == pytest.approx(1.95996, abs=1e-4)  # 1 − .95²
     assert p_value(-largest_allowed(10, 0.05), 10) == pytest.approx(0.05)
     np.testing.assert_allclose(
-        differences(np.ones(1), np.array([3.0]), np.array([11.0]), np.array([4.0])), [2]
+        differences(np.array([[1.0], [11.0]]), np.array([[3.0], [4.0]])), [2]
     )
+    # 0, 0 and 3 with deviations of 1: μ = 1, χ² = 6 with 2 degrees of freedom: e⁻³.
+    (z,) = differences(np.array([[0.0], [0.0], [3.0]]), np.ones((3, 1)))
+    assert p_value(z, 1) == pytest.approx(np.exp(-3))
 
 
 def test_runs_that_agree(tmp_path):
@@ -86,6 +89,31 @@ def test_runs_that_agree(tmp_path):
     assert compared(other, one)["parameters"]["spinner_mass"]["difference_std"] == -away[0]
 
 
+def test_many_runs_of_one_world_agree_but_for_the_stated_share(tmp_path):
+    rng = np.random.default_rng(1)
+    std = rng.uniform(0.01, 0.1, (5, 4))
+    rejected = 0
+    for _ in range(4000):
+        z = differences(std * rng.normal(size=std.shape), std)
+        rejected += z.max() > largest_allowed(4, FALSE_ALARM_RATE)
+    assert rejected / 4000 == pytest.approx(FALSE_ALARM_RATE, abs=0.012)
+
+
+def test_three_runs_in_one_table(tmp_path):
+    means = np.full((3, len(SPACE)), 0.5)
+    means[2, 1] += 8 * STD
+    runs = [a_run(tmp_path / str(i), mean) for i, mean in enumerate(means)]
+    assert compared(*runs[:2])["agree"] is True
+    result = compared(*runs)
+    assert (result["agree"], result["largest"]) == (False, SPACE.names[1])
+    lines = table(result)
+    assert lines[0].count("run ") == 3
+    assert len(lines[2].split("[")) == 4  # three intervals
+    assert "of sets of runs" in lines[-1]
+    with pytest.raises(InputError, match="two runs at least"):
+        compared(runs[0])
+
+
 def test_runs_that_disagree_in_one_parameter(tmp_path):
     mean = np.full(len(SPACE), 0.5)
     away = mean + 8 * STD * (np.arange(len(SPACE)) == 1)
@@ -102,10 +130,10 @@ def test_notes_say_where_agreeing_says_little(tmp_path):
     one = a_run(tmp_path / "one", mean, recordings=recordings)
     other = a_run(tmp_path / "other", mean, recordings=recordings)
     assert "of the same recordings" in compared(one, other)["notes"][0]
-    assert compared(one, one)["notes"] == ["this is one and the same run"]
+    assert compared(one, one)["notes"] == ["runs 1 and 2 are one and the same"]
     write_json(other / "config.json", {"config": {"task_content": "b"}})
     assert "the tuning file is not the same" in compared(one, other)["notes"][1]
-    assert "note: both are" in "\n".join(table(compared(one, other)))
+    assert "note: runs 1 and 2 are of" in "\n".join(table(compared(one, other)))
 
 
 def test_what_cannot_be_compared_is_said_in_a_line(tmp_path):
@@ -122,7 +150,7 @@ def test_what_cannot_be_compared_is_said_in_a_line(tmp_path):
     cartpole = load_task("cartpole").parameters
     elsewhere = a_run(tmp_path / "a", np.full(len(cartpole), 0.5), cartpole, task="cartpole")
     assert "is of finger" in refused(elsewhere)
-    assert "of cartpole: compare two runs of one task" in refused(elsewhere)
+    assert "of cartpole: compare runs of one task" in refused(elsewhere)
     fewer = a_run(tmp_path / "b", mean[1:], ParameterSpace(SPACE.parameters[1:]))
     assert f"tuned {SPACE.names[0]}:" in refused(fewer)
     wider = [dataclasses.replace(SPACE.parameters[0], high=99), *SPACE.parameters[1:]]

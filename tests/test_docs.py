@@ -28,7 +28,7 @@ PAGES = {
     "sweep": config.SweepConfig,
     "figures": config.FiguresConfig,
 }
-POSITIONAL = {"task": "TASK", "run_folder": "RUN", "other_folder": "RUN"}
+POSITIONAL = {"task": "TASK", "run_folder": "RUN", "run_folders": "RUN RUN ..."}
 POSITIONAL |= {"grid": "GRID", "folder": "DIR"}
 TABLE = re.compile(r"\| option \|.*?(?=\n\n|\Z)", re.S)
 

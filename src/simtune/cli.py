@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 import sys
+import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -41,6 +42,8 @@ class ReportCommand:
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
     """A folder that `simtune tune` or `simtune train` wrote."""
+    open: bool = False
+    """Show it in the browser."""
 
 
 @dataclass(frozen=True)
@@ -150,10 +153,13 @@ def _run(command: Any) -> None:
             print(out if command.is_file else what)
         case CompareConfig():
             _compare(command)
-        case ReportCommand(run_folder):
+        case ReportCommand():
             from simtune.report import write_report
 
-            print(write_report(run_folder))
+            page = write_report(command.run_folder)
+            print(page)
+            if command.open:
+                webbrowser.open(page.resolve().as_uri())
         case SweepConfig():
             _sweep(command)
         case FiguresConfig():

@@ -1,4 +1,4 @@
-"""Whether two runs agree."""
+"""Whether runs agree."""
 
 from simtune.compare.compare import compare
 from simtune.compare.table import table

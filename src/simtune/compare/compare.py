@@ -1,64 +1,76 @@
-"""`simtune compare`: whether two runs agree, within what each says of its own sureness.
+"""`simtune compare`: whether runs agree, within what each says of its own sureness.
 
-With m and σ a run's median and standard deviation of a parameter, along its own scale (σ is that
-of the normal distribution with the same central 90 %), runs a and b differ by
+With m_k and σ_k run k's median and standard deviation of a parameter, along its own scale (σ is
+that of the normal distribution with the same central 90 %), K runs are apart by
 
-    z = (m_b − m_a) / √(σ_a² + σ_b²)
+    χ² = Σ_k (m_k − μ)² / σ_k²,  μ = Σ_k (m_k / σ_k²) / Σ_k (1 / σ_k²)
 
-standard deviations. Were all intervals right and the errors of both runs independent and normal,
-the largest |z| of N parameters would be above Φ⁻¹(1 − α_N / 2), with α_N = 1 − (1 − α)^(1/N), in at
-most a share α of all pairs of runs, however the errors of one run go together (Šidák 1967).
+with K − 1 degrees of freedom (Cochran 1937), told as the normal deviate z that is as improbable; of
+two runs that is z = (m_2 − m_1) / √(σ_1² + σ_2²). Were all intervals right and the errors of the
+runs independent and normal, the largest |z| of N parameters would be above Φ⁻¹(1 − α_N / 2), with
+α_N = 1 − (1 − α)^(1/N), in at most a share α of such sets of runs, however the errors of one run go
+together (Šidák 1967).
 """
 
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import chdtrc, ndtr, ndtri
 
 from simtune.config import CompareConfig
 from simtune.errors import InputError
 from simtune.report.data import RunData, read_finished
 
-FALSE_ALARM_RATE = 0.05  # of pairs of runs that do agree
+FALSE_ALARM_RATE = 0.05  # of sets of runs that do agree
 _SMALLEST_STD = 1e-6  # in unit coordinates
+_SMALLEST_PROBABILITY = 1e-300  # a normal deviate of 37
 
 
 def compare(config: CompareConfig) -> dict[str, Any]:
-    """How far the estimates of two runs are apart, and whether they agree; JSON.
+    """How far the estimates of runs are apart, and whether they agree; JSON.
 
     Raises InputError where runs have not ended, give no intervals, or are of other parameters.
     """
-    one, other = read_finished(config.run_folder), read_finished(config.other_folder)
-    before, now = _told(one), _told(other)
-    _check_same(one, before, other, now)
-    z = differences(before.mean, before.std, now.mean, now.std)
+    config.check()
+    runs = [read_finished(folder) for folder in config.run_folders]
+    told = [_told(run) for run in runs]
+    for run, says in zip(runs[1:], told[1:], strict=True):
+        _check_same(runs[0], told[0], run, says)
+    z = differences(np.array([t.mean for t in told]), np.array([t.std for t in told]))
     worst, limit = int(np.argmax(np.abs(z))), largest_allowed(len(z), FALSE_ALARM_RATE)
     parameters = {
         name: {
-            "estimates": [_numbers(run, name) for run in (one, other)],
+            "estimates": [_numbers(run, name) for run in runs],
             "difference_std": float(z[i]),
         }
-        for i, name in enumerate(before.names)
+        for i, name in enumerate(told[0].names)
     }
     return {
-        "runs": [str(one.path), str(other.path)],
-        "task": one.result["task"],
+        "runs": [str(run.path) for run in runs],
+        "task": runs[0].result["task"],
         "agree": bool(abs(z[worst]) <= limit),
-        "largest": before.names[worst],
+        "largest": told[0].names[worst],
         "limit_std": limit,
         "false_alarm_rate": FALSE_ALARM_RATE,
         "p_value": p_value(float(z[worst]), len(z)),
-        "notes": _notes(one, other),
+        "notes": _notes(runs),
         "parameters": parameters,
     }
 
 
-def differences(
-    mean: np.ndarray, std: np.ndarray, other_mean: np.ndarray, other_std: np.ndarray
-) -> np.ndarray:
-    """(N,) by how many standard deviations the second is above the first."""
-    # Where a parameter is at its bound for sure, none is left.
-    return (other_mean - mean) / np.maximum(np.hypot(std, other_std), _SMALLEST_STD)
+def differences(mean: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """(N,) by how many standard deviations K runs, (K, N) each, are apart in each parameter.
+
+    Of two, negative where the second is below the first.
+    """
+    if len(mean) == 2:
+        # Where a parameter is at its bound for sure, no deviation is left.
+        return (mean[1] - mean[0]) / np.maximum(np.hypot(*std), _SMALLEST_STD)
+    weight = 1 / np.maximum(std, _SMALLEST_STD) ** 2
+    apart = mean - (weight * mean).sum(0) / weight.sum(0)
+    probability = chdtrc(len(mean) - 1, (weight * apart**2).sum(0))
+    return -ndtri(np.maximum(probability, _SMALLEST_PROBABILITY) / 2)
 
 
 def largest_allowed(num: int, rate: float) -> float:
@@ -107,13 +119,13 @@ def _check_same(one: RunData, before: _Told, other: RunData, now: _Told) -> None
     tasks = one.result["task"], other.result["task"]
     if tasks[0] != tasks[1]:
         raise InputError(
-            f"{one.path} is of {tasks[0]}, {other.path} of {tasks[1]}: compare two runs of one task"
+            f"{one.path} is of {tasks[0]}, {other.path} of {tasks[1]}: compare runs of one task"
         )
     differing = [n for n in (*before.names, *now.names) if (n in before.names) != (n in now.names)]
     if differing:
         which = ", ".join(differing[:3]) + ", ..." * (len(differing) > 3)
         raise InputError(
-            f"only one of {one.path} and {other.path} tuned {which}: compare two runs of the same "
+            f"only one of {one.path} and {other.path} tuned {which}: compare runs of the same "
             "parameters"
         )
     if before.coordinates != now.coordinates:
@@ -121,23 +133,24 @@ def _check_same(one: RunData, before: _Told, other: RunData, now: _Told) -> None
         name = next(a["name"] for a, b in pairs if a != b)
         raise InputError(
             f"{name} has other bounds, another scale or another place in {other.path} than in "
-            f"{one.path}: compare two runs of one tuning file"
+            f"{one.path}: compare runs of one tuning file"
         )
 
 
-def _notes(one: RunData, other: RunData) -> list[str]:
-    """What to bear in mind: whether the runs saw the same, and tuned the same."""
+def _notes(runs: list[RunData]) -> list[str]:
+    """What to bear in mind: whether runs saw the same, and tuned the same."""
     notes = []
-    hashes = [run.object("recordings").get("dataset_hash") for run in (one, other)]
-    if one.path.resolve() == other.path.resolve():
-        notes.append("this is one and the same run")
-    elif hashes[0] and hashes[0] == hashes[1]:
-        notes.append(
-            "both are of the same recordings, so their errors go together: that they agree says "
-            "less than of other episodes"
-        )
-    if one.config.get("task_content") != other.config.get("task_content"):
-        notes.append("the model or the tuning file is not the same in both")
+    hashes = [run.object("recordings").get("dataset_hash") for run in runs]
+    for i, k in combinations(range(len(runs)), 2):
+        if runs[i].path.resolve() == runs[k].path.resolve():
+            notes.append(f"runs {i + 1} and {k + 1} are one and the same")
+        elif hashes[i] and hashes[i] == hashes[k]:
+            notes.append(
+                f"runs {i + 1} and {k + 1} are of the same recordings, so their errors go "
+                "together: that they agree says less than of other episodes"
+            )
+    if any(a.config.get("task_content") != b.config.get("task_content") for a, b in pairwise(runs)):
+        notes.append("the model or the tuning file is not the same in all runs")
     return notes
 
 

@@ -5,10 +5,11 @@ from typing import Any
 
 def table(result: dict[str, Any]) -> list[str]:
     """Lines of plain text."""
-    head = ("parameter", "first", "90 % interval", "second", "90 % interval", "differ by")
+    runs = range(1, len(result["runs"]) + 1)
+    head = ("parameter", *(t for i in runs for t in (f"run {i}", "90 % interval")), "differ by")
     rows = [head, *(_cells(name, p) for name, p in result["parameters"].items())]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [f"first {result['runs'][0]}, second {result['runs'][1]}: {result['task']}"]
+    lines = [f"{result['task']}: " + ", ".join(f"run {i} {result['runs'][i - 1]}" for i in runs)]
     for name, *cells in rows:
         columns = [f"{cell:>{width}s}" for cell, width in zip(cells, widths[1:], strict=True)]
         lines.append("  ".join([f"{name:{widths[0]}s}", *columns]))
@@ -30,6 +31,7 @@ def _says(result: dict[str, Any]) -> str:
     rate = f"{100 * result['false_alarm_rate']:g} %"
     return (
         f"The runs {'agree' if result['agree'] else 'disagree'}: {of_all} is {largest:.1f} "
-        f"standard deviations ({name}). Above {limit:.1f} it would be in {rate} of pairs of runs "
-        "of one world, if all intervals are right."
+        f"standard deviations ({name}). Above {limit:.1f} it would be in {rate} of "
+        f"{'pairs' if len(result['runs']) == 2 else 'sets'} of runs of one world, if all intervals "
+        "are right."
     )

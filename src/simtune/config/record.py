@@ -83,14 +83,17 @@ class ExportConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class CompareConfig:
-    """Say whether two runs agree, such as of two sets of episodes of one real world.
+    """Say whether runs agree, such as of two sets of episodes of one real world.
 
-    Both must have tuned the same parameters by the search that gives intervals. Writes nothing.
+    All must have tuned the same parameters by the search that gives intervals. Writes nothing.
     """
 
-    run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
-    """A folder that `simtune tune` or `simtune train` wrote."""
-    other_folder: Annotated[Positional[Path], arg(metavar="RUN")]
-    """Another one."""
+    run_folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN RUN ...")]
+    """Folders that `simtune tune` or `simtune train` wrote, two at least."""
     json: bool = False
     """Print one JSON object instead of a table."""
+
+    def check(self) -> None:
+        """Raises InputError for a single run."""
+        if len(self.run_folders) < 2:
+            raise InputError("two runs at least can be compared: give their folders")
