@@ -86,41 +86,31 @@ def main(
     if quick:
         frames = 2_000
     num_episodes = frames // (episode_steps + 1)
+    some_episodes = min(real_episodes, num_episodes)
     with tempfile.TemporaryDirectory() as folder:
         dataset = Path(folder) / "dataset"
         trajectories = film(num_episodes, episode_steps, height, width)
         names = {"action_names": ["slide"], "robot_type": "none", "task": "noise"}
         write_dataset(dataset, trajectories, **names)
         size_mb = sum(path.stat().st_size for path in dataset.rglob("*.*")) / 1e6
-        check = measure(_CLI, "check", "cartpole", "--real", dataset, "--json")
-        some = measure(_COLLECT, dataset, min(real_episodes, num_episodes))
-        whole = measure(_COLLECT, dataset, num_episodes)
-        tuned = None
+        num_frames = num_episodes * (episode_steps + 1)
+        measured = {
+            f"simtune check, {num_frames:,} frames": measure(
+                _CLI, "check", "cartpole", "--real", dataset, "--json"
+            ),
+            f"tune reads {some_episodes} episodes": measure(_COLLECT, dataset, some_episodes),
+            f"tune reads {num_episodes} episodes": measure(_COLLECT, dataset, num_episodes),
+        }
         if tune_minutes:
             asked = ["--real-episodes", num_episodes, "--budget-minutes", tune_minutes]
-            out = Path(folder) / "run"
-            tuned = measure(_CLI, "tune", "cartpole", "--real", dataset, "--out", out, *asked)
-    result = {
-        "frames": num_episodes * (episode_steps + 1),
-        "picture": [height, width],
-        "dataset_mb": round(size_mb),
-        "check": check,
-        "tune_reads": some | {"episodes": min(real_episodes, num_episodes)},
-        "tune_reads_all": whole | {"episodes": num_episodes},
-        "tune_all": tuned,
-        "limit_mb": _LIMIT_MB,
-        **machine(),
-    }
-    pictures = f"of {width} × {height}"
-    measured = {
-        f"simtune check, {result['frames']:,} frames {pictures}": check,
-        f"tune reads {min(real_episodes, num_episodes)} episodes {pictures}": some,
-        f"tune reads {num_episodes} episodes {pictures}": whole,
-        f"tune to {num_episodes} episodes {pictures}": tuned,
-    }
-    rows = [{"what": what, **figures} for what, figures in measured.items() if figures]
+            run = measure(
+                _CLI, "tune", "cartpole", "--real", dataset, "--out", f"{folder}/run", *asked
+            )
+            measured[f"tune to {num_episodes} episodes"] = run
+    rows = [{"what": f"{w} of {width} × {height}", **figures} for w, figures in measured.items()]
     record_figures(record, ("what",), rows)
-    print(json.dumps(result))
+    facts = {"picture": [height, width], "dataset_mb": round(size_mb), "limit_mb": _LIMIT_MB}
+    print(json.dumps({"frames": num_frames, **facts, "measured": measured, **machine()}))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The wheel, as `make dist` builds it, in an environment that does not know the repository."""
 
 import importlib.util
+import json
 import os
 import subprocess
 import sys
@@ -86,3 +87,14 @@ def test_the_wheel_works_without_the_repository(installed, tmp_path):
     (run_folder / "config.json").write_text('{"config": {"task": "rope_peg"}}')
     run(simtune, "report", run_folder, cwd=tmp_path)
     assert "rope_peg" in (run_folder / "report.html").read_text()
+
+
+def test_the_wheel_tunes(installed, tmp_path):
+    simtune = installed / "simtune"
+    asked = ("--real", "pseudo", "--real-episodes", "3", "--budget-minutes", "1.5")
+    run(simtune, "tune", "cartpole", *asked, "--out", "found", cwd=tmp_path)
+    result = json.loads((tmp_path / "found" / "result.json").read_text())
+    assert result["percent_error"] < 15  # it began at 50 to 100
+    assert "pole_mass" in (tmp_path / "found" / "report.html").read_text()
+    run(simtune, "export", "found", "--out", "tuned", cwd=tmp_path)
+    assert (tmp_path / "tuned" / "model.xml").is_file()

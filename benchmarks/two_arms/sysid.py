@@ -91,7 +91,7 @@ def _writer(parameter: Parameter) -> Callable[[mujoco.MjSpec, Any], None]:
         elif parameter.field == "actuator_biasprm":
             spec.actuator(name).biasprm[2] = -value
         else:
-            raise NotImplementedError(parameter.field)
+            raise ValueError(f"tune.toml tunes {parameter.field}, which this comparison cannot")
 
     return write
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
+from simtune.columns import aligned
 from simtune.report.words import MISSING, interval, number, percent, share, unit
 from simtune.validate import is_number
 
@@ -17,16 +18,8 @@ def lines(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) ->
 
     `verdicts`: whether anything was searched for.
     """
-    head, *rows = table_rows(parameters, verdicts)
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    aligned = []
-    for row in (head, *rows):
-        cells = [
-            f"{cell:{'<' if name in _TEXTS else '>'}{width}s}"
-            for name, cell, width in zip(head, row, widths, strict=True)
-        ]
-        aligned.append("  ".join(cells).rstrip())
-    return aligned
+    rows = table_rows(parameters, verdicts)
+    return aligned(rows, left=[i for i, name in enumerate(rows[0]) if name in _TEXTS])
 
 
 def html(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) -> str:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from simtune.checking.aligned import aligned
+from simtune.columns import aligned
 
 _HEAD = ("joint", "moves", "lag", "steps", "offset", "left", "with a lag of 1st order", "noise")
 _LEGEND = (
@@ -14,7 +14,8 @@ _LEGEND = (
 
 def servo_lines(servos: dict[str, dict[str, Any]]) -> list[str]:
     """A line a joint, in its unit, but for those too small: in thousandths of it."""
-    return [*aligned([_HEAD, *(_cells(name, s) for name, s in servos.items())]), "", *_LEGEND]
+    rows = [_HEAD, *(_cells(name, s) for name, s in servos.items())]
+    return [*aligned(rows, left=(0, len(_HEAD) - 1)), "", *_LEGEND]
 
 
 def _cells(name: str, servo: dict[str, Any]) -> tuple[str, ...]:

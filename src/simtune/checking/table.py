@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from simtune.checking.aligned import aligned
 from simtune.checking.servo_table import servo_lines
+from simtune.columns import aligned
 
 _PICTURE = ("picture", "of pixels", "motion", "at most")
 _READING = ("reads", "at most", "of")
@@ -58,7 +58,8 @@ def _rows(parameters: dict[str, dict[str, Any]]) -> list[str]:
     pictures, readings = _shown(parameters)
     columns = (*_PICTURE * pictures, *_READING * readings)
     head = ("parameter", "value", "tried", *columns, "told to", "verdict")
-    return aligned([head, *(_cells(name, p) for name, p in parameters.items())])
+    rows = [head, *(_cells(name, p) for name, p in parameters.items())]
+    return aligned(rows, left=(0, len(head) - 1))
 
 
 def _of_recordings(facts: dict[str, Any]) -> list[str]:

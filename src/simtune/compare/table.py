@@ -2,18 +2,17 @@
 
 from typing import Any
 
+from simtune.columns import aligned
+
 
 def table(result: dict[str, Any]) -> list[str]:
     """Lines of plain text."""
     runs = range(1, len(result["runs"]) + 1)
     head = ("parameter", *(t for i in runs for t in (f"run {i}", "90 % interval")), "differ by")
     rows = [head, *(_cells(name, p) for name, p in result["parameters"].items())]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [f"{result['task']}: " + ", ".join(f"run {i} {result['runs'][i - 1]}" for i in runs)]
-    for name, *cells in rows:
-        columns = [f"{cell:>{width}s}" for cell, width in zip(cells, widths[1:], strict=True)]
-        lines.append("  ".join([f"{name:{widths[0]}s}", *columns]))
-    return [*lines, *(f"note: {note}" for note in result["notes"]), _says(result)]
+    notes = (f"note: {note}" for note in result["notes"])
+    return [*lines, *aligned(rows, left=[0]), *notes, _says(result)]
 
 
 def _cells(name: str, p: dict[str, Any]) -> tuple[str, ...]:

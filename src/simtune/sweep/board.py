@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from threading import Lock
 
+from simtune.columns import aligned
 from simtune.report.words import duration
 from simtune.run import write_json
 from simtune.sweep.asked import AskedRun
@@ -74,12 +75,10 @@ class Board:
             method = run.options.get("method", run.command)
             status = "running" if run.name in self._running else self.standings[run.name].status
             groups.setdefault(f"{Path(run.options['task']).stem} {method}", Counter())[status] += 1
-        width = max(map(len, groups))
-        lines = [" " * width + "".join(f"{column:>9s}" for column in _COLUMNS)]
+        rows: list[tuple[str, ...]] = [("", *_COLUMNS)]
         for name, counts in groups.items():
-            cells = (str(counts[column] or "·") for column in _COLUMNS)
-            lines.append(name.ljust(width) + "".join(f"{cell:>9s}" for cell in cells))
-        return [*lines, self._total()]
+            rows.append((name, *(str(counts[column] or "·") for column in _COLUMNS)))
+        return [*aligned(rows, left=[0]), self._total()]
 
     def _write(self) -> None:
         """Replace sweep.json. With a full disk the former one stays until the next time."""
