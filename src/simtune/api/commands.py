@@ -11,16 +11,19 @@ from contextlib import contextmanager
 from dataclasses import fields
 from os import PathLike, fspath
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from simtune import tasks
 from simtune.algorithm import train as carry_out_training
+from simtune.api.arrays import RealLike, write_arrays
 from simtune.api.result import CheckResult, Result
 from simtune.checking import check as carry_out_check
 from simtune.config import CheckConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError, UnknownName
 from simtune.progress import ProgressBar, ReportProgress, silent
 from simtune.report.data import read_finished
+from simtune.run.config import FILMED, stored_config
 from simtune.tasks import AnyTask
 from simtune.tuning_run import tune as carry_out_tuning
 
@@ -41,17 +44,17 @@ def load_task(task: str | PathLike[str]) -> AnyTask:
 def check(
     task: TaskLike,
     *,
-    real: str | PathLike[str] | None = None,
+    real: RealLike | None = None,
     progress: bool = False,
     **options: Any,
 ) -> CheckResult:
     """What each parameter changes, how well it can be known, and whether recordings are sound.
 
-    `real`: recordings. Other options: docs/commands/check.md. The result is a dict, and shows
-    itself as the command's table.
+    `real`: recordings, a path or a list of dicts of arrays (docs/recordings.md). Other options:
+    docs/commands/check.md. The result is a dict, and shows itself as the command's table.
     """
-    with _in_python(), _progress(progress) as report:
-        config = _config(CheckConfig, task, options | {"real": real})
+    with _in_python(), _progress(progress) as report, TemporaryDirectory() as folder:
+        config = _config(CheckConfig, task, options | {"real": _recordings(real, Path(folder))})
         return CheckResult(carry_out_check(config, report))
 
 
@@ -59,7 +62,7 @@ def tune(
     task: TaskLike,
     *,
     out: str | PathLike[str],
-    real: str | PathLike[str] = "pseudo",
+    real: RealLike = "pseudo",
     real_episodes: int | None = None,
     budget_minutes: float = TuneConfig.budget_minutes,
     precision: str = TuneConfig.precision,
@@ -69,13 +72,15 @@ def tune(
 ) -> Result:
     """Find the parameters of a real world from video, actions and joint readings.
 
-    `real`: recordings, or "pseudo", a simulated world to try with. `out`: the run's folder; the
-    same call goes on with a run that was interrupted. `budget_minutes`: wall time at most.
-    `precision`: when to stop before, such as "1%". Other options: docs/commands/tune.md.
+    `real`: recordings, a path or a list of dicts of arrays (docs/recordings.md), which are written
+    into `out`; or "pseudo", a simulated world to try with. `out`: the run's folder; the same call
+    goes on with a run that was interrupted. `budget_minutes`: wall time at most. `precision`: when
+    to stop before, such as "1%". Other options: docs/commands/tune.md.
     """
-    options |= {"out": out, "real": real, "real_episodes": real_episodes, "seed": seed}
+    options |= {"out": out, "real_episodes": real_episodes, "seed": seed}
     options |= {"budget_minutes": budget_minutes, "precision": precision}
     with _in_python(), _progress(progress, 60 * budget_minutes) as report:
+        options["real"] = _recordings_of_run(real, Path(out))
         carry_out_tuning(_config(TuneConfig, task, options), report)
     return load(out)
 
@@ -84,7 +89,7 @@ def train(
     task: TaskLike,
     *,
     out: str | PathLike[str],
-    real: str | PathLike[str] = "pseudo",
+    real: RealLike = "pseudo",
     method: str = TrainConfig.method,
     policy_steps: int | None = None,
     seed: int = 0,
@@ -97,9 +102,9 @@ def train(
     which the policy learns, by default the task's. Other options: docs/commands/train.md. How
     often the policy succeeds is in `Result.content`.
     """
-    options |= {"out": out, "real": real, "method": method, "seed": seed}
-    options |= {"policy_steps": policy_steps}
+    options |= {"out": out, "method": method, "seed": seed, "policy_steps": policy_steps}
     with _in_python(), _progress(progress) as report:
+        options["real"] = _recordings_of_run(real, Path(out))
         carry_out_training(_config(TrainConfig, task, options), report)
     return load(out)
 
@@ -107,6 +112,16 @@ def train(
 def load(run: str | PathLike[str]) -> Result:
     """What a finished run of `tune` or `train` found. Raises ValueError for what is none."""
     return Result(read_finished(Path(run)))
+
+
+def _recordings_of_run(real: RealLike, out: Path) -> str | PathLike[str]:
+    stored_config(out)  # refuses what cannot be a run's folder, before arrays are written
+    return _recordings(real, out / FILMED)
+
+
+def _recordings(real: Any, folder: Path) -> Any:
+    """Where recordings are: arrays are written into `folder`."""
+    return real if real is None or isinstance(real, str | PathLike) else write_arrays(real, folder)
 
 
 def _config(kind: type[_Config], task: TaskLike, options: dict[str, Any]) -> _Config:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 from simtune.errors import InputError
 from simtune.footage import PLAIN, Footage
+from simtune.recordings.arrays import ENDING as ARRAYS
+from simtune.recordings.arrays import ArraysSource
 from simtune.recordings.dataset import Dataset
 from simtune.recordings.film import Film, Shot
 from simtune.recordings.lerobot import INFO_PATH, LeRobotSource
@@ -26,7 +28,7 @@ def open_dataset(
     control_hz: float | None = None,
     readings: Mapping[str, Sequence[str]] = NO_READINGS,
 ) -> Dataset:
-    """A LeRobotDataset v3.0 or v2, a folder of pairs NAME.mp4 and NAME.csv, or robomimic's HDF5.
+    """A LeRobotDataset v3.0 or v2, robomimic's HDF5, or a folder of arrays or of pairs.
 
     What describes the episodes is read and checked, and no picture yet. `cameras` are those of the
     recordings' that are looked at; one whose key is None is the only one there. For the rest see
@@ -61,11 +63,13 @@ def _recognise(
         if len(hdf5) > 1:
             raise InputError(f"{path}: has several HDF5 files, give one of them: {short(hdf5)}")
         return RobomimicSource(path / hdf5[0], camera, control_hz, pictures=pictures)
+    if any(name.endswith(ARRAYS) for name in names):
+        return ArraysSource(path, camera, pictures=pictures)
     if any(name.lower().endswith((*VIDEOS, TABLE)) for name in names):
         return PairsSource(path, camera, pictures=pictures)
     raise InputError(
         f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset), *.hdf5 "
-        "(robomimic) and pairs of NAME.mp4 and NAME.csv, see docs/recordings.md; "
+        "(robomimic), *.npz and pairs of NAME.mp4 and NAME.csv, see docs/recordings.md; "
         + (f"it holds: {short(names)}" if names else "it is empty")
     )
 

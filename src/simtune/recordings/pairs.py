@@ -3,7 +3,6 @@
 Or of videos alone, of what moves without any action.
 """
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from simtune.recordings import video
 from simtune.recordings.csv_table import MEASURED, is_reading, is_time, read_header, read_rows
 from simtune.recordings.readings import gather, readings_of
 from simtune.recordings.resample import typical_step_s
-from simtune.recordings.source import Reading, Rows, first_wrong, is_rate, short
+from simtune.recordings.source import Reading, Rows, first_wrong, is_rate, natural, short
 
 VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # in any case of letters
 
@@ -38,7 +37,7 @@ class PairsSource:
         self._tables = _by_name(path for path in seen if path.suffix.lower() == TABLE)
         self._check_partners()
         self._is_acted_on = bool(self._tables)
-        self.episodes: Sequence[str] = sorted(self._tables or self._videos, key=_natural)
+        self.episodes: Sequence[str] = sorted(self._tables or self._videos, key=natural)
         self._header = read_header(self._table(0)) if self._tables else []
         self._is_timed = any(map(is_time, self._header))
         measured = [name for name in self._header if is_reading(name)]
@@ -156,8 +155,3 @@ def _by_name(paths: Iterable[Path]) -> dict[str, Path]:
             raise InputError(f"{path} and {found[path.stem].name} have one name; rename one")
         found[path.stem] = path
     return found
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Sorts swing2 before swing10."""
-    return [(int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", name)]

@@ -1,5 +1,6 @@
 """What each kind of recordings has to tell; what all of them share is in `dataset.py`."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -87,6 +88,11 @@ def is_rate(fps: object) -> TypeGuard[int | float]:
 def first_wrong(wrong: np.ndarray) -> int | None:
     """The first of (T,) rows, some of which may be `wrong`; None: none is."""
     return int(wrong.argmax()) if wrong.any() else None
+
+
+def natural(name: str) -> list[tuple[int, str]]:
+    """Sorts swing2 before swing10."""
+    return [(int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", name)]
 
 
 def short(names: Sequence[str], most: int = 12) -> str:

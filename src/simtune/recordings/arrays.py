@@ -1,0 +1,154 @@
+"""A folder of NumPy's NAME.npz, an episode each: what Python has in memory (docs/recordings.md)."""
+
+import math
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.recordings.readings import gather, readings_of
+from simtune.recordings.source import (
+    MOST_ACTIONS,
+    MOST_ROWS,
+    Reading,
+    Rows,
+    choose_camera,
+    is_rate,
+    natural,
+    short,
+)
+from simtune.recordings.video import MOST_PIXELS
+
+ENDING = ".npz"
+_OF_ACTIONS = ("actions", "action_names", "hz")
+
+
+class ArraysSource:
+    """Episodes with `hz`, `actions` (T, A) and perhaps their `action_names` (A,).
+
+    `frames` (T + 1, H, W, 3) uint8, or `frames.NAME` of each camera, are before each action and
+    after the last; the last one may be missing. Other arrays are readings, as many as frames.
+    Raises InputError where a file is not so.
+    """
+
+    kind = "folder of arrays"
+    codec = "raw"
+
+    def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
+        self.path = folder
+        self.files: Sequence[Path] = sorted(
+            folder.glob(f"*{ENDING}"), key=lambda path: natural(path.stem)
+        )
+        self.episodes: Sequence[str] = [path.stem for path in self.files]
+        self.robot_type: str | None = None
+        first = _Episode.load(self.files[0])
+        self.camera = _choose_camera(folder, first, camera) if pictures else None
+        self.fps = float(first.numbers("hz", ndim=0))
+        if not is_rate(self.fps):
+            raise InputError(f"{first.path}: expected hz as rows a second, got {self.fps:g}")
+        self.action_names = first.action_names()
+        self.readings: Sequence[Reading] = [
+            reading
+            for key in sorted(first.arrays)
+            if key not in _OF_ACTIONS and not _is_camera(key)
+            for reading in readings_of(key, (), first.table(key).shape[1])
+        ]
+
+    def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
+        stored = _Episode.load(self.files[episode])
+        actions = stored.table("actions")
+        if actions.shape[1] != len(self.action_names):
+            raise InputError(
+                f"{stored.path}: expected {len(self.action_names)} actions, as in "
+                f"{self.files[0].name}, got {actions.shape[1]}"
+            )
+        keys = {reading.key for reading in readings} | ({self.camera} if self.camera else set())
+        lengths = {key: len(stored.numbers(key)) for key in keys}
+        if len(actions) < 2 or set(lengths.values()) - {len(actions), len(actions) + 1}:
+            raise InputError(
+                f"{stored.path}: expected at least 2 actions, and a row before each, perhaps one "
+                f"after the last; got {len(actions)} actions and rows {lengths}"
+            )
+        num = min(lengths.values(), default=len(actions))
+        # What is done after the last picture is not asked for.
+        actions = np.concatenate([actions, actions[-1:]])[:num]
+        times_s = np.arange(num) / self.fps
+        found = gather(readings, num, lambda key: stored.table(key)[:num])
+        return Rows(actions, times_s, float(times_s[-1]), found)
+
+    def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
+        assert self.camera is not None, "opened with pictures"
+        stored = _Episode.load(self.files[episode])
+        frames = stored.numbers(self.camera, ndim=4)
+        height, width, channels = frames.shape[1:]
+        if frames.dtype != np.uint8 or channels != 3 or not 0 < height * width <= MOST_PIXELS:
+            raise InputError(
+                f"{stored.path}: expected {self.camera} as (T + 1, H, W, 3) uint8, got "
+                f"{frames.shape} {frames.dtype}"
+            )
+        for row in np.rint(times_s * self.fps).astype(int).clip(max=len(frames) - 1):
+            yield row / self.fps, frames[row]
+
+
+@dataclass(frozen=True)
+class _Episode:
+    path: Path
+    arrays: Mapping[str, np.ndarray]
+
+    @classmethod
+    def load(cls, path: Path) -> "_Episode":
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return cls(path, dict(file))
+        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+            reason = str(error).splitlines()[0] if str(error) else "damaged"
+            raise InputError(
+                f"{path}: not readable as arrays ({reason}); expected a file of numpy.savez"
+            ) from None
+
+    def numbers(self, key: str, ndim: int | None = None) -> np.ndarray:
+        """An array of numbers, of so many axes. Raises InputError where there is none."""
+        if key not in self.arrays:
+            raise InputError(f"{self.path}: has no {key}; there are: {short(sorted(self.arrays))}")
+        found = self.arrays[key]
+        if found.dtype.kind not in "fiu" or ndim not in (None, found.ndim):
+            axes = "" if ndim is None else f" of {ndim} axes"
+            raise InputError(
+                f"{self.path}: expected {key} as numbers{axes}, got {found.shape} {found.dtype}"
+            )
+        return found
+
+    def table(self, key: str) -> np.ndarray:
+        """(T, D) float64 of numbers (T, D) or (T,)."""
+        found = self.numbers(key)
+        width = math.prod(found.shape[1:])
+        if found.ndim not in (1, 2) or len(found) > MOST_ROWS or width > MOST_ACTIONS:
+            raise InputError(
+                f"{self.path}: expected {key} as (T, D) with T up to {MOST_ROWS} and D up to "
+                f"{MOST_ACTIONS}, got {found.shape}"
+            )
+        return found.astype(np.float64).reshape(len(found), width)
+
+    def action_names(self) -> tuple[str, ...]:
+        num = self.table("actions").shape[1]
+        names = self.arrays.get("action_names", np.array([f"action_{i}" for i in range(num)]))
+        if names.shape != (num,) or names.dtype.kind not in "U" + "f" * (num == 0):
+            raise InputError(f"{self.path}: expected action_names as {num} texts, got {names}")
+        return tuple(map(str, names.tolist()))
+
+
+def _is_camera(key: str) -> bool:
+    return key == "frames" or key.startswith("frames.")
+
+
+def _choose_camera(folder: Path, episode: _Episode, asked: str | None) -> str:
+    cameras = [key for key in sorted(episode.arrays) if _is_camera(key)]
+    if not cameras:
+        raise InputError(
+            f"{episode.path}: has no pictures; expected frames (T + 1, H, W, 3) uint8, there are: "
+            f"{short(sorted(episode.arrays))}"
+        )
+    return choose_camera(folder, cameras, asked, "frames.{}")

@@ -1,0 +1,137 @@
+"""Recordings as arrays: files of numpy.savez, and what Python has in memory."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_recording_kinds import FPS, NUM_STEPS, actions, assert_whole, grey, message, shown
+
+import simtune
+from simtune.api.arrays import write_arrays
+from simtune.config import RealConfig
+from simtune.errors import InputError
+from simtune.footage import Footage
+from simtune.real.choose import choose_real
+from simtune.recordings import open_dataset
+from simtune.tasks import load_task
+from simtune.tuning_run import tune as tune_from_options
+
+
+def episode(**changed) -> dict:
+    plain = {"hz": FPS, "actions": actions(), "frames": grey(range(NUM_STEPS + 1))}
+    return {key: value for key, value in (plain | changed).items() if value is not None}
+
+
+def write(folder: Path, *episodes: dict) -> Path:
+    folder.mkdir()
+    for i, arrays in enumerate(episodes or (episode(),)):
+        np.savez(folder / f"swing{i + 9}.npz", **arrays)
+    return folder
+
+
+def test_a_frame_before_each_action_and_one_after_the_last(tmp_path):
+    dataset = open_dataset(write(tmp_path / "a", episode(), episode(hz=FPS)), num_actions=3)
+    assert_whole(dataset)
+    assert list(dataset.episodes) == ["swing9", "swing10"]  # as people count
+    assert dataset.action_names == ("action_0", "action_1", "action_2")
+
+
+def test_without_the_last_frame_the_last_action_is_left_out(tmp_path):
+    cut = episode(frames=grey(range(NUM_STEPS)))
+    assert_whole(open_dataset(write(tmp_path / "a", cut)), frames=NUM_STEPS)
+
+
+def test_names_cameras_and_readings(tmp_path):
+    joints = np.arange(2.0 * (NUM_STEPS + 1)).reshape(-1, 2)
+    several = episode(
+        frames=None,
+        joints=joints,
+        force=joints[:, 0],
+        action_names=["x", "y", "grip"],
+        **{"frames.front": grey(range(NUM_STEPS + 1)), "frames.wrist": grey([3] * (NUM_STEPS + 1))},
+    )
+    folder = write(tmp_path / "a", several)
+    asked = {"sensor": ["joints", "force"]}
+    dataset = open_dataset(folder, cameras=[Footage(key="wrist")], actions=["grip"], readings=asked)
+    trajectory = dataset.read(0)
+    assert set(shown(trajectory.frames)) == {3}
+    np.testing.assert_array_equal(trajectory.actions, actions()[:, 2:])
+    expected = np.column_stack([joints, joints[:, 0]])
+    np.testing.assert_allclose(trajectory.readings["sensor"], expected)
+    assert "has several cameras" in message(folder)
+    assert open_dataset(folder, cameras=(), readings=asked).read(0).frames.size == 0
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"hz": None}, "has no hz; there are: actions, frames"),
+        ({"hz": 0.0}, "expected hz as rows a second, got 0"),
+        ({"frames": None}, "has no pictures; expected frames (T + 1, H, W, 3) uint8"),
+        ({"frames": np.zeros((25, 8, 8, 3))}, "expected frames as (T + 1, H, W, 3) uint8"),
+        ({"frames": np.zeros((25, 8, 8), np.uint8)}, "expected frames as numbers of 4 axes"),
+        ({"frames": grey(range(9))}, "got 24 actions and rows {'frames': 9}"),
+        ({"actions": np.zeros((24, 2, 2))}, "expected actions as (T, D)"),
+        ({"actions": np.array(["up"] * 24)}, "expected actions as numbers"),
+        ({"actions": np.full((24, 3), np.nan)}, "action"),
+        ({"action_names": ["x"]}, "expected action_names as 3 texts"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_line(tmp_path, changed, said):
+    text = message(write(tmp_path / "a", episode(**changed)))
+    assert said in text
+    assert "\n" not in text
+
+
+def test_damaged_files_and_other_episodes_are_said_in_a_line(tmp_path):
+    folder = write(tmp_path / "a", episode(), episode(actions=actions()[:, :2]))
+    assert "expected 3 actions, as in swing9.npz, got 2" in message(folder)
+    path = folder / "swing9.npz"
+    whole = path.read_bytes()
+    for damaged in (b"", b"no zip", whole[: len(whole) // 2], b"PK" + whole[40:]):
+        path.write_bytes(damaged)
+        assert "not readable as arrays" in message(folder)
+
+
+def test_arrays_in_memory_are_written_once_by_what_they_hold(tmp_path):
+    one, again = (write_arrays([episode(), episode()], tmp_path) for _ in range(2))
+    assert one == again
+    assert_whole(open_dataset(one))
+    assert write_arrays([episode(hz=FPS + 1)], tmp_path) != one
+    assert {path.name for path in one.iterdir()} == {"episode_0.npz", "episode_1.npz"}
+    with pytest.raises(InputError, match="holds no episode"):
+        write_arrays([], tmp_path)
+    with pytest.raises(InputError, match=r"real\[0\] is a list; expected a dict"):
+        write_arrays([[1]], tmp_path)
+    with pytest.raises(InputError, match=r"real\[0\]: expected frames as numbers, got object"):
+        write_arrays([episode(frames=[None])], tmp_path)
+
+
+@pytest.mark.thorough
+def test_check_takes_arrays():
+    rng = np.random.default_rng(0)
+    frames = rng.integers(0, 255, (30, 48, 64, 3), np.uint8)
+    real = [{"hz": 12.5, "actions": rng.uniform(-1, 1, (29, 1)), "frames": frames}]
+    found = simtune.check("cartpole", real=real)
+    assert found["recordings"]["episodes"] == 1
+    assert "folder of arrays" in str(found)
+
+
+@pytest.mark.thorough
+def test_a_run_of_arrays_keeps_them_and_goes_on_with_the_same(quickly, tmp_path, monkeypatch):
+    world, _, _ = choose_real(RealConfig(), load_task("cartpole"), 64)
+    real = [
+        {"hz": 1 / film.step_s, "actions": film.actions, "frames": film.frames}
+        for film in world.collect(2)
+    ]
+    with quickly() as settings:
+        quick = partial(tune_from_options, settings=settings)
+        monkeypatch.setattr("simtune.api.commands.carry_out_tuning", quick)
+        tune = partial(simtune.tune, "cartpole", out=tmp_path / "run", seed=3)
+        found = tune(real=real)
+        assert Path(found.content["recordings"]["folder"]).parent == tmp_path / "run" / "filmed"
+        assert tune(real=real).content == found.content
+        real[0]["frames"] = 255 - real[0]["frames"]
+        with pytest.raises(ValueError, match=r"holds a run with .*dataset_hash = "):
+            tune(real=real)
