@@ -44,6 +44,9 @@ class ReportCommand:
     """A folder that `simtune tune` or `simtune train` wrote."""
     open: bool = False
     """Show it in the browser."""
+    rerun: Path | None = None
+    """Write a file for the Rerun viewer, too, NAME.rrd: the videos, joint readings and estimates
+    over time. Needs simtune[rerun]."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +161,11 @@ def _run(command: Any) -> None:
 
             page = write_report(command.run_folder)
             print(page)
+            if command.rerun:
+                from simtune.report.rerun_file import write_rerun
+
+                write_rerun(command.run_folder, command.rerun)
+                print(command.rerun)
             if command.open:
                 webbrowser.open(page.resolve().as_uri())
         case SweepConfig():

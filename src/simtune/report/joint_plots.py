@@ -18,7 +18,7 @@ _SMALL = 0.5  # what is left, where no number is larger, is written in thousandt
 
 def reading_plot(run: RunData, label: str) -> Plot | None:
     """Measured, and simulated before and after, over the first episode; None of what is unknown."""
-    curves = _curves(run, label)
+    curves = curves_of(run, label)
     if "measured" not in curves:
         return None
     title = f"{label}: measured, and simulated before and after, over time"
@@ -27,7 +27,7 @@ def reading_plot(run: RunData, label: str) -> Plot | None:
 
 def error_plot(run: RunData, label: str) -> Plot | None:
     """Simulated − measured, before and after."""
-    curves = _curves(run, label)
+    curves = curves_of(run, label)
     measured = curves.pop("measured", None)
     if measured is None or not curves:
         return None
@@ -94,7 +94,7 @@ def _lines(times: np.ndarray, values: np.ndarray) -> list[list[tuple[float, floa
     return [line for is_known, its in stretches if is_known and len(line := list(its)) > 1]
 
 
-def _curves(run: RunData, label: str) -> dict[str, np.ndarray]:
+def curves_of(run: RunData, label: str) -> dict[str, np.ndarray]:
     """{"measured", "before", "after": (T + 1,)} of what there is; NaN where nothing is known."""
     its, found = _of(run, label), {}
     for name in _KINDS:

@@ -1,0 +1,66 @@
+"""What a run saw and made of it, for the Rerun viewer: videos, joints and estimates over time."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.report.data import VIDEOS, RunData, read_run
+from simtune.report.joint_plots import curves_of
+
+
+def write_rerun(run_folder: Path, path: Path) -> None:
+    """Write `path`, NAME.rrd, of a run folder.
+
+    On the timeline `time`, seconds of an episode: videos/real, before, after and overlay, and of
+    joint readings joints/READING/measured, before and after. On `round`: estimates/PARAMETER/mean,
+    low and high. Raises InputError where rerun-sdk is missing, or for a damaged run.
+    """
+    run = read_run(run_folder)
+    try:
+        import rerun  # type: ignore[import-not-found]
+    except ImportError:
+        raise InputError("a Rerun file needs rerun-sdk: pip install 'simtune[rerun]'") from None
+    stream = rerun.RecordingStream(f"simtune {run.get('task')}")
+    try:
+        stream.save(path)
+    except Exception as error:  # rerun's own kind
+        raise InputError(f"cannot write {path}: {error}") from None
+    _send_videos(rerun, stream, run)
+    for place, timeline, values in _curves(run):
+        times = {("sequence" if timeline == "round" else "duration"): values[0]}
+        stream.send_columns(
+            place,
+            indexes=[rerun.TimeColumn(timeline, **times)],
+            columns=rerun.Scalars.columns(scalars=values[1]),
+        )
+    stream.flush()
+
+
+def _send_videos(rerun: Any, stream: Any, run: RunData) -> None:
+    for name in (name for name in VIDEOS if name in run.videos):
+        video = rerun.AssetVideo(contents=run.videos[name], media_type="video/mp4")
+        stream.log(f"videos/{name}", video, static=True)
+        stamps_ns = video.read_frame_timestamps_nanos()
+        stream.send_columns(
+            f"videos/{name}",
+            indexes=[rerun.TimeColumn("time", duration=1e-9 * stamps_ns)],
+            columns=rerun.VideoFrameReference.columns_nanos(stamps_ns),
+        )
+
+
+def _curves(run: RunData) -> list[tuple[str, str, tuple[np.ndarray, np.ndarray]]]:
+    """(where, on which timeline, (when, (T,) numbers)) of all that has some."""
+    curves = []
+    for label in run.readings:
+        for kind, values in curves_of(run, label).items():
+            times_s = np.arange(len(values)) * float(run.replay["step_s"])
+            curves.append((f"joints/{label}/{kind}", "time", (times_s, values)))
+    for name in run.parameters:
+        history = run.history(name)
+        rounds = np.array([int(estimate.round) for estimate in history])
+        for figure in ("mean", "low", "high"):
+            values = np.array([getattr(estimate, figure) for estimate in history])
+            curves.append((f"estimates/{name}/{figure}", "round", (rounds, values)))
+    return [curve for curve in curves if len(curve[2][1])]
