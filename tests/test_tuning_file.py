@@ -165,9 +165,9 @@ def test_the_example_scene_moves_and_is_lit():
 # --- the file itself ------------------------------------------------------------------------
 
 
-def test_a_short_file_has_usual_values(load):
+def test_a_short_file_has_usual_values(load, tmp_path):
     task = load(HEAD + MASS)
-    assert (task.name, task.cameras[0].camera, task.episode_steps) == ("tune", "front", 200)
+    assert (task.name, task.cameras[0].camera, task.episode_steps) == (tmp_path.name, "front", 200)
     assert (task.control_timestep_s, task.action_repeat) == (0.05, 1)
     assert task.reward is None
     assert isinstance(task.load_actions(), DirectActions)
@@ -175,7 +175,7 @@ def test_a_short_file_has_usual_values(load):
     assert (simulator.step_s, simulator.num_substeps, simulator.num_actions) == (0.05, 10, 3)
 
 
-def test_a_long_file_says_it_all(load):
+def test_a_long_file_says_it_all(load, tmp_path):
     top = 'name = "bench"\ndescription = "d"\naction_repeat = 2\nepisode_steps = 40\n'
     task = load(HEAD + top + MASS)
     assert (task.name, task.description, task.step_s) == ("bench", "d", 0.1)

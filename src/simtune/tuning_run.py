@@ -18,6 +18,7 @@ log = logging.getLogger(__name__)
 # slowly at first does so at the end.
 _AT_THE_END_S = (6.0, 30.0)
 _SURELY = 0.6  # of what was timed, in a moment that may have been a busy one
+_TIME_IS_OVER = "the time is over, or too short for another round"
 _WORTHWHILE = 0.6  # of the last round's time: it knows where to search
 
 
@@ -61,7 +62,7 @@ def tune(
             run.step = experiment.simulator.num_steps
             run.log_round(found, len(real))
             run.save()
-        stopped = {"stopped": search.stop_reason or "the time is over"}
+        stopped = {"stopped": search.stop_reason or _TIME_IS_OVER}
         return run.finish(real, stopped, warnings, command)
 
 

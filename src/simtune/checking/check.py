@@ -9,6 +9,7 @@ from simtune.checking.conclusions import conclude
 from simtune.checking.film import compare
 from simtune.checking.film_picture import Shown, draw_film, new_file
 from simtune.checking.library import MOST_STEPS, make_libraries
+from simtune.checking.limits import joints_at_limits
 from simtune.checking.readings import ReadEpisodes, read_episodes, reading_changes
 from simtune.checking.recording_warnings import warnings
 from simtune.config import CheckConfig
@@ -59,6 +60,8 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
         readings, assumed = reading_changes(simulator, seen, actions, read, config.seed)
         facts["assumed"] = assumed
     information = analyze(simulator, actions, config.seed, seen, readings)
+    if stuck := joints_at_limits(task.load_model(), simulator, actions, config.seed):
+        facts["warnings"] = [*facts.get("warnings", ()), *stuck]
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return plain(facts | conclude(task.parameters, information))
 

@@ -142,7 +142,8 @@ class PairsSource:
         if times_s[-1] > seen_s[-1] + 1.02 * spare_s:
             raise InputError(
                 f"{path}: actions until {times_s[-1]:g} s, {self._video(episode).name} ends at "
-                f"{seen_s[-1]:g} s; expected seconds since the video's first frame"
+                f"{seen_s[-1]:g} s; expected seconds since the video's first frame; is the video "
+                "whole?"
             )
         return times_s, min(float(seen_s[-1]), float(times_s[-1]) + step_s)
 

@@ -16,8 +16,10 @@ from av.video.reformatter import Interpolation
 from simtune.errors import InputError
 
 # swscale's default way from YUV to RGB rounds down: every colour 1 of 255 too dark, and chroma
-# unsmoothed. This one halves the error at the same speed.
-_ACCURATE = Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
+# unsmoothed. This one halves the error at the same speed; PyAV before 18 does not know it.
+_ACCURATE = Interpolation.BICUBIC
+if hasattr(Interpolation, "ACCURATE_RND"):
+    _ACCURATE |= Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
 
 # 8K. A decoder holds a dozen pictures, and takes a file's word for how large they are.
 MOST_PIXELS = 7680 * 4320

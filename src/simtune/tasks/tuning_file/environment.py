@@ -6,7 +6,7 @@ from typing import Any
 from simtune.errors import InputError
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.tasks.environment_task import EnvironmentTask
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.tasks.tuning_file.toml_table import TomlTable, usual_name
 from simtune.tasks.tuning_file.user_code import is_in_file, load_user_code
 
 _KEYS = ("environment", "name", "description", "control_timestep_s", "episode_steps", "parameters")
@@ -25,7 +25,7 @@ def read_environment_task(file: TomlTable) -> EnvironmentTask:
     if not entries:
         raise file.error("nothing to tune: declare parameters, each after a line [[parameters]]")
     return EnvironmentTask(
-        name=file.text("name", path.stem),
+        name=file.text("name", usual_name(path)),
         description=file.text("description", f"{named}, of {path.name}"),
         declared=file.content() + source,
         make=make,

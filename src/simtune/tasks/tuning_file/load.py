@@ -13,7 +13,7 @@ from simtune.tasks.tuning_file.model import read_model
 from simtune.tasks.tuning_file.parameters import read_parameters
 from simtune.tasks.tuning_file.policy import read_policy
 from simtune.tasks.tuning_file.sensors import read_sensors
-from simtune.tasks.tuning_file.toml_table import read_toml
+from simtune.tasks.tuning_file.toml_table import read_toml, usual_name
 
 _KEYS = ("model", "name", "description", "camera", "cameras", "control_timestep_s", "action_repeat")
 _KEYS += ("episode_steps", "fixed_joints", "fixed_pose", "actuators", "actions", "initial_state")
@@ -49,7 +49,7 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
     actions = file.table("actions")
     map_actions = read_actions(actions, model)
     return Task(
-        name=file.text("name", path.stem),
+        name=file.text("name", usual_name(path)),
         description=file.text("description", f"{file.text('model')}, of {path.name}"),
         declared=file.content(without="policy") + "".join(f.content() for f in footage),
         load_spec=load_spec,

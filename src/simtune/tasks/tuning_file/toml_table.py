@@ -16,6 +16,11 @@ from simtune.validate import is_number
 _REQUIRED: Any = object()
 
 
+def usual_name(path: Path) -> str:
+    """Of what a tuning file declares: the file's, or its folder's where it is called tune.toml."""
+    return path.resolve().parent.name if path.stem == "tune" else path.stem
+
+
 def read_toml(file: Path) -> "TomlTable":
     """The whole of a file. Raises InputError for one that cannot be read or is no TOML."""
     try:

@@ -1,0 +1,54 @@
+"""Joints that the model keeps at their limits, whatever actions ask of them."""
+
+import mujoco
+import numpy as np
+
+from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.simulation import Simulator
+
+_AT_LIMIT = 0.02  # of a joint's range: limits are soft
+_NEARLY_ALWAYS = 0.8  # of all steps
+
+
+def joints_at_limits(
+    model: mujoco.MjModel, simulator: Simulator, actions: np.ndarray, seed: int
+) -> list[str]:
+    """A sentence for each driven joint that actions (E, T, A) leave at its limits, nominally."""
+    worlds = np.tile(simulator.space.nominal, (len(actions), 1))
+    rollouts = simulator.roll_out(worlds, actions, np.random.default_rng((seed, 5)))
+    positions = simulator.state_space.positions_and_velocities(rollouts.states)
+    return [
+        _says(model, joint, share)
+        for joint in _driven(model)
+        if (share := _share_at_limit(model, joint, positions)) > _NEARLY_ALWAYS
+    ]
+
+
+def _driven(model: mujoco.MjModel) -> list[int]:
+    """Hinges and slides with limits that an actuator acts on."""
+    of_joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    return [
+        joint
+        for joint in np.unique(model.actuator_trnid[of_joints, 0]).tolist()
+        if model.jnt_limited[joint] and model.jnt_type[joint] in HINGE_OR_SLIDE
+    ]
+
+
+def _share_at_limit(model: mujoco.MjModel, joint: int, positions: np.ndarray) -> float:
+    """Of (E, T + 1, nq + nv)."""
+    low, high = model.jnt_range[joint]
+    at = positions[..., model.jnt_qposadr[joint]]
+    slack = _AT_LIMIT * (high - low)
+    return float(np.mean((at < low + slack) | (at > high - slack)))
+
+
+def _says(model: mujoco.MjModel, joint: int, share: float) -> str:
+    low, high = model.jnt_range[joint]
+    is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+    unit = "rad" if is_hinge else "m"
+    doubt = "; is its range in degrees where radians are meant?" if is_hinge else ""
+    name = model.joint(joint).name or joint
+    return (
+        f"joint {name} is at its limits, {low:.3g} to {high:.3g} {unit}, in {share:.0%} of the "
+        f"simulator's steps, so actions hardly move it{doubt}"
+    )

@@ -1,0 +1,50 @@
+"""Joints that the model keeps at their limits: what check says of them."""
+
+from pathlib import Path
+
+import pytest
+
+from simtune.checking import check
+from simtune.config import CheckConfig
+
+SCENE = """
+<mujoco>
+  <compiler angle="{angle}"/>
+  <worldbody>
+    <camera name="front" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>
+    <body name="arm">
+      <joint name="shoulder" axis="0 1 0" damping=".05" range="-1.6 1.6" limited="true"/>
+      <geom name="upper" type="capsule" fromto="0 0 0 .5 0 0" size=".04" mass="1"/>
+      <body name="hand" pos=".5 0 0">
+        <joint name="wrist" axis="0 1 0" damping=".01" limited="true" range="-{wrist} {wrist}"/>
+        <geom name="palm" type="capsule" fromto="0 0 0 .2 0 0" size=".03" mass=".1"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><position name="servo" joint="shoulder" kp="60" kv="3" ctrlrange="-1.4 1.4"/></actuator>
+</mujoco>
+"""
+TUNING = """
+model = "scene.xml"
+camera = "front"
+control_timestep_s = 0.05
+episode_steps = 60
+[[parameters]]
+name = "palm_mass"
+kind = "mass"
+objects = "hand"
+"""
+
+
+@pytest.mark.parametrize(("angle", "is_stuck"), [("degree", True), ("radian", False)])
+def test_a_range_in_degrees_where_radians_are_meant_is_noticed(tmp_path: Path, angle, is_stuck):
+    wrist = 1e-4  # hangs at its limit, but nothing drives it: no one expects it to move
+    (tmp_path / "scene.xml").write_text(SCENE.format(angle=angle, wrist=wrist))
+    (tmp_path / "tune.toml").write_text(TUNING)
+    found = check(CheckConfig(task=str(tmp_path / "tune.toml"), episodes=2))
+    said = [warning for warning in found.get("warnings", ()) if "at its limits" in warning]
+    assert len(said) == is_stuck
+    if is_stuck:
+        assert said[0].startswith("joint shoulder is at its limits, -0.0279 to 0.0279 rad, in ")
+        assert said[0].endswith("in degrees where radians are meant?")
+        assert found["task"] == tmp_path.name  # the file is called tune.toml
