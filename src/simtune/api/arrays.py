@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from tempfile import mkdtemp
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,12 +35,12 @@ def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         unfinished = Path(mkdtemp(dir=folder, prefix=".", suffix=".tmp"))
         for i, episode in enumerate(arrays):
-            np.savez(unfinished / f"episode_{i}.npz", allow_pickle=False, **episode)
+            np.savez(unfinished / f"episode_{i}.npz", **episode)
         unfinished.rename(out)
     return out
 
 
-def _arrays(i: int, episode: Episode) -> dict[str, np.ndarray]:
+def _arrays(i: int, episode: Episode) -> dict[str, Any]:
     if not isinstance(episode, Mapping):
         raise InputError(
             f"real[{i}] is a {type(episode).__name__}; expected a dict of frames, actions and hz, "

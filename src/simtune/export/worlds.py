@@ -5,6 +5,7 @@ import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -52,9 +53,9 @@ def write_worlds(path: Path, writer: ModelWriter, model: mujoco.MjModel, draws: 
             rows = ... if info.is_option else rows_of(world, field, name)
             each.append(np.array(info.read(world)[rows]))
     file = io.BytesIO()
-    arrays = {f"values_{i}": np.array(each) for i, each in enumerate(values)}
+    arrays: dict[str, Any] = {f"values_{i}": np.array(each) for i, each in enumerate(values)}
     arrays |= {"names": np.array(writer.space.names), "draws": draws, "targets": np.array(targets)}
-    np.savez_compressed(file, allow_pickle=False, **arrays)
+    np.savez_compressed(file, **arrays)
     write_atomically(path, file.getvalue())
 
 

@@ -5,6 +5,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import av
 import av.container
@@ -17,9 +18,10 @@ from simtune.errors import InputError
 
 # swscale's default way from YUV to RGB rounds down: every colour 1 of 255 too dark, and chroma
 # unsmoothed. This one halves the error at the same speed; PyAV before 18 does not know it.
-_ACCURATE = Interpolation.BICUBIC
+_TO_RGB: dict[str, Any] = {"format": "rgb24", "interpolation": Interpolation.BICUBIC}
 if hasattr(Interpolation, "ACCURATE_RND"):
-    _ACCURATE |= Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
+    _TO_RGB["interpolation"] |= Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
+    _TO_RGB["threads"] = 1
 
 # 8K. A decoder holds a dozen pictures, and takes a file's word for how large they are.
 MOST_PIXELS = 7680 * 4320
@@ -149,7 +151,7 @@ def _seek(
 def _to_rgb(frame: av.VideoFrame) -> np.ndarray:
     """(H, W, 3) uint8, turned as a player shows it: a phone notes down how it was held."""
     # One thread: swscale else starts threads anew for each frame, which costs ten times more.
-    pixels = frame.to_ndarray(format="rgb24", interpolation=_ACCURATE, threads=1)
+    pixels = frame.to_ndarray(**_TO_RGB)
     return np.rot90(pixels, round(frame.rotation / 90))  # counterclockwise, as the file counts
 
 
