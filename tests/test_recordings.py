@@ -490,8 +490,8 @@ def message(folder: Path, **options: object) -> str:
 
 def test_no_dataset(tmp_path: Path):
     looked_for = (
-        "HERE: no recordings; looked for meta/info.json (LeRobotDataset), *.hdf5 (robomimic) "
-        "and pairs of NAME.mp4 and NAME.csv, see docs/recordings.md; "
+        "HERE: no recordings; looked for meta/info.json (LeRobotDataset), *.hdf5 (robomimic), "
+        "*.npz and pairs of NAME.mp4 and NAME.csv, see docs/recordings.md; "
     )
     assert message(tmp_path / "none") == "HERE: no such folder; expected a folder of recordings"
     assert message(tmp_path) == looked_for + "it is empty"
