@@ -9,7 +9,7 @@ python=${PYTHON:-python3}
 xmls=mjlab/asset_zoo/robots/unitree_g1/xmls/
 "$python" "$here/../unpack_wheel.py" "${1:-mjlab==1.6.0}" $xmls "$here/model"
 "$python" - "$here/model/g1.xml" <<'PYTHON'
-import pathlib, sys
+import pathlib, re, sys
 
 # Rotors as the wheel's own constants have them (.0036 and .0043 kg·m²), seen through the gears.
 # Servos this slow need no finer steps, and nothing of this arm touches anything that is modelled.
@@ -17,6 +17,10 @@ model = pathlib.Path(sys.argv[1])
 text = model.read_text()
 text = text.replace('<default class="g1">', '<default class="g1">\n      <joint armature="0.004"/>', 1)
 option = '<option timestep="0.005" integrator="implicitfast"><flag contact="disable"/></option>'
-model.write_text(text.replace("<default>", option + "\n\n  <default>", 1))
+text = text.replace("<default>", option + "\n\n  <default>", 1)
+# Its hands are other ones than the model's: a camera had better see none than wrong ones.
+text, hands = re.subn(r'<geom [^>]*mesh="(left|right)_rubber_hand"[^>]*/>', "", text)
+assert hands == 2, "another version of the model"
+model.write_text(text)
 PYTHON
 echo "$here/model/g1.xml"

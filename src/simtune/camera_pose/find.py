@@ -8,7 +8,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.camera_pose.robot import Robot
-from simtune.camera_pose.scene import measured_states, with_any_camera
+from simtune.camera_pose.scene import measured_states, with_any_camera, without_the_robot
 from simtune.camera_pose.search import CameraSearch, Film
 from simtune.camera_pose.written import describe, tuning_table
 from simtune.config import CheckConfig
@@ -42,40 +42,56 @@ def find_camera_pose(config: CheckConfig, say: ReportProgress = silent) -> dict[
             "and the joints, as --observe NAME,joints"
         )
     task = with_any_camera(declared, seen.cameras[0].footage, config)
-    image_size = config.image_size or _HEIGHT_PX
     budget.report("reading the recordings")
-    dataset = open_recordings(config.real or "", task, config, image_size, seen)
+    dataset = open_recordings(
+        config.real or "", task, config, config.image_size or _HEIGHT_PX, seen
+    )
     real = RecordedReal(dataset, seen.framed(dataset.aspects))
     trajectories = real.collect(config.episodes)
-    simulators = [
-        _simulator(task, real.observation, trajectories, height, k)
-        for height, k in ((image_size // 2, 1), (image_size, real.observation.supersampling))
-    ]
-    frames, states = _known(simulators[1], real.observation, trajectories)
-    coarse, fine = (
-        Film(Robot(simulator, real.observation, config.seed), _shrunk(frames, simulator.shape))
-        for simulator in simulators
-    )
-    camera, errors = CameraSearch(coarse, fine, states, config.seed).run(budget)
-    result = describe(task, camera, errors, len(frames))
+    result = camera_by(task, real.observation, trajectories, budget, config.seed)
     if config.camera_pose:
         config.camera_pose.write_text(tuning_table(result))
     return result
 
 
-def _simulator(
+def camera_by(
+    task: Task,
+    seen: ObservationModel,
+    trajectories: list[Trajectory],
+    budget: Budget,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """The same of a task `with_any_camera`, by trajectories whose frames are as high as they are
+    to be compared.
+    """
+    image_size = trajectories[0].frames.shape[1]
+    small, rough, good = (
+        Robot(*_simulators(task, seen, trajectories, height, k), seen, seed)
+        for height, k in ((image_size // 2, 1), (image_size, 1), (image_size, seen.supersampling))
+    )
+    frames, states = _known(good.simulator, seen, trajectories)
+    films = [Film(r, _shrunk(frames, r.simulator.shape)) for r in (small, rough, good)]
+    found = CameraSearch(films[0], (films[1], films[2]), states, seed).run(budget)
+    return describe(task, found, len(frames))
+
+
+def _simulators(
     task: Task,
     seen: ObservationModel,
     trajectories: Sequence[Trajectory],
     image_size: int,
     supersampling: int,
-) -> Simulator:
-    """One whose pictures are as the recordings', of another size."""
+) -> tuple[Simulator, Simulator]:
+    """One whose pictures are as the recordings', of another size; and one without the robot."""
     frames = [trajectory.frames for trajectory in trajectories]
     (view,) = seen.views([seen.cameras[0].footage.plate(frames, frames[0].shape[1:3])])
     if view.plate is not None:
         view = replace(view, plate=resize(view.plate, (image_size, view.width(image_size))))
-    return task.simulator(image_size=image_size, views=[view], supersampling=supersampling)
+    with_it, without = (
+        its.simulator(image_size=image_size, views=[view], supersampling=supersampling)
+        for its in (task, without_the_robot(task))
+    )
+    return with_it, without
 
 
 def _shrunk(frames: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The task as a camera sees it that may be elsewhere, with surfaces of any colour."""
+"""The task as a camera sees it that may be elsewhere, and what of it moves."""
 
 from dataclasses import replace
 
@@ -9,18 +9,17 @@ from simtune.config.camera_pose import CameraPoseOptions
 from simtune.errors import InputError
 from simtune.footage import Footage
 from simtune.observation import ObservationModel, joints_of
-from simtune.parameters import Parameter, ParameterSpace, camera_pose, colour, field_of_view
+from simtune.parameters import ParameterSpace, camera_pose, field_of_view
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
 
-_MOST_COLOURS = 12  # surfaces whose colour is anything
+_DRAWN_GROUPS = 3  # MuJoCo draws geoms of the first three; the others are for contacts
 _LARGEST_FOV_DEG = 170.0
 
 
 def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) -> Task:
-    """The task with one camera, whose pose and field of view are all that is tuned but colours.
+    """The task with one camera, whose pose and field of view are all that is tuned.
 
-    The first parameters are those of the camera.
     Raises InputError where no joints are measured.
     """
     if not joints_of(task.sensors):
@@ -41,39 +40,26 @@ def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) ->
         high = min(fovy + options.within_fov_deg, _LARGEST_FOV_DEG)
         seen = field_of_view("camera_field_of_view", footage.camera, fovy)
         camera.append(replace(seen, low=low, high=high))
-    space = ParameterSpace([*camera, *_any_colours(model)])
-    return replace(task, parameters=space, cameras=(footage,))
+    return replace(task, parameters=ParameterSpace(camera), cameras=(footage,))
 
 
-def camera_parameters(space: ParameterSpace) -> np.ndarray:
-    """(P,) indices of those of the camera."""
-    return np.flatnonzero([parameter.field.startswith("cam_") for parameter in space])
+def is_drawn(model: mujoco.MjModel) -> np.ndarray:
+    """(ngeom,) bool."""
+    return (model.geom_group < _DRAWN_GROUPS) & (model.geom_rgba[:, 3] > 0)
 
 
-def surfaces(space: ParameterSpace) -> list[np.ndarray]:
-    """Of each surface the indices of its red, green and blue."""
-    colours = np.flatnonzero([parameter.name.startswith("surface_") for parameter in space])
-    return list(colours.reshape(-1, 3))
+def without_the_robot(task: Task) -> Task:
+    """The same, but that nothing which moves is drawn."""
 
+    def load_what_stands_still() -> mujoco.MjSpec:
+        spec = task.load_spec()
+        model = spec.compile()
+        for geom in spec.geoms:
+            if model.body_weldid[model.geom_bodyid[geom.id]] != 0:
+                geom.material, geom.rgba = "", np.zeros(4)
+        return spec
 
-def _any_colours(model: mujoco.MjModel) -> list[Parameter]:
-    """Of the materials, and of the geoms without one, of all that can move."""
-    moves = (model.body_weldid[model.geom_bodyid] != 0) & (model.geom_rgba[:, 3] > 0)
-    materials = np.unique(model.geom_matid[moves & (model.geom_matid >= 0)])
-    plain = np.flatnonzero(moves & (model.geom_matid < 0))
-    found = [("mat_rgba", model.material(m).name, model.mat_rgba[m]) for m in materials]
-    found += [("geom_rgba", model.geom(g).name, model.geom_rgba[g]) for g in plain]
-    named = [(field, name, rgba) for field, name, rgba in found if name]
-    return [
-        channel
-        for i, (field, name, rgba) in enumerate(named[:_MOST_COLOURS])
-        for channel in colour(f"surface_{i}", (name,), _rgb(rgba), field=field)
-    ]
-
-
-def _rgb(rgba: np.ndarray) -> tuple[float, float, float]:
-    red, green, blue = map(float, rgba[:3])
-    return red, green, blue
+    return replace(task, load_spec=load_what_stands_still)
 
 
 def measured_states(

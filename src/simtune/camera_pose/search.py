@@ -1,21 +1,21 @@
-"""The search for a camera: where things move, then pixel by pixel; known cameras found again."""
+"""The search for a camera: where things move, then edge by edge; known cameras found again."""
 
+import time
 from typing import NamedTuple
 
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.camera_pose.align import COARSE, FINE, Alignment, Camera
+from simtune.camera_pose.align import COARSE, FINE, TRIED, Alignment, Camera
 from simtune.camera_pose.robot import Robot
-from simtune.camera_pose.scene import camera_parameters, surfaces
 from simtune.camera_pose.silhouettes import likely_cameras
 
-_STARTS = 4  # that are looked at pixel by pixel
-_KNOWN, _FEWEST_KNOWN = 8, 4  # cameras that are found again, to see how wrong that goes
-_FEWEST_PICTURES, _MOST_PICTURES = 5, 16  # that are compared
-_COMPARING = 0.6  # of the time
+_STARTS = 6  # that are looked at edge by edge: the guess, the likeliest, others
+_KNOWN, _PLANNED_KNOWN = 8, 4  # cameras that are found again, to see how wrong that goes
+_HALVES = 1  # fits' time, for the two halves of the pictures by themselves
+_FEWEST_PICTURES, _MOST_PICTURES = 4, 24  # that are compared; half of them by themselves
+_COMPARING = 0.75  # of the time left after the first guesses
 _NEAR = 0.04  # of the range: how far off known cameras are begun
-_MOST = 0.5  # of the time, for the fits
 
 
 class Film(NamedTuple):
@@ -25,66 +25,77 @@ class Film(NamedTuple):
     frames: np.ndarray  # (F, H, W, 3)
 
 
+class Found(NamedTuple):
+    """A camera in unit coordinates of its P parameters, and what says how wrong it may be."""
+
+    camera: Camera
+    halves: np.ndarray  # (2, P) by the first half of the pictures, by the last
+    errors: np.ndarray  # (K, P) with which known cameras near it are found
+
+
 class CameraSearch:
     """In unit coordinates of the P parameters of a camera."""
 
-    def __init__(self, coarse: Film, fine: Film, states: np.ndarray, seed: int):
-        """Films of recordings, in which the robot was in (F, S) `states`."""
-        self._coarse, self._fine, self._states = coarse, fine, states
-        self._space, self._rng = coarse.robot.space, np.random.default_rng((seed, 1))
-        self._camera = camera_parameters(self._space)
+    def __init__(self, small: Film, films: tuple[Film, Film], states: np.ndarray, seed: int):
+        """Films of recordings, in which the robot was in (F, S) `states`; drawn roughly, and as
+        well as it can be.
+        """
+        self._small, self._films, self._states = small, films, states
+        self._rng = np.random.default_rng((seed, 1))
 
-    def run(self, budget: Budget) -> tuple[Camera, np.ndarray]:
-        """The camera, and (K, P) errors with which known ones near it are found."""
-        self._choose(budget.seconds)
+    def run(self, budget: Budget) -> Found:
+        """The camera, with at least one known one found again."""
         budget.report("looking where things move")
-        frames, num = self._coarse.frames, len(self._camera)
-        likely = likely_cameras(self._project, frames, num, self._rng)
-        near = self._alignment(self._coarse.robot, self._seen[0], COARSE)
-        fits: list[tuple[Camera, np.ndarray]] = []
-        while len(fits) < _STARTS and not (fits and budget.spent > _MOST):
+        num = len(self._small.robot.space)
+        likely = likely_cameras(self._project, self._small.frames, num, self._rng)
+        at = self._choose(num, budget.seconds_left)
+        begun = [np.full(num, 0.5), likely[0]]
+        begun += list(self._rng.permutation(likely[1:])[: _STARTS - len(begun)])
+        fits = []
+        for start in begun:
             budget.report("laying the robot on the film", 0.2 + 0.3 * len(fits) / _STARTS)
-            start = likely[0] if not fits else likely[self._rng.integers(len(likely))]
-            fits.append(near.fit(start))
-        best, colours = min(fits, key=lambda fit: fit[0].cost)
-        exact = self._alignment(self._fine.robot, self._seen[1], FINE)
-        found, everything = exact.fit(best.unit, colours)
-        return found, self._errors(everything, budget)
+            fits.append(self._alignment(0, at, COARSE).fit(start))
+            if budget.spent > _COMPARING and fits[-1].cost < 0:
+                break
+        best = min(fits, key=lambda fit: fit.cost)
+        camera = self._alignment(1, at, FINE).fit(best.unit)
+        half = len(at) // 2
+        halves = [
+            self._alignment(1, some, FINE).fit(camera.unit).unit for some in (at[:half], at[half:])
+        ]
+        return Found(camera, np.array(halves), self._errors(camera, at, budget))
 
-    def _choose(self, seconds: float) -> None:
-        """As many pictures as can be compared in the time."""
-        num_slopes = 1 + len(self._camera) + len(surfaces(self._space))
-        coarse_s, fine_s = (film.robot.seconds_a_picture for film in (self._coarse, self._fine))
-        coarse_s, fine_s = coarse_s * len(COARSE) * num_slopes, fine_s * len(FINE) * num_slopes
-        each_s = _STARTS * coarse_s + fine_s + _FEWEST_KNOWN * (coarse_s + fine_s)
+    def _choose(self, num_parameters: int, seconds: float) -> np.ndarray:
+        """(M,) frames, as many as can be compared in the time."""
+        pictures = num_parameters + len(TRIED) + 1
+        coarse_s, fine_s = (
+            film.robot.seconds_a_picture * len(blurs) * pictures
+            for film, blurs in zip(self._films, (COARSE, FINE), strict=True)
+        )
+        known_s = _PLANNED_KNOWN * (coarse_s + fine_s)
+        each_s = _STARTS * coarse_s + (1 + _HALVES) * fine_s + known_s
         num = int(np.clip(_COMPARING * seconds / each_s, _FEWEST_PICTURES, _MOST_PICTURES))
-        few = np.linspace(0, len(self._states) - 1, min(len(self._states), num)).astype(int)
-        self._few = self._states[few]
-        self._seen = [film.frames[few] for film in (self._coarse, self._fine)]
+        return np.linspace(0, len(self._states) - 1, min(len(self._states), num)).astype(int)
 
-    def _alignment(self, robot: Robot, frames: np.ndarray, blurs: tuple[float, ...]) -> Alignment:
-        return Alignment(robot.simulator, frames, self._few, blurs)
+    def _alignment(self, which: int, at: np.ndarray, blurs: tuple[float, ...]) -> Alignment:
+        film = self._films[which]
+        return Alignment(film.robot, film.frames[at], self._states[at], blurs)
 
-    def _errors(self, everything: np.ndarray, budget: Budget) -> np.ndarray:
-        """Of known cameras and colours near those that were found, filmed as recordings are."""
-        errors, rng, num = [], self._rng, len(self._camera)
-        while len(errors) < _KNOWN and (len(errors) < _FEWEST_KNOWN or not budget.is_over):
-            share = 0.5 + 0.5 * len(errors) / _KNOWN
-            budget.report("finding known cameras for comparison", share)
-            truth = everything.copy()
-            truth[self._camera] += _NEAR * rng.uniform(-1, 1, num)
-            truth = truth.clip(0.02, 0.98)
-            start = truth[self._camera] + _NEAR * rng.uniform(-1, 1, num)
-            small, large = (f.robot.film(truth, self._few) for f in (self._coarse, self._fine))
-            coarse, colours = self._alignment(self._coarse.robot, small, COARSE).fit(
-                start, everything
-            )
-            fine, _ = self._alignment(self._fine.robot, large, FINE).fit(coarse.unit, colours)
-            errors.append(fine.unit - truth[self._camera])
+    def _errors(self, camera: Camera, at: np.ndarray, budget: Budget) -> np.ndarray:
+        """Of known cameras near the one that was found, filmed as recordings are."""
+        errors, rng, num, longest_s = [], self._rng, len(camera.unit), 0.0
+        states, (rough, good) = self._states[at], (film.robot for film in self._films)
+        while len(errors) < _KNOWN and (not errors or budget.seconds_left > longest_s):
+            budget.report("finding known cameras for comparison", 0.6 + 0.4 * len(errors) / _KNOWN)
+            began_s = time.monotonic()
+            truth = (camera.unit + _NEAR * rng.uniform(-1, 1, num)).clip(0.02, 0.98)
+            start = truth + _NEAR * rng.uniform(-1, 1, num)
+            frames = good.film(truth, states)
+            near = Alignment(rough, frames, states, COARSE).fit(start)
+            errors.append(Alignment(good, frames, states, FINE).fit(near.unit).unit - truth)
+            longest_s = max(longest_s, time.monotonic() - began_s)
         return np.array(errors)
 
     def _project(self, units: np.ndarray, frames: np.ndarray) -> np.ndarray:
         """(n, P) cameras to (n, K, L, 2) pixels of points of the robot in some frames."""
-        every = np.tile(self._space.to_unit(self._space.nominal), (len(units), 1))
-        every[:, self._camera] = units
-        return self._coarse.robot.project(every, self._states[frames])
+        return self._small.robot.project(units, self._states[frames])

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.special import stdtrit
 
 from simtune.camera_pose.align import Camera
-from simtune.parameters import ModelWriter, ParameterSpace
+from simtune.camera_pose.search import Found
+from simtune.parameters import ModelWriter
 from simtune.run.files import plain
 from simtune.tasks import Task
 
@@ -15,21 +16,22 @@ _DISCREPANCY = 0.002  # of the range: what is wrong with all frames alike, and n
 _AT_END = 0.01  # of the range
 
 
-def describe(task: Task, camera: Camera, errors: np.ndarray, num_frames: int) -> dict[str, Any]:
-    """JSON of a camera, and of (K, P) errors with which known ones are found, all in units."""
-    space, num = task.parameters, len(camera.unit)
-    known = np.mean(np.square(errors), 0)
-    std = np.sqrt(np.maximum(known, np.diag(camera.covariance)) + _DISCREPANCY**2)
-    reach = float(stdtrit(len(errors), 0.95)) * std
-    units = [np.clip(camera.unit + sign * reach, 0, 1) for sign in (0, -1, 1)]
-    values = [_with_camera(space, unit) for unit in units]
-    mean, low, high = values
+def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
+    """JSON of a camera."""
+    space, camera = task.parameters, found.camera
+    known = np.mean(np.square(found.errors), 0)
+    apart = np.square(found.halves[0] - found.halves[1]) / 4  # of the mean of both
+    std = np.sqrt(np.maximum(known, np.diag(camera.covariance)) + apart + _DISCREPANCY**2)
+    reach = float(stdtrit(len(found.errors) + 1, 0.95)) * std
+    mean, low, high = (
+        space.from_unit(np.clip(camera.unit + sign * reach, 0, 1)) for sign in (0, -1, 1)
+    )
     model = task.load_model()
     ModelWriter(space, model).write(model, mean)
     its = model.camera(task.cameras[0].camera)
     parameters = {
         p.name: {"unit": p.unit, "mean": mean[i], "low": low[i], "high": high[i]}
-        for i, p in enumerate(list(space)[:num])
+        for i, p in enumerate(space)
     }
     return plain(
         {
@@ -39,20 +41,14 @@ def describe(task: Task, camera: Camera, errors: np.ndarray, num_frames: int) ->
             "field_of_view_deg": float(its.fovy[0]),
             "parameters": parameters,
             "frames": num_frames,
-            "warnings": _warnings(task, camera, num),
+            "warnings": _warnings(task, camera),
         }
     )
 
 
-def _with_camera(space: ParameterSpace, unit: np.ndarray) -> np.ndarray:
-    every = space.to_unit(space.nominal)
-    every[: len(unit)] = unit
-    return space.from_unit(every)
-
-
-def _warnings(task: Task, camera: Camera, num: int) -> list[str]:
+def _warnings(task: Task, camera: Camera) -> list[str]:
     found = []
-    for i, parameter in enumerate(list(task.parameters)[:num]):
+    for i, parameter in enumerate(task.parameters):
         if not _AT_END < camera.unit[i] < 1 - _AT_END:
             found.append(
                 f"{parameter.name} is at the end of what was searched: give a nearer guess, or a "

@@ -22,8 +22,7 @@ class CameraPoseOptions:
     """The same, for its field of view, which by default is taken to be known: a nearer camera of a
     wider view sees nearly the same."""
     budget_minutes: float = 2.0
-    """With --camera-pose: how long it may take. A robot of many meshes, of which few pictures can
-    be drawn in the time, takes longer."""
+    """With --camera-pose: how long it may take. The longer, the more pictures are compared."""
 
     def check_camera_pose(self, real: Path | None) -> None:
         """Raises InputError for what makes no sense."""
