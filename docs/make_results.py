@@ -33,6 +33,7 @@ ORDER = (  # on the page; other claims follow
     "arms",
     "motions",
     "aloha",
+    "head_camera",
     "honesty",
     "robot_limits",
     "memory",

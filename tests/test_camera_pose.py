@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simtune import cli
-from simtune.camera_pose.align import COARSE, FINE, Alignment, Camera, _ways
+from simtune.camera_pose.align import FINE, NEAR, Alignment, Camera, _ways
 from simtune.camera_pose.edges import edges
 from simtune.camera_pose.robot import Robot
 from simtune.camera_pose.scene import measured_states, with_any_camera, without_the_robot
@@ -186,7 +186,7 @@ def test_derivatives_are_taken_farther_where_less_changes():
 @pytest.mark.thorough
 def test_a_camera_near_by_is_found_by_edges_whatever_the_colours(filmed):
     start = filmed.truth + 0.03 * np.array([1, -1, 1, -1, 1, -1])
-    blurs = (*COARSE[2:], *FINE)
+    blurs = (*NEAR, *FINE)
     alignment = Alignment(filmed.robot, filmed.frames, filmed.states, blurs)
     found = alignment.fit(start)
     np.testing.assert_allclose(found.unit, filmed.truth, atol=0.02)

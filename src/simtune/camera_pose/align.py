@@ -9,8 +9,9 @@ from simtune.camera_pose.edges import edges, unlike, weight
 from simtune.camera_pose.robot import Robot
 
 # Pixels by which edges are blurred: a far start sees where to go, a near one what is exact.
-COARSE = (4.0, 4.0, 3.0, 3.0, 3.0, 2.0, 2.0, 2.0)
-FINE = (1.5, 1.5, 1.5, 1.0, 1.0, 1.0)
+FAR = (4.0, 4.0, 3.0)
+NEAR = (3.0, 3.0, 3.0, 2.0, 2.0, 2.0)
+FINE = (1.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0)
 TRIED = (1.0, 3.0, 0.4)  # times a step: where little is alike, a step is too short
 # Of the range, of which each pixel of the height is taken for an equal part:
 _MOVED = 0.5  # pixels by which to derive, times the blur

@@ -6,12 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.camera_pose.align import COARSE, FINE, TRIED, Alignment, Camera
+from simtune.camera_pose.align import FAR, FINE, NEAR, TRIED, Alignment, Camera
 from simtune.camera_pose.robot import Robot
 from simtune.camera_pose.silhouettes import likely_cameras
 
 _STARTS = 6  # that are looked at edge by edge: the guess, the likeliest, others
-_KNOWN, _PLANNED_KNOWN = 8, 4  # cameras that are found again, to see how wrong that goes
+_KEPT = 2  # of them, that are looked at longer
+_KNOWN, _PLANNED_KNOWN = 8, 2  # cameras that are found again, to see how wrong that goes
 _HALVES = 1  # fits' time, for the two halves of the pictures by themselves
 _FEWEST_PICTURES, _MOST_PICTURES = 4, 24  # that are compared; half of them by themselves
 _COMPARING = 0.75  # of the time left after the first guesses
@@ -51,14 +52,16 @@ class CameraSearch:
         at = self._choose(num, budget.seconds_left)
         begun = [np.full(num, 0.5), likely[0]]
         begun += list(self._rng.permutation(likely[1:])[: _STARTS - len(begun)])
-        fits = []
+        fits: list[Camera] = []
         for start in begun:
-            budget.report("laying the robot on the film", 0.2 + 0.3 * len(fits) / _STARTS)
-            fits.append(self._alignment(0, at, COARSE).fit(start))
+            budget.report("laying the robot on the film", 0.2 + 0.2 * len(fits) / _STARTS)
+            fits.append(self._alignment(0, at, FAR).fit(start))
             if budget.spent > _COMPARING and fits[-1].cost < 0:
                 break
-        best = min(fits, key=lambda fit: fit.cost)
-        camera = self._alignment(1, at, FINE).fit(best.unit)
+        near = self._alignment(0, at, NEAR)
+        fits = [near.fit(fit.unit) for fit in sorted(fits, key=_cost)[:_KEPT]]
+        budget.report("laying the robot on the film", 0.4)
+        camera = self._alignment(1, at, FINE).fit(min(fits, key=_cost).unit)
         half = len(at) // 2
         halves = [
             self._alignment(1, some, FINE).fit(camera.unit).unit for some in (at[:half], at[half:])
@@ -68,12 +71,10 @@ class CameraSearch:
     def _choose(self, num_parameters: int, seconds: float) -> np.ndarray:
         """(M,) frames, as many as can be compared in the time."""
         pictures = num_parameters + len(TRIED) + 1
-        coarse_s, fine_s = (
-            film.robot.seconds_a_picture * len(blurs) * pictures
-            for film, blurs in zip(self._films, (COARSE, FINE), strict=True)
-        )
-        known_s = _PLANNED_KNOWN * (coarse_s + fine_s)
-        each_s = _STARTS * coarse_s + (1 + _HALVES) * fine_s + known_s
+        rough_s, good_s = (film.robot.seconds_a_picture * pictures for film in self._films)
+        far_s, near_s, fine_s = len(FAR) * rough_s, len(NEAR) * rough_s, len(FINE) * good_s
+        known_s = _PLANNED_KNOWN * (near_s + fine_s)
+        each_s = _STARTS * far_s + _KEPT * near_s + (1 + _HALVES) * fine_s + known_s
         num = int(np.clip(_COMPARING * seconds / each_s, _FEWEST_PICTURES, _MOST_PICTURES))
         return np.linspace(0, len(self._states) - 1, min(len(self._states), num)).astype(int)
 
@@ -91,7 +92,7 @@ class CameraSearch:
             truth = (camera.unit + _NEAR * rng.uniform(-1, 1, num)).clip(0.02, 0.98)
             start = truth + _NEAR * rng.uniform(-1, 1, num)
             frames = good.film(truth, states)
-            near = Alignment(rough, frames, states, COARSE).fit(start)
+            near = Alignment(rough, frames, states, NEAR).fit(start)
             errors.append(Alignment(good, frames, states, FINE).fit(near.unit).unit - truth)
             longest_s = max(longest_s, time.monotonic() - began_s)
         return np.array(errors)
@@ -99,3 +100,7 @@ class CameraSearch:
     def _project(self, units: np.ndarray, frames: np.ndarray) -> np.ndarray:
         """(n, P) cameras to (n, K, L, 2) pixels of points of the robot in some frames."""
         return self._small.robot.project(units, self._states[frames])
+
+
+def _cost(camera: Camera) -> float:
+    return camera.cost
