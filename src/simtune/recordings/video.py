@@ -18,9 +18,11 @@ from simtune.errors import InputError
 
 # swscale's default way from YUV to RGB rounds down: every colour 1 of 255 too dark, and chroma
 # unsmoothed. This one halves the error at the same speed; PyAV before 18 does not know it.
-_TO_RGB: dict[str, Any] = {"format": "rgb24", "interpolation": Interpolation.BICUBIC}
+_TO_RGB: dict[str, Any] = {"format": "rgb24", "interpolation": "BICUBIC"}
 if hasattr(Interpolation, "ACCURATE_RND"):
-    _TO_RGB["interpolation"] |= Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
+    _TO_RGB["interpolation"] = (
+        Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
+    )
     _TO_RGB["threads"] = 1
 
 # 8K. A decoder holds a dozen pictures, and takes a file's word for how large they are.
