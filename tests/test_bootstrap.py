@@ -20,7 +20,7 @@ from simtune.fit.result import Misfit, block_correlation
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.randomization import Distribution
 from simtune.tasks import load_task
-from simtune.tuning.fit_stage import conclude
+from simtune.tuning.judging import conclude
 from simtune.tuning.range_update import RangeUpdateConfig, normal_curves
 
 SPACE = load_task("cartpole").parameters

@@ -16,22 +16,15 @@ from simtune.fit import (
     PointEstimate,
     ReplayFit,
     StateEstimator,
-    correlations,
-    in_range,
-    inflate,
-    model_checks,
-    ranks,
     run_bootstrap,
 )
-from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.simulation import Simulator
 from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.range_update import RangeUpdateConfig, read_curves, with_fit
-from simtune.tuning.search import Estimate, SearchContext, at_most_weak
+from simtune.tuning.search import SearchContext
 from simtune.vision.detector import Detections
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints
@@ -107,6 +100,11 @@ class FitStage:
         replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit)
         return cls(context, model, replay_fit, noise_px)
 
+    @property
+    def reading_labels(self) -> tuple[str, ...]:
+        """Of the fits' offsets."""
+        return self._context.observation.reading_labels
+
     def sized(self, num_steps: int, seconds: float) -> "FitStage":
         """One whose fits take about so long, for real episodes of `num_steps` in all."""
         fit = self._replay_fit.sized(num_steps, seconds)
@@ -160,29 +158,3 @@ class FitStage:
 
         replay_fit = self._replay_fit.within(budget)
         return run_bootstrap(replay_fit, synthesize, fit, start, num, rng, extend_horizon, budget)
-
-
-def conclude(
-    prob_higher: np.ndarray,
-    fit: FitResult,
-    bootstrap: Bootstrap,
-    searched: Distribution,
-    first: Distribution,
-    config: RangeUpdateConfig,
-) -> tuple[Estimate, np.ndarray]:
-    """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
-    names = searched.space.names
-    mean, std = in_range(inflate(fit, bootstrap), searched)
-    curves = with_fit(prob_higher, mean, std, config)
-    read = read_curves(curves, searched, first, config)
-    estimate = replace(
-        read,
-        verdict=read.verdict if bootstrap.misfits else at_most_weak(read.verdict),
-        correlation=fit.claimed_correlation,
-        correlations=correlations(fit, names),
-        ranks=ranks(bootstrap, names),
-        warnings=model_checks(fit, bootstrap),
-        start=fit.start.tolist(),
-        latency_steps=fit.latency_steps,
-    )
-    return estimate, curves

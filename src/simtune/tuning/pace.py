@@ -14,6 +14,8 @@ import numpy as np
 from simtune.fit import FEW_EPISODES, count_fit_steps
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
+from simtune.simulation import AnySimulator
+from simtune.trajectory import Trajectory
 from simtune.tuning.posterior_config import FILMED_WITHOUT_FIT, PosteriorSearchConfig
 from simtune.tuning.search import SearchContext
 
@@ -32,6 +34,14 @@ class Work(NamedTuple):
     num_tangent: int  # 2 nv, of a state that is fitted; 0: nothing can be fitted
     num_fitted: int  # parameters that move something
     supersampling: int = 1  # as many times fewer pictures are drawn, since each takes longer
+
+    @classmethod
+    def of(cls, simulator: AnySimulator, real: list[Trajectory], is_fitted: bool) -> "Work":
+        space = simulator.state_space if is_fitted else None
+        num_fitted = int((~simulator.space.is_appearance).sum())
+        num_tangent = space.num_tangent if space else 0
+        steps = min(len(t) for t in real)
+        return cls(len(real), steps, num_tangent, num_fitted, simulator.supersampling)
 
 
 @dataclass(frozen=True)

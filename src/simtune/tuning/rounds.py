@@ -1,7 +1,11 @@
-"""How long a round may take, and when another one is not worth its time: pure functions."""
+"""How long a round may take, and when another one is not worth its time."""
+
+import math
+from typing import Any
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.randomization import Distribution
 from simtune.tuning.search import Estimate
 
@@ -38,3 +42,50 @@ def is_precise(widths: np.ndarray, precision: float) -> bool:
 def gains_nothing(before: np.ndarray, now: np.ndarray, precision: float) -> bool:
     """Whether a round made no interval much narrower, of (N,) that are not narrow enough."""
     return bool(((now > _WORTHWHILE * before) | (now <= precision)).all())
+
+
+class Rounds:
+    """Counts rounds, gives each its part of the time, and says when no other is to come."""
+
+    def __init__(self, most: int, precision: float):
+        """See `PosteriorSearchConfig`: `num_rounds`, `precision`."""
+        self._most, self._precision = most, precision
+        self.num_done, self.stop_reason = 0, ""
+        self._widths: list[float] | None = None  # of the last round's intervals, relative
+
+    def plan(self, budget: Budget, full_s: float) -> tuple[Budget, bool]:
+        """The part of the next round, and whether it may be the last one.
+
+        `full_s`: that a whole first round takes.
+        """
+        index = min(self.num_done, self._most - 1)
+        span = index / self._most, (index + 1) / self._most
+        name, is_last = f"round {self.num_done + 1}: ", index == self._most - 1
+        if budget.is_endless:
+            return budget.part(math.inf, span, name), is_last
+        seconds = plan_round(budget.seconds_left, full_s, is_last)
+        return budget.part(seconds, span, name), True
+
+    def end(self, widths: np.ndarray) -> None:
+        """Of a round with (N,) such `half_widths`."""
+        self.num_done += 1
+        precision, before = self._precision, self._widths
+        if precision and is_precise(widths, precision):
+            self.stop_reason = f"every parameter is known to {100 * precision:g} %"
+        elif precision and before and gains_nothing(np.array(before), widths, precision):
+            self.stop_reason = "another round would tell hardly more"
+        elif self.num_done >= self._most:
+            self.stop_reason = "all rounds are done"
+        self._widths = widths.tolist()
+
+    def state(self) -> dict[str, Any]:
+        """JSON."""
+        return {
+            "num_rounds": self.num_done,
+            "stop_reason": self.stop_reason,
+            "widths": self._widths,
+        }
+
+    def load(self, state: dict[str, Any]) -> None:
+        self.num_done, self.stop_reason = state["num_rounds"], state["stop_reason"]
+        self._widths = state["widths"]

@@ -1,0 +1,120 @@
+"""The end of a round: the simulator is fitted, refits of known worlds judge it, both conclude."""
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simtune.budget import Budget
+from simtune.fit import (
+    Bootstrap,
+    FitResult,
+    PointEstimate,
+    correlations,
+    in_range,
+    inflate,
+    model_checks,
+    ranks,
+)
+from simtune.randomization import Distribution
+from simtune.tuning.fit_stage import Detected, FitStage
+from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.range_update import RangeUpdateConfig, point_estimate, read_curves, with_fit
+from simtune.tuning.search import Estimate, at_most_weak
+from simtune.tuning.told import Told
+
+_WORTH_BEGINNING = 0.5  # of a fit: time that is left, with which a refit may be finished
+
+
+@dataclass(kw_only=True)
+class Judging:
+    """What a round's fit makes of trajectories, and what its refits told of that."""
+
+    stage: FitStage | None  # None: nothing can be fitted
+    told: Told | None
+    searched: Distribution  # in this round
+    first: Distribution  # in the first one
+    config: PosteriorSearchConfig
+    rng: np.random.Generator  # of known worlds
+    bootstrap: Bootstrap | None = None  # what they showed, once `judge` was asked
+
+    def judge(
+        self, detected: Detected, prob_higher: np.ndarray, may_be_last: bool, budget: Budget
+    ) -> tuple[Estimate, np.ndarray]:
+        """Fit, compare with known worlds until the budget is over, and conclude.
+
+        `prob_higher`: (N, C) the posterior network's curves. What may not be the last round does
+        without known worlds, and without longer windows. Returns the (N, C) curves as well.
+        """
+        if self.stage is None:
+            return self._read(prob_higher)
+        began_s = time.monotonic()
+        budget.report("fitting", 0.55)
+        observed, start = self.stage.observed(*detected), self._start(prob_higher)
+        fit = self.stage.fit(observed, start, may_be_last)
+        num = self._num_refits(budget, time.monotonic() - began_s) if may_be_last else 0
+        part = budget.part(budget.seconds_left, (0.65, 1.0))
+        self.bootstrap = self.stage.bootstrap(
+            observed, fit, start, num, self.rng, may_be_last, part
+        )
+        return self._conclude(fit, self.bootstrap, prob_higher)
+
+    def as_before(self, detected: Detected, prob_higher: np.ndarray) -> tuple[Estimate, np.ndarray]:
+        """The same of other trajectories, once `judge` has compared: nothing new is."""
+        if self.stage is None:
+            return self._read(prob_higher)
+        assert self.bootstrap is not None, "judge first"
+        fit = self.stage.fit(self.stage.observed(*detected), self._start(prob_higher), True)
+        return self._conclude(fit, self.bootstrap, prob_higher)
+
+    def _read(self, prob_higher: np.ndarray) -> tuple[Estimate, np.ndarray]:
+        config = self.config.range_update
+        return read_curves(prob_higher, self.searched, self.first, config), prob_higher
+
+    def _start(self, prob_higher: np.ndarray) -> PointEstimate:
+        guess = point_estimate(prob_higher, self.searched)
+        return self.told.start(guess) if self.told else guess
+
+    def _num_refits(self, budget: Budget, fit_s: float) -> int:
+        """To begin with, after a fit that took so long: what does not end in time is left out."""
+        planned, most = self.config.num_refits
+        if budget.is_endless:
+            return planned
+        # They may take less: of them no latency is looked for.
+        return most if budget.seconds_left > _WORTH_BEGINNING * fit_s else 0
+
+    def _conclude(
+        self, fit: FitResult, bootstrap: Bootstrap, prob_higher: np.ndarray
+    ) -> tuple[Estimate, np.ndarray]:
+        assert self.stage is not None
+        ranges = (self.searched, self.first)
+        estimate, curves = conclude(prob_higher, fit, bootstrap, *ranges, self.config.range_update)
+        offsets = dict(zip(self.stage.reading_labels, fit.offsets.tolist(), strict=False))
+        estimate = replace(estimate, offsets=offsets)
+        return self.told.better(estimate) if self.told else estimate, curves
+
+
+def conclude(
+    prob_higher: np.ndarray,
+    fit: FitResult,
+    bootstrap: Bootstrap,
+    searched: Distribution,
+    first: Distribution,
+    config: RangeUpdateConfig,
+) -> tuple[Estimate, np.ndarray]:
+    """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
+    names = searched.space.names
+    mean, std = in_range(inflate(fit, bootstrap), searched)
+    curves = with_fit(prob_higher, mean, std, config)
+    read = read_curves(curves, searched, first, config)
+    estimate = replace(
+        read,
+        verdict=read.verdict if bootstrap.misfits else at_most_weak(read.verdict),
+        correlation=fit.claimed_correlation,
+        correlations=correlations(fit, names),
+        ranks=ranks(bootstrap, names),
+        warnings=model_checks(fit, bootstrap),
+        start=fit.start.tolist(),
+        latency_steps=fit.latency_steps,
+    )
+    return estimate, curves

@@ -1,0 +1,98 @@
+"""What a round learns in simulation: to see, and to read survival curves from what is seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from simtune.budget import Budget
+from simtune.fit import num_fitted
+from simtune.randomization import Distribution
+from simtune.search_param_model.posterior import PosteriorSearchParamModel
+from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.training import TrainingClock
+from simtune.trajectory import Trajectory
+from simtune.tuning.fit_stage import Detected, HeldOut
+from simtune.tuning.posterior_config import FILMED_WITHOUT_FIT, PosteriorSearchConfig
+from simtune.tuning.range_update import candidate_grid
+from simtune.tuning.world_sampler import WorldSampler
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learning:
+    """The networks of a search, and where they learn."""
+
+    model: PosteriorSearchParamModel
+    worlds: WorldSampler
+    config: PosteriorSearchConfig
+    is_fitted: bool  # whether a fit follows, which has the last word
+
+    def simulate(
+        self, real: list[Trajectory], searched: Distribution, budget: Budget
+    ) -> SimulatedWorlds:
+        """Worlds in the range, which replay the real actions."""
+        config = self.config
+        budget.report("simulating and filming")
+        num_episodes, part = self._episodes_per_world(real), budget.share(config.collect_share)
+        return self.worlds.sample(
+            real, searched, config.num_worlds, num_episodes, config.filmed_steps, part
+        )
+
+    def train_detector(
+        self, worlds: SimulatedWorlds, searched: Distribution, number: int, budget: Budget
+    ) -> dict[str, float]:
+        """In round `number`, counted from 0."""
+        config = self.config
+        updates = config.detector_updates[min(number, len(config.detector_updates) - 1)]
+        part = budget.share(config.detector_share, (0.1, 0.4))
+        clock = TrainingClock(updates, part, "training the detector", config.least_updates)
+        return {"loss/detector": self.model.train_detector(worlds, searched, clock)}
+
+    def hold_out(self, real: list[Trajectory], searched: Distribution, budget: Budget) -> HeldOut:
+        """Other worlds, to measure the detector's errors in."""
+        config, part = self.config, budget.share(self.config.collect_share / 2)
+        worlds = self.worlds.sample(
+            real, searched, config.held_out_worlds, 1, config.held_out_steps, part
+        )
+        return HeldOut(worlds, self.model.detect(worlds.frames))
+
+    def train_posterior_net(
+        self,
+        real: list[Trajectory],
+        worlds: SimulatedWorlds,
+        held_out: HeldOut,
+        searched: Distribution,
+        budget: Budget,
+    ) -> dict[str, float]:
+        """Where it has the last word, as no fit follows, it learns from more worlds, for longer."""
+        config, errors = self.config, self.model.detector_errors(*held_out, searched)
+        scale = 1 if self.is_fitted else config.no_fit_scale
+        if scale > 1:
+            num, num_episodes = config.num_worlds * scale, self._episodes_per_world(real)
+            part = budget.share(config.collect_share)
+            worlds = self.worlds.sample(real, searched, num, num_episodes, FILMED_WITHOUT_FIT, part)
+        part = budget.share(config.posterior_share * scale, (0.4, 0.5))
+        updates, least = config.posterior_updates * scale, config.least_updates
+        clock = TrainingClock(updates, part, "training the posterior network", least)
+        loss = self.model.train_posterior_net(worlds, searched, errors, clock)
+        size_px = np.abs(errors.keypoints)
+        error_px = float(np.median(size_px)) if size_px.size else 0.0
+        return {"loss/posterior_net": loss, "detector/error_px": error_px}
+
+    def detect(self, trajectories: Sequence[Trajectory]) -> Detected:
+        return Detected(trajectories, [self.model.detect(t.frames) for t in trajectories])
+
+    def curves(self, detected: Detected, searched: Distribution) -> np.ndarray:
+        """(N, C) survival curves of the posterior network on the grid."""
+        # As a fit does, it leaves an episode to test on.
+        num = num_fitted(len(detected.trajectories)) if self.is_fitted else None
+        trajectories, detections = detected.trajectories[:num], detected.detections[:num]
+        steps = min(len(t) for t in trajectories)
+        actions = np.stack([t.actions[:steps] for t in trajectories])
+        curves = self.model.curves(detections, actions, searched)
+        grid = torch.tensor(candidate_grid(), dtype=torch.float32)
+        return curves.prob_higher(grid.expand(1, len(searched.mean), -1))[0].numpy()
+
+    def _episodes_per_world(self, real: list[Trajectory]) -> int:
+        return min(self.config.episodes_per_world, len(real))
