@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simtune.fit import FitConfig, Observed, ParticleConfig, Physics, fit_to_budget
-from simtune.fit.pictures import fit_pictures
+from simtune.fit.pictures import fit_pictures, rounding_std
 from simtune.fit.shooting import Shooting, ShootingConfig, Stage
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
@@ -150,6 +150,17 @@ def test_picture_fit_recovers_colours(simulator, played):
     start[APPEARANCE] = np.clip(truth[APPEARANCE] + [0.2, -0.2, 0.2, -0.2, 0.2, -0.2], 0, 1)
     found = fit_pictures(simulator, frames, rows, start, APPEARANCE)
     np.testing.assert_allclose(found.unit, truth[APPEARANCE], atol=0.005)
+
+
+def test_rounding_leaves_less_open_where_pixels_have_many_levels():
+    slope, one = np.full((2, 8), 0.5), 1 / 255 / np.sqrt(12)  # of a level
+    flat = np.full((2, 8), 100 / 255)
+    assert rounding_std(slope, flat) == pytest.approx(one / 0.5)
+    four = flat + np.arange(8) // 2 / 255
+    assert rounding_std(slope, four) == pytest.approx(one / 0.5 / 2)  # each tells as much
+    unseen = np.where(np.arange(8) < 4, slope, 0.001)  # half of it does not show the parameter
+    assert rounding_std(unseen, four) == pytest.approx(one / 0.5 / np.sqrt(2))
+    assert rounding_std(0 * slope, four) == pytest.approx(one / 0.05)
 
 
 def test_picture_fit_recovers_colours_though_most_states_are_wrong(simulator, played):

@@ -78,10 +78,9 @@ def fit_pictures(
         before = unit[fitted].copy()
         unit[fitted] = np.clip(before + combined.step(before, _LARGEST_STEP), 0, 1)
         scene.move(-follow[..., -1] - follow[..., :-1] @ (unit[fitted] - before))
-    noise = _noise(scene.draw(unit) - real, slopes, _SMALLEST_NOISE)
-    rounding = _ROUNDING / np.maximum(np.abs(slopes).max((1, 2), initial=0), _SHOWN)
-    # Pixels of one colour are all rounded alike: of that, many pictures tell no more than one.
-    covariance += np.diag(rounding**2)
+    drawn = scene.draw(unit)
+    noise = _noise(drawn - real, slopes, _SMALLEST_NOISE)
+    covariance += np.diag(np.square([rounding_std(its, drawn) for its in slopes]))
     return PictureFit(unit[fitted], covariance, float(np.median(noise)))
 
 
@@ -143,6 +142,21 @@ def _products(a: np.ndarray, weight: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _project(a: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """(M, A) for (A, M, pixels), (M, pixels), (M, pixels)."""
     return np.einsum("amp,mp->ma", a, weight * residual).astype(float)
+
+
+def rounding_std(slope: np.ndarray, drawn: np.ndarray) -> float:
+    """Standard deviation of a parameter that (M, pixels) show, for they have but 256 levels.
+
+    Pixels of one level are all rounded alike: of that, many tell no more than one. Each other
+    level is rounded at another place.
+    """
+    shown = np.abs(slope) > _SHOWN
+    if not shown.any():
+        return _ROUNDING / _SHOWN
+    square, level = np.square(slope[shown]), np.round(255 * drawn[shown]).astype(int)
+    told = np.bincount(level, square)
+    num_levels = told.sum() ** 2 / np.square(told).sum()
+    return _ROUNDING / np.sqrt(num_levels * square.mean())
 
 
 def _noise(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndarray:

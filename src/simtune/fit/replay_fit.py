@@ -18,7 +18,7 @@ from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
 from simtune.fit.sizing import FitConfig, fit_to_budget
 
 _NUM_PICTURES = 40
-_SMALLEST_STD = 1.5e-3  # in unit coordinates: pictures have but 256 levels, fits end sometime
+_SMALLEST_STD = {"moving": 5e-4, "appearance": 2e-4}  # in unit coordinates: fits end sometime
 _FEWEST_TO_FIT = 2  # episodes
 _UNSEEN = 0.5  # of a sensor's noise: what changes a prediction by less is not observed
 _SIDESTEP = (0.01, 0.1)  # at least, at most, from a start, in unit coordinates
@@ -90,7 +90,8 @@ class ReplayFit:
         std = start.std.copy()
         std[self._moving] = np.hypot(deviation, apart)
         std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
-        at_least = np.maximum(std, _SMALLEST_STD)
+        kinds = np.where(self.space.is_appearance, "appearance", "moving")
+        at_least = np.maximum(std, [_SMALLEST_STD[kind] for kind in kinds])
         blocks = (self._moving, motion.covariance), (self._appearance, pictures.covariance)
         return FitResult(
             parameters,
