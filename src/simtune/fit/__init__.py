@@ -1,6 +1,6 @@
 """Physics and pictures fitted to what was observed: from a rough estimate to the last per cent."""
 
-from simtune.fit.bootstrap import FEW_EPISODES, Bootstrap, run_bootstrap
+from simtune.fit.bootstrap import FEW_EPISODES, MANY_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.observed import Observed
 from simtune.fit.open_loop import OpenLoop
@@ -18,6 +18,7 @@ from simtune.fit.whole_episodes import replay_whole
 
 __all__ = [
     "FEW_EPISODES",
+    "MANY_EPISODES",
     "Bootstrap",
     "Descent",
     "FitConfig",

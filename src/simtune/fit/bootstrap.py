@@ -21,15 +21,13 @@ _UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no refits
 # so large a share of what it began with, if that is less; and that counts like two refits.
 _USUAL_STD, _USUAL_SHARE, _USUAL_COUNT = 0.005, 0.4, 2.0
 _POOLED_COUNT = 3.0  # all parameters of a kind count like three refits of each
-# Before any refit errors are taken to be at least so many times what fits claim, and that counts
-# like two of them: the first few may all be lucky.
-_EXPECTED, _EXPECTED_COUNT = {"moving": 1.5, "appearance": 1.0}, 2.0
+# Before any refit errors are taken to be so many times what fits claim, and that counts like two
+# of them: the first few may all be lucky.
+_EXPECTED, _EXPECTED_COUNT = {"moving": 1.0, "appearance": 1.0}, 2.0
 _USUAL = 0.85  # share of errors that are taken to be no accident
-# A fit may be too careful, but few refits may all be lucky: worlds drawn at random show that what
-# moves must not be believed to be better known than it says (docs/results.md).
-_LEAST_INFLATION = {"moving": 1.0, "appearance": 0.7}
 _SMALLEST_STD = 0.01  # of known worlds around the estimate, in unit coordinates
-FEW_EPISODES = 3  # are enough to compare errors with what a fit thinks of itself
+FEW_EPISODES = 3  # of a refit, at least: enough to compare errors with what a fit thinks of itself
+MANY_EPISODES = 5  # at most: windows are no more for more of them
 # A refit that is worse by this factor went astray where the real world's fit did not.
 _ASTRAY = 1.5
 _MARGIN = 0.002  # truths keep this far from the bounds
@@ -46,8 +44,18 @@ class Bootstrap:
     errors: np.ndarray  # (K, N) in terms of each fit's own standard deviations
     is_moving: np.ndarray  # (N,) bool: the others are appearance, which is easier to find
     misfits: list[Misfit] = field(default_factory=list)  # also of fits whose errors say nothing
-    # (N,) standard deviations that no fit is believed to be surer than; see `_usual_std`
-    usual_std: np.ndarray | float = 0.0
+    # (N,) standard deviations that fits like these claim; None: as the one that is asked about
+    usual_std: np.ndarray | None = None
+
+    def believed(self, std: np.ndarray) -> np.ndarray:
+        """(N,) standard deviations for those that a fit claims, before `inflation`.
+
+        How far apart a fit's two sides end says most of what it claims, and that is a single draw:
+        sides that are both off may well meet, and sides that are both right end apart where one
+        did not arrive. So it counts half, and half what such fits usually claim. Where there
+        are no others, the larger one.
+        """
+        return std if self.usual_std is None else _believed(std, self.usual_std, len(self.errors))
 
     def inflation(self) -> np.ndarray:
         """(N,) factors by which standard deviations have to be multiplied."""
@@ -121,22 +129,29 @@ def run_bootstrap(
     kept = ~np.array(astray, bool) | np.all(astray)
     shape = (-1, len(unit))
     off, std = np.array(errors).reshape(shape)[kept], np.array(stds).reshape(shape)[kept]
-    usual_std = _usual_std(std, np.array(rough), fit.is_moving)
-    claimed = np.hypot(np.maximum(std, usual_std), fit.discrepancy_std)
+    usual_std = _usual_std(std, fit, np.array(rough))
+    claimed = np.hypot(_believed(std, usual_std, len(std)), fit.discrepancy_std)
     return Bootstrap(off / claimed, fit.is_moving, misfits, usual_std)
 
 
-def _usual_std(std: np.ndarray, rough: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
-    """(N,) root mean square of what (K, N) refits claim of what moves.
+def _usual_std(std: np.ndarray, fit: FitResult, rough: np.ndarray) -> np.ndarray:
+    """(N,) geometric mean of what (K, N) refits and the real fit claim: a few claim far too much.
 
-    How far apart a fit's two sides end says most of what it claims, and that is a single draw:
-    sides that are both off may well meet. Few such draws tell together what is usual, and the
-    fewer they are the more counts what is known without them: `rough`, (K + 1, N) of where the
-    real fit and the refits began.
+    The fewer they are the more counts, of what moves, what is known without them: `rough`,
+    (K + 1, N) of where they began.
     """
     expected = np.minimum(_USUAL_STD, _USUAL_SHARE * np.sqrt(np.square(rough).mean(0)))
-    square = np.square(std).sum(0) + _USUAL_COUNT * expected**2
-    return np.where(is_moving, np.sqrt(square / (len(std) + _USUAL_COUNT)), 0.0)
+    expected = np.maximum(expected, 1e-9)
+    if not len(std):
+        return np.where(fit.is_moving, expected, fit.std)
+    logs = np.log(np.vstack([std, fit.std]))
+    count = np.where(fit.is_moving, _USUAL_COUNT, 0.0)
+    return np.exp((logs.sum(0) + count * np.log(expected)) / (len(logs) + count))
+
+
+def _believed(std: np.ndarray, usual_std: np.ndarray, num_refits: int) -> np.ndarray:
+    """See `Bootstrap.believed`."""
+    return np.sqrt(std * usual_std) if num_refits else np.maximum(std, usual_std)
 
 
 def _ratio(value: float, known) -> float:
@@ -156,19 +171,18 @@ def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
     Few refits say little of a single parameter: it leans on all of its kind. What they say is
     not sure itself, so 90 % intervals are as wide as Student's.
     """
-    factors = np.full(len(is_moving), _UNKNOWN_INFLATION)
-    if not len(errors):
+    factors, count = np.full(len(is_moving), _UNKNOWN_INFLATION), len(errors)
+    if not count:
         return factors
     for kind, of_kind in (("moving", is_moving), ("appearance", ~is_moving)):
         if not of_kind.any():
             continue
-        its, least = np.abs(errors[:, of_kind]), _LEAST_INFLATION[kind]  # (K, G)
+        its = np.abs(errors[:, of_kind])  # (K, G)
         # A single refit that went astray is no reason to widen everything.
         usual = float(np.quantile(its, _USUAL)) / ndtri((1 + _USUAL) / 2)
-        pooled = max(least, usual)
-        square = np.square(np.minimum(its, 3 * pooled)).sum(0) + _POOLED_COUNT * pooled**2
-        square += _EXPECTED_COUNT * max(pooled, _EXPECTED[kind]) ** 2
-        count = len(its) + _POOLED_COUNT + _EXPECTED_COUNT
-        unsure = stdtrit(len(its) + _POOLED_COUNT, 0.95) / ndtri(0.95)
-        factors[of_kind] = unsure * np.sqrt(square / count).clip(least)
+        pooled = count * usual**2 + _EXPECTED_COUNT * _EXPECTED[kind] ** 2
+        pooled /= count + _EXPECTED_COUNT
+        square = np.square(np.minimum(its, 3 * np.sqrt(pooled))).sum(0) + _POOLED_COUNT * pooled
+        unsure = stdtrit(count + _POOLED_COUNT, 0.95) / ndtri(0.95)
+        factors[of_kind] = unsure * np.sqrt(square / (count + _POOLED_COUNT))
     return factors

@@ -25,12 +25,11 @@ _NOT_JUDGED = (
 def inflate(fit: FitResult, bootstrap: Bootstrap) -> FitResult:
     """A fit with the standard deviations that refits show, larger still where it fits worse.
 
-    They allow for what no fit can see, and are no smaller than what refits usually claim.
+    They allow for what no fit can see, and for what such fits usually claim.
     """
     worse_motion = max(1.0, *bootstrap.motion_ratios(fit.misfit))
     worse_picture = max(1.0, bootstrap.picture_ratio(fit.misfit))
-    std = np.maximum(fit.std, bootstrap.usual_std)
-    std *= np.where(fit.is_moving, worse_motion, worse_picture)
+    std = bootstrap.believed(fit.std) * np.where(fit.is_moving, worse_motion, worse_picture)
     return replace(fit, std=bootstrap.inflation() * np.hypot(std, fit.discrepancy_std))
 
 

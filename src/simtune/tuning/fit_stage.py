@@ -8,7 +8,6 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit import (
-    FEW_EPISODES,
     Bootstrap,
     FitResult,
     Observed,
@@ -135,16 +134,19 @@ class FitStage:
         observed: Observed,
         fit: FitResult,
         start: PointEstimate,
-        num: int,
+        size: tuple[int, int],
         rng: np.random.Generator,
         extend_horizon: bool,
         budget: Budget,
     ) -> Bootstrap:
-        """Film and fit `num` known worlds near `fit`, which play the same actions.
+        """Film and fit known worlds near `fit`, which play the same actions.
+
+        `size`: how many, and episodes of each.
 
         Fewer, where `budget` is over before; one that is not finished by then does not count.
         """
-        actions, observation = observed.actions[:FEW_EPISODES], self._context.observation
+        num, num_episodes = size
+        actions, observation = observed.actions[:num_episodes], self._context.observation
 
         def synthesize(parameters: np.ndarray, latency_steps: int) -> Observed | None:
             worlds = np.repeat(parameters[None], len(actions), 0)

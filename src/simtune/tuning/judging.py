@@ -7,6 +7,8 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit import (
+    FEW_EPISODES,
+    MANY_EPISODES,
     Bootstrap,
     FitResult,
     PointEstimate,
@@ -23,6 +25,7 @@ from simtune.tuning.range_update import RangeUpdateConfig, point_estimate, read_
 from simtune.tuning.search import Estimate, at_most_weak
 from simtune.tuning.told import Told
 
+_ENOUGH_REFITS = 4  # with fewer, each has fewer episodes than the real fit
 _WORTH_BEGINNING = 0.5  # of a fit: time that is left, with which a refit may be finished
 
 
@@ -52,10 +55,11 @@ class Judging:
         budget.report("fitting", 0.55)
         observed, start = self.stage.observed(*detected), self._start(prob_higher)
         fit = self.stage.fit(observed, start, may_be_last)
-        num = self._num_refits(budget, time.monotonic() - began_s) if may_be_last else 0
+        size = self._refits(len(observed), budget, time.monotonic() - began_s)
+        size = size if may_be_last else (0, 0)
         part = budget.part(budget.seconds_left, (0.65, 1.0))
         self.bootstrap = self.stage.bootstrap(
-            observed, fit, start, num, self.rng, may_be_last, part
+            observed, fit, start, size, self.rng, may_be_last, part
         )
         return self._conclude(fit, self.bootstrap, prob_higher)
 
@@ -75,13 +79,21 @@ class Judging:
         guess = point_estimate(prob_higher, self.searched)
         return self.told.start(guess) if self.told else guess
 
-    def _num_refits(self, budget: Budget, fit_s: float) -> int:
-        """To begin with, after a fit that took so long: what does not end in time is left out."""
+    def _refits(self, num_episodes: int, budget: Budget, fit_s: float) -> tuple[int, int]:
+        """How many to begin with, and episodes of each, after a fit that took so long.
+
+        What does not end in time is left out. They are to be fits like the real one; fewer
+        episodes err more. But a few of these tell more than one or two of those.
+        """
         planned, most = self.config.num_refits
+        many = min(MANY_EPISODES, num_episodes)
         if budget.is_endless:
-            return planned
+            return planned, many
+        each_s = budget.seconds_left / _ENOUGH_REFITS
+        few = min(FEW_EPISODES, many)
         # They may take less: of them no latency is looked for.
-        return most if budget.seconds_left > _WORTH_BEGINNING * fit_s else 0
+        num = most if budget.seconds_left > _WORTH_BEGINNING * fit_s else 0
+        return num, int(np.clip(num_episodes * each_s / fit_s, few, many))
 
     def _conclude(
         self, fit: FitResult, bootstrap: Bootstrap, prob_higher: np.ndarray
