@@ -276,8 +276,13 @@ def test_a_real_camera_widens_intervals_by_its_discrepancy():
     simulated = ObservationModel.of_simulator().discrepancy_std(SPACE.is_appearance)
     np.testing.assert_array_equal(simulated, 0)
     np.testing.assert_allclose(filmed, np.where(a_fit().is_moving, 0.005, 0.035))
-    std = inflate(replace(a_fit(), discrepancy_std=filmed), bootstrap).std
-    np.testing.assert_allclose(std, bootstrap.inflation() * np.hypot(0.01, filmed))
+    fit = replace(a_fit(), discrepancy_std=filmed)
+    off = bootstrap_of(np.full((8, len(SPACE)), 1.5))
+    np.testing.assert_allclose(inflate(fit, off).std, off.inflation() * np.hypot(0.01, filmed))
+    # Refits that all find the truth do not know what the camera does.
+    assert bootstrap.inflation().max() < 0.7
+    exact = inflate(replace(fit, std=np.full(len(SPACE), 0.001)), bootstrap).std
+    np.testing.assert_allclose(exact, np.where(fit.is_moving, 0.005, 0.7 * 0.035))
 
 
 def test_a_cameras_error_common_to_all_colours_is_not_multiplied_by_how_surely_each_is_seen():

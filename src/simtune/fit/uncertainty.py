@@ -12,6 +12,10 @@ _WORTH_TELLING = 0.6  # correlation
 # Times as far off as the worst refit's: with few of them, the worst one is not very bad yet.
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
 
+# Share of a colour's discrepancy that refits do not show, however well they agree: a camera's tint
+# they do, shadows and highlights they do not. Of what a model's motion lacks they show nothing.
+_UNSEEN_OF_APPEARANCE = 0.7
+
 _HARDLY_JUDGED = (
     "A single known world was fitted for comparison, so intervals lean on how far fits usually "
     "are off. Give it more minutes."
@@ -30,7 +34,9 @@ def inflate(fit: FitResult, bootstrap: Bootstrap) -> FitResult:
     worse_motion = max(1.0, *bootstrap.motion_ratios(fit.misfit))
     worse_picture = max(1.0, bootstrap.picture_ratio(fit.misfit))
     std = bootstrap.believed(fit.std) * np.where(fit.is_moving, worse_motion, worse_picture)
-    return replace(fit, std=bootstrap.inflation() * np.hypot(std, fit.discrepancy_std))
+    std = bootstrap.inflation() * np.hypot(std, fit.discrepancy_std)
+    unseen = np.where(fit.is_moving, 1.0, _UNSEEN_OF_APPEARANCE) * fit.discrepancy_std
+    return replace(fit, std=np.maximum(std, unseen))
 
 
 def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
