@@ -19,12 +19,16 @@ from simtune.fit import (
     ranks,
 )
 from simtune.randomization import Distribution
-from simtune.tuning.fit_stage import Detected, FitStage
+from simtune.trajectory import Trajectory
+from simtune.tuning.fit_stage import Detected, FitStage, HeldOut
+from simtune.tuning.learning import Learning
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import RangeUpdateConfig, point_estimate, read_curves, with_fit
-from simtune.tuning.search import Estimate, at_most_weak
+from simtune.tuning.search import Estimate, SearchContext, at_most_weak
 from simtune.tuning.told import Told
 
+_FITS_SHARE = 0.9  # of what is left then, for a fit and its refits
+_REFIT = 0.9  # of a fit: no latency is looked for
 _ENOUGH_REFITS = 4  # with fewer, each has fewer episodes than the real fit
 _WORTH_BEGINNING = 0.5  # of a fit: time that is left, with which a refit may be finished
 
@@ -40,6 +44,39 @@ class Judging:
     config: PosteriorSearchConfig
     rng: np.random.Generator  # of known worlds
     bootstrap: Bootstrap | None = None  # what they showed, once `judge` was asked
+
+    @classmethod
+    def prepare(
+        cls,
+        context: SearchContext,
+        learning: Learning,
+        real: list[Trajectory],
+        held_out: HeldOut,
+        told: Told | None,
+        ranges: tuple[Distribution, Distribution],
+        budget: Budget,
+    ) -> "Judging":
+        """With a fit, where there may be one, that is as large as the time allows.
+
+        `ranges`: `searched` and `first`.
+        """
+        stage, config = None, learning.config
+        if learning.is_fitted:
+            held = tuple(np.flatnonzero(told.is_held)) if told else ()
+            config = replace(config, fit=replace(config.fit, held=held))
+            stage = FitStage.prepare(context, learning.model, held_out, config, budget)
+            num_steps = min(len(t) for t in real) * len(real)
+            fits = 1 + _REFIT * config.num_refits[0]
+            stage = stage.sized(num_steps, _FITS_SHARE * budget.seconds_left / fits)
+        searched, first = ranges
+        return cls(
+            stage=stage,
+            told=told,
+            searched=searched,
+            first=first,
+            config=config,
+            rng=learning.worlds.rng,
+        )
 
     def judge(
         self, detected: Detected, prob_higher: np.ndarray, may_be_last: bool, budget: Budget

@@ -10,7 +10,6 @@ A round is sequential neural posterior estimation with a truncated prior, and th
 """
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.trajectory import Trajectory
-from simtune.tuning.fit_stage import FitStage, HeldOut, can_fit
+from simtune.tuning.fit_stage import can_fit
 from simtune.tuning.judging import Judging
 from simtune.tuning.learning import Learning
 from simtune.tuning.pace import Pace, Work, smallest
@@ -34,9 +33,7 @@ from simtune.tuning.search import Estimate, Round, SearchContext
 from simtune.tuning.told import Told
 from simtune.tuning.world_sampler import WorldSampler
 
-_FITS_SHARE = 0.9  # of what is left then, for a fit and its refits
 _READINGS_SHARE = 0.35  # of all the time, for what readings alone tell
-_REFIT = 0.9  # of a fit: it looks at fewer episodes, which are filmed before
 
 
 class PosteriorSearch:
@@ -111,7 +108,11 @@ class PosteriorSearch:
         held_out = learning.hold_out(real, searched, budget)
         worlds = worlds.without_frames()
         metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
-        self._judging = judging = self._prepare_judging(real, held_out, budget)
+        ranges = searched, self.first
+        judging = Judging.prepare(
+            self.context, learning, real, held_out, self._told, ranges, budget
+        )
+        self._judging = judging
         detected = learning.detect(real)
         prob_higher = learning.curves(detected, searched)
         estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget)
@@ -140,27 +141,6 @@ class PosteriorSearch:
         if not budget.is_endless and math.isinf(self._full_s):
             self.needed_s(real)
         return self._rounds.plan(budget, self._full_s)
-
-    def _prepare_judging(
-        self, real: list[Trajectory], held_out: HeldOut, budget: Budget
-    ) -> Judging:
-        """With a fit, where there may be one, that is as large as the time allows."""
-        stage, config = None, self.config
-        if self._can_fit:
-            num_steps = min(len(t) for t in real) * len(real)
-            held = tuple(np.flatnonzero(self._told.is_held)) if self._told else ()
-            config = replace(config, fit=replace(config.fit, held=held))
-            stage = FitStage.prepare(self.context, self.model, held_out, config, budget)
-            fits = 1 + _REFIT * config.num_refits[0]
-            stage = stage.sized(num_steps, _FITS_SHARE * budget.seconds_left / fits)
-        return Judging(
-            stage=stage,
-            told=self._told,
-            searched=self.distribution,
-            first=self.first,
-            config=config,
-            rng=self._learning.worlds.rng,
-        )
 
     def estimate(self, trajectories: list[Trajectory]) -> tuple[Estimate, np.ndarray]:
         """What the last round would have made of other trajectories; and (N, C) curves.
