@@ -41,7 +41,7 @@ def fit_pictures(
     parameters: np.ndarray,
     fitted: np.ndarray,
     poses: np.ndarray | None = None,
-    iterations: int = 8,
+    iterations: int = 12,
 ) -> PictureFit:
     """Fit parameters `fitted` (indices) to (M, H, W, 3) frames of (M, S) states.
 
