@@ -168,6 +168,18 @@ def test_a_round_is_judged_by_refits_unless_time_is_over_or_another_will_follow(
 
 
 @pytest.mark.thorough
+def test_a_round_without_time_for_refits_is_judged_by_those_of_the_round_before(
+    simulator, real, tiny
+):
+    search = start(simulator, replace(tiny, num_rounds=1))
+    judged, _, _ = search.run_round(real, Budget(1e6))
+    estimate, _, _ = search.run_round(real, over())
+    num_refits = {len(ranks) for ranks in judged.ranks.values()}
+    assert {len(ranks) for ranks in estimate.ranks.values()} == num_refits == {tiny.num_refits[1]}
+    assert not any("no time" in warning for warning in estimate.warnings)
+
+
+@pytest.mark.thorough
 def test_progress_is_reported_and_never_goes_back(simulator, real, tiny):
     reports: list[tuple[str, float]] = []
     budget = Budget(report=lambda doing, done: reports.append((doing, done)))

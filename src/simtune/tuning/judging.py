@@ -43,7 +43,8 @@ class Judging:
     first: Distribution  # in the first one
     config: PosteriorSearchConfig
     rng: np.random.Generator  # of known worlds
-    bootstrap: Bootstrap | None = None  # what they showed, once `judge` was asked
+    # What they showed, once `judge` was asked; of the round before where there was no time for any
+    bootstrap: Bootstrap | None = None
 
     @classmethod
     def prepare(
@@ -55,10 +56,11 @@ class Judging:
         told: Told | None,
         ranges: tuple[Distribution, Distribution],
         budget: Budget,
+        before: "Judging | None" = None,
     ) -> "Judging":
         """With a fit, where there may be one, that is as large as the time allows.
 
-        `ranges`: `searched` and `first`.
+        `ranges`: `searched` and `first`; `before`: of the round before this one.
         """
         stage, config = None, learning.config
         if learning.is_fitted:
@@ -76,6 +78,7 @@ class Judging:
             first=first,
             config=config,
             rng=learning.worlds.rng,
+            bootstrap=before and before.bootstrap,
         )
 
     def judge(
@@ -95,9 +98,9 @@ class Judging:
         size = self._refits(len(observed), budget, time.monotonic() - began_s)
         size = size if may_be_last else (0, 0)
         part = budget.part(budget.seconds_left, (0.65, 1.0))
-        self.bootstrap = self.stage.bootstrap(
-            observed, fit, start, size, self.rng, may_be_last, part
-        )
+        made = self.stage.bootstrap(observed, fit, start, size, self.rng, may_be_last, part)
+        if made.misfits or self.bootstrap is None or not self.bootstrap.misfits:
+            self.bootstrap = made
         return self._conclude(fit, self.bootstrap, prob_higher)
 
     def as_before(self, detected: Detected, prob_higher: np.ndarray) -> tuple[Estimate, np.ndarray]:

@@ -109,8 +109,9 @@ class PosteriorSearch:
         worlds = worlds.without_frames()
         metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
         ranges = searched, self.first
+        told, before = self._told, self._judging
         judging = Judging.prepare(
-            self.context, learning, real, held_out, self._told, ranges, budget
+            self.context, learning, real, held_out, told, ranges, budget, before
         )
         self._judging = judging
         detected = learning.detect(real)
