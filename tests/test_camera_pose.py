@@ -189,7 +189,9 @@ def test_a_camera_near_by_is_found_by_edges_whatever_the_colours(filmed):
     blurs = (*NEAR, *FINE)
     alignment = Alignment(filmed.robot, filmed.frames, filmed.states, blurs)
     found = alignment.fit(start)
-    np.testing.assert_allclose(found.unit, filmed.truth, atol=0.02)
+    # Farther away and narrower looks alike, so what is told is where the robot is on the film.
+    both = filmed.robot.project(np.stack([found.unit, filmed.truth]), filmed.states)
+    assert np.median(np.linalg.norm(both[0] - both[1], axis=-1)) < 0.3
     away = alignment.fit(filmed.truth + 0.25 * np.array([1, -1, 1, -1, 1, -1]))
     assert found.cost < min(away.cost, -0.005)
 
