@@ -10,7 +10,8 @@ import pytest
 
 from simtune.fit import FitConfig, Observed, ParticleConfig, Physics, fit_to_budget
 from simtune.fit.pictures import fit_pictures, rounding_std
-from simtune.fit.shooting import Shooting, ShootingConfig, Stage
+from simtune.fit.shooting import Shooting
+from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation import StateSpace, random_actions

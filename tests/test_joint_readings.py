@@ -7,7 +7,8 @@ from test_fit import MOVING, SPACE, observed_of, rough_states, simulator  # noqa
 from simtune.fit import Observed, Physics
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.residuals import correlation_times
-from simtune.fit.shooting import Shooting, ShootingConfig, Stage
+from simtune.fit.shooting import Shooting
+from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.slopes import Groups, Slopes, agreed
 from simtune.observation import AllEvidence, JointReadings, JointSensor, ObservationModel
 from simtune.randomization import Distribution

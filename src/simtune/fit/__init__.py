@@ -11,7 +11,7 @@ from simtune.fit.readings import Readings
 from simtune.fit.replay_cost import Guess
 from simtune.fit.replay_fit import ReplayFit, num_fitted
 from simtune.fit.result import FitResult, PointEstimate
-from simtune.fit.shooting import ShootingConfig, Stage
+from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.sizing import FitConfig, count_fit_steps, fit_to_budget
 from simtune.fit.uncertainty import correlations, in_range, inflate, model_checks, ranks
 from simtune.fit.whole_episodes import replay_whole

@@ -14,7 +14,8 @@ from simtune.fit.physics import Physics
 from simtune.fit.pictures import PictureFit, fit_pictures
 from simtune.fit.poses import align_to_images, uncertain_poses
 from simtune.fit.result import FitResult, Misfit, PointEstimate, block_correlation, diluted
-from simtune.fit.shooting import Shooting, ShootingConfig, ShootingFit, Stage
+from simtune.fit.shooting import Shooting, ShootingFit
+from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.sizing import FitConfig, fit_to_budget
 
 _NUM_PICTURES = 40

@@ -12,7 +12,8 @@ import numpy as np
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.reading_sensitivity import ReadingChanges
-from simtune.fit.shooting import Shooting, ShootingConfig, Stage
+from simtune.fit.shooting import Shooting
+from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution

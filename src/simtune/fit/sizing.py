@@ -7,7 +7,7 @@ import numpy as np
 
 from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
-from simtune.fit.shooting import ShootingConfig
+from simtune.fit.shooting_config import ShootingConfig
 
 _SIDES = 2  # from which windows are fitted
 _FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20

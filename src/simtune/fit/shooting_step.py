@@ -1,0 +1,123 @@
+"""One step of Gauss and Newton in multiple shooting: parameters and windows' states together."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.fit.combine import combine, robust_weights
+from simtune.fit.linearization import (
+    LinearizationPoint,
+    NormalEquations,
+    Slopes,
+    WindowPlayer,
+    diagonal,
+)
+from simtune.fit.physics import Physics
+from simtune.fit.windows import Windows
+
+_PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
+# And in a stage that is not blurred by so much less again: it comes from worlds with other
+# parameters, so that it would draw the parameters to where they began, and say that it is sure.
+_LAST_PRIOR = 10.0
+_LARGEST_STEP = 0.12  # of the whole range (unit coordinates)
+_LARGEST_STATE_STEP = 4.0  # prior standard deviations
+_DAMPING = (1e-6, 1e4)
+
+
+class Stepped(NamedTuple):
+    """Where a step has led."""
+
+    point: LinearizationPoint
+    covariance: np.ndarray  # (P, P) of the parameters
+    predicted: np.ndarray  # (W, K, D) at the point
+
+
+class ShootingStep:
+    """Steps in parameters `fitted` (indices) and in the windows' initial states."""
+
+    def __init__(self, physics: Physics, prior_std: np.ndarray, fitted: np.ndarray):
+        """`prior_std`: (2 nv,) usual errors of first guesses at states."""
+        self._space, self._fitted = physics.space, fitted
+        self._prior_std = prior_std * _PRIOR
+        self.player = WindowPlayer(physics, self._prior_std, fitted)
+
+    def information(self, windows: Windows, point: LinearizationPoint) -> np.ndarray:
+        """(W, P, P) that each window has of the parameters, where its state is unknown."""
+        pull = np.zeros((len(windows.states), len(self._prior_std)))
+        slopes = self.player.differentiate(windows, point)
+        equations, _ = self.player.linearize(windows, slopes, pull, self._prior_std, 1.0)
+        return equations.information
+
+    def take(
+        self,
+        windows: Windows,
+        point: LinearizationPoint,
+        slopes: Slopes,
+        share: float,
+        blur: float,
+    ) -> Stepped:
+        """One step from `point`, of which the parameters go a `share`.
+
+        Over the W windows' initial states x_w and the parameters θ that all share, it minimises
+
+            Σ_w −log p(observed_w | x_w, θ) + ½ ‖S⁻¹ (x_w ⊖ x̄_w)‖²
+
+        with x̄_w the first guess and S = diag(prior). Near the point (`linearize`) that is
+
+            [H_w   C_w] [δx_w]     [g_w]
+            [C_wᵀ  B_w] [δθ  ] = − [b_w]
+
+        The states go first, by the Schur complement: each window then says what it knows of θ
+        alone, I_w = B_w − C_wᵀ H_w⁻¹ C_w, and `combine` takes its step δθ from all of them. Then
+        δx_w = −(H_w + λ_w diag H_w)⁻¹ (g_w + C_w δθ), with Levenberg-Marquardt damping λ_w.
+        A window whose cost rises keeps its states; if the weighted sum of all rises, nothing
+        moves, and the next step in θ is a quarter as long.
+        """
+        prior = self._prior_std * (_LAST_PRIOR if blur <= 1 else 1.0)
+        pull = self._pull(point.states, windows, prior)  # (W, 2 nv)
+        equations, cost = self.player.linearize(windows, slopes, pull, prior, blur)
+        trust = robust_weights(cost)  # (W,)
+        combined = combine(
+            equations.information,
+            equations.parameter_gradient,
+            point.variance,
+            trust / (1 + point.damping),
+        )
+        step = combined.step(point.unit[self._fitted], _LARGEST_STEP)  # (P,)
+        unit = point.unit.copy()
+        unit[self._fitted] = np.clip(unit[self._fitted] + share * point.step_scale * step, 0, 1)
+        moved = self._move_states(point, equations, unit[self._fitted] - point.unit[self._fitted])
+        # Costs (2, W) with the parameters moved: with the states moved, too, and without
+        _, predicted = self.player.play(
+            windows, np.stack([moved, point.states]), np.stack([unit, unit])
+        )
+        pulls = np.stack([self._pull(moved, windows, prior), pull])
+        costs = -windows.evidence.log_likelihood(predicted, blur)
+        costs += 0.5 * np.square(pulls).sum(-1)
+        before = cost + 0.5 * np.square(pull).sum(-1)
+        if trust @ costs.min(0) > trust @ before:  # too far for a straight line
+            shorter = replace(point, step_scale=point.step_scale / 4)
+            return Stepped(shorter, combined.covariance, slopes.predicted)
+        better = costs[0] < costs[1]
+        states = np.where(better[:, None], moved, point.states)
+        damping = np.where(better, point.damping / 4, point.damping * 8).clip(*_DAMPING)
+        step_scale = min(1.0, 2 * point.step_scale)
+        after = LinearizationPoint(states, unit, damping, combined.variance, step_scale)
+        its = np.where(better[:, None, None], predicted[0], predicted[1])
+        return Stepped(after, combined.covariance, its)
+
+    def _move_states(
+        self, point: LinearizationPoint, equations: NormalEquations, change: np.ndarray
+    ) -> np.ndarray:
+        """(W, nq + nv) states after the best step when the parameters change by (P,)."""
+        hessian = equations.hessian
+        damped = hessian + point.damping[:, None, None] * diagonal(hessian)
+        gradient = equations.gradient + equations.cross @ change
+        tangent = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+        limit = _LARGEST_STATE_STEP * self._prior_std
+        return self._space.move(point.states, np.clip(tangent, -limit, limit))
+
+    def _pull(self, states: np.ndarray, windows: Windows, prior: np.ndarray) -> np.ndarray:
+        """(W, 2 nv) S⁻¹ (x ⊖ x̄), with S = diag(prior)."""
+        return self._space.difference(states, windows.states) / prior
