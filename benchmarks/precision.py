@@ -1,9 +1,10 @@
 """Seconds from nothing until a world is known to 1 % on average, with intervals.
 
 Each run is the plain `simtune tune` in a process of its own, on the goals' two cores with nothing
-beside. The clock runs from the process's start, so that imports and filming count. At the end of
-each round the command writes its estimates and intervals; the first round whose mean error is
-small enough, and that has intervals of all parameters, stops the clock. Only the scoring knows the
+beside. The clock runs from the process's start, so that imports and filming count. Once a
+simulator is fitted, and again when known worlds have judged that, the command writes its estimates
+and intervals; the first with intervals of all parameters whose mean error is small enough stops
+the clock, and the first judged one is told as well. Only the scoring knows the
 truth, so the command itself goes on for as long as it would. Lines, and what is not run again, are
 as in whole_runs.py. The last line is one JSON object.
 """
@@ -37,6 +38,7 @@ _COLUMNS = {
     "worlds": "{worlds}",
     "known so well in": "{reached}",
     "seconds until then": "{seconds}",
+    "until judged": "{judged_s}",
     "goal": "{goal_s}",
     "seconds to goal": "{ratio}",
     "seconds of the whole command": "{returned_s}",
@@ -132,7 +134,9 @@ def scored_round(
     if has_intervals(row, space.names):
         ends = [(row[f"low/{name}"], truth[name], row[f"high/{name}"]) for name in space.names]
         held = sum(low <= value <= high for low, value, high in ends)
-    return {"s": round(seconds, 1), "percent_error": figure(errors.mean()), "held": held}
+    error = figure(errors.mean())
+    is_judged = not row.get("is_early", False)
+    return {"s": round(seconds, 1), "percent_error": error, "held": held, "is_judged": is_judged}
 
 
 def has_intervals(row: Mapping[str, Any], names: Sequence[str]) -> bool:
@@ -141,9 +145,12 @@ def has_intervals(row: Mapping[str, Any], names: Sequence[str]) -> bool:
     return all(end is not None and math.isfinite(end) for end in ends)
 
 
-def known_at(line: Line, percent: float) -> dict[str, Any] | None:
-    """The first round with intervals whose mean error is at most so large; None: there is none."""
-    rounds = (r for r in line["rounds"] if r["held"] is not None)
+def known_at(line: Line, percent: float, judged: bool = False) -> dict[str, Any] | None:
+    """The first answer with intervals whose mean error is at most so large; None: there is none.
+
+    `judged`: the first that known worlds have judged.
+    """
+    rounds = (r for r in line["rounds"] if r["held"] is not None and (r["is_judged"] or not judged))
     return next((r for r in rounds if r["percent_error"] <= percent), None)
 
 
@@ -155,10 +162,12 @@ def summary(lines: Sequence[Line], percent: float) -> dict[str, Any]:
         return figures
     reached = [known_at(line, percent) for line in done]
     seconds, goal_s = median_s([r and r["s"] for r in reached]), GOALS_S.get(done[0]["task"])
+    judged = [known_at(line, percent, judged=True) for line in done]
     then = [(r["held"], line["of"]) for r, line in zip(reached, done, strict=True) if r]
     return figures | {
         "reached": f"{len(then)} of {len(done)}",
         "seconds": seconds,
+        "judged_s": median_s([r and r["s"] for r in judged]),
         "goal_s": goal_s,
         "ratio": figure(seconds / goal_s) if seconds and goal_s else None,
         "returned_s": median_s([line["wall_s"] for line in done]),

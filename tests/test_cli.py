@@ -1,6 +1,7 @@
 """The command line: exit statuses, one line for what is wrong, and nothing half-written."""
 
 import json
+import logging
 import re
 import shlex
 import shutil
@@ -494,6 +495,16 @@ def test_progress_prints_a_line_when_something_new_begins(capsys):
     lines = capsys.readouterr().err.splitlines()
     assert [line.split("%")[1].strip() for line in lines] == ["learning", "filming"]
     assert all(is_progress(line) for line in lines)
+
+
+def test_what_is_logged_meanwhile_is_a_line_of_its_own(capsys):
+    log = logging.getLogger("simtune.somewhere")
+    log.info("before")
+    with ProgressBar(1e9) as progress:
+        progress("learning", 0.0)
+        log.info("a first answer")
+    log.info("afterwards")
+    assert capsys.readouterr().err.splitlines()[1:] == ["a first answer"]
 
 
 def test_progress_never_exceeds_100_percent(capsys):

@@ -21,6 +21,7 @@ from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, make_search
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.search import Estimate
 from simtune.vision.keypoints import find_keypoints
 
 
@@ -165,6 +166,18 @@ def test_a_round_is_judged_by_refits_unless_time_is_over_or_another_will_follow(
     assert refits(replace(tiny, num_rounds=1), Budget()) == {tiny.num_refits[0]}
     assert refits(tiny, Budget()) == set(), "what is fitted once more needs no refits"
     assert refits(tiny, over()) == set()
+
+
+@pytest.mark.thorough
+def test_a_fit_is_told_before_it_is_judged_and_not_called_sure(simulator, real, tiny):
+    told: list[Estimate] = []
+    search = start(simulator, replace(tiny, num_rounds=1))
+    judged, _, _ = search.run_round(real, Budget(1e6), told.append)
+    (early,) = told
+    assert "identified" not in early.verdict
+    assert not early.ranks
+    assert (np.abs(early.mean - judged.mean) < early.high - early.low).all()
+    assert any("no time to fit a known world" in warning for warning in early.warnings)
 
 
 @pytest.mark.thorough

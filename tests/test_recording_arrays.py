@@ -131,7 +131,7 @@ def test_a_run_of_arrays_keeps_them_and_goes_on_with_the_same(quickly, tmp_path,
         tune = partial(simtune.tune, "cartpole", out=tmp_path / "run", seed=3)
         found = tune(real=real)
         assert Path(found.content["recordings"]["folder"]).parent == tmp_path / "run" / "filmed"
-        assert tune(real=real).content == found.content
+        assert tune(real=real).content["parameters"] == found.content["parameters"]
         real[0]["frames"] = 255 - real[0]["frames"]
         with pytest.raises(ValueError, match=r"holds a run with .*dataset_hash = "):
             tune(real=real)

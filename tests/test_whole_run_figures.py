@@ -24,7 +24,8 @@ def test_a_run_is_scored_in_percent_of_its_truth():
     parameters = {name: entry | {"verdict": "weak"} for name in NAMES}
     parameters["pole_mass"] = entry | {"low": 0.501, "verdict": "identified"}
     result = {"parameters": parameters, "warnings": ["look"], "percent_error": 2.0}
-    line = scored(Ended(61.234, [(30.0, {}), (60.0, {})], result, None), SPACE)
+    rounds = [(20.0, {"is_early": 1.0}), (30.0, {"round": 1}), (60.0, {"round": 2})]
+    line = scored(Ended(61.234, rounds, result, None), SPACE)
     assert (line["wall_s"], line["rounds"], line["warnings"]) == (61.2, 2, ["look"])
     assert line["errors"]["body_r"] == 2.0
     assert line["half_widths"]["body_r"] == pytest.approx(2.0)  # .01 of .5
@@ -82,14 +83,17 @@ def test_a_round_is_scored_by_its_mean_error_and_intervals():
 
     truth = dict.fromkeys(NAMES, 0.5)
     row = a_row(SPACE, truth, 1.01)
-    assert scored_round(12.34, row, SPACE, truth) == {"s": 12.3, "percent_error": 1.0, "held": 8}
+    scored = {"s": 12.3, "percent_error": 1.0, "held": 8, "is_judged": True}
+    assert scored_round(12.34, row, SPACE, truth) == scored
+    assert not scored_round(12.34, row | {"is_early": 1.0}, SPACE, truth)["is_judged"]
     assert scored_round(1.0, a_row(SPACE, truth, 1.03), SPACE, truth)["held"] == 0
     for missing in (None, float("nan"), float("inf")):
         assert scored_round(1.0, row | {"low/pole_mass": missing}, SPACE, truth)["held"] is None
 
 
 def followed_line(rounds, wall_s=200.0, **changes) -> dict:
-    keys = ("s", "percent_error", "held")
+    keys = ("s", "percent_error", "held", "is_judged")
+    rounds = [values if len(values) == len(keys) else (*values, True) for values in rounds]
     rows = [dict(zip(keys, values, strict=True)) for values in rounds]
     line = whole_run(**changes).settings | {"commit": "1234567", "date": "2026-11-22"}
     return line | {"rounds": rows, "wall_s": wall_s, "percent_error": 0.4, "held": 7, "of": 8}
@@ -98,8 +102,9 @@ def followed_line(rounds, wall_s=200.0, **changes) -> dict:
 def test_a_world_is_known_at_the_first_round_that_is_near_and_has_intervals():
     from precision import known_at
 
-    line = followed_line([(10, 3.0, 8), (20, 0.9, None), (30, 1.0, 6), (40, 0.5, 8)])
+    line = followed_line([(10, 3.0, 8), (20, 0.9, None), (30, 1.0, 6, False), (40, 0.5, 8)])
     assert known_at(line, 1.0)["s"] == 30
+    assert known_at(line, 1.0, judged=True)["s"] == 40
     assert known_at(line, 0.6)["s"] == 40
     assert known_at(line, 0.1) is None
 

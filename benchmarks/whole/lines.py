@@ -63,7 +63,7 @@ def scored(ended: Ended, space: ParameterSpace) -> Line:
     half_widths = {n: 50 * (e["high"] - e["low"]) / size[n] for n, e in found.items()}
     return {
         "wall_s": round(ended.wall_s, 1),
-        "rounds": len(ended.rounds),
+        "rounds": sum("round" in row for _, row in ended.rounds),
         "errors": {name: figure(entry["percent_error"]) for name, entry in found.items()},
         "half_widths": {name: figure(width) for name, width in half_widths.items()},
         "holds": {name: e["low"] <= e["real"] <= e["high"] for name, e in found.items()},

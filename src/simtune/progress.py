@@ -1,5 +1,6 @@
 """How far long work is: what a command says meanwhile."""
 
+import logging
 import math
 import sys
 import time
@@ -17,8 +18,18 @@ def silent(doing: str, done: float) -> None:
     """Say nothing."""
 
 
+class _AboveTheBar(logging.Handler):
+    """What is said stays, and the bar goes on beneath it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        tqdm.write(self.format(record), file=sys.stderr)
+
+
 class ProgressBar:
-    """Use as a `ReportProgress`; a context manager, so that the terminal is left tidy."""
+    """Use as a `ReportProgress`; a context manager, so that the terminal is left tidy.
+
+    Meanwhile it shows what simtune logs, from INFO on.
+    """
 
     def __init__(self, total_s: float = math.inf):
         """`total_s`: how long the whole may take at most, to guess from at the start."""
@@ -29,6 +40,8 @@ class ProgressBar:
         )
         self._start, self._total_s = time.monotonic(), total_s
         self._doing, self._last_line = "", -_LINE_EVERY_S
+        self._log, self._handler = logging.getLogger("simtune"), _AboveTheBar()
+        self._level = self._log.level
 
     def __call__(self, doing: str, done: float) -> None:
         now = time.monotonic()
@@ -50,7 +63,11 @@ class ProgressBar:
         self._doing = doing
 
     def __enter__(self) -> "ProgressBar":
+        self._log.addHandler(self._handler)
+        self._log.setLevel(logging.INFO)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._bar.close()
+        self._log.removeHandler(self._handler)
+        self._log.setLevel(self._level)

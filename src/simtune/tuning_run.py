@@ -57,7 +57,7 @@ def tune(
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
             run.folder.drop_result()  # of an earlier sitting: this one goes on
             began_s = time.monotonic()
-            found = search.run_round(real, budget)
+            found = search.run_round(real, budget, run.tell_early)
             run.round_s = time.monotonic() - began_s
             run.step = experiment.simulator.num_steps
             run.log_round(found, len(real))

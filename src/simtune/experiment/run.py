@@ -1,5 +1,6 @@
 """A run from its folder's opening to its report: what `tune` and `train` have in common."""
 
+import logging
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -16,7 +17,10 @@ from simtune.report import write_report
 from simtune.run import RunFolder
 from simtune.trajectory import Trajectory
 from simtune.tuning.joint import NUM_DRAWS, Joint
-from simtune.tuning.search import Round, unsure
+from simtune.tuning.search import Estimate, Round, unsure
+
+log = logging.getLogger(__name__)
+_TOLD_EARLY = 4  # parameters, in a line
 
 
 class Run:
@@ -83,6 +87,17 @@ class Run:
             self.folder.log_event(self.step, self.wall_s, **asdict(event))
         estimates = outcome.scalars(self.experiment.search, found.estimate)
         self.log(num_real, {"round": self.num_rounds} | estimates | found.metrics)
+
+    def tell_early(self, early: Estimate) -> None:
+        """Write down an estimate of a round that is not over, and say so."""
+        experiment = self.experiment
+        estimates = outcome.scalars(experiment.search, early)
+        self.log(len(experiment.recordings), estimates | {"is_early": 1.0})
+        rows = zip(experiment.space, early.mean, strict=True)
+        known = ", ".join(f"{p.name} {value:.4g}" for p, value in list(rows)[:_TOLD_EARLY])
+        more = len(early.mean) - _TOLD_EARLY
+        said = f"{known} and {more} more" if more > 0 else known
+        log.info("after %.0f s, not judged yet: %s", self.wall_s, said)
 
     def finish(
         self,

@@ -7,7 +7,7 @@ import torch
 from simtune.budget import Budget
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Round, unsure
+from simtune.tuning.search import Round, TellEarly, tell_nobody, unsure
 
 
 class FixedRange:
@@ -24,7 +24,9 @@ class FixedRange:
     def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
         return 0.0, 0.0
 
-    def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
+    def run_round(
+        self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
+    ) -> Round:
         return Round(unsure(self.distribution, "not identifiable"), [], {})
 
     def tensors(self) -> dict[str, torch.Tensor]:

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from simtune.tuning.fit_stage import Detected, FitStage, HeldOut
 from simtune.tuning.learning import Learning
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import RangeUpdateConfig, point_estimate, read_curves, with_fit
-from simtune.tuning.search import Estimate, SearchContext, at_most_weak
+from simtune.tuning.search import Estimate, SearchContext, TellEarly, at_most_weak
 from simtune.tuning.told import Told
 
 _FITS_SHARE = 0.9  # of what is left then, for a fit and its refits
@@ -82,12 +83,18 @@ class Judging:
         )
 
     def judge(
-        self, detected: Detected, prob_higher: np.ndarray, may_be_last: bool, budget: Budget
+        self,
+        detected: Detected,
+        prob_higher: np.ndarray,
+        may_be_last: bool,
+        budget: Budget,
+        tell_early: TellEarly,
     ) -> tuple[Estimate, np.ndarray]:
         """Fit, compare with known worlds until the budget is over, and conclude.
 
         `prob_higher`: (N, C) the posterior network's curves. What may not be the last round does
         without known worlds, and without longer windows. Returns the (N, C) curves as well.
+        `tell_early` hears of the fit before known worlds are compared.
         """
         if self.stage is None:
             return self._read(prob_higher)
@@ -97,8 +104,12 @@ class Judging:
         fit = self.stage.fit(observed, start, may_be_last)
         size = self._refits(len(observed), budget, time.monotonic() - began_s)
         size = size if may_be_last else (0, 0)
+        compare = partial(self.stage.bootstrap, observed, fit, start, rng=self.rng)
+        if size[0]:
+            unjudged = compare(size=(0, 0), extend_horizon=may_be_last, budget=Budget())
+            tell_early(self._conclude(fit, self.bootstrap or unjudged, prob_higher)[0])
         part = budget.part(budget.seconds_left, (0.65, 1.0))
-        made = self.stage.bootstrap(observed, fit, start, size, self.rng, may_be_last, part)
+        made = compare(size=size, extend_horizon=may_be_last, budget=part)
         if made.misfits or self.bootstrap is None or not self.bootstrap.misfits:
             self.bootstrap = made
         return self._conclude(fit, self.bootstrap, prob_higher)

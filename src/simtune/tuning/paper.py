@@ -20,7 +20,7 @@ from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Event, Round, SearchContext, unsure
+from simtune.tuning.search import Event, Round, SearchContext, TellEarly, tell_nobody, unsure
 
 
 def shift_mean(
@@ -101,7 +101,9 @@ class PaperSearch:
         """Nothing: its rounds are short, and many."""
         return 0.0, 0.0
 
-    def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
+    def run_round(
+        self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
+    ) -> Round:
         """See `Search`. The first rounds only pretrain, and leave Ξ where it is."""
         self.check(real)
         budget.report(f"move {self.num_moves} of {self.config.max_moves}")

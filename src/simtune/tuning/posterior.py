@@ -29,7 +29,7 @@ from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import update_range
 from simtune.tuning.rounds import Rounds, half_widths
-from simtune.tuning.search import Estimate, Round, SearchContext
+from simtune.tuning.search import Estimate, Round, SearchContext, TellEarly, tell_nobody
 from simtune.tuning.told import Told
 from simtune.tuning.world_sampler import WorldSampler
 
@@ -97,7 +97,9 @@ class PosteriorSearch:
         self._full_s, self._least_s = (pace.round_s(c, work) for c in (config, smallest(config)))
         return self._least_s, self._full_s
 
-    def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
+    def run_round(
+        self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
+    ) -> Round:
         """Simulate, train the detector and the posterior network, estimate, fit and judge."""
         learning = self._learning
         real = self._listen(real, budget)
@@ -116,7 +118,7 @@ class PosteriorSearch:
         self._judging = judging
         detected = learning.detect(real)
         prob_higher = learning.curves(detected, searched)
-        estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget)
+        estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget, tell_early)
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )

@@ -27,7 +27,7 @@ from simtune.trajectory import Trajectory
 from simtune.tuning.readings_fits import FEWEST_STEPS, Horizons, ReadingsFits, unexplained
 from simtune.tuning.readings_verdict import conclude
 from simtune.tuning.rounds import half_widths, is_precise
-from simtune.tuning.search import Event, Round, SearchContext
+from simtune.tuning.search import Event, Round, SearchContext, TellEarly, tell_nobody
 
 _WHOLE_SEARCH = 15.0  # times as long as derivatives of whole episodes take
 
@@ -76,7 +76,9 @@ class ReadingsSearch:
         each_s = (1 + len(loop.fitted) + len(loop.start_tangents)) * once_s
         return 2 * each_s, _WHOLE_SEARCH * each_s
 
-    def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
+    def run_round(
+        self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
+    ) -> Round:
         """Fit, and judge."""
         readings, loop = self._look_at(real)
         space, context = self.first.space, self._context

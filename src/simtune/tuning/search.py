@@ -1,5 +1,6 @@
 """What a search gives: where the parameters are, how sure that is, where to search next."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -37,6 +38,14 @@ class Estimate:
     latency_steps: int = 0  # by which the actions seem to take effect late
     # {reading: measured − simulated, of what was fitted to readings alone}
     offsets: dict[str, float] = field(default_factory=dict)
+
+
+# Told of an estimate that a round has before it knows how far that can be trusted
+TellEarly = Callable[[Estimate], None]
+
+
+def tell_nobody(early: Estimate) -> None:
+    """A `TellEarly`."""
 
 
 def at_most_weak(verdicts: list[Verdict]) -> list[Verdict]:
@@ -99,10 +108,13 @@ class Search(Protocol):
         """Raises InputError for trajectories that cannot be looked at, e.g. too short ones."""
         ...
 
-    def run_round(self, real: list[Trajectory], budget: Budget) -> Round:
+    def run_round(
+        self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
+    ) -> Round:
         """Simulate in Ξ, train, ask the real trajectories, move Ξ: once.
 
         `budget` is that of all rounds that are still to come, not to be overrun by much.
+        `tell_early` hears of an estimate that is there long before the round ends, if there is one.
         """
         ...
 
