@@ -386,8 +386,10 @@ def test_recordings_in_json(simtune, recorded, tmp_path, monkeypatch):
     assert (result["episodes"], result["steps"], result["step_s"]) == (2, 30, pytest.approx(0.1))
     assert result["recordings"]["episodes"] == 2
     assert len(result["recordings"]["dataset_hash"]) == 64
-    assert len(result["warnings"]) == 4
-    assert result["warnings"][-1].startswith("nothing moves in the film")  # it is black
+    *_, black, small = result["warnings"]
+    assert len(result["warnings"]) == 5
+    assert black.startswith("nothing moves in the film")
+    assert small.startswith("what moves is small: the largest, arm, is")
     (picture,) = tmp_path.glob("simtune-check-*.png")
     assert [film["pictures"] for film in result["films"].values()] == [str(picture)]
     assert picture.stat().st_size > 10_000

@@ -1,4 +1,7 @@
-"""What a camera's lens does to pictures, and pictures as a pinhole would have taken them."""
+"""What a camera's lens does to pictures, and pictures as a pinhole would have taken them.
+
+Of a region of interest, as a pinhole would that looks at its middle: turned about where it is.
+"""
 
 import functools
 import math
@@ -6,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
 
 from simtune.errors import InputError
 
@@ -33,6 +37,14 @@ class Lens:
     cx: float
     cy: float
     distortion: tuple[float, ...] = (0.0,) * 5  # k1, k2, p1, p2, k3
+    # left, top, right and bottom edge of what is looked at, in pixels from the corner; None: all
+    region: tuple[float, float, float, float] | None = None
+
+    @classmethod
+    def pinhole(cls, width: int, height: int, fovy_deg: float) -> "Lens":
+        """One without distortion. `fovy_deg`: vertical field of view."""
+        focal = height / 2 / math.tan(math.radians(fovy_deg) / 2)
+        return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
 
     def distort(self, points: np.ndarray) -> np.ndarray:
         """(..., 2) directions (x, y) to where a picture without pixels would show them."""
@@ -68,11 +80,45 @@ class Lens:
         _ = self.half_sides
 
     @functools.cached_property
+    def turn(self) -> Rotation:
+        """From directions before the pinhole that `rectify` stands for to those before the lens.
+
+        In OpenCV's axes: x to the right, y down, z ahead. It does not roll.
+        """
+        if self.region is None:
+            return Rotation.identity()
+        left, top, right, bottom = self.region
+        x, y = self._towards([(left + right) / 2, (top + bottom) / 2])
+        return Rotation.from_rotvec(math.atan(math.hypot(x, y)) * _unit(np.array([-y, x, 0.0])))
+
+    @functools.cached_property
     def half_sides(self) -> tuple[float, float]:
         """Half the width and half the height of what is seen whole, at unit distance.
 
-        The optical axis is in its middle. Raises InputError for what no picture comes through.
+        The axis of `turn` is in its middle. Raises InputError for what no picture comes through.
         """
+        return self._around_the_axis() if self.region is None else self._around_the_region()
+
+    def _around_the_region(self) -> tuple[float, float]:
+        assert self.region is not None
+        left, top, right, bottom = self.region
+        if not (0 <= left < right <= self.width and 0 <= top < bottom <= self.height):
+            raise InputError(
+                f"region {list(self.region)} is not within the picture of {self.width}×"
+                f"{self.height}; expected left, top, right and bottom edge, in pixels"
+            )
+        x, y = (left + right) / 2, (top + bottom) / 2
+        edges = self._towards(np.array([[left, y], [right, y], [x, top], [x, bottom]]))
+        seen = self.turn.inv().apply(np.column_stack([edges, np.ones(4)]))
+        seen = np.abs(seen[:, :2] / seen[:, 2:])
+        return float(seen[:2, 0].min()), float(seen[2:, 1].min())
+
+    def _towards(self, corner_px) -> np.ndarray:
+        """(..., 2) directions of points that are so many pixels from the picture's corner."""
+        middle, focal = np.array([self.cx, self.cy]), np.array([self.fx, self.fy])
+        return self.undistort((np.asarray(corner_px) - 0.5 - middle) / focal)
+
+    def _around_the_axis(self) -> tuple[float, float]:
         x, y = ((np.array([-0.5, n - 0.5]) - c) / f for n, c, f in self._axes)
         if not (x[0] < 0 < x[1] and y[0] < 0 < y[1]):
             raise InputError(
@@ -124,7 +170,9 @@ def _areas(lens: Lens, height: int, width: int, size: tuple[int, int]) -> csr_ar
     at_x, at_y = (
         ((np.arange(n * times) + 0.5) * 2 / times - n) * half / rows for n in (columns, rows)
     )
-    seen = lens.distort(np.stack(np.meshgrid(at_x, at_y), -1))
+    x, y = np.meshgrid(at_x, at_y)
+    ahead = lens.turn.apply(np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3))
+    seen = lens.distort((ahead[:, :2] / ahead[:, 2:]).reshape(*x.shape, 2))
     focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
     column, row = np.moveaxis((seen * focal + middle + 0.5) * scale - 0.5, -1, 0)
     column, row = np.rint(column).clip(0, width - 1), np.rint(row).clip(0, height - 1)
@@ -133,3 +181,8 @@ def _areas(lens: Lens, height: int, width: int, size: tuple[int, int]) -> csr_ar
     new = (new_row[:, None] * columns + new_column).ravel()
     shares = np.full(len(old), times**-2, np.float32)
     return csr_array((shares, (new, old)), shape=(rows * columns, height * width))
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    length = float(np.linalg.norm(vector))
+    return vector / length if length else vector

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simtune.checking.conclusions import conclude
+from simtune.checking.extents import extents_px, small
 from simtune.checking.film import compare
 from simtune.checking.film_picture import Shown, draw_film, new_file
 from simtune.checking.library import MOST_STEPS, make_libraries
@@ -62,6 +63,9 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     information = analyze(simulator, actions, config.seed, seen, readings)
     if stuck := joints_at_limits(task.load_model(), simulator, actions, config.seed):
         facts["warnings"] = [*facts.get("warnings", ()), *stuck]
+    if seen.cameras:
+        facts["extents_px"] = extents_px(simulator, actions, config.seed)
+        facts["warnings"] = [*facts.get("warnings", ()), *small(facts["extents_px"], image_size)]
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return plain(facts | conclude(task.parameters, information))
 

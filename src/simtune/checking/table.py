@@ -5,6 +5,7 @@ from typing import Any
 from simtune.checking.servo_table import servo_lines
 from simtune.columns import aligned
 
+_MOST_EXTENTS = 6
 _PICTURE = ("picture", "of pixels", "motion", "at most")
 _READING = ("reads", "at most", "of")
 _PICTURE_LEGEND = (
@@ -29,12 +30,22 @@ def table(result: dict[str, Any]) -> list[str]:
     lines += [f"warning: {warning}" for warning in result.get("warnings", ())]
     for film in result.get("films", {}).values():
         lines.append(f"pictures of the recordings beside the simulator's: {film['pictures']}")
+    if extents := result.get("extents_px"):
+        lines.append(_extents(extents, result["image_size"]))
     if servos := result.get("servos"):
         lines += ["", *servo_lines(servos)]
     lines += ["", *_rows(result["parameters"]), ""]
     if pairs := result["pairs"]:
         lines += [*(pair["says"] for pair in pairs), ""]
     return lines + _legend(result)
+
+
+def _extents(extents: dict[str, float], image_size: int) -> str:
+    largest = sorted(extents.items(), key=lambda its: -its[1])
+    said = ", ".join(f"{name} {px:.1f}" for name, px in largest[:_MOST_EXTENTS])
+    more = len(largest) - _MOST_EXTENTS
+    others = f" and {more} more" if more > 0 else ""
+    return f"across what moves, in pixels of {image_size}: {said}{others}"
 
 
 def _legend(result: dict[str, Any]) -> list[str]:

@@ -24,6 +24,7 @@ _ENDLESS = (mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_HFIELD.valu
 _THREE_SIZES = (mujoco.mjtGeom.mjGEOM_BOX.value, mujoco.mjtGeom.mjGEOM_ELLIPSOID.value)
 PILOT_STEPS = 3200  # simulated to choose keypoints by
 _PILOTS = 32
+_DRAWN_GROUPS = 3  # MuJoCo draws geoms of the first three; the others are for contacts
 _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
 
 
@@ -112,6 +113,11 @@ def candidate_keypoints(model: mujoco.MjModel, seen: Sequence[View], height: int
         np.array([view.width(height) for view in seen], int),
         height,
     )
+
+
+def is_drawn(model: mujoco.MjModel) -> np.ndarray:
+    """(ngeom,) bool: those that cameras show, and that are there for more than contacts."""
+    return (model.geom_group < _DRAWN_GROUPS) & (model.geom_rgba[:, 3] > 0)
 
 
 def _moves_before(model: mujoco.MjModel, camera: int) -> np.ndarray:

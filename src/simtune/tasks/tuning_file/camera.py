@@ -9,6 +9,7 @@ from simtune.errors import UnknownName
 from simtune.footage import Footage
 from simtune.tasks.tuning_file.footage import KEYS as FOOTAGE
 from simtune.tasks.tuning_file.footage import read_footage
+from simtune.tasks.tuning_file.region import own_fovy_deg, read_region, turn, turned
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _POSE = ("position_m", "look_at_m", "up", "quat", "field_of_view_deg")
@@ -25,16 +26,18 @@ class FilmingCamera:
     fovy_deg: float = 0.0
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
-        name = self.footage.camera
-        if not self.position_m:
-            if self.footage.lens:
-                spec.camera(name).fovy = self.fovy_deg
-            return
-        if before := spec.camera(name):  # of a model that was tuned and exported
-            spec.delete(before)
-        spec.worldbody.add_camera(
-            name=name, pos=self.position_m, quat=self.quaternion, fovy=self.fovy_deg
-        )
+        """Also to one that was tuned and exported, where it is already."""
+        name, lens = self.footage.camera, self.footage.lens
+        if self.position_m:
+            quaternion = turned(self.quaternion, lens) if lens else self.quaternion
+            if before := spec.camera(name):
+                spec.delete(before)
+            spec.worldbody.add_camera(
+                name=name, pos=self.position_m, quat=quaternion, fovy=self.fovy_deg
+            )
+        elif lens:
+            turn(spec, name, lens)
+            spec.camera(name).fovy = self.fovy_deg
 
 
 def read_cameras(file: TomlTable, spec: mujoco.MjSpec) -> list[FilmingCamera]:
@@ -48,7 +51,7 @@ def read_cameras(file: TomlTable, spec: mujoco.MjSpec) -> list[FilmingCamera]:
     if "cameras" in file:
         if "camera" in file:
             raise file.error("give camera or [[cameras]], not both", "camera")
-        return _several(file.tables("cameras"), known)
+        return _several(file.tables("cameras"), spec, known)
     if "camera" not in file:
         if "sensors" in file:
             return []
@@ -60,14 +63,14 @@ def read_cameras(file: TomlTable, spec: mujoco.MjSpec) -> list[FilmingCamera]:
         raise file.error(f"which camera films? {there}, or give a pose in a table [camera]")
     if not file.is_table("camera"):
         return [_model_s(_named(file, "camera", known))]
-    return [_of_table(file.table("camera"), known)]
+    return [_of_table(file.table("camera"), spec, known)]
 
 
-def _several(tables: list[TomlTable], known: list[str]) -> list[FilmingCamera]:
+def _several(tables: list[TomlTable], spec: mujoco.MjSpec, known: list[str]) -> list[FilmingCamera]:
     """Each of which has a name and a key of its own."""
     cameras: list[FilmingCamera] = []
     for table in tables:
-        new = _of_table(table, known)
+        new = _of_table(table, spec, known)
         for key in ("name", "key", "camera"):
             mine, others = getattr(new.footage, key), [getattr(c.footage, key) for c in cameras]
             if mine in others:
@@ -92,7 +95,7 @@ def _named(table: TomlTable, key: str, known: list[str]) -> str:
     return name
 
 
-def _of_table(table: TomlTable, known: list[str]) -> FilmingCamera:
+def _of_table(table: TomlTable, spec: mujoco.MjSpec, known: list[str]) -> FilmingCamera:
     """The model's or one of its own, with what its recordings are."""
     table.allow("name", "camera", *_POSE, *FOOTAGE)
     footage = read_footage(table)
@@ -106,9 +109,10 @@ def _of_table(table: TomlTable, known: list[str]) -> FilmingCamera:
     else:
         camera = _posed(table)
     model_s = camera.footage.camera
-    footage = replace(footage, camera=model_s, name=table.text("name", model_s))
-    fovy_deg = footage.lens.fovy_deg if footage.lens else camera.fovy_deg
-    return replace(camera, footage=footage, fovy_deg=fovy_deg)
+    fovy_deg = camera.fovy_deg if camera.position_m else own_fovy_deg(spec, model_s)
+    lens = read_region(table, footage.lens, fovy_deg)
+    footage = replace(footage, camera=model_s, name=table.text("name", model_s), lens=lens)
+    return replace(camera, footage=footage, fovy_deg=lens.fovy_deg if lens else fovy_deg)
 
 
 def _posed(table: TomlTable) -> FilmingCamera:

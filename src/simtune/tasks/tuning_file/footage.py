@@ -12,7 +12,7 @@ from simtune.lens import Lens
 from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.validate import is_number
 
-KEYS = ("key", "background", "intrinsics", "distortion", "calibration", "latency_s")
+KEYS = ("key", "background", "intrinsics", "distortion", "calibration", "region", "latency_s")
 _NO_DISTORTION = (0.0,) * 5
 _LONGEST_LATENCY_S = 1.0
 _FEWEST_COEFFICIENTS, _COEFFICIENTS = 4, 5  # k3 may be left out

@@ -1,0 +1,53 @@
+"""How many pixels what moves has, by hand, and what is said where they are few."""
+
+import numpy as np
+import pytest
+
+from simtune.checking.extents import extents_px, small
+from simtune.checking.table import _extents
+from simtune.views import View
+
+SCENE = """
+<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <camera name="front" pos="0 -4 0" xyaxes="1 0 0 0 0 1" fovy="53.13"/>
+    <geom name="wall" type="box" pos="0 3 0" size="3 .1 3"/>
+    <body name="plate">
+      <joint name="x" type="slide" axis="1 0 0"/>
+      <geom name="plate" type="box" size=".5 .001 .125"/>
+      <geom name="contact" type="box" size="2 2 2" group="3" contype="0" conaffinity="0"/>
+    </body>
+    <body name="turned" pos="0 0 1" euler="0 30 0">
+      <joint name="y" type="slide" axis="1 0 0"/>
+      <geom name="turned" type="box" size=".5 .001 .0625"/>
+    </body>
+  </worldbody>
+  <actuator><motor joint="x"/></actuator>
+</mujoco>
+"""
+TUNING = """model = "scene.xml"
+control_timestep_s = 0.02
+camera = "front"
+[[parameters]]
+name = "mass"
+kind = "mass"
+objects = "plate"
+"""
+
+
+@pytest.mark.parametrize("size", [64, 128])
+def test_extents_are_across_what_moves(folder, load, size):
+    (folder / "scene.xml").write_text(SCENE)
+    simulator = load(TUNING).simulator(image_size=size, views=[View("front")])
+    found = extents_px(simulator, np.zeros((2, 5, 1)), seed=0)
+    # 53.13° see 4 m at a distance of 4 m; of boxes the narrow sides count: .25 and .125 m.
+    assert found == pytest.approx({"plate": size / 16, "turned": size / 32}, rel=0.02)
+
+
+def test_only_where_all_is_small_something_is_said():
+    assert small({}, 64) == []
+    assert small({"arm": 9.0, "finger": 1.0}, 64) == []
+    (said,) = small({"bob": 2.6, "rod": 0.5}, 64)
+    assert _extents({"bob": 2.61, "rod": 0.5}, 64).endswith("pixels of 64: bob 2.6, rod 0.5")
+    assert "bob, is 2.6 of 64 pixels across. --image-size 128 would show 5" in said
