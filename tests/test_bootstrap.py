@@ -365,3 +365,6 @@ def test_without_a_refit_nothing_is_called_identified_and_that_is_said():
     assert "identified" not in unsure.verdict
     (warning,) = unsure.warnings
     assert "no time to fit a known world" in warning
+    lost, _ = conclude(curves, a_fit(motion=3.0), judged, first, first, config)
+    assert "identified" not in lost.verdict
+    assert any("trust no number" in warning for warning in lost.warnings)

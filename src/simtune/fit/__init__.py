@@ -13,7 +13,14 @@ from simtune.fit.replay_fit import ReplayFit, num_fitted
 from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.sizing import FitConfig, count_fit_steps, fit_to_budget
-from simtune.fit.uncertainty import correlations, in_range, inflate, model_checks, ranks
+from simtune.fit.uncertainty import (
+    correlations,
+    in_range,
+    inflate,
+    model_checks,
+    moves_otherwise,
+    ranks,
+)
 from simtune.fit.whole_episodes import replay_whole
 
 __all__ = [
@@ -43,6 +50,7 @@ __all__ = [
     "in_range",
     "inflate",
     "model_checks",
+    "moves_otherwise",
     "num_fitted",
     "ranks",
     "replay_whole",

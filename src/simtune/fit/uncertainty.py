@@ -68,6 +68,14 @@ def ranks(bootstrap: Bootstrap, names: tuple[str, ...]) -> dict[str, list[float]
     return dict(zip(names, bootstrap.ranks().T.round(4).tolist(), strict=True))
 
 
+def moves_otherwise(fit: FitResult, bootstrap: Bootstrap) -> bool:
+    """Whether the fitted simulator is far worse than refits show where it can be right."""
+    if not bootstrap.misfits:
+        return False
+    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / len(bootstrap.misfits)
+    return max(bootstrap.motion_ratios(fit.misfit)) > limit
+
+
 def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
     """Warnings for a user who would trust the estimates."""
     if not bootstrap.misfits:
@@ -75,10 +83,9 @@ def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
     warnings, num = [], len(bootstrap.misfits)
     if num == 1:
         warnings.append(_HARDLY_JUDGED)
-    ratios = bootstrap.motion_ratios(fit.misfit)
-    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / num
-    if (ratio := max(ratios)) > limit:
-        worst = ratios.index(ratio)
+    if moves_otherwise(fit, bootstrap):
+        ratios = bootstrap.motion_ratios(fit.misfit)
+        ratio, worst = max(ratios), int(np.argmax(ratios))
         (name, unit), distance = fit.sensors[worst], fit.misfit.motion[worst]
         found = (
             f"{name} are {distance:.2f} {unit} off, {ratio:.1f} times as far as"

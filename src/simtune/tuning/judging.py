@@ -17,6 +17,7 @@ from simtune.fit import (
     in_range,
     inflate,
     model_checks,
+    moves_otherwise,
     ranks,
 )
 from simtune.randomization import Distribution
@@ -170,9 +171,11 @@ def conclude(
     mean, std = in_range(inflate(fit, bootstrap), searched)
     curves = with_fit(prob_higher, mean, std, config)
     read = read_curves(curves, searched, first, config)
+    # Of a model that something else is wrong with, no number is to be taken.
+    is_sound = bootstrap.misfits and not moves_otherwise(fit, bootstrap)
     estimate = replace(
         read,
-        verdict=read.verdict if bootstrap.misfits else at_most_weak(read.verdict),
+        verdict=read.verdict if is_sound else at_most_weak(read.verdict),
         correlation=fit.claimed_correlation,
         correlations=correlations(fit, names),
         ranks=ranks(bootstrap, names),
