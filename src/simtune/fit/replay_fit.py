@@ -26,7 +26,9 @@ _SIDESTEP = (0.01, 0.1)  # at least, at most, from a start, in unit coordinates
 _FARTHEST = 2.0  # times as far as its sides begun, of which a fit's way counts
 _PARTICLE_STD = (0.02, 0.1)  # of their parameters: at least, at most, in unit coordinates
 _PRIOR_STDS = 3.0  # as far as a first guess may be off, in terms of its usual error
-_CLEARLY_BETTER = 0.05  # by so much a latency has to lower −log likelihood to be believed
+_CLEARLY_BETTER = 0.05  # by so much a latency has to lower −log likelihood to be believed,
+_SURELY = 1.5  # ... and by so many standard errors of that
+_QUICK_WINDOWS = (12, 45)  # at least, at most
 
 
 def num_fitted(num_episodes: int) -> int:
@@ -162,13 +164,17 @@ class ReplayFit:
     def _find_latency(
         self, observed: Observed, parameters: np.ndarray, latencies: Sequence[int]
     ) -> int:
-        """The latency of the actions, in steps, with which the motion fits clearly best."""
-        misfits = []
-        for steps in latencies:
-            fit = self._fit_quickly(observed.delayed(steps), parameters)
-            misfits.append(float(np.median(fit.misfit)))
-        best = int(np.argmin(misfits))
-        return latencies[best if misfits[best] < misfits[0] - _CLEARLY_BETTER else 0]
+        """The latency of the actions, in steps, with which the motion fits clearly best.
+
+        Windows are compared one by one: how well one fits differs far more from window to window
+        than from latency to latency.
+        """
+        fits = [self._fit_quickly(observed.delayed(steps), parameters) for steps in latencies]
+        worse = np.array([fit.misfit - fits[0].misfit for fit in fits])  # (latencies, W)
+        error = worse.std(1) / np.sqrt(worse.shape[1])
+        at_best = worse.mean(1) + _SURELY * error
+        best = int(np.argmin(at_best))
+        return latencies[best if at_best[best] < -_CLEARLY_BETTER else 0]
 
     def _find_offsets(
         self, observed: Observed, parameters: np.ndarray
@@ -183,7 +189,7 @@ class ReplayFit:
 
     def _fit_quickly(self, observed: Observed, parameters: np.ndarray) -> ShootingFit:
         stages = (Stage(4, 3, 3.0), Stage(8, 3))
-        num_windows = max(12, self._config.shooting.num_windows // 3)
+        num_windows = int(np.clip(self._config.shooting.num_windows, *_QUICK_WINDOWS))
         quick = ShootingConfig(stages=stages, num_windows=num_windows)
         states = self._estimator(observed)
         return self._shooting(self._moving, quick).fit(observed, states, parameters)
