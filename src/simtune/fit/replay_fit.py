@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit.estimator import StateEstimator
+from simtune.fit.latency import clearly_best
 from simtune.fit.observed import Observed
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.particles import Particles
@@ -26,14 +28,20 @@ _SIDESTEP = (0.01, 0.1)  # at least, at most, from a start, in unit coordinates
 _FARTHEST = 2.0  # times as far as its sides begun, of which a fit's way counts
 _PARTICLE_STD = (0.02, 0.1)  # of their parameters: at least, at most, in unit coordinates
 _PRIOR_STDS = 3.0  # as far as a first guess may be off, in terms of its usual error
-_CLEARLY_BETTER = 0.05  # by so much a latency has to lower −log likelihood to be believed,
-_SURELY = 1.5  # ... and by so many standard errors of that
-_QUICK_WINDOWS = (12, 45)  # at least, at most
+_QUICK_STAGES = Stage(4, 3, 3.0), Stage(12, 4)
+_QUICK_WINDOWS = (12, 30)  # at least, at most
 
 
 def num_fitted(num_episodes: int) -> int:
     """All but the last, which is kept to test the fit on, where that leaves two or more."""
     return num_episodes - (num_episodes > _FEWEST_TO_FIT)
+
+
+class Followed(NamedTuple):
+    """What particles make of episodes."""
+
+    states: np.ndarray  # (E, T + 1, nq + nv)
+    start: PointEstimate  # from which they are fitted
 
 
 class ReplayFit:
@@ -72,13 +80,16 @@ class ReplayFit:
         `extend_horizon`: to longer windows where short ones do not tell enough, which takes time.
         Raises OutOfTime; see `within`.
         """
-        latency_steps = latencies[0]
-        if len(latencies) > 1:
-            latency_steps = self._find_latency(observed, start.parameters, latencies)
-        observed, offsets = self._find_offsets(observed.delayed(latency_steps), start.parameters)
         num, kept = len(observed), num_fitted(len(observed))
         fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
-        states, start = self._follow(observed, fitted, start)
+        latency_steps, followed = latencies[0], None
+        if len(latencies) > 1:
+            followed = self._follow(observed.delayed(latency_steps), fitted, start)
+            latency_steps = self._find_latency(observed, fitted, followed, latencies)
+        observed, offsets = self._find_offsets(observed.delayed(latency_steps), start.parameters)
+        if followed is None or latency_steps != latencies[0] or len(offsets):
+            followed = self._follow(observed, fitted, start)
+        states, start = followed
         to_fit = observed.episodes(fitted)
         motion, apart = self._fit_motion(to_fit, states[fitted], start, extend_horizon)
         unit = self.space.to_unit(start.parameters)
@@ -119,10 +130,8 @@ class ReplayFit:
         config = config or self._config.shooting
         return Shooting(self._physics, self._estimator.prior_std, fitted, config)
 
-    def _follow(
-        self, observed: Observed, fitted: slice, start: PointEstimate
-    ) -> tuple[np.ndarray, PointEstimate]:
-        """(E, T + 1, nq + nv) states of all episodes, and the parameters of the `fitted` ones."""
+    def _follow(self, observed: Observed, fitted: slice, start: PointEstimate) -> Followed:
+        """All episodes, and the parameters of the `fitted` ones."""
         prior_std = self._estimator.prior_std
         particles = Particles(self._physics, prior_std, self._moving, self._config.particles)
         unit, std = self.space.to_unit(start.parameters), start.std.copy()
@@ -132,7 +141,7 @@ class ReplayFit:
         unit[self._moving] = np.median(each, 0)
         if len(each) > 1:  # of one episode it is not known how others differ
             std[self._moving] = each.std(0, ddof=1) / np.sqrt(len(each))
-        return followed.states, PointEstimate(self.space.from_unit(unit), std)
+        return Followed(followed.states, PointEstimate(self.space.from_unit(unit), std))
 
     def _fit_motion(
         self, observed: Observed, states: np.ndarray, start: PointEstimate, extend_horizon: bool
@@ -162,19 +171,17 @@ class ReplayFit:
         return middle, off
 
     def _find_latency(
-        self, observed: Observed, parameters: np.ndarray, latencies: Sequence[int]
+        self, observed: Observed, fitted: slice, followed: Followed, latencies: Sequence[int]
     ) -> int:
         """The latency of the actions, in steps, with which the motion fits clearly best.
 
-        Windows are compared one by one: how well one fits differs far more from window to window
-        than from latency to latency.
+        From states that were `followed` with the first one: from an estimator's, which are farther
+        off, windows tell little.
         """
-        fits = [self._fit_quickly(observed.delayed(steps), parameters) for steps in latencies]
-        worse = np.array([fit.misfit - fits[0].misfit for fit in fits])  # (latencies, W)
-        error = worse.std(1) / np.sqrt(worse.shape[1])
-        at_best = worse.mean(1) + _SURELY * error
-        best = int(np.argmin(at_best))
-        return latencies[best if at_best[best] < -_CLEARLY_BETTER else 0]
+        states, parameters = followed.states[fitted], followed.start.parameters
+        late = [observed.delayed(steps).episodes(fitted) for steps in latencies]
+        misfits = [self._fit_quickly(its, states, parameters).misfit for its in late]
+        return latencies[clearly_best(np.array(misfits))]
 
     def _find_offsets(
         self, observed: Observed, parameters: np.ndarray
@@ -182,16 +189,17 @@ class ReplayFit:
         """Without what encoders show too much, as pictures tell; (D,) that, of all joints read."""
         if not has_unknown_offsets(observed):
             return observed, np.zeros(0)
-        fit = self._fit_quickly(loosened(observed), parameters)
+        loose = loosened(observed)
+        fit = self._fit_quickly(loose, self._estimator(loose), parameters)
         unit = self.space.to_unit(parameters)
         unit[self._moving] = fit.unit
         return without_offsets(observed, self._physics, fit, self.space.from_unit(unit))
 
-    def _fit_quickly(self, observed: Observed, parameters: np.ndarray) -> ShootingFit:
-        stages = (Stage(4, 3, 3.0), Stage(8, 3))
+    def _fit_quickly(
+        self, observed: Observed, states: np.ndarray, parameters: np.ndarray
+    ) -> ShootingFit:
         num_windows = int(np.clip(self._config.shooting.num_windows, *_QUICK_WINDOWS))
-        quick = ShootingConfig(stages=stages, num_windows=num_windows)
-        states = self._estimator(observed)
+        quick = ShootingConfig(stages=_QUICK_STAGES, num_windows=num_windows)
         return self._shooting(self._moving, quick).fit(observed, states, parameters)
 
     def _fit_pictures(
