@@ -97,7 +97,7 @@ class Run:
         known = ", ".join(f"{p.name} {value:.4g}" for p, value in list(rows)[:_TOLD_EARLY])
         more = len(early.mean) - _TOLD_EARLY
         said = f"{known} and {more} more" if more > 0 else known
-        log.info("after %.0f s, not judged yet: %s", self.wall_s, said)
+        log.info("a first answer, how sure is not known yet: %s", said)
 
     def finish(
         self,
