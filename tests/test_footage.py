@@ -215,6 +215,19 @@ def test_tuning_file_tells_a_camera_s_footage(scene, load):
     assert plain.cameras == (Footage(camera="above", name="above"),)
 
 
+def test_a_camera_of_its_own_may_be_mounted_on_a_body(scene, load, refuses):
+    text = SCENE_TOML + f'[camera]\nbody = "ball"\n{POSE}' + PARAMETER
+    model = load(text).load_model()
+    its = model.camera("simtune_camera")
+    assert model.body(its.bodyid[0]).name == "ball"
+    data = mujoco.MjData(model)
+    data.joint("x").qpos = 0.5
+    mujoco.mj_forward(model, data)
+    moved = np.add(data.body("ball").xpos, [0, 0, 4])
+    np.testing.assert_allclose(data.camera("simtune_camera").xpos, moved)
+    refuses(text.replace('"ball"', '"bal"', 1), 4, "did you mean 'ball'")
+
+
 def test_another_background_or_calibration_is_another_task(scene, load):
     text = SCENE_TOML + '[camera]\ncamera = "above"\n{}\n' + PARAMETER
     hashes = set()

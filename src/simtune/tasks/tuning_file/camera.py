@@ -12,7 +12,7 @@ from simtune.tasks.tuning_file.footage import read_footage
 from simtune.tasks.tuning_file.region import own_fovy_deg, read_region, turn, turned
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
-_POSE = ("position_m", "look_at_m", "up", "quat", "field_of_view_deg")
+_POSE = ("position_m", "look_at_m", "up", "quat", "field_of_view_deg", "body")
 _ADDED = "simtune_camera"  # what a camera of its own is called in the model, if nothing else
 
 
@@ -24,6 +24,7 @@ class FilmingCamera:
     position_m: tuple[float, ...] = ()  # (3,), empty where the model has it
     quaternion: tuple[float, ...] = ()  # (4,) w, x, y, z: looks along −z, y is up
     fovy_deg: float = 0.0
+    body: str = "world"  # on which it is mounted, in whose frame its pose is
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Also to one that was tuned and exported, where it is already."""
@@ -32,7 +33,7 @@ class FilmingCamera:
             quaternion = turned(self.quaternion, lens) if lens else self.quaternion
             if before := spec.camera(name):
                 spec.delete(before)
-            spec.worldbody.add_camera(
+            spec.body(self.body).add_camera(
                 name=name, pos=self.position_m, quat=quaternion, fovy=self.fovy_deg
             )
         elif lens:
@@ -107,12 +108,19 @@ def _of_table(table: TomlTable, spec: mujoco.MjSpec, known: list[str]) -> Filmin
                 raise table.error(f"camera is the model's, which has a pose: leave {key} out", key)
         camera = _model_s(_named(table, "camera" if "camera" in table else "name", known))
     else:
-        camera = _posed(table)
+        camera = replace(_posed(table), body=_body(table, spec))
     model_s = camera.footage.camera
     fovy_deg = camera.fovy_deg if camera.position_m else own_fovy_deg(spec, model_s)
     lens = read_region(table, footage.lens, fovy_deg)
     footage = replace(footage, camera=model_s, name=table.text("name", model_s), lens=lens)
     return replace(camera, footage=footage, fovy_deg=lens.fovy_deg if lens else fovy_deg)
+
+
+def _body(table: TomlTable, spec: mujoco.MjSpec) -> str:
+    name, known = table.text("body", "world"), [body.name for body in spec.bodies if body.name]
+    if name not in known:
+        raise table.error(UnknownName("body", name, "the model", known), "body")
+    return name
 
 
 def _posed(table: TomlTable) -> FilmingCamera:
