@@ -39,6 +39,7 @@ ORDER = (  # on the page; other claims follow
     "memory",
     "precision",
     "speed",
+    "meshes",
     "suite",
 )
 MISSING = "–"
