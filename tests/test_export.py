@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -24,6 +25,7 @@ from simtune.parameters import ModelWriter
 from simtune.randomization import Distribution
 from simtune.real.choose import read_parameters
 from simtune.run import write_json
+from simtune.run.sources import keep_sources
 from simtune.tasks import TASKS, load_task
 from simtune.tuning.joint import Joint
 from simtune.tuning.range_update import RangeUpdateConfig, candidate_grid, read_curves
@@ -194,6 +196,45 @@ def test_a_run_finds_its_tuning_file_from_any_folder(scene, tmp_path, monkeypatc
         export(ExportConfig(run_folder=run, out=tmp_path / "again"))
 
 
+@pytest.mark.parametrize("change", ["edited", "moved"])
+def test_a_run_needs_no_file_but_its_own(scene, change, tmp_path):
+    """Nor the model, its meshes, and what it includes."""
+    model = scene.parent / "scene.xml"
+    eye = '<camera name="front" pos="0 -2 .5" xyaxes="1 0 0 0 0 1"/>'
+    (scene.parent / "eye.xml").write_text(f"<mujoco><worldbody>{eye}</worldbody></mujoco>")
+    model.write_text(
+        SCENE.replace(eye, "").replace("<worldbody>", '<include file="eye.xml"/><worldbody>', 1)
+    )
+    run, _ = a_run(tmp_path / "run", str(scene))
+    stored, task = json.loads((run / "config.json").read_text()), load_task(str(scene))
+    write_json(run / "config.json", stored | {"sources": keep_sources(run, task.files)})
+    before = export(ExportConfig(run_folder=run, out=tmp_path / "before"))
+    if change == "edited":
+        scene.write_text(TUNING.replace('"damping"', '"friction"'))
+        model.write_text(SCENE.replace(".1", ".2"))
+    else:
+        scene.parent.rename(tmp_path / "elsewhere")
+    shutil.move(run, tmp_path / "kept")
+    after = export(ExportConfig(run_folder=tmp_path / "kept", out=tmp_path / "after"))
+    assert (after / "model.xml").read_bytes() == (before / "model.xml").read_bytes()
+    for name in ("cube.obj", "1_cube.obj"):
+        assert (after / "assets" / name).read_text() == CUBE
+
+
+def test_a_model_named_by_an_absolute_path_is_read_there_and_said_when_it_has_changed(
+    scene, tmp_path
+):
+    model = scene.parent / "scene.xml"
+    scene.write_text(TUNING.replace('"scene.xml"', f'"{model}"'))
+    run, _ = a_run(tmp_path / "run", str(scene))
+    stored, task = json.loads((run / "config.json").read_text()), load_task(str(scene))
+    write_json(run / "config.json", stored | {"sources": keep_sources(run, task.files)})
+    export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    model.write_text(SCENE.replace(".1", ".2"))
+    with pytest.raises(InputError, match=f"^{model} is not what {run} was made with: bring it"):
+        export(ExportConfig(run_folder=run, out=tmp_path / "again"))
+
+
 def test_the_physics_steps_are_those_of_the_run(tmp_path):
     run, _ = a_run(tmp_path / "run", "cartpole", step_s=0.025)  # of a camera at 40 frames/s
     out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
@@ -322,12 +363,12 @@ def test_what_cannot_be_exported_is_said(scene, tmp_path):
     scene.write_text("# a comment is no change\n" + TUNING)
     assert "not empty" in refused(ended, tmp_path / "full")
     scene.write_text(TUNING.replace('"damping"', '"friction"'))
-    assert "scene.toml, or its model, is not what" in refused(ended)
+    assert "scene.toml or its model is not what" in refused(ended)
     scene.write_text(TUNING)
     model = next(scene.parent.glob("*.xml"))
     model.write_text(
         model.read_text().replace("<worldbody>", "<option gravity='0 0 -3'/><worldbody>")
     )
-    assert "scene.toml, or its model, is not what" in refused(ended)
+    assert "scene.toml or its model is not what" in refused(ended)
     scene.unlink()
     assert "scene.toml" in refused(ended)

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from simtune.errors import InputError
 from simtune.run import RunFolder, read_json, read_jsonl, write_atomically, write_json
 from simtune.run.config import check_asked
 from simtune.run.folder import kept_state
+from simtune.run.sources import source_of
 from simtune.trajectory import Trajectory
 
 CONFIG = {"task": "ball_in_cup", "seed": 1, "out": "a", "spm": {"width": 256, "dropout": 0.5}}
@@ -118,10 +120,48 @@ def test_what_has_the_same_content_may_lie_elsewhere(path):
     _create(path, **before, recordings={"dataset_hash": "a1"}).close()
     now = {**before, "task": "/home/me/tune.toml", "real": "/data/film"}
     _create(path, **now, recordings={"dataset_hash": "a1"}).close()
-    with pytest.raises(InputError, match=r"recordings.dataset_hash = 'a1', now = 'b2'"):
+    with pytest.raises(InputError, match=r"holds a run with other recordings in /data/film: give"):
         _create(path, **now, recordings={"dataset_hash": "b2"})
     with pytest.raises(InputError, match=r"task = '/home/me/tune.toml', now = 'tune.toml'"):
         check_asked(path, {**CONFIG, "task": "tune.toml", "task_content": "5a"})
+
+
+def test_a_run_keeps_its_sources_and_says_which_of_them_differ_wherever_they_lie(path, tmp_path):
+    """Also beside the task's folder, as meshes are; a moved task is compared by content."""
+    home, moved = tmp_path / "home", tmp_path / "moved"
+    for name in ("arm/tune.toml", "arm/scene.xml", "parts/link.obj"):
+        (home / name).parent.mkdir(parents=True, exist_ok=True)
+        (home / name).write_text(name)
+    files = [home / "arm/tune.toml", home / "arm/scene.xml", home / "parts/link.obj"]
+    asked = {"task": str(files[0]), "task_content": "4f"}
+    RunFolder.create(path, asked, files).close()
+    stored = read_json(path / "config.json")
+    assert [source_of(path, stored, str(file)) for file in files] == [
+        str(path / "sources/home" / file.relative_to(home)) for file in files
+    ]
+    assert source_of(path, stored, "cartpole") == "cartpole"
+
+    (home / "parts/link.obj").write_text("another")
+    with pytest.raises(InputError, match=r"another content of \S+/home/parts/link.obj: give"):
+        check_asked(path, asked | {"task_content": "5a"})
+    RunFolder.create(path, asked, files).close()  # what it was made with stays
+    assert (path / "sources/home/parts/link.obj").read_text() == "parts/link.obj"
+    shutil.copytree(home, moved)
+    (moved / "arm/scene.xml").unlink()
+    now = {"task": str(moved / "arm/tune.toml"), "task_content": "5a"}
+    says = r"another content of (\S+)/arm/scene.xml and \1/parts/link.obj: give"
+    with pytest.raises(InputError, match=says):
+        check_asked(path, now)
+    with pytest.raises(InputError, match=r"another content of the task, as this version of"):
+        check_asked(path, asked | {"task": "cartpole", "task_content": "5a"})
+
+
+def test_a_run_killed_as_it_copied_its_sources_can_begin_anew(path, tmp_path):
+    (tmp_path / "tune.toml").touch()
+    (path / "sources").mkdir(parents=True)
+    (path / "sources" / "half.xml").touch()
+    RunFolder.create(path, CONFIG, [tmp_path / "tune.toml"]).close()
+    assert [p.name for p in (path / "sources").rglob("*") if p.is_file()] == ["tune.toml"]
 
 
 def test_the_same_configuration_resumes(path):

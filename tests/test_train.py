@@ -121,6 +121,7 @@ def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_f
         config=config_of(path / "run", **asked_for),
         settings=Settings(),
         run_config={},
+        sources=[],
         task=dataclasses.replace(TASK, episode_steps=STEPS),
         simulator=players.simulator,
         space=SPACE,
@@ -318,6 +319,13 @@ def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
     assert evaluate(again, settings=quick) == result["return"]
     code = (tmp_path / "policy.py").read_text()
     (tmp_path / "policy.py").write_text(code.replace("/ 2", "* 50"))
+    (tmp_path / "scene.xml").unlink()
+    assert evaluate(again, settings=quick) == result["return"]  # by the run's own copies
+    shutil.copy(example / "scene.xml", tmp_path / "scene.xml")
+    with pytest.raises(InputError, match=r"a run with another content of \S+/policy.py: give"):
+        train(config, settings=quick)
+    kept = next((out / "sources").rglob("policy.py"))
+    kept.write_text(code.replace("/ 2", "* 50"))
     with pytest.raises(InputError, match=r"is not what .* was trained with: bring it back"):
         evaluate(again, settings=quick)
 
@@ -471,12 +479,12 @@ def test_a_real_world_with_changed_parameters_is_refused(tmp_path, quick):
     train(config, settings=quick)
     scores = evaluate(EvaluateConfig(run_folder=config.out, episodes=2), settings=quick)
     truth.write_text('{"body_r": 0.8}')
+    assert evaluate(EvaluateConfig(run_folder=config.out, episodes=2), settings=quick) == scores
+    with pytest.raises(InputError, match="other values in --real-parameters"):
+        train(config, settings=quick)
+    next((config.out / "sources").rglob("real.json")).write_text('{"body_r": 0.8}')
     with pytest.raises(InputError, match="has other values now"):
         evaluate(EvaluateConfig(run_folder=config.out, episodes=2), settings=quick)
-    with pytest.raises(InputError, match="truth"):
-        train(config, settings=quick)
-    truth.write_text('{"body_r": 0.6}')
-    assert evaluate(EvaluateConfig(run_folder=config.out, episodes=2), settings=quick) == scores
 
 
 # --- killed and resumed -------------------------------------------------------------------

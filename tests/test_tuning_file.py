@@ -21,6 +21,7 @@ from simtune.recordings import write_dataset
 from simtune.simulation import DirectActions, MocapActions, ScaledActions, random_actions
 from simtune.tasks import Task, load_any_task, load_task
 from simtune.tasks.tuning_file import load as loading
+from simtune.tasks.tuning_file import named_files
 from simtune.tasks.tuning_file import parameters as reading
 from simtune.tasks.tuning_file import policy as policies
 from simtune.tasks.tuning_file.toml_lines import key_lines
@@ -823,6 +824,32 @@ def test_numbers_that_cannot_be_meant(old, new, said, tmp_path):
     (tmp_path / "tune.toml").write_text(text)
     with pytest.raises(InputError, match=said):
         load_task(str(tmp_path / "tune.toml"))
+
+
+def test_all_files_of_a_task_are_known(tmp_path):
+    """What the model includes and its meshes, a URDF's packages, code and what that imports."""
+    texts = {
+        "robots/arm/tune.toml": """# don't be put off by an apostrophe
+            model = "../models/arm.xml"
+            camera = { calibration = 'lens.yml' }
+            environment = "env.py:make" """,
+        "robots/arm/lens.yml": "",
+        "robots/arm/env.py": "import helpers\nMODEL = 'deep/ball.urdf'",
+        "robots/arm/helpers.py": "from more import *",
+        "robots/arm/more/__init__.py": "",
+        "robots/arm/unused.py": "",
+        "robots/models/arm.xml": """<compiler meshdir="meshes"/><include file="part/hand.xml"/>""",
+        "robots/models/part/hand.xml": """<mesh file="hand.stl"/>""",
+        "robots/models/meshes/hand.stl": "",
+        "robots/models/meshes/unused.stl": "",
+        "robots/arm/deep/ball.urdf": """<mesh filename="package://ball/meshes/ball.stl"/>""",
+        "robots/ball/meshes/ball.stl": "",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    found = {str(p.relative_to(tmp_path)) for p in named_files(tmp_path / "robots/arm/tune.toml")}
+    assert found == {name for name in texts if "unused" not in name}
 
 
 def test_a_task_that_was_edited_is_another_one(tmp_path):

@@ -13,6 +13,7 @@ from simtune.outcome import summary
 from simtune.real.choose import read_parameters
 from simtune.run import checkpoint
 from simtune.run.config import stored_config
+from simtune.run.sources import source_of
 
 _OPTIONS = [field.name for field in fields(TrainConfig)]
 _EPISODES = 20
@@ -27,7 +28,7 @@ def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[s
     config.check()
     if config.real is not None:
         return evaluate_replay(config.run_folder, config.real, config.episodes)
-    if _run_config(config.run_folder)["real"] != "pseudo" and config.parameters is None:
+    if _stored(config.run_folder)["config"]["real"] != "pseudo" and config.parameters is None:
         raise InputError(
             f"{config.run_folder} is of the real world, where no return is known; give "
             "--parameters of a simulated one"
@@ -49,12 +50,16 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
     Nothing else is loaded: what it learnt from need not be drawn anew, no robot is asked, no
     recording read. Raises InputError, also where the policy had not begun to learn.
     """
-    run_config = _run_config(run_folder)
+    stored = _stored(run_folder)
+    run_config = stored["config"]
     newest = checkpoint.newest(run_folder / "checkpoints")
     if newest is None:
         raise InputError(f"{run_folder} has no sound checkpoint to take a policy from")
     tensors, state = checkpoint.load(newest)
     options = {name: run_config[name] for name in _OPTIONS}
+    for name in ("task", "real_parameters"):
+        if options[name] is not None:  # as the run keeps it
+            options[name] = source_of(run_folder, stored, options[name])
     options |= {name: Path(options[name]) for name in _PATHS if options[name] is not None}
     options |= {"out": run_folder, "device": "auto"}  # where it is now, and this machine's
     trained = build_training(TrainConfig(**options), settings=settings, trained=state)
@@ -86,8 +91,8 @@ def _check_unchanged(
         )
 
 
-def _run_config(run_folder: Path) -> dict[str, Any]:
-    """What config.json remembers of a training. Raises InputError where there is none."""
+def _stored(run_folder: Path) -> dict[str, Any]:
+    """config.json of a training. Raises InputError where there is none."""
     is_run = (run_folder / "config.json").is_file()
     stored = stored_config(run_folder) if is_run else None
     if stored is None or not set(_OPTIONS) <= stored["config"].keys():
@@ -95,4 +100,4 @@ def _run_config(run_folder: Path) -> dict[str, Any]:
             f"{run_folder} is no folder that `simtune train` wrote; one of `simtune tune` with "
             "joint readings needs --real DIR"
         )
-    return stored["config"]
+    return stored

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,12 @@ class World:
     @property
     def space(self) -> ParameterSpace:
         return self.task.parameters
+
+    @property
+    def sources(self) -> list[Path]:
+        """The files that the run folder keeps: what is asked of it later needs them."""
+        truth = self.config.real_parameters
+        return [*self.task.files, *([truth.resolve()] if truth else [])]
 
     @property
     def start(self) -> np.ndarray:

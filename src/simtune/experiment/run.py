@@ -32,7 +32,9 @@ class Run:
     def __init__(self, experiment: Experiment, report: ReportProgress = silent):
         """Raises InputError where `config.out` cannot be written, or holds anything else."""
         self.experiment, self._report = experiment, report
-        self.folder = RunFolder.create(experiment.config.out, experiment.run_config)
+        self.folder = RunFolder.create(
+            experiment.config.out, experiment.run_config, experiment.sources
+        )
         self.estimate = unsure(experiment.search.distribution, "not identifiable")
         self.num_rounds = 0  # of the search
         self.round_s = 0.0  # that the last one took in this sitting

@@ -1,6 +1,7 @@
 """What a run folder tells, read for a report; whatever is missing is left out."""
 
 import zipfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ from simtune.config import UNTUNED
 from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
 from simtune.run.folder import POSTERIOR
+from simtune.run.sources import changed_sources, source_of
 from simtune.tasks import AnyTask, load_any_task
 from simtune.validate import is_number
 
@@ -53,20 +55,30 @@ class RunData:
     replay: dict[str, Any]  # the first episode's joint readings, empty where there are none
 
     def load_task(self) -> AnyTask:
-        """What was tuned. Raises InputError where its files are gone or have changed."""
+        """What was tuned, from the copies that the run keeps, or else from the files themselves.
+
+        Raises InputError where both are gone or have changed.
+        """
         source = self.config["task"]
+        kept = source_of(self.path, self.stored, source)
+        with suppress(InputError):  # what it names by an absolute path is gone, say
+            if self._is_mine(task := load_any_task(kept)):
+                return task
         if source.endswith(".toml") and not Path(source).exists():
             raise InputError(
                 f"{self.path} was made with {source}, which is not there: bring it back, or tune "
                 "anew"
             )
-        task = load_any_task(source)
-        if self.config.get("task_content") != task.content_hash:
+        if not self._is_mine(task := load_any_task(source)):
+            files = changed_sources(self.path, self.stored, source) or [source, "its model"]
             raise InputError(
-                f"{source}, or its model, is not what {self.path} was made with: "
+                f"{' or '.join(files)} is not what {self.path} was made with: "
                 "bring it back, or tune anew"
             )
         return task
+
+    def _is_mine(self, task: AnyTask) -> bool:
+        return self.config.get("task_content") == task.content_hash
 
     def get(self, key: str) -> Any:
         """A fact about the run: of the result, or else the last measurement, or the config."""

@@ -9,6 +9,7 @@ from typing import Any
 import simtune
 from simtune.errors import InputError
 from simtune.run.files import read_json
+from simtune.run.sources import SOURCES, changed_sources
 
 # What may change between a run and its resumption: where it lies and how long it goes on.
 _MAY_DIFFER = ("out", "budget_minutes", "device", "move")
@@ -43,19 +44,19 @@ def stored_config(path: Path) -> dict[str, Any] | None:
 def _is_leftover(path: Path) -> bool:
     """Of a run that ended before its first config.json: a temporary file, or what it filmed."""
     is_temporary = path.name.startswith(".") and path.name.endswith(".tmp")
-    return is_temporary or path.name == FILMED
+    return is_temporary or path.name in (FILMED, SOURCES)
 
 
 def check_asked(path: Path, asked: dict[str, Any]) -> None:
     """`check_same` as far as it can be said before recordings are read: of what `asked` names."""
     if (stored := stored_config(path)) is not None:
         known = {key: value for key, value in stored["config"].items() if key in asked}
-        check_same(path, known, asked)
+        check_same(path, stored | {"config": known}, asked)
 
 
 def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> None:
-    """Raise InputError, naming the keys, where two configurations differ in what matters."""
-    before, now = _flat(stored), _flat(config)
+    """Raise InputError, naming what differs, where a run's config.json has another `config`."""
+    before, now = _flat(stored["config"]), _flat(config)
     differing = [
         key
         for key in sorted({*before, *now}, key=lambda key: (key.count("."), key))  # causes first
@@ -64,10 +65,13 @@ def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> No
         and not any(key == free or key.startswith(f"{free}.") for free in _MAY_DIFFER)
     ]
     if differing:
-        words = [f"{k} {_show(before, k)}, now {_show(now, k)}" for k in differing[:3]]
-        more = f" and {len(differing) - 3} more" if len(differing) > 3 else ""
+        contents = _other_contents(path, stored, now, differing)
+        words = [f"{k} {_show(before, k)}, now {_show(now, k)}" for k in differing]
+        words = [contents.get(k, word) for k, word in zip(differing, words, strict=True)]
+        words = list(dict.fromkeys(words))
+        more = f" and {len(words) - 3} more" if len(words) > 3 else ""
         raise InputError(
-            f"{path} holds a run with {'; '.join(words)}{more}: "
+            f"{path} holds a run with {'; '.join(words[:3])}{more}: "
             "give the same values to go on with it, or another --out to start anew"
         )
 
@@ -75,6 +79,21 @@ def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> No
 def _is_same_content(key: str, before: dict[str, Any], now: dict[str, Any]) -> bool:
     content = _CONTENT.get(key, "")
     return before.get(content) is not None and before.get(content) == now.get(content)
+
+
+def _other_contents(
+    path: Path, stored: dict[str, Any], now: dict[str, Any], differing: list[str]
+) -> dict[str, str]:
+    """Of the keys that hold hashes: which files differ from what the run was made with."""
+    words = {
+        "recordings.dataset_hash": f"other recordings in {now.get('real')}",
+        "truth": "other values in --real-parameters",
+    }
+    if tasks := {"task_content", "policy_content"}.intersection(differing):
+        files = changed_sources(path, stored, str(now.get("task")))
+        what = " and ".join(files) or "the task, as this version of simtune or MuJoCo reads it"
+        words |= dict.fromkeys(tasks, f"another content of {what}")
+    return words
 
 
 def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """One run's folder: created or resumed, logged into, saved and loaded.
 
 config.json          the resolved configuration, versions, date
+sources/             copies of the tuning file, the model and all that they name
 metrics.jsonl        one object a line: step, real_episodes, wall_s, then scalars
 events.jsonl         ranges that widened, narrowed or moved, and why
 tensorboard/         the same scalars
@@ -34,6 +35,7 @@ from simtune.run.files import (
     write_atomically,
     write_json,
 )
+from simtune.run.sources import keep_sources
 from simtune.trajectory import Trajectory
 
 POSTERIOR = "posterior.npz"
@@ -62,11 +64,14 @@ class RunFolder:
             keep_lines(path / name, count)
 
     @classmethod
-    def create(cls, path: Path | str, config: Mapping[str, Any]) -> "RunFolder":
+    def create(
+        cls, path: Path | str, config: Mapping[str, Any], sources: Sequence[Path] = ()
+    ) -> "RunFolder":
         """Start a run at `path`, or go on with the run of the same `config` that lies there.
 
         A run that goes on loses the log lines past its last checkpoint: they come again.
-        Where it lies and how long it goes on may have changed in between.
+        Where it lies and how long it goes on may have changed in between. A new run keeps copies
+        of `sources`, the files that it was made of.
         Raises InputError for a path that cannot be written, that holds something else, or
         that holds a run with another configuration or one that is still going.
         """
@@ -75,18 +80,21 @@ class RunFolder:
             stored = _stored_run(path, config)
             path.mkdir(parents=True, exist_ok=True)
             run = cls(path, resumed=stored is not None)
-            run._write_config(plain(config), stored)
+            root = (stored or {}).get("sources") or keep_sources(path, sources)
+            run._write_config(plain(config), stored, root)
         except OSError as error:
             raise InputError(f"cannot write the run folder {path}: {error.strerror}") from error
         return run
 
-    def _write_config(self, config: dict[str, Any], stored: dict[str, Any] | None) -> None:
+    def _write_config(
+        self, config: dict[str, Any], stored: dict[str, Any] | None, root: str | None
+    ) -> None:
         before, now = (stored or {}).get("versions"), versions()
         if before and before != now:
             changed = [f"{k} {before.get(k)} → {v}" for k, v in now.items() if before.get(k) != v]
             log.warning("%s goes on with other versions: %s", self.path, ", ".join(changed))
         created = (stored or {}).get("created") or datetime.now(UTC).isoformat(timespec="seconds")
-        content = {"config": config, "versions": now, "created": created}
+        content = {"config": config, "versions": now, "created": created, "sources": root}
         write_json(self.path / "config.json", content)
 
     @property
@@ -258,7 +266,7 @@ def _stored_run(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None:
     """config.json of the run at `path`; None: a new one. Raises InputError where it is another."""
     stored = stored_config(path)
     if stored is not None:
-        check_same(path, stored["config"], plain(config))
+        check_same(path, stored, plain(config))
     return stored
 
 

@@ -9,7 +9,7 @@ from simtune.errors import InputError, UnknownName
 from simtune.tasks import ball_in_cup, cabinet_slide, cartpole, cheetah, finger, rope_peg, walker
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import Task
-from simtune.tasks.tuning_file import load_tuning_file
+from simtune.tasks.tuning_file import load_tuning_file, named_files
 
 AnyTask = Task | EnvironmentTask
 
@@ -55,7 +55,9 @@ def before_one_camera(task: _Any) -> _Any:
 def load_any_task(name: str) -> AnyTask:
     """The same, of a model or of an environment."""
     if name.endswith(".toml"):
-        return replace(load_tuning_file(Path(name)), source=str(Path(name).resolve()))
+        path = Path(name).resolve()
+        task = load_tuning_file(Path(name))
+        return replace(task, source=str(path), files=named_files(path))
     if name.endswith((".xml", ".mjcf", ".urdf")):
         raise InputError(f"{name} is a model: give a tuning file that names it, as NAME.toml")
     if name not in TASKS:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError, blame
@@ -29,6 +30,7 @@ class EnvironmentTask:
     cameras: tuple[Footage, ...] = (Footage(camera="render", name="render"),)
     declared: str = ""  # what files say of it
     source: str = ""  # as `Task` has it
+    files: tuple[Path, ...] = ()
 
     @property
     def content_hash(self) -> str:

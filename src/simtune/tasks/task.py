@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -88,6 +89,7 @@ class Task:
     declared: str = ""  # what a tuning file says of it
     declared_policy: str = ""  # ... of what is good, which no search looks at
     source: str = ""  # by which `load_any_task` finds it again, from any folder
+    files: tuple[Path, ...] = ()  # absolute: all that it was read from
 
     @property
     def content_hash(self) -> str:

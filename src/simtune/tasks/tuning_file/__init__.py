@@ -1,5 +1,6 @@
-"""A user's own model as a task, declared in a TOML file, without any Python."""
+"""A user's own model as a task, declared in TOML (docs/tuning-file.md)."""
 
 from simtune.tasks.tuning_file.load import load_tuning_file
+from simtune.tasks.tuning_file.named_files import named_files
 
-__all__ = ["load_tuning_file"]
+__all__ = ["load_tuning_file", "named_files"]

@@ -1,0 +1,61 @@
+"""sources/: copies of the files that a run's task was read from, so that the run needs no others.
+
+config.json remembers under "sources" the folder that they are named from, the root.
+"""
+
+import filecmp
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+SOURCES = "sources"
+
+
+def keep_sources(run: Path, files: Sequence[Path]) -> str | None:
+    """Copy absolute paths into RUN/sources, laid out as they were; the root, None without files.
+
+    The name of the folder that holds them all is kept, too: a task may be called by it.
+    Raises OSError where one cannot be copied.
+    """
+    shutil.rmtree(run / SOURCES, ignore_errors=True)  # of a run that was killed as it began
+    if not files:
+        return None
+    root = Path(os.path.commonpath([file.parent for file in files])).parent
+    for file in files:
+        copy = run / SOURCES / file.relative_to(root)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, copy)
+    return str(root)
+
+
+def source_of(run: Path, stored: Mapping[str, Any], file: str) -> str:
+    """The run's copy of a file that an option names, or else the file; `stored`: config.json."""
+    root = stored.get("sources")
+    if root is None or not Path(file).is_relative_to(root):
+        return file
+    copy = run / SOURCES / Path(file).relative_to(root)
+    return str(copy) if copy.is_file() else file
+
+
+def changed_sources(run: Path, stored: Mapping[str, Any], task: str) -> list[str]:
+    """Which files of a tuning file `task`, that may have moved, are not as the run's copies are."""
+    kept = Path(source_of(run, stored, str(stored["config"].get("task"))))
+    if not kept.is_relative_to(run / SOURCES) or not Path(task).is_file():  # a built-in task
+        return []
+    changed = []
+    for copy in sorted(path for path in (run / SOURCES).rglob("*") if path.is_file()):
+        now = os.path.normpath(Path(task).parent / os.path.relpath(copy, kept.parent))
+        if copy == kept:
+            now = task
+        if "__pycache__" not in copy.parts and not _is_same(copy, now):
+            changed.append(now)
+    return changed
+
+
+def _is_same(copy: Path, now: str) -> bool:
+    try:
+        return filecmp.cmp(copy, now, shallow=False)
+    except OSError:  # it is gone
+        return False

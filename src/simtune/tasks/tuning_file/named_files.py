@@ -1,0 +1,54 @@
+"""Which files a tuning file is made of: itself, its model, meshes, pictures, code."""
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+_TEXTS = (".toml", ".xml", ".mjcf", ".urdf", ".py")  # that may name others
+_QUOTED = re.compile(r"""(?=(["'])([^"'\n]+)\1)""")  # also after an apostrophe in a comment
+_NUMBERS = re.compile(r"[-+.\deE\s]+")
+_PACKAGE = re.compile(r"package:/+(.+)")
+_IN_CODE = re.compile(r"(.+\.py):\w+")
+_IMPORT = re.compile(r"^\s*(?:from|import)\s+(\w+)", re.MULTILINE)
+
+
+def named_files(first: Path) -> tuple[Path, ...]:
+    """`first`, an absolute path, and all files that it names, or that these name.
+
+    Whatever stands in quotes is looked for beside the files, and in folders that they name (MJCF's
+    meshdir): a file that is not used may be among them.
+    """
+    found: dict[Path, list[str]] = {}
+    folders: dict[Path, None] = {}
+    new = [first]
+    while new:
+        for file in new:
+            found[file] = names = list(dict.fromkeys(_names(file)))
+            beside = [file.parent, *(file.parent / name for name in names)]
+            folders |= dict.fromkeys(folder for folder in beside if os.path.isdir(folder))
+        names = {name for listed in found.values() for name in listed}
+        paths = {os.path.normpath(folder / name) for folder in folders for name in names}
+        new = [Path(path) for path in sorted(paths) if os.path.isfile(path)]
+        new = [path for path in new if path not in found]
+    return tuple(found)
+
+
+def _names(file: Path) -> Iterator[str]:
+    """What a file may call others by."""
+    if file.suffix.lower() not in _TEXTS:
+        return
+    text = file.read_text(encoding="utf-8", errors="ignore")
+    for _, quoted in _QUOTED.findall(text):
+        if match := _IN_CODE.fullmatch(quoted):
+            yield match[1]
+        elif match := _PACKAGE.fullmatch(quoted):  # in a folder above, or beside: model.py
+            above = [folder / match[1] for folder in file.parents]
+            yield from map(str, (*above, file.parent / match[1].partition("/")[2]))
+            yield Path(quoted).name
+        elif not _NUMBERS.fullmatch(quoted):
+            yield quoted
+    if file.suffix == ".py":
+        for module in _IMPORT.findall(text):
+            yield f"{module}.py"
+            yield from map(str, (file.parent / module).rglob("*.py"))
