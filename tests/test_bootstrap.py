@@ -12,6 +12,7 @@ from simtune.fit import (
     Observed,
     PointEstimate,
     correlations,
+    held_out_misfit,
     inflate,
     model_checks,
     run_bootstrap,
@@ -266,6 +267,18 @@ def test_the_worst_sensor_widens_intervals():
     std = inflate(fit, bootstrap).std
     np.testing.assert_allclose(std[MOVING], 5 * bootstrap.inflation()[MOVING] * 0.01)
     np.testing.assert_allclose(std[APPEARANCE], bootstrap.inflation()[APPEARANCE] * 0.01)
+    held = {
+        "sensors": {
+            "keypoints": {"unit": "px", "distance": 0.3, "known_worlds": [0.3] * 8},
+            "angle": {"unit": "rad", "distance": 0.05, "known_worlds": [0.01] * 8},
+        }
+    }
+    told = held_out_misfit(replace(fit, held_out=4), bootstrap)
+    assert told == {"episode": 5, "passed": False} | held
+    alike = replace(fit, misfit=Misfit((0.3, 0.01), 0.004))
+    assert held_out_misfit(alike, bootstrap)["passed"]
+    assert held_out_misfit(alike, bootstrap)["episode"] is None
+    assert held_out_misfit(fit, replace(bootstrap, misfits=[]))["passed"] is None
     (warning,) = model_checks(fit, bootstrap)
     assert "angle are 0.05 rad off, 5.0 times as far as" in warning
 
@@ -308,11 +321,13 @@ def test_misfit_that_cannot_be_told_makes_everything_that_moves_unsure():
     bootstrap = bootstrap_of(np.zeros((2, len(SPACE))))
     lost = a_fit(motion=float("nan"))
     assert np.isinf(inflate(lost, bootstrap).std[MOVING]).all()
+    assert held_out_misfit(lost, bootstrap)["passed"] is False
     assert np.isfinite(inflate(lost, bootstrap).std[APPEARANCE]).all()
     nowhere = replace(bootstrap, misfits=[lost.misfit] * 2)
     for known in (nowhere, replace(bootstrap, misfits=[])):  # nothing to compare with
         assert np.isfinite(inflate(lost, known).std).all()
         assert not any("No setting" in warning for warning in model_checks(lost, known))
+        assert held_out_misfit(lost, known)["passed"] is None
     one_lost = replace(bootstrap, misfits=[lost.misfit, a_fit().misfit])
     assert model_checks(a_fit(motion=0.9), one_lost), "a refit that was lost silences nothing"
 

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import av
@@ -18,6 +19,7 @@ from simtune.report import write_report
 from simtune.report.data import read_run
 from simtune.report.joint_plots import error_plot, reading_plot
 from simtune.report.pair_plots import pair_plot
+from simtune.report.plot import value_axis
 from simtune.report.rank_plots import expected
 from simtune.report.trust import Pair
 from simtune.run import RunFolder, write_json
@@ -239,6 +241,58 @@ def test_report_with_known_worlds_shows_how_far_to_trust_intervals(run_path):
     assert words in page.text
     assert html.count("class='bar'") == 10
     assert html.count("class='rank'") == 30
+
+
+def test_report_says_how_the_kept_back_episode_went(run_path):
+    def told(episode: int | None, passed: bool | None, known: list[float | None]) -> str:
+        sensors = {"keypoints": {"unit": "px", "distance": 0.41, "known_worlds": known}}
+        held = {"episode": episode, "passed": passed, "sensors": sensors}
+        _edit(run_path / "result.json", lambda result: result.update(held_out=held))
+        return " ".join(_report(run_path)[1].text.split())
+
+    text = told(8, True, [0.3, None, 0.52])
+    assert "Episode 8 was kept back: nothing was fitted to it. The tuned simulator passes" in text
+    assert "Keypoints are 0.410 px off; in known worlds 0.300 to 0.520." in text
+    assert "Shown is episode 1 of 8, one of those that the simulator was fitted to." in text
+    text = told(8, False, [0.1])
+    assert "The tuned simulator fails: by the recorded actions it does not move as the" in text
+    assert "Keypoints are 0.410 px off; in known worlds 0.100." in text
+    text = told(None, None, [])
+    assert "No episode was kept back, which takes three" in text
+    assert "it cannot be said how well" in text
+    assert "Keypoints are 0.410 px off." in text
+    assert "Shown is episode 1 of 8." in text
+
+
+def test_report_says_in_words_what_was_done(run_path):
+    def told(config: dict, **result) -> str:
+        _edit(run_path / "config.json", lambda stored: stored["config"].update(config))
+        _edit(run_path / "result.json", lambda its: its.update(result))
+        return _report(run_path)[1].text
+
+    assert "The simulator was tuned to a simulated truth " in told({}, real="pseudo")
+    assert "was tuned to recordings: data/swing " in told({}, real="data/swing")
+    assert "was tuned to a robot: xarm " in told({}, real="xarm")
+    assert "by the paper's steps up or down to a" in told({}, real="pseudo", search="paper")
+    policy = {"policy_steps": 9}
+    assert "A policy was trained while the simulator was tuned" in told(policy, search="posterior")
+    assert "around the start; nothing was tuned to a simulated truth" in told(policy, method="dr")
+
+
+def test_a_run_that_goes_on_is_titled_by_its_task(tmp_path):
+    config = {"task": "/home/me/arm/tune.toml", "task_name": "arm"}
+    RunFolder.create(tmp_path / "run", config).close()
+    assert "<h1>arm</h1>" in _report(tmp_path / "run")[0]
+
+
+@pytest.mark.parametrize("low", [0.0084, 0.09, 1.7, 4.2, 30.0, 1234.0])
+@pytest.mark.parametrize("times", [6, 9, 25, 36, 900])
+def test_numbers_along_an_axis_do_not_touch(low, times):
+    axis = value_axis([low, low * times], 44, 242, is_colour=False)
+    ticks = axis.ticks(5)
+    assert len(ticks) >= 2
+    for a, b in pairwise(ticks):  # 11 px high digits are 6 px wide
+        assert axis(b) - axis(a) > 6 * (len(f"{a:g}") + len(f"{b:g}")) / 2 + 4
 
 
 def test_band_of_uniform_ranks():

@@ -18,7 +18,7 @@ from simtune.tuning.joint import Joint
 from simtune.tuning.search import Estimate, Search
 
 # Of an estimate, beside its numbers
-_IN_RESULT = ("correlations", "ranks", "warnings", "latency_steps")
+_IN_RESULT = ("correlations", "ranks", "held_out", "warnings", "latency_steps")
 _NAME_CONTENT = ("real", "real_parameters")  # options whose content is known later
 _ARRAYS = ("mean", "low", "high")
 
@@ -51,6 +51,7 @@ def asked(config: TuneConfig | TrainConfig, task: AnyTask) -> dict[str, Any]:
     """The part of it that is known before the real world is looked at."""
     options = {k: _absolute(v) for k, v in asdict(config).items() if k not in _NAME_CONTENT}
     options |= {"task": task.source or config.task, "task_content": task.content_hash}
+    options["task_name"] = task.name
     if isinstance(config, TrainConfig) and isinstance(task, Task):
         options["policy_content"] = task.policy_hash
     return options

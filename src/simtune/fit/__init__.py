@@ -15,6 +15,7 @@ from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.sizing import FitConfig, count_fit_steps, fit_to_budget
 from simtune.fit.uncertainty import (
     correlations,
+    held_out_misfit,
     in_range,
     inflate,
     model_checks,
@@ -47,6 +48,7 @@ __all__ = [
     "correlations",
     "count_fit_steps",
     "fit_to_budget",
+    "held_out_misfit",
     "in_range",
     "inflate",
     "model_checks",

@@ -119,6 +119,7 @@ class ReplayFit:
             latency_steps,
             np.where(self.space.is_appearance, 0.0, start.std),
             offsets,
+            held_out=kept if kept < num else None,
         )
 
     def within(self, budget: Budget) -> "ReplayFit":

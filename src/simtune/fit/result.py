@@ -40,6 +40,7 @@ class FitResult:
     # (N,) standard deviations of the particles' estimate, where it began; 0 of mere appearance
     rough_std: np.ndarray
     offsets: np.ndarray  # (D,) measured − true, of joints that are read beside pictures; or none
+    held_out: int | None = None  # the episode that nothing was fitted to, but the misfit is of
 
     @property
     def is_moving(self) -> np.ndarray:

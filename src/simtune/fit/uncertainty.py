@@ -1,6 +1,7 @@
 """How sure a fit is: intervals that its bootstrap widens, correlations, and model checks."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def moves_otherwise(fit: FitResult, bootstrap: Bootstrap) -> bool:
     if not bootstrap.misfits:
         return False
     limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / len(bootstrap.misfits)
-    return max(bootstrap.motion_ratios(fit.misfit)) > limit
+    return bool(max(bootstrap.motion_ratios(fit.misfit)) > limit)
 
 
 def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
@@ -99,6 +100,22 @@ def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
             "before it is found."
         )
     return warnings + latency_warning(fit.latency_steps)
+
+
+def held_out_misfit(fit: FitResult, bootstrap: Bootstrap) -> dict[str, Any]:
+    """How well the fit explains the episode that was kept back; JSON.
+
+    "episode" counts from 1, None: too few were there. "passed": by `moves_otherwise`; None: there
+    is nothing to compare with. Each sensor's "distance" is the fit's, beside known worlds'.
+    """
+    known, distances = [misfit.motion for misfit in bootstrap.misfits], fit.misfit.motion
+    passed = not moves_otherwise(fit, bootstrap) if np.isfinite(known).any() else None
+    sensors = {
+        name: {"unit": unit, "distance": distances[i], "known_worlds": [its[i] for its in known]}
+        for i, (name, unit) in enumerate(fit.sensors)
+    }
+    episode = None if fit.held_out is None else fit.held_out + 1
+    return {"episode": episode, "passed": passed, "sensors": sensors}
 
 
 def latency_warning(latency_steps: int) -> list[str]:

@@ -89,6 +89,12 @@ class RunData:
         counts_steps = key == "sim_steps" and "policy_steps" not in self.config
         return self.metrics[-1].get("step") if counts_steps and self.metrics else None
 
+    @property
+    def title(self) -> str:
+        """The task's name, or else the folder's."""
+        known = (self.result.get("task"), self.config.get("task_name"), self.config.get("task"))
+        return next(filter(None, known), self.path.resolve().name)
+
     def object(self, key: str) -> dict[str, Any]:
         """An object in the result; empty where there is none."""
         value = self.result.get(key)

@@ -36,7 +36,7 @@ def _page(run: RunData) -> str:
     template = _environment().get_template("page.html")
     return template.render(
         run=run,
-        title=run.get("task") or run.path.resolve().name,
+        title=run.title,
         style=_asset("style.css"),
         script=_asset("script.js"),
         videos={name: run.videos[name] for name in VIDEOS if name in run.videos},
@@ -68,7 +68,7 @@ def _environment() -> Environment:
     drawn = (plots.estimate_plot, plots.survival_plot, rank_plots.rank_histogram)
     drawn += (rank_plots.rank_dots, pair_plots.pair_plot)
     drawn += (joint_plots.reading_plot, joint_plots.error_plot)
-    environment.globals |= {f.__name__: f for f in drawn}
+    environment.globals |= {f.__name__: f for f in drawn} | {"how": words.how}
     return environment
 
 

@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
 WIDTH, HEIGHT = 250, 170
 LEFT, RIGHT, TOP, BOTTOM = 40, 4, 8, 34  # margins
+_DIGIT = 7  # pixels of a number's digit
 _WIDE = 6  # a positive range this many times its lower end is drawn on a log scale
 
 Point = tuple[float, float]
@@ -37,9 +39,21 @@ class Axis:
         """About `most` round numbers within the axis, ascending."""
         for digits in ((1, 2, 5), (1, 3), (1,)) if self.log else ():
             ticks = self._within(LogLocator(subs=digits, numticks=most))
-            if 2 <= len(ticks) <= most:
+            if 2 <= len(ticks) <= most and self._can_be_told_apart(ticks):
                 return ticks
-        return self._within(MaxNLocator(most, steps=[1, 2, 5, 10]))
+        ticks = self._within(MaxNLocator(most, steps=[1, 2, 5, 10]))
+        while len(ticks) > 2 and not self._can_be_told_apart(ticks):
+            ticks = ticks[len(ticks) % 2 == 0 :: 2]  # keeps the last one, where they crowd
+        return ticks
+
+    def _can_be_told_apart(self, ticks: list[float]) -> bool:
+        """Whether their numbers leave room between each other, side by side along an x axis."""
+        if self.start > self.end:
+            return True
+        widths = [_DIGIT * len(f"{tick:g}") for tick in ticks]
+        places = [self(tick) for tick in ticks]
+        pairs = zip(pairwise(places), pairwise(widths), strict=True)
+        return all(b - a >= (one + other) / 2 + _DIGIT for (a, b), (one, other) in pairs)
 
     def _within(self, locator: Locator) -> list[float]:
         ticks = [float(tick) for tick in locator.tick_values(self.low, self.high)]

@@ -40,7 +40,7 @@ def estimate_plot(run: RunData, name: str) -> Plot | None:
 
 
 def survival_plot(run: RunData, name: str) -> Plot | None:
-    """P(truth > candidate) against the candidate, the 90 % interval shaded."""
+    """P(truth > value) against the value, the 90 % interval shaded."""
     curve = run.curves.get(name) or {}
     candidates, prob_higher = curve.get("candidates", []), curve.get("prob_higher", [])
     if len(candidates) < 2 or len(candidates) != len(prob_higher):
@@ -48,9 +48,9 @@ def survival_plot(run: RunData, name: str) -> Plot | None:
     truth, low, high = _known(run, name, "real", "low", "high")
     x = value_axis(candidates, LEFT + 4, WIDTH - RIGHT - 4, run.is_colour(name))
     y = Axis(0, 1, HEIGHT - BOTTOM, TOP)
-    plot = Plot(f"{name}: probability that the truth is higher than a candidate", x, y)
+    plot = Plot(f"{name}: probability that the truth is higher than a value", x, y)
     plot.label_y([0, 0.5, 1])
-    plot.label_x({t: f"{t:g}" for t in x.ticks(5)}, "candidate")
+    plot.label_x({t: f"{t:g}" for t in x.ticks(5)}, "value")
     if low is not None and high is not None:
         plot.box((low, 1), (high, 0), "interval")
     plot.across(0.5, "half")

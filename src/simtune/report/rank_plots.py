@@ -22,9 +22,9 @@ def rank_histogram(ranks: list[float]) -> Plot:
     low, high = expected(len(ranks))
     x = Axis(0, 1, LEFT + 4, WIDTH - RIGHT - 4)
     y = Axis(0, float(max(counts.max(), high)) * 1.08, HEIGHT - BOTTOM, TOP)
-    plot = Plot("histogram of the ranks of the truth", x, y)
+    plot = Plot("histogram of where the truth lay in known worlds", x, y)
     plot.label_y([tick for tick in y.ticks(4) if tick == round(tick)])
-    plot.label_x(_LABELS, "rank of the truth")
+    plot.label_x(_LABELS, "where the truth lay")
     for i, count in enumerate(counts):
         start, end = i / _BINS, (i + 1) / _BINS
         title = f"{start:g} to {end:g}: {count} of {len(ranks)}"
@@ -48,7 +48,7 @@ def rank_dots(ranks: dict[str, list[float]]) -> Plot | None:
     width = WIDTH + _NAMES - LEFT
     x = Axis(0, 1, _NAMES, width - 8)
     y = Axis(0, len(ranks), TOP, TOP + _ROW * len(ranks))
-    plot = Plot("ranks of the truth, a row a parameter", x, y, width)
+    plot = Plot("where the truth lay in known worlds, a row a parameter", x, y, width)
     plot.box((0.05, 0), (0.95, len(ranks)), "range")
     for i, (name, given) in enumerate(ranks.items()):
         middle = i + 0.5
@@ -56,7 +56,7 @@ def rank_dots(ranks: dict[str, list[float]]) -> Plot | None:
         plot.line([(0, middle), (1, middle)], "grid")
         for rank in given:
             plot.dot((rank, middle), "rank", f"{name}: {rank:.2f}")
-    plot.label_x(_LABELS, "rank of the truth")
+    plot.label_x(_LABELS, "where the truth lay")
     return plot
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from simtune.report.data import RunData
 from simtune.validate import is_number
 
 MISSING = "–"
@@ -43,6 +44,24 @@ def unit(facts: Mapping[str, Any]) -> str:
     """A parameter's unit; empty for a pure number."""
     value = facts.get("unit")
     return "" if value in (None, "", "1") else str(value)
+
+
+_REAL = {"pseudo": "a simulated truth", "xarm": "a robot", "lerobot": "a robot"}
+_SEARCHES = {"paper": " by the paper's steps up or down", "regression": " by the paper's baseline"}
+_POLICIES = {
+    "dr": "A policy was trained in worlds around the start; nothing was tuned to {}",
+    "oracle": "A policy was trained in the true world itself, {}",
+}
+
+
+def how(run: RunData) -> str:
+    """What a run did, before the name of its recordings or robot."""
+    real = _REAL.get(str(run.get("real")), "recordings")
+    if run.get("method") in _POLICIES:
+        return _POLICIES[run.get("method")].format(real)
+    trains = "policy_steps" in run.config
+    begin = "A policy was trained while the simulator was" if trains else "The simulator was"
+    return f"{begin} tuned{_SEARCHES.get(str(run.get('search')), '')} to {real}"
 
 
 def duration(seconds: Any) -> str:

@@ -14,6 +14,7 @@ from simtune.fit import (
     FitResult,
     PointEstimate,
     correlations,
+    held_out_misfit,
     in_range,
     inflate,
     model_checks,
@@ -180,6 +181,7 @@ def conclude(
         correlations=correlations(fit, names),
         ranks=ranks(bootstrap, names),
         warnings=model_checks(fit, bootstrap),
+        held_out=held_out_misfit(fit, bootstrap),
         start=fit.start.tolist(),
         latency_steps=fit.latency_steps,
     )

@@ -34,6 +34,8 @@ class Estimate:
     # {name: ranks in (0, 1) of known worlds' truths}: uniform where intervals can be trusted
     ranks: dict[str, list[float]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # what to doubt about all this
+    # How well the episode is explained that was kept back, see `fit.held_out_misfit`
+    held_out: dict[str, Any] = field(default_factory=dict)
     start: list[float] | None = None  # (S,) the state in which the first trajectory began, if known
     latency_steps: int = 0  # by which the actions seem to take effect late
     # {reading: measured − simulated, of what was fitted to readings alone}
