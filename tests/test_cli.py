@@ -2,12 +2,15 @@
 
 import json
 import logging
+import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -114,9 +117,17 @@ def dataset(recorded, tmp_path) -> Path:
             ["tune", "cartpole", "--out", "OUT", "--real", "NOWHERE", "--start-factor", "3"],
             "--start-factor goes with --real pseudo only",
         ),
-        (["tune", "cartpole"], "--out"),
+        (["tune", "cartpole"], "simtune tune needs --out PATH; --help"),
+        (["tune", "--out", "OUT"], "simtune tune needs TASK; --help"),
+        (["tune", "cartpole", "--out"], "--out needs a value; --help"),
         (["tune", "ball_in_cap", "--out", "OUT"], "no task 'ball_in_cap'.*mean 'ball_in_cup'"),
-        (["tune", "cartpole", "--out", "OUT", "--serch", "paper"], "--serch"),
+        (
+            ["tune", "cartpole", "--out", "OUT", "--serch", "paper"],
+            "simtune tune has no --serch; did you mean --search",
+        ),
+        (["tune", "cartpole", "--out=OUT", "--reel=x"], "has no --reel; did you mean --real"),
+        (["tune", "cartpole", "--out", "OUT", "--real_", "x"], "has no --real-; did you mean"),
+        (["evaluate", "OUT", "--zzz"], "simtune evaluate has no --zzz; --help"),
         (["tune", "cartpole", "--out", "OUT", "--search", "papre"], "papre.*posterior"),
         (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "soon"], "a number, got .soon"),
         (["tune", "cartpole", "--out", "OUT", "--budget-minutes", "0"], "above 0, got 0"),
@@ -148,7 +159,8 @@ def dataset(recorded, tmp_path) -> Path:
             ["record", "cartpole", "--out", "/proc/x/y"],
             "cannot write into /proc/x: .*another place",
         ),
-        (["report", "NOWHERE"], "is no run: there is no such folder"),
+        (["report", "NOWHERE"], "is no run: there is no such folder$"),
+        (["figures", "NOWHERE"], "nowhere: no such folder or file$"),
     ],
 )
 def test_unusable_arguments_exit_with_2_and_one_line(simtune, tmp_path, arguments, message):
@@ -168,7 +180,7 @@ def test_unusable_arguments_exit_with_2_and_one_line(simtune, tmp_path, argument
         ("[0.1]", "must hold one JSON object"),
         ("pole_mass: 1", "is not JSON"),
         (b"\xff\xfe", "is not JSON"),
-        (None, "cannot read .*: No such file"),
+        (None, "no such folder or file"),
     ],
 )
 def test_unusable_real_parameters_are_refused(simtune, tmp_path, content, message):
@@ -324,13 +336,13 @@ def test_failures_exit_with_1_and_one_line(simtune, tmp_path, monkeypatch, error
 @pytest.mark.parametrize(
     ("command", "rounds", "words"),
     [
-        ("tune", 0, "interrupted before the first round was done: the same command begins it anew"),
         (
             "tune",
-            1,
-            "interrupted; kept: 1 finished round; what came later is lost, and the same command",
+            0,
+            "before the first round was done: its 0 s are lost, and the same command",
         ),
-        ("train", 2, "kept: 2 finished rounds and 50 steps of the policy's training;"),
+        ("tune", 1, "kept: 1 finished round; lost: the round in progress, 0 s; the same command"),
+        ("train", 2, "and 50 steps of the policy's training; lost: the last 0 s; the same"),
         ("record", 0, "interrupted"),
     ],
 )
@@ -349,6 +361,59 @@ def test_an_interrupted_command_exits_with_130_and_says_what_is_kept(
     status, said, err = simtune(command, "cartpole", "--out", out)
     assert (status, said, err.count("\n")) == (130, "", 1)
     assert words in err
+
+
+def test_what_is_lost_began_with_the_newest_checkpoint_or_the_command(
+    simtune, tmp_path, monkeypatch
+):
+    out = tmp_path / "out"
+    with RunFolder.create(out, {}) as run:
+        run.save_checkpoint({}, {"step": 50, "rounds": 1})
+    (saved,) = (out / "checkpoints").iterdir()
+    now_s = time.time()
+
+    def lost(saved_s: float, began_s: float) -> str:
+        def interrupt(*_, **__):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr("simtune.tuning_run.tune", interrupt)
+        os.utime(saved, (now_s - saved_s,) * 2)
+        times = iter([now_s - began_s, now_s])
+        clock = SimpleNamespace(time=lambda: next(times))
+        monkeypatch.setattr("simtune.cli.program.time", clock)
+        return re.search(r"in progress, ([^;]+);", simtune("tune", "cartpole", "--out", out)[2])[1]
+
+    assert lost(saved_s=75, began_s=300) == "1 min 15 s"
+    assert lost(saved_s=900, began_s=40) == "40 s"
+
+
+def test_a_name_that_is_nearly_there_is_suggested_at_once(tmp_path):
+    """Before torch is loaded, whatever the command."""
+    (tmp_path / "pendulum_run").mkdir()
+    code = """if True:
+    import sys
+    from simtune.cli import main
+    sys.argv = ["simtune", *{}]
+    try:
+        main()
+    finally:
+        assert not {{"torch", "mujoco_warp"}} & sys.modules.keys()
+    """
+    for arguments in (
+        ["report", "pendulum_rum"],
+        ["export", "pendulum_rum", "--out", "x"],
+        ["compare", "pendulum_run", "pendulum_rum"],
+        ["evaluate", "pendulum_rum"],
+        ["check", "cartpole", "--real", "pendulum_rum"],
+        ["tune", "cartpole", "--real", "pendulum_rum", "--out", "x"],
+    ):
+        done = subprocess.run(
+            [sys.executable, "-c", code.format(arguments)],
+            **{"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 120},
+        )
+        assert done.returncode == 2
+        assert done.stderr.startswith("simtune: pendulum_rum: ")
+        assert done.stderr.endswith("; did you mean pendulum_run?\n")
 
 
 # --- what works ---------------------------------------------------------------------------

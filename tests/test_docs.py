@@ -64,10 +64,10 @@ def test_a_page_lists_every_option(name):
 
 
 def test_every_command_has_a_page_and_links_lead_somewhere():
-    from simtune import cli
+    from simtune.cli import commands
 
-    commands = re.findall(r'subcommand\("(\w+)"\)', inspect.getsource(cli))
-    assert {path.stem for path in FOLDER.iterdir()} == set(commands)
+    named = re.findall(r'subcommand\("(\w+)"\)', inspect.getsource(commands))
+    assert {path.stem for path in FOLDER.iterdir()} == set(named)
     for page in [*FOLDER.iterdir(), *FOLDER.parent.glob("*.md")]:
         for target in re.findall(r"\]\(([^)#:]+)[^):]*\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"

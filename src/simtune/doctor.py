@@ -3,45 +3,54 @@
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
+from typing import get_args
 
 import numpy as np
 
+from simtune.names import RendererName
+
 _FOR_ROBOTS = ("xarm-python-sdk", "pyrealsense2")
+_WORKS = "works"
 _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "torch", "av", "pyarrow", "numpy")
 
 
-def analyze(say: Callable[[str], None]) -> bool:
-    """Say what there is, a line each; whether the default renderer works."""
-    say(f"python     {platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores")
+def analyze() -> Iterator[tuple[str, str]]:
+    """(what, how it is here), one after another: a driver may end the process as it is tried."""
+    python = f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores"
+    yield "python", python
     for package in _PACKAGES + _FOR_ROBOTS:
         try:
-            say(f"{package:10s} {version(package)}")
+            yield package, version(package)
         except PackageNotFoundError:
             wanted_for = ", for --real xarm" if package in _FOR_ROBOTS else ""
-            say(f"{package:10s} not installed: pip install {package}{wanted_for}")
-    _say_devices(say)
-    works = _try_renderer("raycaster", say)
-    _try_renderer("opengl", say)
-    return works
+            yield package, f"not installed: pip install {package}{wanted_for}"
+    yield from _devices()
+    for renderer in get_args(RendererName):
+        yield renderer, _try_renderer(renderer)
 
 
-def _say_devices(say: Callable[[str], None]) -> None:
+def works(found: Mapping[str, str]) -> bool:
+    """Whether the default renderer does, by what `analyze` found."""
+    return found["raycaster"].startswith(_WORKS)
+
+
+def _devices() -> Iterator[tuple[str, str]]:
     import torch
 
     from simtune.networks import has_fast_bf16
 
     cpu = torch.device("cpu")
-    say(f"cpu        {torch.get_num_threads()} threads, fast bfloat16: {has_fast_bf16(cpu)}")
+    yield "cpu", f"{torch.get_num_threads()} threads, fast bfloat16: {has_fast_bf16(cpu)}"
     gpu = "none: all runs on the CPU"
     if torch.cuda.is_available():
         used_for = "draws, and trains policies; all else is learnt on the CPU"
         gpu = f"{torch.cuda.get_device_name()}: {used_for}"
-    say(f"cuda       {gpu}")
+    yield "cuda", gpu
 
 
-def _try_renderer(name, say: Callable[[str], None]) -> bool:
+def _try_renderer(name: RendererName) -> str:
     """Draw the quick task's start with a renderer, twice: the first time may compile."""
     from simtune.tasks import load_task
 
@@ -56,11 +65,8 @@ def _try_renderer(name, say: Callable[[str], None]) -> bool:
         began_s = time.monotonic()
         frames = simulator.film(rollouts)
     except Exception as error:  # whatever a driver throws: the doctor is there to tell
-        say(f"{name:10s} does not work: {' '.join(str(error).split())}")
-        return False
+        return f"does not work: {' '.join(str(error).split())}"
     if frames.max() == frames.min():
-        say(f"{name:10s} draws nothing but one colour")
-        return False
+        return "draws nothing but one colour"
     speed = frames.shape[0] * frames.shape[1] / (time.monotonic() - began_s)
-    say(f"{name:10s} works: {speed:,.0f} frames/s at 64 px")
-    return True
+    return f"{_WORKS}: {speed:,.0f} frames/s at 64 px"

@@ -1,5 +1,6 @@
 """The options of commands that run for long, one dataclass each."""
 
+from simtune.config.prints import Prints
 from simtune.config.real import ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.record import CompareConfig, ExportConfig, RecordConfig
 from simtune.config.sweep import FiguresConfig, SweepConfig
@@ -14,6 +15,7 @@ __all__ = [
     "EvaluateConfig",
     "ExportConfig",
     "FiguresConfig",
+    "Prints",
     "RealConfig",
     "RecordConfig",
     "RecordingsConfig",

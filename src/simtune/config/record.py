@@ -7,6 +7,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from simtune.config.checks import at_least, check_seed, flag
+from simtune.config.prints import Prints
 from simtune.errors import InputError
 from simtune.names import ExportFormat, RendererName
 
@@ -14,7 +15,7 @@ _LARGEST_PX = 1024  # an episode is kept whole until it is written
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordConfig:
+class RecordConfig(Prints):
     """Film a world into a LeRobotDataset v3: video and the actions behind it."""
 
     task: Annotated[Positional[str], arg(metavar="TASK")]
@@ -49,7 +50,7 @@ class RecordConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportConfig:
+class ExportConfig(Prints):
     """Take what a run found along: the tuned MJCF, its numbers, and Python that applies them.
 
     Writes model.xml, with the files that it refers to, parameters.json and apply.py into OUT. With
@@ -82,7 +83,7 @@ class ExportConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareConfig:
+class CompareConfig(Prints):
     """Say whether runs agree, such as of two sets of episodes of one real world.
 
     All must have tuned the same parameters by the search that gives intervals. Writes nothing.
@@ -90,8 +91,6 @@ class CompareConfig:
 
     run_folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN RUN ...")]
     """Folders that `simtune tune` or `simtune train` wrote, two at least."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
     def check(self) -> None:
         """Raises InputError for a single run."""

@@ -7,11 +7,12 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from simtune.config.checks import at_least
+from simtune.config.prints import Prints
 from simtune.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepConfig:
+class SweepConfig(Prints):
     """Carry out a grid of runs of `tune` and `train` (docs/sweeps.md).
 
     Each run is the ordinary command in a folder of its own, OUT/runs/NAME; OUT/sweep.json says how
@@ -47,7 +48,7 @@ class SweepConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FiguresConfig:
+class FiguresConfig(Prints):
     """Draw what the runs in a folder say together: curves, ablations, tables.
 
     Reads run folders alone, however they came about, and writes DIR/figures.html, and each figure

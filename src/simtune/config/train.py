@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from simtune.config.checks import at_least, check_seed, flag
+from simtune.config.prints import Prints
 from simtune.config.real import RealConfig
 from simtune.errors import InputError
 
@@ -15,7 +16,7 @@ UNTUNED = ("dr", "oracle")  # these search for nothing
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainConfig(RealConfig):
+class TrainConfig(Prints, RealConfig):
     """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
 
     Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
@@ -83,7 +84,7 @@ class TrainConfig(RealConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateConfig:
+class EvaluateConfig(Prints):
     """Score a run once more, on other episodes. Prints one JSON object, and writes nothing.
 
     Of a run of `train`: its policy, in its pseudo-real world or in any other simulated one. Of a

@@ -8,13 +8,14 @@ from tyro.conf import Positional, arg
 
 from simtune.config.camera_pose import CameraPoseOptions
 from simtune.config.checks import at_least, check_seed
+from simtune.config.prints import Prints
 from simtune.config.real import Observes, RealConfig, RecordingsConfig
 from simtune.errors import InputError
 from simtune.names import SearchName
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneConfig(Observes, RealConfig):
+class TuneConfig(Prints, Observes, RealConfig):
     """Find a simulator's parameters from video and actions of the real world.
 
     Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
@@ -56,7 +57,7 @@ class TuneConfig(Observes, RealConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckConfig(Observes, CameraPoseOptions, RecordingsConfig):
+class CheckConfig(Prints, Observes, CameraPoseOptions, RecordingsConfig):
     """Say, before any training, what each parameter changes and what recordings can tell of it.
 
     Takes seconds, beside reading recordings. What a parameter "shows" is the best that can be
@@ -76,8 +77,6 @@ class CheckConfig(Observes, CameraPoseOptions, RecordingsConfig):
     pictures: Path | None = None
     """With recordings: where to save their first frames beside the simulator's, as FILE.png; by
     default a new file in the system's folder for temporary ones, whose name is printed."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
     def check(self) -> None:
         """Raises InputError for what makes no sense."""

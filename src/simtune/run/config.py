@@ -12,7 +12,7 @@ from simtune.run.files import read_json
 from simtune.run.sources import SOURCES, changed_sources
 
 # What may change between a run and its resumption: where it lies and how long it goes on.
-_MAY_DIFFER = ("out", "budget_minutes", "device", "move", "task_name")
+_MAY_DIFFER = ("out", "budget_minutes", "device", "move", "task_name", "json")
 # What may be spelt in another way, or lie elsewhere, and which key tells by its content.
 _CONTENT = {
     "task": "task_content",

@@ -262,6 +262,12 @@ def kept_state(path: Path) -> dict[str, Any] | None:
     return checkpoint.load_state(newest) if newest else None
 
 
+def kept_since(path: Path) -> float | None:
+    """When the newest sound checkpoint was written, in seconds since 1970; None: there is none."""
+    newest = checkpoint.newest(path / _CHECKPOINTS, warn=False)
+    return newest.stat().st_mtime if newest else None
+
+
 def _stored_run(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None:
     """config.json of the run at `path`; None: a new one. Raises InputError where it is another."""
     stored = stored_config(path)

@@ -1,0 +1,59 @@
+"""The commands and their options; those that run for long are in `simtune.config`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg, subcommand
+
+from simtune.config import (
+    CheckConfig,
+    CompareConfig,
+    EvaluateConfig,
+    ExportConfig,
+    FiguresConfig,
+    Prints,
+    RecordConfig,
+    SweepConfig,
+    TrainConfig,
+    TuneConfig,
+)
+
+
+@dataclass(frozen=True)
+class TasksCommand(Prints):
+    """List the built-in tasks and their parameters."""
+
+
+@dataclass(frozen=True)
+class ReportCommand(Prints):
+    """Write the report.html of a run anew."""
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
+    """A folder that `simtune tune` or `simtune train` wrote."""
+    open: bool = False
+    """Show it in the browser."""
+    rerun: Path | None = None
+    """Write a file for the Rerun viewer, too, NAME.rrd: the videos, joint readings and estimates
+    over time. Needs simtune[rerun]."""
+
+
+@dataclass(frozen=True)
+class DoctorCommand(Prints):
+    """Say what this machine has: versions, devices, renderers that work."""
+
+
+Command = (
+    Annotated[TasksCommand, subcommand("tasks")]
+    | Annotated[CheckConfig, subcommand("check")]
+    | Annotated[TuneConfig, subcommand("tune")]
+    | Annotated[TrainConfig, subcommand("train")]
+    | Annotated[RecordConfig, subcommand("record")]
+    | Annotated[EvaluateConfig, subcommand("evaluate")]
+    | Annotated[ExportConfig, subcommand("export")]
+    | Annotated[CompareConfig, subcommand("compare")]
+    | Annotated[ReportCommand, subcommand("report")]
+    | Annotated[SweepConfig, subcommand("sweep")]
+    | Annotated[FiguresConfig, subcommand("figures")]
+    | Annotated[DoctorCommand, subcommand("doctor")]
+)

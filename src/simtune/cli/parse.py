@@ -1,0 +1,102 @@
+"""What was typed, as a command with its options; what is wrong with it, in a line."""
+
+import contextlib
+import difflib
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, get_args
+
+import tyro
+
+from simtune.cli.commands import Command
+from simtune.config import ROBOTS
+from simtune.config.checks import flag
+from simtune.errors import InputError, UnknownName
+
+_TYPES = {"int": "a whole number", "float": "a number"}
+_SHARED = ("--help", "--tyro-print-completion", "--tyro-write-completion")
+_HELP = "; --help says what there is"
+_RUNS = ("run_folder", "run_folders")
+_OTHERS = ("folder", "grid", "real", "parameters", "real_parameters", "robot")
+
+
+def parse(typed: Sequence[str]) -> Any:
+    """Raises InputError in place of tyro's boxes of many lines."""
+    commands = {meta.name: c.__origin__ for c in get_args(Command) for meta in get_args(c)[1:]}
+    if typed and not typed[0].startswith("-"):
+        if typed[0] not in commands:
+            raise UnknownName("command", typed[0], "simtune", commands)
+        _check_options(typed[0], commands[typed[0]], typed[1:])
+    stderr = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(stderr):
+            config = (tyro.conf.DisallowNone,)  # what is optional is left out
+            return tyro.cli(  # type: ignore[call-overload]
+                Command,
+                prog="simtune",
+                description="The command line: `simtune COMMAND --help` says what each takes.",
+                args=typed,
+                config=config,
+            )
+    except SystemExit as exit_:
+        if not exit_.code:
+            raise
+        raise InputError(_in_a_line(stderr.getvalue()) + _HELP) from None
+
+
+def _check_options(command: str, kind: type, typed: Sequence[str]) -> None:
+    """Raises InputError for an option that the command does not have."""
+    options = [flag(field.name) for field in fields(kind)]
+    known = [*options, *_SHARED, *(f"--no-{option[2:]}" for option in options)]
+    for word in typed:
+        name = word.partition("=")[0].replace("_", "-")
+        if name.startswith("--") and name not in known:
+            close = difflib.get_close_matches(name, options, n=1)
+            hint = f"; did you mean {close[0]}?" if close else _HELP
+            raise InputError(f"simtune {command} has no {name}{hint}")
+
+
+def _in_a_line(said: str) -> str:
+    """What tyro says in a box, or, without UTF-8, beneath a title."""
+    lines = [line.strip("│| ") for line in said.splitlines()]
+    text = "\n".join(line for line in lines if line[:1] not in ("╭", "╰"))
+    parts = re.split(r"^[-─]{5,}$", text, flags=re.MULTILINE)
+    part = parts[0] if "╭" in said or len(parts) < 2 else parts[1]
+    what = re.sub(r", 'None'|'None', ", "", " ".join(part.split()).rstrip("."))
+    if wrong := re.search(r"Error parsing (\S+): .*\b(int|float)\b.*: ('.*')", what):
+        option, kind, value = wrong.groups()
+        return f"{option} must be {_TYPES[kind]}, got {value}"
+    if missing := re.match(r"Missing from (simtune \w+): (--\S+ \S+|\S+) ", what):
+        return "{} needs {}".format(*missing.groups())
+    if alone := re.match(r"Missing value for argument '(\S+)'", what):
+        return f"{alone[1]} needs a value"
+    return what
+
+
+def check_paths(command: Any) -> None:
+    """Raises InputError for a folder or a file that is not there.
+
+    Whoever reads it says so, too, but after packages are loaded that take seconds.
+    """
+    for name in (*_RUNS, *_OTHERS):
+        value = getattr(command, name, None)
+        for path in value if isinstance(value, tuple) else (value,):
+            if path is None or path in ("pseudo", *ROBOTS) or Path(path).exists():
+                continue
+            what = (
+                "is no run: there is no such folder" if name in _RUNS else "no such folder or file"
+            )
+            raise InputError(f"{path}: {what}{_sibling(Path(path))}")
+
+
+def _sibling(path: Path) -> str:
+    """Of a name that is nearly one of those beside it."""
+    try:
+        names = [entry.name for entry in path.parent.iterdir()]
+    except OSError:
+        return ""
+    close = difflib.get_close_matches(path.name, names, n=1)
+    return f"; did you mean {path.parent / close[0]}?" if close else ""

@@ -1,0 +1,88 @@
+"""From what was typed to an exit status."""
+
+import json
+import os
+import sys
+import time
+from typing import Any
+
+import simtune
+from simtune.cli.parse import parse
+from simtune.cli.run import check_first, counted, run
+from simtune.config import EvaluateConfig, SweepConfig, TrainConfig, TuneConfig
+from simtune.errors import InputError
+
+
+def main() -> None:
+    """Exit status: 0 done, 1 failed, 2 the input cannot be used (one line says why), 130 Ctrl-C."""
+    # Before torch is loaded: threads that wait for each other by spinning make training five
+    # times slower as soon as anything else runs on the machine.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    command, began_s = None, time.time()
+    try:
+        if sys.argv[1:] == ["--version"]:
+            print(f"simtune {simtune.__version__}")
+        else:
+            _carry_out(command := parse(sys.argv[1:]))
+        sys.stdout.flush()
+    except InputError as error:
+        sys.exit(_complain(error, 2))
+    except KeyboardInterrupt:
+        sys.exit(_complain(_interrupted(command, began_s), 130))
+    except BrokenPipeError:  # `simtune tasks | head -1`: the reader has read enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains when it closes stdout
+        sys.exit(1)
+    except MemoryError as error:
+        sys.exit(_complain(f"out of memory: {error}", 1))
+    except (RuntimeError, OSError) as error:
+        sys.exit(_complain(error, 1))
+
+
+def _carry_out(command: Any) -> None:
+    """Raises RuntimeError for what failed, after all is printed."""
+    check_first(command)
+    done = run(command, _say_nothing if command.json else _say)
+    if command.json or isinstance(command, EvaluateConfig):
+        from simtune.run import plain  # loads torch
+
+        print(json.dumps(plain(done.result)))
+    if done.failure:
+        raise RuntimeError(done.failure)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _say_nothing(_: str) -> None:
+    """In place of lines there is one JSON object."""
+
+
+def _interrupted(command: Any, began_s: float) -> str:
+    """What of a run is kept, and what is lost."""
+    if isinstance(command, SweepConfig):
+        return "interrupted; the same command goes on"
+    if not isinstance(command, TuneConfig | TrainConfig):
+        return "interrupted"
+    from simtune.report.words import duration
+    from simtune.run.folder import kept_since, kept_state
+
+    state = kept_state(command.out)
+    lost = duration(time.time() - max(began_s, kept_since(command.out) or 0.0))
+    if not state:
+        return (
+            f"interrupted before the first round was done: its {lost} are lost, and the same "
+            "command begins it anew"
+        )
+    kept = counted(state["rounds"], "finished round")
+    if isinstance(command, TrainConfig):
+        kept += f" and {counted(state['step'], 'step')} of the policy's training"
+        lost = f"the last {lost}"
+    else:
+        lost = f"the round in progress, {lost}"
+    return f"interrupted; kept: {kept}; lost: {lost}; the same command goes on from there"
+
+
+def _complain(what: object, status: int) -> int:
+    print(f"simtune: {' '.join(str(what).split())}", file=sys.stderr)
+    return status
