@@ -362,7 +362,7 @@ def test_empty_cells_of_a_table_are_what_was_not_measured(tmp_path):
     assert np.argwhere(np.isnan(read.readings["joints"])).tolist() == [[3, 0]]
     lines[4] = ",".join([*cells[:2], "", cells[3]])
     path.write_text("\n".join(lines))
-    assert "row 3: action is not finite: [nan]" in message(tmp_path / "pairs")
+    assert "line 5 of HERE/swing.csv: action is not finite: [nan]" in message(tmp_path / "pairs")
 
 
 def test_a_null_row_of_a_lerobot_dataset_is_nan(tmp_path):

@@ -226,7 +226,7 @@ def test_check_looks_at_every_episode(tmp_path):
     said = []
     with pytest.raises(InputError) as caught:
         look_through(open_dataset(tmp_path / "pairs"), lambda doing, done: said.append(done))
-    assert "swing1, row 7: action is not finite" in str(caught.value)
+    assert "swing1.csv: action is not finite" in str(caught.value)
     assert str(caught.value).endswith("; 1 more of 4 are unsound: swing3")
     assert said == [0, 0.25, 0.5, 0.75]
 
@@ -295,7 +295,8 @@ def test_actions_that_do_not_fit(tmp_path):
     write_pair(tmp_path / "pairs", "swing", actions())
     assert message(tmp_path / "pairs", num_actions=2) == (
         "HERE: the task takes 2 actions, the recording has 3 (x, y, grip); "
-        "choose them by --actions NAME,NAME,... in the task's order"
+        "name the task's, in its order, by --actions NAME,NAME,...; in a CSV, columns that were "
+        "measured are called measured.NAME"
     )
     assert message(tmp_path / "pairs", num_actions=7).endswith(
         "(x, y, grip); is it of another robot?"

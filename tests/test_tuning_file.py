@@ -363,11 +363,15 @@ def test_what_is_wrong_with_a_camera(refuses, text, line, message):
 
 
 def test_models_with_other_numbers_of_cameras(folder, refuses):
-    for count, message in ((0, "the model has no camera with a name"), (2, "name one of c0, c1")):
+    pose = r"or say where one is in a table \[camera\]"
+    for count, message in (
+        (0, f"no camera films: the model has none with a name; give it one, {pose}"),
+        (2, f"which camera films\\? camera = one of c0, c1, {pose}"),
+    ):
         cameras = "".join(f'<camera name="c{i}"/>' for i in range(count))
         xml = f"<mujoco><worldbody>{cameras}</worldbody></mujoco>"
         (folder / "scene.xml").write_text(xml)
-        refuses(HEAD + MASS, 1, f"which camera films.*{message}")
+        refuses(HEAD + MASS, 1, message)
     (folder / "scene.xml").write_text("<mujoco/>")
     refuses(HEAD + "camera = 'c'\n" + MASS, 3, "no camera 'c' in the model, which has none")
 
@@ -661,6 +665,8 @@ def test_a_delay_is_remembered(load):
         ("kind = 'mass'\nobjects = 'bob'\n", 3, r"\[\[parameters\]\] has no name"),
         ("name = 'a b'\nkind = 'mass'\nobjects = 'bob'\n", 4, "name must be letters.*'a b'"),
         ("name = 'p'\nobjects = 'bob'\n", 3, "p has neither kind nor field"),
+        ("name = 'p'\nkinds = 'mass'\n", 5, "no key 'kinds' in .*; did you mean 'kind'?"),
+        ("names = 'p'\nkind = 'mass'\n", 4, "has no name: expected a text; is 'names' meant"),
         ("name = 'p'\nkind = 'mas'\nobjects = 'bob'\n", 5, "no kind 'mas'.*did you mean 'mass'?"),
         ("name = 'p'\nkind = 'mass'\n", 3, r"\[\[parameters\]\] has no objects"),
         ("name = 'p'\nkind = 'mass'\nobject = 'bob'\n", 6, "no key 'object'.*mean 'objects'?"),

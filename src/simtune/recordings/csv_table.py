@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.recordings.source import MOST_ACTIONS, MOST_ROWS, short
+from simtune.recordings.source import MOST_ACTIONS, MOST_ROWS, Lines, short
 
 # In any case of letters:
 _TIMES = ("time", "timestamp", "time_s", "timestamp_s", "t")
@@ -18,8 +18,8 @@ MEASURED = "measured"  # and a dot, before a reading's name
 
 def read_header(path: Path) -> list[str]:
     """Names of the columns."""
-    header = next(_lines(path), None)
-    if header is None:
+    _, header = next(_lines(path), (0, []))
+    if not header:
         raise InputError(f"{path}: is empty; expected a header with the actions' names")
     names = [name.strip() for name in header]
     if len(names) == 1 and re.search(r"[;\t]", names[0]):
@@ -45,28 +45,32 @@ def is_reading(name: str) -> bool:
     return name.lower().startswith(f"{MEASURED}.")
 
 
-def read_rows(path: Path, num_columns: int) -> np.ndarray:
-    """(rows, columns) of all that follows the header; NaN where a cell is empty."""
+def read_rows(path: Path, num_columns: int) -> tuple[np.ndarray, Lines]:
+    """(rows, columns) of all that follows the header, NaN where a cell is empty; where they are."""
     rows: list[np.ndarray] = []
-    for line in itertools.islice(_lines(path), 1, None):
-        where = f"{path}: row {len(rows)}"
-        if len(line) != num_columns:
-            raise InputError(f"{where}: expected {num_columns} numbers, got {len(line)}")
+    lines = Lines(path, numbers := [])
+    for number, cells in itertools.islice(_lines(path), 1, None):
+        numbers.append(number)
+        where = lines.place(-1)
+        if len(cells) != num_columns:
+            raise InputError(f"{where}: expected {num_columns} cells, got {len(cells)}")
         try:
-            rows.append(np.array([float(cell) if cell.strip() else np.nan for cell in line]))
+            rows.append(np.array([float(cell) if cell.strip() else np.nan for cell in cells]))
         except ValueError as error:
-            raise InputError(f"{where}: {error}") from None
+            cell = str(error).partition(": ")[2]
+            raise InputError(f"{where}: expected a number, got {cell}") from None
         if len(rows) > MOST_ROWS:
             raise InputError(f"{path}: has more than {MOST_ROWS} rows; split the episode")
     if len(rows) < 2:
         raise InputError(f"{path}: has {len(rows)} rows of numbers; expected at least 2")
-    return np.stack(rows)
+    return np.stack(rows), lines
 
 
-def _lines(path: Path) -> Iterator[list[str]]:
-    """Cells of each line that is not empty."""
+def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The number, from 1, and the cells of each line that is not empty."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            yield from (line for line in csv.reader(file) if line)
+            reader = csv.reader(file)
+            yield from ((reader.line_num, cells) for cells in reader if cells)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: not readable as CSV ({error})") from None

@@ -13,7 +13,7 @@ from simtune.recordings import video
 from simtune.recordings.csv_table import MEASURED, is_reading, is_time, read_header, read_rows
 from simtune.recordings.readings import gather, readings_of
 from simtune.recordings.resample import typical_step_s
-from simtune.recordings.source import Reading, Rows, first_wrong, is_rate, natural, short
+from simtune.recordings.source import Lines, Reading, Rows, first_wrong, is_rate, natural, short
 
 VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # in any case of letters
 
@@ -68,11 +68,11 @@ class PairsSource:
                 f"{path}: expected the columns of {self._table(0).name} ({short(self._header)}), "
                 f"got {short(header)}"
             )
-        table = read_rows(path, len(header))
+        table, lines = read_rows(path, len(header))
         measured = table[:, [is_reading(name) for name in header]]
-        times_s, until_s = self._times(episode, table)
+        times_s, until_s = self._times(episode, table, lines)
         found = gather(readings, len(table), lambda _: measured)
-        return Rows(table[:, self._actions], times_s, until_s, found)
+        return Rows(table[:, self._actions], times_s, until_s, found, lines)
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
         path = self._video(episode)
@@ -114,10 +114,11 @@ class PairsSource:
             raise InputError(f"{where}: its rows come {fps:g} times a second; in seconds?")
         return fps
 
-    def _times(self, episode: int, table: np.ndarray) -> tuple[np.ndarray, float]:
+    def _times(self, episode: int, table: np.ndarray, lines: Lines) -> tuple[np.ndarray, float]:
         """(T,) seconds at which the rows of an episode's table began, and when it ends."""
         if self._is_timed:
-            return self._told_times(episode, table[:, [is_time(name) for name in self._header]])
+            is_told = [is_time(name) for name in self._header]
+            return self._told_times(episode, table[:, is_told], lines)
         seen_s = video.frame_times(self._video(episode))
         if len(seen_s) - len(table) not in (0, 1):
             raise InputError(
@@ -127,12 +128,14 @@ class PairsSource:
             )
         return seen_s[: len(table)], float(seen_s[-1])
 
-    def _told_times(self, episode: int, column: np.ndarray) -> tuple[np.ndarray, float]:
+    def _told_times(
+        self, episode: int, column: np.ndarray, lines: Lines
+    ) -> tuple[np.ndarray, float]:
         """The same of rows that say themselves when they began."""
         path, times_s = self._table(episode), column[:, 0]
         if (row := first_wrong(~(np.diff(times_s, prepend=-1e-9) > 0))) is not None:
             raise InputError(
-                f"{path}: row {row}: expected rising seconds since the video's first frame, "
+                f"{lines.place(row)}: expected rising seconds since the video's first frame, "
                 f"got {times_s[row]:g}"
             )
         if self.camera is None:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol, TypeGuard
+from typing import NamedTuple, Protocol, TypeGuard
 
 import numpy as np
 
@@ -28,6 +28,16 @@ class Reading:
         return f"{self.key}.{self.name}" if self.name else self.place
 
 
+class Lines(NamedTuple):
+    """Where rows stand in a text file."""
+
+    path: Path
+    numbers: Sequence[int]  # (T,) from 1, the header and empty lines counted
+
+    def place(self, row: int) -> str:
+        return f"line {self.numbers[row]} of {self.path}"
+
+
 @dataclass(frozen=True)
 class Rows:
     """The actions of an episode and its readings, on the clock of its pictures."""
@@ -37,6 +47,7 @@ class Rows:
     until_s: float  # up to when both pictures and actions are known
     # (T, D) float64, NaN where there is none; of no row where none were asked for
     readings: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    lines: Lines | None = None  # None: no text file
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -134,7 +145,10 @@ def choose_actions(
             "is it of another robot?" if known else "a CSV beside each video has a column of each"
         )
         if names or len(known) > num_actions:
-            hint = "choose them by --actions NAME,NAME,... in the task's order"
+            hint = (
+                "name the task's, in its order, by --actions NAME,NAME,...; in a CSV, columns that "
+                "were measured are called measured.NAME"
+            )
         there = f"{len(known)} ({short(known)})" if known else "none"
         has = f"--actions names {len(chosen)} of {there}" if names else f"the recording has {there}"
         raise InputError(f"{source.path}: the task takes {num_actions} actions, {has}; {hint}")

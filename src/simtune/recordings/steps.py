@@ -28,9 +28,8 @@ def make_steps(
     """
     if (row := first_wrong(np.any(~np.isfinite(rows.actions), axis=1))) is not None:
         values = short([f"{value:g}" for value in rows.actions[row]])
-        raise InputError(
-            f"{where}, row {row}: action is not finite: [{values}]; drop or repair the episode"
-        )
+        place = rows.lines.place(row) if rows.lines else f"{where}, row {row}"
+        raise InputError(f"{place}: action is not finite: [{values}]; drop or repair the episode")
     lasts_s = rows.until_s - rows.times_s[0]
     if lasts_s > MOST_ROWS * step_s:
         raise InputError(

@@ -58,10 +58,10 @@ def read_cameras(file: TomlTable, spec: mujoco.MjSpec) -> list[FilmingCamera]:
             return []
         if len(known) == 1:
             return [_model_s(known[0])]
-        there = (
-            f"name one of {', '.join(known)}" if known else "the model has no camera with a name"
-        )
-        raise file.error(f"which camera films? {there}, or give a pose in a table [camera]")
+        pose = "or say where one is in a table [camera] (docs/tuning-file.md)"
+        if known:
+            raise file.error(f"which camera films? camera = one of {', '.join(known)}, {pose}")
+        raise file.error(f"no camera films: the model has none with a name; give it one, {pose}")
     if not file.is_table("camera"):
         return [_model_s(_named(file, "camera", known))]
     return [_of_table(file.table("camera"), spec, known)]
@@ -90,7 +90,8 @@ def _named(table: TomlTable, key: str, known: list[str]) -> str:
     name = table.text(key)
     if name not in known:
         if not known:
-            message = f"no camera {name!r} in the model, which has none; give a table [camera]"
+            message = f"no camera {name!r} in the model, which has none; say where it is in a table"
+            message += " [camera] (docs/tuning-file.md)"
             raise table.error(message, key)
         raise table.error(UnknownName("camera", name, "the model", known), key)
     return name

@@ -22,6 +22,7 @@ from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _NUMBERS = ("nominal", "low", "high", "scale", "unit")
+_ALL = ("name", "kind", "field", "objects", "component", *_NUMBERS, "within_m", "within_rad")
 
 
 def read_parameters(
@@ -59,6 +60,7 @@ def _read(entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str]) -> li
         component = entry.whole("component", None, least=0)
         return [_number(entry, model, field, _objects(entry, model, field, ()), component)]
     if "kind" not in entry:
+        entry.allow(*_ALL)  # it may be misspelt
         raise entry.error(f"{name} has neither kind nor field: expected one of them")
     field, kind = KINDS[entry.choice("kind", KINDS)]
     films = tuple(cameras) if len(cameras) == 1 else None  # of several one has to be named

@@ -1,5 +1,6 @@
 """A TOML file read with care: what is wrong is said with its line and the nearest valid name."""
 
+import difflib
 import json
 import math
 import re
@@ -174,7 +175,9 @@ class TomlTable:
     def _checked(self, key: str, what: str, default: Any, is_right: Any) -> Any:
         if key not in self._values:
             if default is _REQUIRED:
-                raise self.error(f"{self.name} has no {key}: expected {what}")
+                close = difflib.get_close_matches(key, self._values, n=1)
+                hint = f"; is {close[0]!r} meant to be it?" if close else ""
+                raise self.error(f"{self.name} has no {key}: expected {what}{hint}", *close)
             return default
         value = self._values[key]
         if not is_right(value):
