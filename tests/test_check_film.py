@@ -161,6 +161,19 @@ def test_another_scene_and_a_still_film_are_warned_of(library):
 
 
 @pytest.mark.thorough
+def test_a_simulator_in_which_nothing_moves_is_no_other_scene_but_stuck(library):
+    stuck = library_of(library.frames[:, :1].repeat(12, 1))
+    film = drawn(3, 8, 1)
+    (said,) = compare(film, stuck).warnings
+    assert said.startswith("things move in the film, and nothing moves in the simulator")
+    # A camera's noise, where nothing moves in the film either, is no motion.
+    still = film[:, :1].repeat(8, 1).astype(int)
+    noise = np.random.default_rng(0).normal(0, 2, still.shape)
+    still = (still + noise).clip(0, 255).astype(np.uint8)
+    assert not any("stuck" in said for said in compare(still, stuck).warnings)
+
+
+@pytest.mark.thorough
 def test_a_library_is_of_worlds_that_play_the_actions():
     task = pendulum()
     simulator = task.simulator(image_size=SIZE)

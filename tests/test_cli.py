@@ -68,7 +68,7 @@ class Simtune:
 
 
 def is_progress(line: str) -> bool:
-    return re.match(r" *\d+ s +\d+ %  ", line) is not None
+    return re.match(r" *\d+ s +\d+ %  |NO RECORDINGS ARE GIVEN", line) is not None
 
 
 @pytest.fixture
@@ -448,6 +448,7 @@ def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands, monke
     status, said, progress = simtune(*command)
     assert status == 0
     assert all(is_progress(line) for line in progress.splitlines())  # no terminal: plain lines
+    assert progress.startswith("NO RECORDINGS ARE GIVEN, so this tunes to a simulated truth: --re")
     assert "looking at the real world" in progress
     assert "round 1: simulating" in progress
     assert "100 %" in progress
@@ -457,8 +458,17 @@ def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands, monke
     result = json.loads((out / "result.json").read_text())
     assert result["command"] == shlex.join(map(str, ("simtune", *command)))
     (out / "report.html").unlink()
+    assert "NO RECORDINGS" not in simtune(*command, "--real", "pseudo")[2]
+    assert json.loads(simtune(*command, "--json")[1]) == json.loads(
+        (out / "result.json").read_text()
+    ) | {"report": str(out / "report.html")}
+    (out / "report.html").unlink()
     status, said, err = simtune("report", out)
     assert (status, said, err) == (0, f"{out / 'report.html'}\n", "")
+    assert json.loads(simtune("report", out, "--json")[1]) == {"report": f"{out / 'report.html'}"}
+    exported = json.loads(simtune("export", out, "--out", tmp_path / "tuned", "--json")[1])
+    files = sorted(str(path) for path in (tmp_path / "tuned").rglob("*") if path.is_file())
+    assert exported == {"files": files}
     assert (out / "report.html").is_file()
     shown = []
     monkeypatch.setattr("webbrowser.open", shown.append)
@@ -518,6 +528,28 @@ def in_a_shell(command: str) -> subprocess.CompletedProcess:
     code = "from simtune.cli import main; main()"
     line = command.replace("simtune", f"{sys.executable} -c '{code}'", 1)
     return subprocess.run(["bash", "-o", "pipefail", "-c", line], capture_output=True, text=True)
+
+
+def test_tasks_and_recordings_in_json(simtune, tmp_path):
+    tasks = json.loads(simtune("tasks", "--json")[1])
+    assert tasks.keys() == NAMES.keys()
+    assert tasks["cartpole"]["parameters"]["pole_mass"]["unit"] == "kg"
+    out = tmp_path / "films"
+    short = ("--episodes", 1, "--image-size", 16, "--json")
+    said = simtune("record", "cartpole", "--out", out, *short)[1]
+    assert json.loads(said) == {"recordings": str(out), "episodes": 1}
+
+
+def test_a_doctor_says_the_same_in_lines_and_in_json_and_fails_after_it(simtune, monkeypatch):
+    found = [("python", "3.11"), ("raycaster", "works: 9 frames/s at 64 px"), ("opengl", "no")]
+    monkeypatch.setattr("simtune.doctor.analyze", lambda: iter(found))
+    status, said, _ = simtune("doctor")
+    assert (status, said.splitlines()[1]) == (0, "raycaster  works: 9 frames/s at 64 px")
+    assert json.loads(simtune("doctor", "--json")[1]) == dict(found)
+    found[1] = ("raycaster", "does not work: no driver")
+    status, said, err = simtune("doctor", "--json")
+    assert (status, json.loads(said)) == (1, dict(found))
+    assert err.startswith("simtune: the default renderer does not work here")
 
 
 def test_a_closed_pipe_causes_no_traceback():

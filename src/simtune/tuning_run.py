@@ -12,6 +12,7 @@ from simtune.experiment.experiment import build_experiment
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.progress import ReportProgress, silent
+from simtune.run.folder import kept_state
 
 log = logging.getLogger(__name__)
 # For videos and the report: as long as it took to begin, within these. A busy machine that films
@@ -43,16 +44,17 @@ def tune(
     warnings = experiment.warnings(experiment.recordings)
     for warning in warnings:  # now, not after minutes
         log.warning("%s", warning)
+    search, real = experiment.search, experiment.recordings
+    if settings is None and kept_state(config.out) is None:  # nothing is written before
+        needed_s = search.needed_s(real)
+        beside_s = time.monotonic() - began_s + ending_s
+        _refuse_if_too_short(config.budget_minutes, beside_s, *needed_s)
+    begun_s = time.monotonic() - began_s
     with Run(experiment, report) as run:
         run.resume()
-        search, real = experiment.search, experiment.recordings
         if run.num_rounds and search.stop_reason:
             report("the search is over already; another --out searches anew", 1.0)
-        elif not run.num_rounds and settings is None:
-            needed_s = search.needed_s(real)
-            beside_s = built_s + run.wall_s + ending_s
-            _refuse_if_too_short(config.budget_minutes, beside_s, *needed_s)
-        spent_s = built_s + run.wall_s + ending_s
+        spent_s = begun_s + run.wall_s + ending_s
         budget = Budget(60 * config.budget_minutes - spent_s, report)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
             run.folder.drop_result()  # of an earlier sitting: this one goes on

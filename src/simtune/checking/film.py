@@ -19,7 +19,13 @@ _JUDGED = (10, 6)  # worlds and pictures of each, which are taken for films them
 _ALIKE = 0.6  # times as like as the simulator's worlds are to each other
 _GAIN = 1.03  # by which another framing has to be liker than the film's own
 _SLACK = 0.75  # times what another framing gains in the simulator's own worlds
-_STILL = 0.05  # of what moves in the simulator's worlds
+_STILL = 0.05  # of what moves in the other, the film or the simulator's worlds
+_SOME = 1e-3  # of the pixels: a film in which less moves is of nothing that moves
+_STUCK = (
+    "things move in the film, and nothing moves in the simulator as it plays the recorded actions: "
+    "the model is stuck, and no motion can be compared; does an actuator reach the joint, is it "
+    "locked or held by its limits, or is something in the way?"
+)
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,8 @@ class Comparison:
     @property
     def warnings(self) -> list[str]:
         """A sentence, where the film cannot be of the simulator's scene as its camera sees it."""
+        if self.simulated_moving_share < _STILL * self.moving_share > _STILL * _SOME:
+            return [_STUCK]
         if self.moving_share < _STILL * self.simulated_moving_share:
             return ["nothing moves in the film, though the simulator's parts do: is it this scene?"]
         other = "and even then another scene than the simulator's, or seen from elsewhere"

@@ -23,6 +23,10 @@ from simtune.config import (
 )
 
 Say = Callable[[str], None]  # prints a line
+_NO_RECORDINGS = (
+    "NO RECORDINGS ARE GIVEN, so this tunes to a simulated truth: --real DIR tunes to yours "
+    "(docs/recordings.md)"
+)
 
 
 class Done(NamedTuple):
@@ -132,6 +136,8 @@ def _tune(config: TuneConfig, say: Say) -> Done:
     from simtune.progress import ProgressBar
     from simtune.tuning_run import tune
 
+    if not any(word.partition("=")[0] == "--real" for word in sys.argv):
+        print(_NO_RECORDINGS, file=sys.stderr, flush=True)
     with ProgressBar(60 * config.budget_minutes) as progress:
         result = tune(config, progress, command=_command())
     return _say_result(result, config.out, say)
