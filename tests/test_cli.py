@@ -1,5 +1,6 @@
 """The command line: exit statuses, one line for what is wrong, and nothing half-written."""
 
+import inspect
 import json
 import logging
 import os
@@ -18,6 +19,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from simtune import cli
+from simtune.cli import commands
 from simtune.progress import ProgressBar
 from simtune.recordings import write_dataset
 from simtune.run import RunFolder
@@ -538,6 +540,27 @@ def test_tasks_and_recordings_in_json(simtune, tmp_path):
     short = ("--episodes", 1, "--image-size", 16, "--json")
     said = simtune("record", "cartpole", "--out", out, *short)[1]
     assert json.loads(said) == {"recordings": str(out), "episodes": 1}
+
+
+@pytest.mark.parametrize(
+    "name", ["cart_pendulum", "phone_pendulum", "bouncing_ball", "unitree_g1", "aloha"]
+)
+def test_every_example_can_be_copied_once(simtune, tmp_path, name):
+    """What the help names is what there is."""
+    assert name in inspect.getsource(commands)
+    status, said, _ = simtune("example", name, "--out", tmp_path / "new")
+    assert status == 0
+    assert f"{tmp_path / 'new' / name}; next: simtune check" in said
+    root = Path(__file__).parents[1] / "examples" / name
+    for path in (p for p in root.iterdir() if p.is_file() and not p.name.startswith(".")):
+        assert (tmp_path / "new" / name / path.name).read_bytes() == path.read_bytes()
+    assert not (tmp_path / "new" / name / "model").exists()
+    simtune.refuses("example", name, "--out", tmp_path / "new", message="is there already: give")
+
+
+def test_an_example_that_is_not_there(simtune):
+    says = "no example 'pendulum' in simtune.*(mean|are).*cart_pendulum"
+    simtune.refuses("example", "pendulum", message=says)
 
 
 def test_a_doctor_says_the_same_in_lines_and_in_json_and_fails_after_it(simtune, monkeypatch):

@@ -66,6 +66,8 @@ def test_the_wheel_and_the_sdist_hold_every_file_of_the_package(dist):
         for path in PACKAGE.rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
+    listed = subprocess.check_output(["git", "ls-files", "examples"], cwd=ROOT, text=True)
+    files |= {f"simtune/{name}" for name in listed.split() if not name.endswith(".gitignore")}
     assert {"simtune/py.typed", "simtune/report/templates/page.html"} <= files
     (wheel,), (sdist,) = dist.glob("*.whl"), dist.glob("*.tar.gz")
     with zipfile.ZipFile(wheel) as archive:
@@ -87,6 +89,19 @@ def test_the_wheel_works_without_the_repository(installed, tmp_path):
     (run_folder / "config.json").write_text('{"config": {"task": "rope_peg"}}')
     run(simtune, "report", run_folder, cwd=tmp_path)
     assert "rope_peg" in (run_folder / "report.html").read_text()
+
+
+def test_an_example_of_the_wheel_can_be_tried_as_the_docs_say(installed, tmp_path):
+    simtune = installed / "simtune"
+    run(simtune, "example", "cart_pendulum", cwd=tmp_path)
+    example = "examples/cart_pendulum"
+    found = run(
+        simtune, "check", f"{example}/tune.toml", "--real", f"{example}/recordings", cwd=tmp_path
+    )
+    assert "bob_mass" in found
+    run(simtune, "example", "unitree_g1", cwd=tmp_path)
+    assert os.access(tmp_path / "examples" / "unitree_g1" / "prepare.sh", os.X_OK)
+    assert (tmp_path / "examples" / "unpack_wheel.py").is_file()
 
 
 def test_the_wheel_tunes(installed, tmp_path):

@@ -26,6 +26,16 @@ class TasksCommand(Prints):
 
 
 @dataclass(frozen=True)
+class ExampleCommand(Prints):
+    """Copy an example to try and to change: a tuning file, its model, perhaps recordings."""
+
+    name: Annotated[Positional[str], arg(metavar="NAME")]
+    """cart_pendulum, phone_pendulum, bouncing_ball, unitree_g1 or aloha."""
+    out: Path = Path("examples")
+    """The folder to copy it into, as OUT/NAME."""
+
+
+@dataclass(frozen=True)
 class ReportCommand(Prints):
     """Write the report.html of a run anew."""
 
@@ -45,6 +55,7 @@ class DoctorCommand(Prints):
 
 Command = (
     Annotated[TasksCommand, subcommand("tasks")]
+    | Annotated[ExampleCommand, subcommand("example")]
     | Annotated[CheckConfig, subcommand("check")]
     | Annotated[TuneConfig, subcommand("tune")]
     | Annotated[TrainConfig, subcommand("train")]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from simtune.cli.commands import DoctorCommand, ReportCommand, TasksCommand
+from simtune.cli.commands import DoctorCommand, ExampleCommand, ReportCommand, TasksCommand
 from simtune.cli.parse import check_paths
 from simtune.config import (
     UNTUNED,
@@ -53,6 +53,8 @@ def run(command: Any, say: Say) -> Done:
     match command:
         case TasksCommand():
             return _tasks(say)
+        case ExampleCommand():
+            return _example(command, say)
         case CheckConfig():
             return _check(command, say)
         case TuneConfig():
@@ -102,6 +104,14 @@ def _tasks(say: Say) -> Done:
             "parameters": {p.name: {key: getattr(p, key) for key in keys} for p in task.parameters},
         }
     return Done(result)
+
+
+def _example(command: ExampleCommand, say: Say) -> Done:
+    from simtune.example import copy_example
+
+    out = copy_example(command.name, command.out)
+    say(f"{out}; next: simtune check {out / 'tune.toml'}")
+    return Done({"example": str(out)})
 
 
 def _command() -> str:
