@@ -592,6 +592,21 @@ def test_help_prints_the_usage_and_the_options_of_tune(simtune, command):
         assert "minutes" in out
 
 
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_bash_completes_options_a_line_each(simtune, tmp_path):
+    status, script, _ = simtune("--tyro-print-completion", "bash")
+    assert status == 0
+    (tmp_path / "completion.bash").write_text(script)
+    code = f"""
+    source {tmp_path / "completion.bash"}
+    COMP_WORDS=(simtune tune --re); COMP_CWORD=2; _tyro_simtune simtune --re tune
+    printf '%s\\n' "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, timeout=60)
+    offered = [line.split()[0] for line in done.stdout.splitlines()]
+    assert sorted(offered) == ["--real", "--real-episodes", "--real-gap", "--real-parameters"]
+
+
 def test_help_loads_no_heavy_packages():
     code = (
         "import sys; sys.argv = ['simtune', 'tune', '--help']\n"
