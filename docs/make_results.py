@@ -45,6 +45,10 @@ ORDER = (  # on the page; other claims follow
 MISSING = "–"
 _MOST_COMMANDS = 2  # of a claim on the page; its file has all
 _HEAD = """\
+How far estimates were off, how often intervals held the truth, and how long it took: one table
+for each claim, with the command that measured it. For your own case, `simtune tune TASK --out DIR`,
+without `--real`, tunes to a simulated truth and scores itself.
+
 Made from [docs/results](results) by `python docs/make_results.py`; edit the files there. Each of
 their rows has its command, commit, date and hardware; the page shows them once a table. The Intel
 Xeons are virtual machines (AVX-512, 24 GB, no GPU) whose speed varies: compare times only within

@@ -73,6 +73,14 @@ def test_every_command_has_a_page_and_links_lead_somewhere():
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_links_to_pages_say_in_words_where_they_lead():
+    root = FOLDER.parents[1]
+    pages = [root / "README.md", *FOLDER.iterdir(), *FOLDER.parent.glob("*.md")]
+    for page in pages:
+        named = re.findall(r"\[[\w/-]+\.md\]\(", page.read_text(encoding="utf-8"))
+        assert not named, f"{page.name}: {named}"
+
+
 if __name__ == "__main__":
     for name, cls in PAGES.items():
         path = FOLDER / f"{name}.md"

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -37,6 +38,10 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     assert built.returncode == 0, built.stderr
     home = (tmp_path / "index.html").read_text("utf-8")
     assert 'href="tutorial.html"' in home
+    assert 'href="site.css"' in home
+    linked = re.findall(r'(?:href|src)="([^":#]+)[#"]', home.partition("<article")[2])
+    assert len(linked) > 10
+    assert [path for path in linked if not (tmp_path / path).exists()] == []
     assert "budget_minutes" in (tmp_path / "api.html").read_text("utf-8")
     assert (
         "tuned_worlds"
