@@ -393,6 +393,7 @@ def test_what_is_lost_began_with_the_newest_checkpoint_or_the_command(
 def test_a_name_that_is_nearly_there_is_suggested_at_once(tmp_path):
     """Before torch is loaded, whatever the command."""
     (tmp_path / "pendulum_run").mkdir()
+    (tmp_path / "pendulum.toml").touch()
     code = """if True:
     import sys
     from simtune.cli import main
@@ -400,7 +401,7 @@ def test_a_name_that_is_nearly_there_is_suggested_at_once(tmp_path):
     try:
         main()
     finally:
-        assert not {{"torch", "mujoco_warp"}} & sys.modules.keys()
+        assert not {{"torch", "mujoco"}} & sys.modules.keys()
     """
     for arguments in (
         ["report", "pendulum_rum"],
@@ -409,14 +410,15 @@ def test_a_name_that_is_nearly_there_is_suggested_at_once(tmp_path):
         ["evaluate", "pendulum_rum"],
         ["check", "cartpole", "--real", "pendulum_rum"],
         ["tune", "cartpole", "--real", "pendulum_rum", "--out", "x"],
+        ["check", "pendulun.toml"],
     ):
         done = subprocess.run(
             [sys.executable, "-c", code.format(arguments)],
             **{"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 120},
         )
         assert done.returncode == 2
-        assert done.stderr.startswith("simtune: pendulum_rum: ")
-        assert done.stderr.endswith("; did you mean pendulum_run?\n")
+        assert done.stderr.startswith("simtune: pendul")
+        assert done.stderr.endswith(("mean pendulum_run?\n", "mean pendulum.toml?\n"))
 
 
 # --- what works ---------------------------------------------------------------------------

@@ -20,7 +20,7 @@ _TYPES = {"int": "a whole number", "float": "a number"}
 _SHARED = ("--help", "--tyro-print-completion", "--tyro-write-completion")
 _HELP = "; --help says what there is"
 _RUNS = ("run_folder", "run_folders")
-_OTHERS = ("folder", "grid", "real", "parameters", "real_parameters", "robot")
+_OTHERS = ("task", "folder", "grid", "real", "parameters", "real_parameters", "robot")
 
 
 def parse(typed: Sequence[str]) -> Any:
@@ -101,10 +101,12 @@ def check_paths(command: Any) -> None:
         for path in value if isinstance(value, tuple) else (value,):
             if path is None or path in ("pseudo", *ROBOTS) or Path(path).exists():
                 continue
-            what = (
-                "is no run: there is no such folder" if name in _RUNS else "no such folder or file"
-            )
-            raise InputError(f"{path}: {what}{_sibling(Path(path))}")
+            if name == "task" and not path.endswith(".toml"):
+                continue
+            said = f"{path}: no such folder or file"
+            if name in _RUNS:
+                said = f"{path} is no run: there is no such folder"
+            raise InputError(said + _sibling(Path(path)))
 
 
 def _sibling(path: Path) -> str:
