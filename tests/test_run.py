@@ -142,14 +142,14 @@ def test_a_run_keeps_its_sources_and_says_which_of_them_differ_wherever_they_lie
     assert source_of(path, stored, "cartpole") == "cartpole"
 
     (home / "parts/link.obj").write_text("another")
-    with pytest.raises(InputError, match=r"another content of \S+/home/parts/link.obj: give"):
+    with pytest.raises(InputError, match=r"another content of \S+/link.obj \(its own: \S+\): give"):
         check_asked(path, asked | {"task_content": "5a"})
     RunFolder.create(path, asked, files).close()  # what it was made with stays
     assert (path / "sources/home/parts/link.obj").read_text() == "parts/link.obj"
     shutil.copytree(home, moved)
     (moved / "arm/scene.xml").unlink()
     now = {"task": str(moved / "arm/tune.toml"), "task_content": "5a"}
-    says = r"another content of (\S+)/arm/scene.xml and \1/parts/link.obj: give"
+    says = r"another content of (\S+)/arm/scene.xml and \1/parts/link.obj \(its own: "
     with pytest.raises(InputError, match=says):
         check_asked(path, now)
     with pytest.raises(InputError, match=r"another content of the task, as this version of"):

@@ -322,7 +322,7 @@ def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
     (tmp_path / "scene.xml").unlink()
     assert evaluate(again, settings=quick) == result["return"]  # by the run's own copies
     shutil.copy(example / "scene.xml", tmp_path / "scene.xml")
-    with pytest.raises(InputError, match=r"a run with another content of \S+/policy.py: give"):
+    with pytest.raises(InputError, match=r"a run with another content of \S+/policy.py \(its own"):
         train(config, settings=quick)
     kept = next((out / "sources").rglob("policy.py"))
     kept.write_text(code.replace("/ 2", "* 50"))

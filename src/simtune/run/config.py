@@ -91,7 +91,9 @@ def _other_contents(
     }
     if tasks := {"task_content", "policy_content"}.intersection(differing):
         files = changed_sources(path, stored, str(now.get("task")))
-        what = " and ".join(files) or "the task, as this version of simtune or MuJoCo reads it"
+        what = "the task, as this version of simtune or MuJoCo reads it"
+        if files:
+            what = f"{' and '.join(files)} (its own: {path / SOURCES})"
         words |= dict.fromkeys(tasks, f"another content of {what}")
     return words
 
