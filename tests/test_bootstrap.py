@@ -321,7 +321,9 @@ def test_misfit_that_cannot_be_told_makes_everything_that_moves_unsure():
     bootstrap = bootstrap_of(np.zeros((2, len(SPACE))))
     lost = a_fit(motion=float("nan"))
     assert np.isinf(inflate(lost, bootstrap).std[MOVING]).all()
-    assert held_out_misfit(lost, bootstrap)["passed"] is False
+    told = held_out_misfit(lost, bootstrap)
+    assert told["passed"] is False
+    assert told["sensors"]["keypoints"]["distance"] is None
     assert np.isfinite(inflate(lost, bootstrap).std[APPEARANCE]).all()
     nowhere = replace(bootstrap, misfits=[lost.misfit] * 2)
     for known in (nowhere, replace(bootstrap, misfits=[])):  # nothing to compare with

@@ -120,7 +120,9 @@ def test_what_has_the_same_content_may_lie_elsewhere(path):
     _create(path, **before, recordings={"dataset_hash": "a1"}).close()
     now = {**before, "task": "/home/me/tune.toml", "real": "/data/film"}
     _create(path, **now, recordings={"dataset_hash": "a1"}).close()
-    with pytest.raises(InputError, match=r"holds a run with other recordings in /data/film: give"):
+    with pytest.raises(
+        InputError, match=r"holds a run with other recordings than /data/film: give"
+    ):
         _create(path, **now, recordings={"dataset_hash": "b2"})
     with pytest.raises(InputError, match=r"task = '/home/me/tune.toml', now = 'tune.toml'"):
         check_asked(path, {**CONFIG, "task": "tune.toml", "task_content": "5a"})
@@ -152,8 +154,13 @@ def test_a_run_keeps_its_sources_and_says_which_of_them_differ_wherever_they_lie
     says = r"another content of (\S+)/arm/scene.xml and \1/parts/link.obj \(its own: "
     with pytest.raises(InputError, match=says):
         check_asked(path, now)
-    with pytest.raises(InputError, match=r"another content of the task, as this version of"):
-        check_asked(path, asked | {"task": "cartpole", "task_content": "5a"})
+    with pytest.raises(
+        InputError, match=r"run with task = '\S+/tune.toml', now = 'cartpole': give"
+    ):
+        check_asked(path, {"task": "cartpole", "task_content": "5a"})
+    (home / "parts/link.obj").write_text("parts/link.obj")
+    with pytest.raises(InputError, match=r"with another content of the task, as this version of"):
+        check_asked(path, asked | {"task_content": "5a"})
 
 
 def test_a_run_killed_as_it_copied_its_sources_can_begin_anew(path, tmp_path):

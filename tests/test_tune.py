@@ -236,7 +236,7 @@ def test_a_run_on_recordings_replays_them_and_refuses_changed_ones(tmp_path, qui
 
     shutil.rmtree(tmp_path / "dataset")
     write_recordings(tmp_path / "dataset", num=3, seed=1)
-    with pytest.raises(InputError, match=r"a run with other recordings in \S+/dataset: give"):
+    with pytest.raises(InputError, match=r"a run with other recordings than \S+/dataset: give"):
         tune(config, settings=quick)
     assert json.loads((tmp_path / "run" / "result.json").read_text()) == result
 

@@ -108,14 +108,20 @@ def held_out_misfit(fit: FitResult, bootstrap: Bootstrap) -> dict[str, Any]:
     "episode" counts from 1, None: too few were there. "passed": by `moves_otherwise`; None: there
     is nothing to compare with. Each sensor's "distance" is the fit's, beside known worlds'.
     """
-    known, distances = [misfit.motion for misfit in bootstrap.misfits], fit.misfit.motion
+    known = [misfit.motion for misfit in bootstrap.misfits]
     passed = not moves_otherwise(fit, bootstrap) if np.isfinite(known).any() else None
+    real, *others = ([_or_none(d) for d in its] for its in (fit.misfit.motion, *known))
     sensors = {
-        name: {"unit": unit, "distance": distances[i], "known_worlds": [its[i] for its in known]}
+        name: {"unit": unit, "distance": real[i], "known_worlds": [its[i] for its in others]}
         for i, (name, unit) in enumerate(fit.sensors)
     }
     episode = None if fit.held_out is None else fit.held_out + 1
     return {"episode": episode, "passed": passed, "sensors": sensors}
+
+
+def _or_none(distance: float) -> float | None:
+    """JSON has no NaN."""
+    return float(distance) if np.isfinite(distance) else None
 
 
 def latency_warning(latency_steps: int) -> list[str]:

@@ -68,7 +68,7 @@ def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> No
         contents = _other_contents(path, stored, now, differing)
         words = [f"{k} {_show(before, k)}, now {_show(now, k)}" for k in differing]
         words = [contents.get(k, word) for k, word in zip(differing, words, strict=True)]
-        words = list(dict.fromkeys(words))
+        words = list(dict.fromkeys(filter(None, words)))
         more = f" and {len(words) - 3} more" if len(words) > 3 else ""
         raise InputError(
             f"{path} holds a run with {'; '.join(words[:3])}{more}: "
@@ -84,17 +84,24 @@ def _is_same_content(key: str, before: dict[str, Any], now: dict[str, Any]) -> b
 def _other_contents(
     path: Path, stored: dict[str, Any], now: dict[str, Any], differing: list[str]
 ) -> dict[str, str]:
-    """Of the keys that hold hashes: which files differ from what the run was made with."""
+    """Of the keys that hold hashes: which files differ from what the run was made with.
+
+    Nothing of a key that another one explains.
+    """
     words = {
-        "recordings.dataset_hash": f"other recordings in {now.get('real')}",
+        "recordings.dataset_hash": f"other recordings than {now.get('real')}",
         "truth": "other values in --real-parameters",
     }
+    if "recordings.dataset_hash" in differing:
+        words["real"] = ""
     if tasks := {"task_content", "policy_content"}.intersection(differing):
         files = changed_sources(path, stored, str(now.get("task")))
-        what = "the task, as this version of simtune or MuJoCo reads it"
+        said = "another content of the task, as this version of simtune or MuJoCo reads it"
         if files:
-            what = f"{' and '.join(files)} (its own: {path / SOURCES})"
-        words |= dict.fromkeys(tasks, f"another content of {what}")
+            said = f"another content of {' and '.join(files)} (its own: {path / SOURCES})"
+        elif "task" in differing:
+            said = ""
+        words |= dict.fromkeys(tasks, said)
     return words
 
 
