@@ -111,8 +111,15 @@ def keeps_the_contract(entry: dict, parameter: Parameter) -> None:
     assert entry["percent_error"] == pytest.approx(expected)
 
 
+def rounds_of(run: Path) -> list[dict]:
+    """Lines of metrics.jsonl, without early answers."""
+    return [line for line in read_jsonl(run / "metrics.jsonl") if "round" in line]
+
+
 def metrics_keep_the_contract(lines: list[dict], result: dict) -> None:
-    """What metrics.jsonl says of two rounds."""
+    """What metrics.jsonl says of two rounds, of which the last was judged by refits."""
+    assert ["is_early" in line for line in lines] == [False, True, False]
+    assert f"mean/{SPACE.names[0]}" in lines.pop(1)
     assert [line["round"] for line in lines] == [1, 2]
     assert list(lines[0]) == list(lines[1])
     assert list(lines[0])[:3] == ["step", "real_episodes", "wall_s"]
@@ -211,9 +218,9 @@ def test_a_run_on_recordings_replays_them_and_refuses_changed_ones(tmp_path, qui
     trajectories = write_recordings(tmp_path / "dataset", num=3, seed=0)
     played = []
 
-    def spy(search, real, budget) -> Round:
+    def spy(search, real, *others) -> Round:
         played.append(real)
-        return run_round(search, real, budget)
+        return run_round(search, real, *others)
 
     run_round = PosteriorSearch.run_round
     monkeypatch.setattr(PosteriorSearch, "run_round", spy)
@@ -262,14 +269,14 @@ def test_an_interrupted_run_resumes_to_the_same_result(finished, tmp_path, truth
             tune(config, interrupt, quick)
         assert not (out / "result.json").exists()
         assert not (out / "posterior.npz").exists()
-        assert len(read_jsonl(out / "metrics.jsonl")) == 1
+        assert len(rounds_of(out)) == 1
         resumed = tune(config, settings=quick)
     assert resumed["parameters"] == straight["parameters"]
     assert resumed["sim_steps"] == straight["sim_steps"]
     for name in ("metrics.jsonl", "events.jsonl"):
         lines = [read_jsonl(path / name) for path in (finished.out, out)]
         assert without_time(lines[0]) == without_time(lines[1])
-    wall_s = [line["wall_s"] for line in read_jsonl(out / "metrics.jsonl")]
+    wall_s = [line["wall_s"] for line in rounds_of(out)]
     assert wall_s[0] < wall_s[1]
 
     # And once more, when all is done: the same result, without another round.
@@ -277,7 +284,7 @@ def test_an_interrupted_run_resumes_to_the_same_result(finished, tmp_path, truth
     assert again["parameters"] == straight["parameters"]
     assert again["covariance"] == straight["covariance"]
     assert (out / "posterior.npz").read_bytes() == (finished.out / "posterior.npz").read_bytes()
-    assert len(read_jsonl(out / "metrics.jsonl")) == 2
+    assert len(rounds_of(out)) == 2
 
 
 @pytest.mark.thorough
@@ -302,12 +309,12 @@ def test_a_run_whose_time_is_over_ends_after_one_round_and_goes_on_with_more(
     out = shutil.copytree(one_round, tmp_path / "run")
     first = read_json(out / "result.json")
     assert first["stopped"].startswith("the time is over")
-    assert len(read_jsonl(out / "metrics.jsonl")) == 1
+    assert len(rounds_of(out)) == 1
     again = tune(config_of(out, budget_minutes=1e-6), settings=quick)
-    assert len(read_jsonl(out / "metrics.jsonl")) == 1
+    assert len(rounds_of(out)) == 1
     assert again["parameters"] == first["parameters"]
     tune(config_of(out), settings=quick)
-    assert len(read_jsonl(out / "metrics.jsonl")) == 2
+    assert len(rounds_of(out)) == 2
 
 
 @pytest.mark.thorough
@@ -316,10 +323,10 @@ def test_a_run_that_is_as_precise_as_asked_stops_and_says_so(tmp_path, quick):
     settings = dataclasses.replace(quick, search=search)
     result = tune(config_of(tmp_path / "run"), settings=settings)
     assert result["stopped"] == "every parameter is known to 1e+11 %"
-    assert len(read_jsonl(tmp_path / "run" / "metrics.jsonl")) == 1
+    assert len(rounds_of(tmp_path / "run")) == 1
     again = tune(config_of(tmp_path / "run"), settings=settings)
     assert again["stopped"] == result["stopped"]
-    assert len(read_jsonl(tmp_path / "run" / "metrics.jsonl")) == 1
+    assert len(rounds_of(tmp_path / "run")) == 1
 
 
 def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not(

@@ -47,6 +47,12 @@ class Bootstrap:
     # (N,) standard deviations that fits like these claim; None: as the one that is asked about
     usual_std: np.ndarray | None = None
 
+    @classmethod
+    def none(cls, fit: FitResult) -> "Bootstrap":
+        """Of a fit that no refit has judged."""
+        nothing = np.zeros((0, len(fit.std)))
+        return cls(nothing, fit.is_moving, [], _usual_std(nothing, fit, fit.rough_std[None]))
+
     def believed(self, std: np.ndarray) -> np.ndarray:
         """(N,) standard deviations for those that a fit claims, before `inflation`.
 

@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -106,12 +105,11 @@ class Judging:
         fit = self.stage.fit(observed, start, may_be_last)
         size = self._refits(len(observed), budget, time.monotonic() - began_s)
         size = size if may_be_last else (0, 0)
-        compare = partial(self.stage.bootstrap, observed, fit, start, rng=self.rng)
         if size[0]:
-            unjudged = compare(size=(0, 0), extend_horizon=may_be_last, budget=Budget())
-            tell_early(self._conclude(fit, self.bootstrap or unjudged, prob_higher)[0])
+            known = self.bootstrap or Bootstrap.none(fit)
+            tell_early(self._conclude(fit, known, prob_higher)[0])
         part = budget.part(budget.seconds_left, (0.65, 1.0))
-        made = compare(size=size, extend_horizon=may_be_last, budget=part)
+        made = self.stage.bootstrap(observed, fit, start, size, self.rng, may_be_last, part)
         if made.misfits or self.bootstrap is None or not self.bootstrap.misfits:
             self.bootstrap = made
         return self._conclude(fit, self.bootstrap, prob_higher)
