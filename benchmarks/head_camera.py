@@ -15,12 +15,13 @@ import av
 import numpy as np
 import tyro
 from common import machine, record_figures
-from scipy.ndimage import binary_dilation, binary_erosion
 from scipy.spatial.transform import Rotation
 
 from simtune.budget import Budget
 from simtune.camera_pose.find import camera_by
-from simtune.camera_pose.scene import measured_states, with_any_camera, without_the_robot
+from simtune.camera_pose.geometry import CameraGeometry
+from simtune.camera_pose.robot import Robot
+from simtune.camera_pose.scene import measured_states, with_any_camera
 from simtune.config import CheckConfig
 from simtune.observation import ObservationModel
 from simtune.real.choose import observed, open_recordings
@@ -28,7 +29,7 @@ from simtune.real.recorded import RecordedReal
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
 
-_HEIGHT_PX, _PICTURE_PX = 128, 240
+_HEIGHT_PX, _MOST_POINTS = 240, 10_000
 _SHOWN = ((0, 0.6), (2, 0.4), (6, 0.5), (9, 0.3))  # episode, and how far into it
 _OUTLINE = np.array([255, 0, 255])
 
@@ -59,13 +60,9 @@ def main(
     declared = load_task(config.task)
     seen = observed(declared, None, is_simulated=False)
     its = with_any_camera(declared, seen.cameras[0].footage, config)
-    dataset = open_recordings(real, its, config, _PICTURE_PX, seen)
+    dataset = open_recordings(real, its, config, _HEIGHT_PX, seen)
     recorded = RecordedReal(dataset, seen.framed(dataset.aspects))
-    large = recorded.collect(2 if quick else None)
-    smaller = RecordedReal(
-        open_recordings(real, its, config, _HEIGHT_PX, seen), recorded.observation
-    )
-    every = smaller.collect(len(large))
+    every = recorded.collect(2 if quick else None)
     half = len(every) // 2
     parts = {"all": every, "first half": every[:half], "last half": every[half:]}
     parts |= {"even": every[::2], "odd": every[1::2]}
@@ -76,7 +73,7 @@ def main(
         rows.append(_row(name, found[name], time.monotonic() - began_s))
         print(rows[-1], flush=True)
     if picture:
-        _save(picture, its, recorded.observation, large, found["all"])
+        _save(picture, its, recorded.observation, every, found["all"])
     pairs = [("first half", "last half"), ("even", "odd")][: 1 if quick else None]
     apart = {f"{a}, {b}": _apart(found[a], found[b]) for a, b in pairs}
     rows += [{"episodes": f"{name}: apart", **difference} for name, difference in apart.items()]
@@ -113,25 +110,25 @@ def _save(
     found: dict[str, Any],
 ) -> None:
     """Some frames side by side."""
-    width = trajectories[0].frames.shape[2]
-    views = seen.views([np.zeros((_PICTURE_PX, width, 3), np.uint8)])
-    drawing, empty = (
-        its.simulator(image_size=_PICTURE_PX, views=views, supersampling=1)
-        for its in (task, without_the_robot(task))
-    )
+    simulator, camera = task.simulator(image_size=1, views=()), task.cameras[0].camera
+    size = (trajectories[0].frames.shape[1], trajectories[0].frames.shape[2])
+    geometry = CameraGeometry.of(simulator.model, camera, task.parameters, size)
     world = np.array([[p["mean"] for p in found["parameters"].values()]])
-    rest = drawing.roll_out(world, np.zeros((1, 0, drawing.num_actions)), np.random.default_rng(0))
+    nothing = np.zeros((1, 0, simulator.num_actions))
+    rest = simulator.roll_out(world, nothing, np.random.default_rng(0)).states[0, 0]
     shown = []
     for episode, when in _SHOWN:
         if episode >= len(trajectories):
             break
         its = trajectories[episode]
-        states = measured_states(drawing.model, seen, [its], rest.states[0, 0])
         step = int(when * len(its))
-        there, nothing = (s.render(states[step : step + 1], world)[0] for s in (drawing, empty))
-        covered = (there != nothing).any(-1)
-        outline = np.asarray(binary_dilation(covered)) != binary_erosion(covered)
-        shown.append(np.where(outline[..., None], _OUTLINE, its.frames[step]))
+        states = measured_states(simulator.model, seen, [its], rest)[step : step + 1]
+        robot = Robot(simulator.model, camera, states, geometry)
+        unit = task.parameters.to_unit(world[0])
+        outlines = robot.outlines(unit, np.zeros(1, int), _MOST_POINTS)
+        column, row = np.rint(outlines.pixels).astype(int).T
+        shown.append(its.frames[step].copy())
+        shown[-1][row, column] = _OUTLINE
     half = (len(shown) + 1) // 2
     picture = np.vstack([np.hstack(shown[:half]), np.hstack(shown[half : 2 * half])])
     _write_png(path, picture.astype(np.uint8))

@@ -4,25 +4,29 @@ import json
 import sys
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from simtune import cli
-from simtune.camera_pose.align import FINE, NEAR, Alignment, Camera, _ways
-from simtune.camera_pose.edges import edges
-from simtune.camera_pose.robot import Robot
-from simtune.camera_pose.scene import measured_states, with_any_camera, without_the_robot
+from simtune.camera_pose.film import Film
+from simtune.camera_pose.geometry import CameraGeometry
+from simtune.camera_pose.robot import Outlines, Robot
+from simtune.camera_pose.scene import measured_states, with_any_camera
 from simtune.camera_pose.search import Found
-from simtune.camera_pose.silhouettes import likely_cameras, moving_masks
+from simtune.camera_pose.silhouettes import likely_camera, moving_masks
+from simtune.camera_pose.sureness import covariance, is_by_chance, spread
+from simtune.camera_pose.tracking import FINE, NEAR, Alike, Fit, Tracker, _step
 from simtune.camera_pose.written import describe, tuning_table
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
+from simtune.parameters import ModelWriter
 from simtune.real.choose import observed
 from simtune.recordings import write_dataset
 from simtune.tasks import Task, load_task
 
-SIZE, FRAMES = 64, 14
+SIZE, FRAMES = 240, 14
 ARM = """
 <mujoco>
   <option gravity="0 0 0"/>
@@ -43,6 +47,17 @@ ARM = """
     <position name="a" joint="shoulder" kp="20"/><position name="b" joint="lift" kp="20"/>
     <position name="c" joint="elbow" kp="20"/>
   </actuator>
+</mujoco>
+"""
+BALL = """
+<mujoco>
+  <worldbody>
+    <geom name="box" type="box" size=".2 .01 1" pos=".32 -1 0"/>
+    <body name="ball">
+      <joint name="slide" type="slide" axis="-1 0 0"/>
+      <geom name="ball" type="sphere" size=".3"/>
+    </body>
+  </worldbody>
 </mujoco>
 """
 TUNING = """
@@ -85,23 +100,32 @@ class Filmed:
     def __init__(self, task: Task, options: CheckConfig, folder: Path):
         self.task = with_any_camera(task, task.cameras[0], options)
         seen = ObservationModel.of_reality(task.sensors, self.task.cameras)
-        self.simulator, without = (
-            its.simulator(image_size=SIZE, views=seen.views(), supersampling=2)
-            for its in (self.task, without_the_robot(self.task))
+        (folder / "arm.xml").write_text(
+            ARM.replace(".8 .3 .2", ".1 .2 .7").replace(".2 .7", ".8 .7")
         )
-        self.robot = Robot(self.simulator, without, seen, seed=0)
-        painted = ARM.replace(".8 .3 .2", ".1 .2 .7").replace(".2 .7", ".8 .7")
-        (folder / "arm.xml").write_text(painted)
         self.painted = with_any_camera(load_task(task.source), task.cameras[0], options)
         (folder / "arm.xml").write_text(ARM)
+        self.simulator = self.painted.simulator(image_size=SIZE, views=seen.views())
         rng = np.random.default_rng(0)
-        space, nothing = self.simulator.space, np.zeros((1, 0, 3))
-        rest = self.simulator.roll_out(space.nominal[None], nothing, rng).states[0]
+        self.space, nothing = self.simulator.space, np.zeros((1, 0, 3))
+        rest = self.simulator.roll_out(self.space.nominal[None], nothing, rng).states[0]
         self.states = rest.repeat(FRAMES, 0)
         self.states[:, 1:4] = rng.uniform(-1, 1, (FRAMES, 3))
         self.truth = np.array([0.6, 0.45, 0.58, 0.54, 0.42, 0.5])
-        filming = self.painted.simulator(image_size=SIZE, views=seen.views(), supersampling=2)
-        self.frames = Robot(filming, without, seen, seed=0).film(self.truth, self.states)
+        worlds = np.tile(self.space.from_unit(self.truth), (FRAMES, 1))
+        self.frames = self.simulator.render(self.states, worlds)
+        self.camera = self.task.cameras[0].camera
+        model, self.every = self.task.load_model(), np.arange(FRAMES)
+        self.geometry = CameraGeometry.of(model, self.camera, self.space, (SIZE, SIZE))
+        self.robot = Robot(model, self.camera, self.states, self.geometry)
+        film = Film(self.frames, np.median(self.frames, 0))
+        self.tracker = Tracker(film, self.robot, self.geometry, self.every)
+
+    def beside_px(self, unit: np.ndarray) -> float:
+        """How far the arm is from where it is on the film."""
+        points = self.robot.surface_points(self.every, np.random.default_rng(0))
+        one, other = (self.geometry.project(its, points) for its in (unit, self.truth))
+        return float(np.median(np.linalg.norm(one - other, axis=-1)))
 
 
 @pytest.fixture
@@ -110,33 +134,123 @@ def filmed(task, options, tmp_path) -> Filmed:
 
 
 def test_the_camera_is_all_that_is_unknown(filmed):
-    names = filmed.simulator.space.names
+    names = filmed.space.names
     assert names == tuple(f"camera_{n}" for n in ("x", "y", "z", "pitch", "yaw", "roll"))
 
 
-def test_edges_say_which_way_they_run_and_not_what_is_lighter():
+def test_a_camera_projects_as_mujoco_sees(filmed, task):
+    """Points in the picture, by MuJoCo's own camera in a model that parameters are written into."""
+    options = CheckConfig(task="", real=Path("r"), camera_pose=Path("c.toml"), within_fov_deg=8)
+    tuned = with_any_camera(task, task.cameras[0], options)
+    model, rng = tuned.load_model(), np.random.default_rng(2)
+    geometry = CameraGeometry.of(model, filmed.camera, tuned.parameters, (60, 90))
+    unit, points = rng.uniform(0.2, 0.8, 7), rng.uniform(-0.4, 0.4, (5, 3))
+    ModelWriter(tuned.parameters, model).write(model, tuned.parameters.from_unit(unit))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    its = data.camera(filmed.camera)
+    x, y, z = ((points - its.xpos) @ its.xmat.reshape(3, 3)).T
+    focal_px = 30 / np.tan(np.radians(model.camera(filmed.camera).fovy[0]) / 2)
+    expected = np.stack([44.5 - focal_px * x / z, 29.5 + focal_px * y / z], 1)
+    np.testing.assert_allclose(geometry.project(unit, points), expected, atol=1e-9)
+    np.testing.assert_allclose(geometry.lift(unit, expected, -z), points, atol=1e-9)
+    behind = its.xpos + its.xmat.reshape(3, 3)[:, 2]
+    assert (geometry.project(unit, behind[None]) < -1000).all()
+
+
+def test_derivatives_of_a_camera_agree_with_differences(task):
+    options = CheckConfig(task="", real=Path("r"), camera_pose=Path("c.toml"), within_fov_deg=8)
+    tuned = with_any_camera(task, task.cameras[0], options)
+    camera, rng = tuned.cameras[0].camera, np.random.default_rng(3)
+    geometry = CameraGeometry.of(tuned.load_model(), camera, tuned.parameters, (60, 90))
+    unit, points = rng.uniform(-0.1, 1.1, 7), rng.uniform(-0.4, 0.4, (20, 3))
+    exact = geometry.derivatives(unit, points)
+    for i, step in enumerate(1e-5 * np.eye(7)):
+        ahead, behind = (geometry.project(unit + sign * step, points) for sign in (1, -1))
+        np.testing.assert_allclose(exact[..., i], (ahead - behind) / 2e-5, rtol=1e-6, atol=1e-5)
+
+
+def outline(pixels, normals, still=0.0) -> Outlines:
+    """Points in the first frame."""
+    num = len(pixels)
+    nothing = np.zeros((num, 3))
+    return Outlines(np.zeros(num, int), nothing, np.array(normals), pixels, np.full(num, still))
+
+
+def strongest(film: Film, points: Outlines) -> tuple[np.ndarray, np.ndarray]:
+    steps = np.arange(-8.0, 9.0)
+    strength, _ = film.across(points, points.pixels, steps)
+    return steps[strength.argmax(1)], strength.max(1)
+
+
+def test_edges_are_found_along_normals_whatever_is_lighter():
     column, row = np.meshgrid(np.arange(41), np.arange(41))
-    for lighter, expected in (
-        (column >= 20, (1, 0)),  # upright
-        (row >= 20, (-1, 0)),  # level
-        (column + row >= 40, (0, 1)),
-        (column - row >= 0, (0, -1)),
-    ):
+    normals = np.array([[1, 0], [0, 1], [0.5**0.5, 0.5**0.5]])
+    start = np.array([[15.5, 12], [8, 14.5], [18, 18]])
+    for lighter, its, off in ((column >= 20, 0, 4), (row >= 20, 1, 5), (column + row >= 41, 2, 4)):
         picture = np.where(lighter[..., None], [200, 90, 60], [60, 90, 120]).astype(np.uint8)
-        along = edges(np.stack([picture, 255 - picture]), 0.0)
-        np.testing.assert_allclose(along[0], along[1], atol=1e-5)
-        np.testing.assert_allclose(along[0, 20, 20], expected, atol=0.05)
-        assert np.abs(along[0, 5, 14]).max() < 0.01  # far from any edge
+        for frame in (picture, 255 - picture):
+            points = outline(start[its, None], normals[its, None])
+            (place,), (strength,) = strongest(Film(frame[None], None), points)
+            assert place == pytest.approx(off, abs=1)
+            assert strength > 0.1
+            crossed = points._replace(normals=points.normals[:, ::-1] * [1, -1])
+            assert strongest(Film(frame[None], None), crossed)[1] < 0.02 or its == 2
 
 
-def test_of_the_robot_only_what_moves_is_left_out(filmed):
-    nothing = filmed.robot.draw_without(filmed.truth, filmed.states)
-    assert nothing.shape == (1, *filmed.frames.shape[1:])  # the camera stands still
-    drawn = filmed.robot.draw(filmed.truth, filmed.states)
-    covered = (np.abs(drawn.astype(int) - nothing) > 20).any(-1)
-    assert 0.02 < covered.mean() < 0.3
-    far = np.array([0.0, 0.5, 0.5, 0.5, 0.0, 0.5])  # looks elsewhere
-    assert filmed.robot.draw_without(far, filmed.states).std() > 0
+def test_edges_that_stand_still_count_where_the_outlines_do():
+    column = np.tile(np.arange(40), (40, 1))
+    plate = np.where(column >= 24, 200, 60)
+    frame = np.where(column >= 14, 120, plate)  # it hides the edge, and has one of its own
+    frames = np.stack([frame, plate])[..., None].repeat(3, -1).astype(np.uint8)
+    film = Film(frames, plate[..., None].repeat(3, -1))
+    moves = outline(np.array([[18.0, 20.0]]), [[1.0, 0.0]])
+    assert strongest(film, moves)[0] == pytest.approx(-4.5, abs=0.6)
+    later = moves._replace(frames=np.array([1]))  # nothing but what stands still
+    (standing,) = strongest(film, later._replace(still=np.array([0.9])))[1]
+    assert strongest(film, later)[1] < 0.2 * standing
+    assert film.moving()[0, 10:30, 13:15].all()
+    assert not film.moving()[1].any()
+
+
+def test_outlines_of_a_ball_are_where_arithmetic_has_them(tmp_path):
+    """A ball of radius r, d away, is a circle of f r / √(d² − r²); a box hides part of it."""
+    (tmp_path / "arm.xml").write_text(BALL)
+    (tmp_path / "tune.toml").write_text(
+        TUNING.replace("0.1, 0.0, 0.0", "0, 0, 0")
+        .replace("[0.1, -1.4, 0.8]", "[0, -2, 0]")
+        .replace('"shoulder", "lift", "elbow"', '"slide"')
+        .replace('"fore"', '"ball"')
+    )
+    task = load_task(str(tmp_path / "tune.toml"))
+    options = CheckConfig(task="", real=Path("r"), camera_pose=Path("c.toml"))
+    task = with_any_camera(task, task.cameras[0], options)
+    model, size = task.load_model(), 200
+    data = mujoco.MjData(model)
+    states = np.zeros((2, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION)))
+    for state, place in zip(states, (0.0, 0.2), strict=True):
+        data.qpos[:] = place
+        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    geometry = CameraGeometry.of(model, task.cameras[0].camera, task.parameters, (size, size))
+    robot = Robot(model, task.cameras[0].camera, states, geometry)
+    middle = np.full(6, 0.5)
+    found = robot.outlines(middle, np.arange(2), 10_000)
+    focal_px = size / 2 / np.tan(np.radians(25))
+    first = found.frames == 0
+    away = found.pixels[first] - 99.5
+    radius = focal_px * 0.3 / np.sqrt(2**2 - 0.3**2)
+    assert np.abs(np.linalg.norm(away, axis=1) - radius).max() < 0.8
+    assert np.abs(np.linalg.norm(away, axis=1) - radius).mean() < 0.4
+    edge = focal_px * 0.12 / 0.99  # of the box, which stands before the right
+    assert away[:, 0].min() < -30
+    assert edge - 2 < away[:, 0].max() < edge + 1
+    inward = -away / np.linalg.norm(away, axis=1, keepdims=True)
+    alike = (inward * found.normals[first]).sum(1)
+    assert alike[away[:, 0] < edge - 5].min() > 0.95
+    np.testing.assert_allclose(geometry.project(middle, found.points), found.pixels, atol=1e-6)
+    assert np.median(found.still) == 0  # elsewhere in the other frame
+    twice = robot.outlines(middle, np.array([0, 0]), 10_000)
+    assert (twice.still == 1).all()
 
 
 def test_the_field_of_view_is_looked_for_if_asked(task):
@@ -150,7 +264,7 @@ def test_joints_say_how_the_robot_stood(filmed, task):
     seen = ObservationModel.of_simulator(task.sensors, filmed.task.cameras)
     rng = np.random.default_rng(0)
     rollouts = filmed.simulator.roll_out(
-        filmed.simulator.space.nominal[None], np.zeros((1, 5, 3)), rng, seen.observe_beside()
+        filmed.space.nominal[None], np.zeros((1, 5, 3)), rng, seen.observe_beside()
     )
     (trajectory,) = seen.record(filmed.simulator, rollouts, rng)
     trajectory.readings["arm"][2, 1] = np.nan
@@ -173,51 +287,86 @@ def test_masks_are_where_something_is_that_mostly_is_not():
     assert masks[4, :, 20:].sum() == 0
 
 
-def test_derivatives_are_taken_farther_where_less_changes():
-    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    information = turn @ np.diag([100.0, 25.0, 1e-4]) @ turn.T
-    ways = _ways(information)
-    lengths = np.linalg.norm(ways, axis=1)
-    np.testing.assert_allclose(np.sort(lengths), [1, 2, 5])
-    changes = np.sqrt(np.einsum("wi,ij,wj->w", ways, information, ways))
-    np.testing.assert_allclose(np.sort(changes)[1:], [10, 10])  # as much, but for the limit
-
-
-@pytest.mark.thorough
 def test_a_camera_near_by_is_found_by_edges_whatever_the_colours(filmed):
-    start = filmed.truth + 0.03 * np.array([1, -1, 1, -1, 1, -1])
-    blurs = (*NEAR, *FINE)
-    alignment = Alignment(filmed.robot, filmed.frames, filmed.states, blurs)
-    found = alignment.fit(start)
+    start = filmed.truth + 0.1 * np.array([1, -1, 1, -1, 1, -1])
+    found = filmed.tracker.fit(start, (*NEAR, *FINE))
     # Farther away and narrower looks alike, so what is told is where the robot is on the film.
-    both = filmed.robot.project(np.stack([found.unit, filmed.truth]), filmed.states)
-    assert np.median(np.linalg.norm(both[0] - both[1], axis=-1)) < 0.3
-    away = alignment.fit(filmed.truth + 0.25 * np.array([1, -1, 1, -1, 1, -1]))
-    assert found.cost < min(away.cost, -0.005)
+    assert filmed.beside_px(start) > 10
+    assert filmed.beside_px(found.unit) < 1  # the dark rim of a round arm looks like the floor
+    alike = filmed.tracker.alike(found.unit)
+    assert alike.on_edges > 0.5
+    assert alike.explained > 0.6
+    assert not is_by_chance(alike)
+
+
+def test_a_wrong_camera_is_on_edges_by_chance(filmed):
+    wrong = filmed.truth + np.array([0, 0, 0, 0.1, 0.1, 0.1])
+    alike = filmed.tracker.alike(wrong)
+    assert is_by_chance(alike)
+    assert alike.score < 0.1 * filmed.tracker.alike(filmed.truth).score
+    fit = filmed.tracker.fit(filmed.truth, FINE)._replace(unit=wrong)
+    result = describe(filmed.task, Found(fit, alike, wrong[None]), FRAMES)
+    assert "the robot's edges are not on the film's" in result["warnings"][0]
+    assert result["parameters"]["camera_x"]["low"] == pytest.approx(0.1 - 0.3)  # not told
+
+
+def test_a_robot_out_of_sight_explains_nothing(filmed):
+    hidden = filmed.truth + np.array([0, 0, 0, 0, 1.5, 0])
+    assert filmed.tracker.fit(hidden, NEAR) is None
+    assert filmed.tracker.alike(hidden).score == 0
+
+
+def test_what_is_at_an_end_of_its_range_stays_there(filmed):
+    """Two unknowns that push alike: without the first, the second does all of it."""
+    slopes, off_px = np.array([[1.0, 1], [1, 0], [0, 1]]), np.array([2.0, 1, 1])
+    fit = Fit(np.array([1.0, 0.5]), np.zeros(3, int), np.ones(3), off_px, slopes)
+    np.testing.assert_allclose(_step(fit, 100, 0.0), [0, 1.5], rtol=1e-4)
+    np.testing.assert_allclose(_step(fit, 100, 0.3), [1, 1], rtol=1e-4)
 
 
 @pytest.mark.slow
 def test_silhouettes_bring_a_camera_from_anywhere_near(filmed):
-    def project(units, frames):
-        return filmed.robot.project(units, filmed.states[frames])
+    points = filmed.robot.surface_points(filmed.every, np.random.default_rng(0))
 
-    likely = likely_cameras(project, filmed.frames, 6, np.random.default_rng(0))
+    def project(units):
+        return np.stack([filmed.geometry.project(unit, points) for unit in units])
+
+    rng, masks = np.random.default_rng(0), moving_masks(filmed.frames)
+    likely = np.stack([likely_camera(project, masks, 6, rng) for _ in range(3)])
     turned = np.abs(likely[:, 3:] - filmed.truth[3:])
     assert np.median(turned) < 0.1  # of 50°: at random it would be .25
 
 
+def test_intervals_are_as_wide_as_errors_of_points_and_frames_say():
+    """One unknown, eight frames of two points each: Σ = 30 s² / n + 8/7 Σ_g (Σ r)² / n²."""
+    by_frame = np.array([1, -1, 1, -1, 1, -1, 1, -1.0])
+    off_px, frames = by_frame.repeat(2), np.arange(8).repeat(2)
+    fit = Fit(np.array([0.5]), frames, np.ones(16), off_px, np.ones((16, 1)))
+    expected = 30 / 16 + 8 / 7 * 8 * 2**2 / 16**2
+    np.testing.assert_allclose(covariance(fit), [[expected]], rtol=1e-6)
+    precise = fit._replace(slopes=100 * fit.slopes)
+    found = Found(precise, Alike(0.8, 0.2, 0.9), np.array([[0.5], [0.52]]))
+    half = 1.894579 * np.sqrt(expected / 100**2 + 0.02**2 / 2)  # Student's t of 8 stretches
+    np.testing.assert_allclose(spread(found), [half], rtol=1e-6)
+
+
+def found_at(unit: np.ndarray) -> Found:
+    """A camera whose parameters are each told by 160 points alone, to a pixel."""
+    frames, off_px = np.arange(8).repeat(120), np.tile([1.0, -1.0], 480)
+    slopes = 100 * np.tile(np.eye(6), (160, 1))
+    fit = Fit(unit, frames, np.ones(960), off_px, slopes)
+    return Found(fit, Alike(0.8, 0.2, 0.9), unit[None])
+
+
 def test_what_is_written_is_the_camera_in_a_tuning_file(filmed, tmp_path):
-    unit = filmed.truth
-    errors = 0.01 * np.array([[1, -1, 1, -1, 1, -1], [-1, 1, -1, 1, -1, 1]])
-    halves = unit + 0.006 * np.array([[1], [-1]])
-    found = Found(Camera(unit, np.zeros((6, 6)), 0.0), halves, errors)
+    found = found_at(filmed.truth)
     result = describe(filmed.task, found, FRAMES)
     json.dumps(result)
     assert result["parameters"]["camera_x"]["mean"] == pytest.approx(0.1 + 0.6 * (0.6 - 0.5))
-    # Student's t of two errors and two halves, and what no fit can see
-    reach = 2.353363 * np.sqrt(0.01**2 + 0.006**2 + 0.002**2) * 0.6
     low = result["parameters"]["camera_x"]["low"]
-    assert low == pytest.approx(result["parameters"]["camera_x"]["mean"] - reach, rel=1e-4)
+    reach = 0.6 * spread(found)[0]
+    assert low == pytest.approx(result["parameters"]["camera_x"]["mean"] - reach, rel=1e-6)
+    assert result["warnings"] == []
     text = TUNING[: TUNING.index("[camera]")] + tuning_table(result)
     text += TUNING[TUNING.index("[[sensors]]") :]
     (tmp_path / "found.toml").write_text(text)
@@ -228,9 +377,7 @@ def test_what_is_written_is_the_camera_in_a_tuning_file(filmed, tmp_path):
 
 
 def test_a_camera_at_the_end_of_its_range_is_warned_of(filmed):
-    unit = np.array([1.0, 0.5, 0.5, 0.5, 0.5, 0.5])
-    camera = Camera(unit, np.eye(6) * 1e-6, 0.0)
-    result = describe(filmed.task, Found(camera, np.tile(unit, (2, 1)), np.zeros((4, 6))), 9)
+    result = describe(filmed.task, found_at(np.array([1.0, 0.5, 0.5, 0.5, 0.5, 0.5])), 9)
     (said,) = result["warnings"]
     assert said.startswith("camera_x is at the end of what was searched")
 
@@ -262,7 +409,7 @@ def test_check_finds_where_the_camera_is(task, filmed, tmp_path, monkeypatch, ca
     """From 10 cm and 8° off, of a robot in other colours than the model's."""
     seen = observed(filmed.task, None, is_simulated=True)
     rng = np.random.default_rng(1)
-    world = filmed.simulator.space.from_unit(filmed.truth)[None]
+    world = filmed.space.from_unit(filmed.truth)[None]
     simulator = filmed.painted.simulator(image_size=128, supersampling=2)
     actions = rng.uniform(-1.2, 1.2, (3, 30, 3)).repeat(2, 1)
     rollouts = simulator.roll_out(np.repeat(world, 3, 0), actions, rng, seen.observe_beside())
@@ -280,7 +427,7 @@ def test_check_finds_where_the_camera_is(task, filmed, tmp_path, monkeypatch, ca
     monkeypatch.setattr(sys, "argv", arguments)
     cli.main()
     result = json.loads(capsys.readouterr().out)
-    truth = dict(zip(filmed.simulator.space.names, world[0], strict=True))
+    truth = dict(zip(filmed.space.names, world[0], strict=True))
     its = result["parameters"].items()
     assert sum(found["low"] <= truth[name] <= found["high"] for name, found in its) >= 5  # of 6
     off_m = [result["position_m"][i] - truth[f"camera_{axis}"] for i, axis in enumerate("xyz")]

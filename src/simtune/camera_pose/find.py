@@ -1,20 +1,18 @@
 """`simtune check --camera-pose`, top to bottom."""
 
-from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from simtune.budget import Budget
+from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Robot
-from simtune.camera_pose.scene import measured_states, with_any_camera, without_the_robot
-from simtune.camera_pose.search import CameraSearch, Film
+from simtune.camera_pose.scene import measured_states, stands_still, with_any_camera
+from simtune.camera_pose.search import CameraSearch
 from simtune.camera_pose.written import describe, tuning_table
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
-from simtune.pictures import resize
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import observed, open_recordings
 from simtune.real.recorded import RecordedReal
@@ -24,7 +22,7 @@ from simtune.trajectory import Trajectory
 
 _MOST_FRAMES = 240  # that are looked at
 _FEWEST_FRAMES = 8
-_HEIGHT_PX = 128  # of pictures: nothing has to be learnt, so that they may be large
+_HEIGHT_PX = 240  # of pictures: nothing has to be learnt, so that they may be large
 
 
 def find_camera_pose(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
@@ -64,46 +62,22 @@ def camera_by(
     """The same of a task `with_any_camera`, by trajectories whose frames are as high as they are
     to be compared.
     """
-    image_size = trajectories[0].frames.shape[1]
-    small, rough, good = (
-        Robot(*_simulators(task, seen, trajectories, height, k), seen, seed)
-        for height, k in ((image_size // 2, 1), (image_size, 1), (image_size, seen.supersampling))
-    )
-    frames, states = _known(good.simulator, seen, trajectories)
-    films = [Film(r, _shrunk(frames, r.simulator.shape)) for r in (small, rough, good)]
-    found = CameraSearch(films[0], (films[1], films[2]), states, seed).run(budget)
+    simulator, camera = task.simulator(image_size=1, views=()), seen.cameras[0].footage.camera
+    frames, states = _known(simulator, seen, trajectories)
+    size = (frames.shape[1], frames.shape[2])
+    geometry = CameraGeometry.of(simulator.model, camera, task.parameters, size)
+    robot = Robot(simulator.model, camera, states, geometry)
+    plate = np.median(frames, 0) if stands_still(simulator.model, camera) else None
+    found = CameraSearch(frames, plate, robot, geometry, seed).run(budget)
     return describe(task, found, len(frames))
-
-
-def _simulators(
-    task: Task,
-    seen: ObservationModel,
-    trajectories: Sequence[Trajectory],
-    image_size: int,
-    supersampling: int,
-) -> tuple[Simulator, Simulator]:
-    """One whose pictures are as the recordings', of another size; and one without the robot."""
-    frames = [trajectory.frames for trajectory in trajectories]
-    (view,) = seen.views([seen.cameras[0].footage.plate(frames, frames[0].shape[1:3])])
-    if view.plate is not None:
-        view = replace(view, plate=resize(view.plate, (image_size, view.width(image_size))))
-    with_it, without = (
-        its.simulator(image_size=image_size, views=[view], supersampling=supersampling)
-        for its in (task, without_the_robot(task))
-    )
-    return with_it, without
-
-
-def _shrunk(frames: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    return np.stack([resize(frame, shape) for frame in frames])
 
 
 def _known(
     simulator: Simulator, seen: ObservationModel, trajectories: list[Trajectory]
 ) -> tuple[np.ndarray, np.ndarray]:
     """(F, H, W, 3) frames, evenly spread, and the (F, S) states that joints tell of them."""
-    rng, nominal = np.random.default_rng(0), simulator.space.nominal[None]
-    rest = simulator.roll_out(nominal, np.zeros((1, 0, simulator.num_actions)), rng).states[0, 0]
+    nominal, nothing = simulator.space.nominal[None], np.zeros((1, 0, simulator.num_actions))
+    rest = simulator.roll_out(nominal, nothing, np.random.default_rng(0)).states[0, 0]
     states = measured_states(simulator.model, seen, trajectories, rest)
     (known,) = np.nonzero(np.isfinite(states).all(1))
     if len(known) < _FEWEST_FRAMES:

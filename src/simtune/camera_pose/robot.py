@@ -1,86 +1,151 @@
-"""The robot in states that joints tell, as cameras see it."""
+"""The robot in states that joints tell: its outlines before a camera, and points on it."""
 
-import functools
-import time
+from typing import NamedTuple
 
+import mujoco
 import numpy as np
+from scipy.ndimage import gaussian_filter, maximum_filter
 
-from simtune.camera_pose.scene import is_drawn
-from simtune.camera_pose.silhouettes import surface_points
-from simtune.observation import ObservationModel
-from simtune.simulation import Simulator
-from simtune.vision.keypoints import candidate_keypoints
+from simtune.camera_pose.geometry import CameraGeometry, Pose
+from simtune.camera_pose.scene import is_drawn, moves_before
+from simtune.simulation.depths import Depths
 
-_AT_ONCE = 100  # cameras
-_TIMED = 8  # pictures
+_MESH, _EACH = mujoco.mjtGeom.mjGEOM_MESH.value, 4  # points of a geom
+_ELSEWHERE_M = 1e4  # where geoms are put that are not to be seen
+_STEP = 0.04  # of its distance, by which what is behind an outline is farther away
+_SMOOTH_PX = 1.2  # over which an outline's direction is taken
+_SAME_PX = 3  # side of the square that is the same place
+_MARGIN_PX = 2.0  # of the picture, where outlines are its own end
+
+
+class Outlines(NamedTuple):
+    """N points on edges: where the robot ends or is farther away beyond, or another part begins."""
+
+    frames: np.ndarray  # (N,) which state
+    points: np.ndarray  # (N, 3) m, in the frame of the body that the camera is fixed to
+    normals: np.ndarray  # (N, 2) in the picture, into the robot
+    pixels: np.ndarray  # (N, 2) of the film
+    still: np.ndarray  # (N,) share of the other frames that have an edge of the robot there, too
 
 
 class Robot:
-    """Drawn, and as points, by cameras of (P,) unit coordinates."""
+    """All that moves before the camera, in M states."""
 
     def __init__(
-        self, simulator: Simulator, without: Simulator, observation: ObservationModel, seed: int
+        self, model: mujoco.MjModel, camera: str, states: np.ndarray, geometry: CameraGeometry
     ):
-        """`without`: draws the same scene without the robot."""
-        self.simulator, self.space, self._observation = simulator, simulator.space, observation
-        self._without = without
-        self._rng = np.random.default_rng(seed)
-        model = simulator.model
-        every = candidate_keypoints(model, simulator.views, simulator.image_size)
-        drawn = every.select(np.flatnonzero(is_drawn(model)[every.geoms]).tolist())
-        self._points = surface_points(model, drawn, self._rng)
+        """(M, S) full states; `geometry`: of the film's pictures."""
+        self._geometry, self._moves = geometry, moves_before(model, camera)
+        its = model.camera(camera)
+        self._poses = [_poses(model, int(its.bodyid[0]), state) for state in states]
+        shown = is_drawn(model)
+        self._depths = [Depths(model, camera, _smaller(geometry.size, by), shown) for by in (1, 2)]
+        self._model = model
 
-    @functools.cached_property
-    def seconds_a_picture(self) -> float:
-        """That drawing takes."""
-        worlds = np.tile(self.space.nominal, (_TIMED, 1))
-        rest = self.simulator.roll_out(
-            worlds, np.zeros((_TIMED, 0, self.simulator.num_actions)), self._rng
+    def outlines(
+        self, unit: np.ndarray, which: np.ndarray, at_most: int, is_rough: bool = False
+    ) -> Outlines:
+        """Before a camera (P,), in some of the states; `is_rough`: drawn half as large.
+
+        A point lies between two pixels of a drawing, and is as far away as the nearer one.
+        """
+        drawing = self._depths[is_rough]
+        geoms, near = self._draw(drawing, self._geometry.pose(unit), which)
+        is_robot = near[:-1] > near[-1]
+        near, parts = np.maximum(near[:-1], near[-1]), np.where(is_robot, geoms[:-1], -1)
+        shades = np.append(np.random.default_rng(0).permutation(self._model.ngeom), 0.0)[parts]
+        slopes = [_uphill(its) for its in (near, shades)]
+        found = [_steps(near, parts, slopes, axis) for axis in (1, 2)]
+        frames, pixels, nearness, normals = map(np.concatenate, zip(*found, strict=True))
+        size = np.array(drawing.size[::-1])
+        still = _standing(frames, pixels, near.shape)
+        its = (pixels >= _MARGIN_PX).all(1) & (pixels <= size - 1 - _MARGIN_PX).all(1)
+        its &= (normals**2).sum(1) > 0
+        some = np.flatnonzero(its)
+        some = some[np.linspace(0, len(some) - 1, min(len(some), at_most)).astype(int)]
+        pixels = (pixels[some] + 0.5) * (np.array(self._geometry.size[::-1]) / size) - 0.5
+        normals = normals[some] / np.linalg.norm(normals[some], axis=1, keepdims=True)
+        points = self._geometry.lift(unit, pixels, 1 / nearness[some])
+        return Outlines(frames[some], points, normals, pixels, still[some])
+
+    def surface_points(self, which: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """(K, L, 3) of what is drawn of it: vertices of meshes, others' bounding boxes."""
+        geoms = np.flatnonzero(self._moves).tolist()
+        offsets = np.stack([_surface(self._model, geom, rng) for geom in geoms])  # (G, each, 3)
+        found = []
+        for places, turns, body_place, body_turn in (self._poses[k] for k in which):
+            points = np.einsum("gij,gkj->gki", turns[geoms], offsets) + places[geoms, None]
+            found.append((points.reshape(-1, 3) - body_place) @ body_turn)
+        return np.stack(found)
+
+    def _draw(
+        self, drawing: Depths, pose: Pose, which: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(K + 1, H, W) geoms and 1/m of the robot alone, and last of what stands still, alone."""
+        places, turns, body_places, body_turns = (
+            np.stack(its) for its in zip(*(self._poses[k] for k in [*which, which[0]]), strict=True)
         )
-        self.simulator.render(rest.states[:, 0], worlds)  # the first time is longer
-        began_s = time.monotonic()
-        self.simulator.render(rest.states[:, 0], worlds)
-        return (time.monotonic() - began_s) / _TIMED
-
-    def project(self, units: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """(n, P) to (n, K, L, 2) pixels of its points in (K, S) states."""
-        parts = np.array_split(self.space.from_unit(units), -(-len(units) // _AT_ONCE))
-        pixels = [self._project(some, states) for some in parts]
-        return np.concatenate(pixels).reshape(len(units), len(states), -1, 2)
-
-    def draw(self, unit: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """(K, H, W, 3) uint8 of (K, S) states."""
-        return self.simulator.render(states, self._same(unit, len(states)))
-
-    def draw_without(self, unit: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """(K, H, W, 3) uint8 of all that stands still, or once for all."""
-        num = len(states) if self._is_mounted else 1
-        return self._without.render(states[:num], self._same(unit, num))
-
-    def film(self, unit: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """(K, H, W, 3) frames of (K, S) states, with a camera's noise."""
-        frames = self.draw(unit, states)
-        self._observation.add_noise(self.simulator, frames[None], self._rng)
-        return frames
-
-    @functools.cached_property
-    def _is_mounted(self) -> bool:
-        """Whether the camera moves with the robot."""
-        model = self.simulator.model
-        (view,) = self.simulator.views
-        return bool(model.body_weldid[model.cam_bodyid[model.camera(view.camera).id]] != 0)
-
-    def _same(self, unit: np.ndarray, num: int) -> np.ndarray:
-        return np.tile(self.space.from_unit(unit), (num, 1))
-
-    def _project(self, parameters: np.ndarray, states: np.ndarray) -> np.ndarray:
-        every = np.tile(states, (len(parameters), 1))
-        played = self.simulator.roll_out(
-            np.repeat(parameters, len(states), 0),
-            np.zeros((len(every), 0, self.simulator.num_actions)),
-            self._rng,
-            self._points.observe,
-            every,
-            keep_diverged=True,
+        places[:-1, ~self._moves] = places[-1:, self._moves] = _ELSEWHERE_M
+        geoms, depths = drawing.draw(
+            places,
+            turns,
+            body_places + body_turns @ pose.place,
+            body_turns @ pose.turn,
+            pose.fovy_deg,
         )
-        return played.observed[:, 0]
+        return geoms, np.where(depths > 0, 1 / np.maximum(depths, 1e-3), 0)
+
+
+def _poses(model: mujoco.MjModel, body: int, state: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Places and turns of all geoms, and of the body that the camera is fixed to."""
+    data = mujoco.MjData(model)
+    mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    mujoco.mj_kinematics(model, data)
+    turns = data.geom_xmat.reshape(-1, 3, 3).copy()
+    return data.geom_xpos.copy(), turns, data.xpos[body].copy(), data.xmat[body].reshape(3, 3)
+
+
+def _smaller(size: tuple[int, int], by: int) -> tuple[int, int]:
+    return max(1, size[0] // by), max(1, size[1] // by)
+
+
+def _uphill(pictures: np.ndarray) -> np.ndarray:
+    """(M, H, W, 2) to the right, and down."""
+    smooth = gaussian_filter(pictures.astype(np.float32), (0, _SMOOTH_PX, _SMOOTH_PX))
+    return np.stack([np.gradient(smooth, axis=axis) for axis in (2, 1)], -1)
+
+
+def _steps(
+    near: np.ndarray, parts: np.ndarray, slopes: list[np.ndarray], axis: int
+) -> tuple[np.ndarray, ...]:
+    """Frames, places, nearness and normals of edges between neighbours along an axis."""
+    last = near.shape[axis] - 1
+    first, second = ((slice(None),) * axis + (its,) for its in (slice(last), slice(1, None)))
+    one, other = near[first], near[second]
+    nearer = np.maximum(one, other)
+    ends = np.where(one > other, parts[first], parts[second]) >= 0
+    ends &= np.abs(one - other) > _STEP * nearer
+    seams = (parts[first] >= 0) & (parts[second] >= 0) & (parts[first] != parts[second]) & ~ends
+    frame, row, column = at = np.nonzero(ends | seams)
+    places = np.stack([column, row], 1) + 0.5 * np.array([axis == 2, axis == 1])
+    normals = [(its[first] + its[second])[at] for its in slopes]
+    return frame, places, nearer[at], np.where(ends[at][:, None], *normals)
+
+
+def _standing(frames: np.ndarray, pixels: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """(N,) shares of other frames with such points at the same place, or beside it."""
+    there = np.zeros(shape, np.uint8)
+    column, row = pixels.astype(int).T
+    there[frames, row, column] = 1
+    often = maximum_filter(there, (1, _SAME_PX, _SAME_PX)).sum(0)
+    return (often[row, column] - 1) / max(1, shape[0] - 1)
+
+
+def _surface(model: mujoco.MjModel, geom: int, rng: np.random.Generator) -> np.ndarray:
+    """(4, 3) in the geom's frame."""
+    mesh = model.geom_dataid[geom] if model.geom_type[geom] == _MESH else -1
+    if mesh >= 0:
+        first, num = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+        return model.mesh_vert[first + rng.integers(num, size=_EACH)]
+    middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    return middle + half * rng.uniform(-0.9, 0.9, (_EACH, 3))

@@ -14,6 +14,7 @@ from simtune.tasks import Task
 from simtune.trajectory import Trajectory
 
 _DRAWN_GROUPS = 3  # MuJoCo draws geoms of the first three; the others are for contacts
+_ENDLESS = (mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _LARGEST_FOV_DEG = 170.0
 
 
@@ -44,22 +45,32 @@ def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) ->
 
 
 def is_drawn(model: mujoco.MjModel) -> np.ndarray:
-    """(ngeom,) bool."""
-    return (model.geom_group < _DRAWN_GROUPS) & (model.geom_rgba[:, 3] > 0)
+    """(ngeom,) bool: what a camera sees, but endless ground."""
+    drawn = (model.geom_group < _DRAWN_GROUPS) & (model.geom_rgba[:, 3] > 0)
+    return drawn & ~np.isin(model.geom_type, _ENDLESS)
 
 
-def without_the_robot(task: Task) -> Task:
-    """The same, but that nothing which moves is drawn."""
+def moves_before(model: mujoco.MjModel, camera: str) -> np.ndarray:
+    """(ngeom,) bool: the robot, as a camera sees it: what is drawn and not fixed to the camera.
 
-    def load_what_stands_still() -> mujoco.MjSpec:
-        spec = task.load_spec()
-        model = spec.compile()
-        for geom in spec.geoms:
-            if model.body_weldid[model.geom_bodyid[geom.id]] != 0:
-                geom.material, geom.rgba = "", np.zeros(4)
-        return spec
+    Raises InputError for a camera that turns by itself, or before which nothing moves.
+    """
+    its = model.camera(camera)
+    if model.cam_mode[its.id] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value:
+        raise InputError(
+            f"camera {camera!r} follows what moves; --camera-pose finds cameras that are fixed to "
+            'a body: expected mode="fixed"'
+        )
+    fixed_to = model.body_weldid[model.geom_bodyid]
+    moves = is_drawn(model) & (fixed_to != model.body_weldid[its.bodyid[0]])
+    if not moves.any():
+        raise InputError(f"nothing that the model draws moves before camera {camera!r}")
+    return moves
 
-    return replace(task, load_spec=load_what_stands_still)
+
+def stands_still(model: mujoco.MjModel, camera: str) -> bool:
+    """Whether what is fixed to the world stays where it is in the camera's picture."""
+    return bool(model.body_weldid[model.camera(camera).bodyid[0]] == 0)
 
 
 def measured_states(

@@ -1,106 +1,128 @@
-"""The search for a camera: where things move, then edge by edge; known cameras found again."""
+"""The search for a camera: where things move, then edge by edge, from several starts."""
 
+import itertools
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.camera_pose.align import FAR, FINE, NEAR, TRIED, Alignment, Camera
+from simtune.camera_pose.film import Film
+from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Robot
-from simtune.camera_pose.silhouettes import likely_cameras
+from simtune.camera_pose.silhouettes import likely_camera, moving_masks
+from simtune.camera_pose.tracking import FAR, FINE, NEAR, Alike, Fit, Tracker
+from simtune.errors import InputError
+from simtune.pictures import resize
 
-_STARTS = 6  # that are looked at edge by edge: the guess, the likeliest, others
-_KEPT = 2  # of them, that are looked at longer
-_KNOWN, _PLANNED_KNOWN = 8, 2  # cameras that are found again, to see how wrong that goes
-_HALVES = 1  # fits' time, for the two halves of the pictures by themselves
-_FEWEST_PICTURES, _MOST_PICTURES = 4, 24  # that are compared; half of them by themselves
-_COMPARING = 0.75  # of the time left after the first guesses
-_NEAR = 0.04  # of the range: how far off known cameras are begun
+_STARTS = 3  # beside the given one: cameras by silhouettes, at the least
+_STARTING = 0.5  # of the time: until then there are more, where no end is clear
+_CLEAR = 0.2  # by which more outlines are on edges than by chance
+_KEPT = 2  # of all ends, that are looked at closely
+_AS_GOOD = 0.8  # of the best score: an end that may be the right one, too
+_SILHOUETTES, _SMALL_PX = 12, 64  # frames that are looked at for that, and their height
+_ROUGH_PICTURES, _FEWEST_PICTURES, _MOST_PICTURES = 16, 8, 48
+_TIMED = 4  # pictures
+_SHARE = 0.7  # of the time left for fine fits
 
-
-class Film(NamedTuple):
-    """The same frames in some size."""
-
-    robot: Robot
-    frames: np.ndarray  # (F, H, W, 3)
+Judged = tuple[Alike, Fit]
 
 
 class Found(NamedTuple):
-    """A camera in unit coordinates of its P parameters, and what says how wrong it may be."""
+    """A camera, and where fits end that are about as good, itself among them."""
 
-    camera: Camera
-    halves: np.ndarray  # (2, P) by the first half of the pictures, by the last
-    errors: np.ndarray  # (K, P) with which known cameras near it are found
+    fit: Fit
+    alike: Alike
+    ends: np.ndarray  # (K, P) unit coordinates
 
 
 class CameraSearch:
     """In unit coordinates of the P parameters of a camera."""
 
-    def __init__(self, small: Film, films: tuple[Film, Film], states: np.ndarray, seed: int):
-        """Films of recordings, in which the robot was in (F, S) `states`; drawn roughly, and as
-        well as it can be.
-        """
-        self._small, self._films, self._states = small, films, states
+    def __init__(
+        self,
+        frames: np.ndarray,
+        plate: np.ndarray | None,
+        robot: Robot,
+        geometry: CameraGeometry,
+        seed: int,
+    ):
+        """(F, H, W, 3) frames in which the robot was in its F states; `plate`: as `Film` has it."""
+        self._frames, self._plate, self._robot, self._geometry = frames, plate, robot, geometry
         self._rng = np.random.default_rng((seed, 1))
 
     def run(self, budget: Budget) -> Found:
-        """The camera, with at least one known one found again."""
+        """The camera before which the robot explains the film best.
+
+        Raises InputError where none shows it.
+        """
         budget.report("looking where things move")
-        num = len(self._small.robot.space)
-        likely = likely_cameras(self._project, self._small.frames, num, self._rng)
-        at = self._choose(num, budget.seconds_left)
-        begun = [np.full(num, 0.5), likely[0]]
-        begun += list(self._rng.permutation(likely[1:])[: _STARTS - len(begun)])
-        fits: list[Camera] = []
-        for start in begun:
-            budget.report("laying the robot on the film", 0.2 + 0.2 * len(fits) / _STARTS)
-            fits.append(self._alignment(0, at, FAR).fit(start))
-            if budget.spent > _COMPARING and fits[-1].cost < 0:
+        guess = self._silhouettes()
+        rough = self._tracker(self._spread(_ROUGH_PICTURES))
+        kept: list[Judged] = []
+        for number in itertools.count():
+            budget.report("laying the robot on the film", min(0.6, 0.1 + 0.1 * number))
+            start = guess() if number else np.full(len(self._geometry.space), 0.5)
+            for off_px in (NEAR, FAR + NEAR):
+                kept += _judged(rough, start, off_px)
+            is_clear = max((alike.beyond_chance for alike, _ in kept), default=0) > _CLEAR
+            if budget.spent > _STARTING or (number >= _STARTS and is_clear):
                 break
-        near = self._alignment(0, at, NEAR)
-        fits = [near.fit(fit.unit) for fit in sorted(fits, key=_cost)[:_KEPT]]
-        budget.report("laying the robot on the film", 0.4)
-        camera = self._alignment(1, at, FINE).fit(min(fits, key=_cost).unit)
-        half = len(at) // 2
-        halves = [
-            self._alignment(1, some, FINE).fit(camera.unit).unit for some in (at[:half], at[half:])
-        ]
-        return Found(camera, np.array(halves), self._errors(camera, at, budget))
+        kept = sorted(kept, key=_score)[-_KEPT:]
+        if not kept:
+            raise InputError(
+                "from nowhere within the range does the robot show where the film moves: give a "
+                "nearer guess, or a wider range (--within-m, --within-deg)"
+            )
+        tracker, fine = self._tracker(self._choose(kept[-1][1].unit, budget.seconds_left)), []
+        for number, (_, fit) in enumerate(kept):
+            budget.report("laying the robot on the film", 0.7 + 0.3 * number / _KEPT)
+            fine += _judged(tracker, fit.unit, FINE)
+        fine = fine or kept
+        alike, best = max(fine, key=_score)
+        as_good = [fit.unit for its, fit in fine if its.score > _AS_GOOD * alike.score]
+        return Found(best, alike, np.array([best.unit, *as_good]))
 
-    def _choose(self, num_parameters: int, seconds: float) -> np.ndarray:
-        """(M,) frames, as many as can be compared in the time."""
-        pictures = num_parameters + len(TRIED) + 1
-        rough_s, good_s = (film.robot.seconds_a_picture * pictures for film in self._films)
-        far_s, near_s, fine_s = len(FAR) * rough_s, len(NEAR) * rough_s, len(FINE) * good_s
-        known_s = _PLANNED_KNOWN * (near_s + fine_s)
-        each_s = _STARTS * far_s + _KEPT * near_s + (1 + _HALVES) * fine_s + known_s
-        num = int(np.clip(_COMPARING * seconds / each_s, _FEWEST_PICTURES, _MOST_PICTURES))
-        return np.linspace(0, len(self._states) - 1, min(len(self._states), num)).astype(int)
+    def _silhouettes(self) -> Callable[[], np.ndarray]:
+        """What gives likely cameras (P,), another each time."""
+        height, width = self._geometry.size
+        small = (_SMALL_PX, max(1, round(width * _SMALL_PX / height)))
+        geometry = replace(self._geometry, size=small)
+        frames = np.stack([resize(frame, small) for frame in self._frames])
+        at = self._spread(_SILHOUETTES)
+        masks, points = moving_masks(frames)[at], self._robot.surface_points(at, self._rng)
 
-    def _alignment(self, which: int, at: np.ndarray, blurs: tuple[float, ...]) -> Alignment:
-        film = self._films[which]
-        return Alignment(film.robot, film.frames[at], self._states[at], blurs)
+        def project(units: np.ndarray) -> np.ndarray:
+            return np.stack([geometry.project(unit, points) for unit in units])
 
-    def _errors(self, camera: Camera, at: np.ndarray, budget: Budget) -> np.ndarray:
-        """Of known cameras near the one that was found, filmed as recordings are."""
-        errors, rng, num, longest_s = [], self._rng, len(camera.unit), 0.0
-        states, (rough, good) = self._states[at], (film.robot for film in self._films)
-        while len(errors) < _KNOWN and (not errors or budget.seconds_left > longest_s):
-            budget.report("finding known cameras for comparison", 0.6 + 0.4 * len(errors) / _KNOWN)
-            began_s = time.monotonic()
-            truth = (camera.unit + _NEAR * rng.uniform(-1, 1, num)).clip(0.02, 0.98)
-            start = truth + _NEAR * rng.uniform(-1, 1, num)
-            frames = good.film(truth, states)
-            near = Alignment(rough, frames, states, NEAR).fit(start)
-            errors.append(Alignment(good, frames, states, FINE).fit(near.unit).unit - truth)
-            longest_s = max(longest_s, time.monotonic() - began_s)
-        return np.array(errors)
+        return lambda: likely_camera(project, masks, len(geometry.space), self._rng)
 
-    def _project(self, units: np.ndarray, frames: np.ndarray) -> np.ndarray:
-        """(n, P) cameras to (n, K, L, 2) pixels of points of the robot in some frames."""
-        return self._small.robot.project(units, self._states[frames])
+    def _choose(self, near: np.ndarray, seconds: float) -> np.ndarray:
+        """(M,) frames, evenly spread, as many as can be compared in the time."""
+        few = self._tracker(self._spread(_TIMED))
+        few.fit(near, FINE[-1:])  # the first time is longer
+        began_s = time.monotonic()
+        few.fit(near, FINE[-1:])
+        each_s = (time.monotonic() - began_s) / _TIMED * len(FINE) * _KEPT
+        most = int(np.clip(_SHARE * seconds / each_s, _FEWEST_PICTURES, _MOST_PICTURES))
+        return self._spread(most)
+
+    def _spread(self, num: int) -> np.ndarray:
+        every = len(self._frames)
+        return np.linspace(0, every - 1, min(every, num)).astype(int)
+
+    def _tracker(self, at: np.ndarray) -> Tracker:
+        film = Film(self._frames[at], self._plate)
+        return Tracker(film, self._robot, self._geometry, at)
 
 
-def _cost(camera: Camera) -> float:
-    return camera.cost
+def _judged(tracker: Tracker, start: np.ndarray, off_px: tuple[float, ...]) -> list[Judged]:
+    """One, or none where the robot is out of sight."""
+    fit = tracker.fit(start, off_px)
+    return [(tracker.alike(fit.unit), fit)] if fit else []
+
+
+def _score(judged: Judged) -> float:
+    return judged[0].score

@@ -5,24 +5,18 @@ mostly is lies on pixels that differ from what mostly is there, and covers all o
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
-import mujoco
 import numpy as np
 from scipy.ndimage import binary_opening, distance_transform_edt
 
-from simtune.vision.keypoints import Keypoints
-
-_MESH, _EACH = mujoco.mjtGeom.mjGEOM_MESH.value, 8  # points of a geom
-_FRAMES = 24  # that are looked at
 _NOISE = 4.0  # times the typical difference from what stands still: less is the camera's noise
 _LEAST_LEVELS = 12.0  # of 256
 _ELSEWHERE_PX = 3.0  # a point that is nearer to where it mostly is need not show
 _FAR = 0.15  # of the height: all that is farther away is equally wrong
 _FEWEST_POINTS = 12  # that are elsewhere, for a camera to be judged
-_FIRST, _KEPT, _NEXT, _ROUNDS = 2000, 40, 400, 6
+_FIRST, _KEPT, _NEXT, _ROUNDS = 1000, 30, 200, 6
 _SPREAD = 1.3  # times that of the best: by how much cameras near them are tried
-_PER_PIXEL = 80  # of the pixels of a mask, for which the nearest point is looked for
+_PER_PIXEL = 40  # of the pixels of a mask, for which the nearest point is looked for
 
 
 def moving_masks(frames: np.ndarray) -> np.ndarray:
@@ -33,50 +27,30 @@ def moving_masks(frames: np.ndarray) -> np.ndarray:
     return np.stack([np.asarray(binary_opening(one > least)) for one in differs])
 
 
-def surface_points(
-    model: mujoco.MjModel, keypoints: Keypoints, rng: np.random.Generator
-) -> Keypoints:
-    """Many points of the geoms that have keypoints: vertices of meshes, others' bounding boxes."""
-    geoms = np.unique(keypoints.geoms)
-    offsets = []
-    for geom in geoms:
-        mesh = model.geom_dataid[geom] if model.geom_type[geom] == _MESH else -1
-        if mesh >= 0:
-            first, num = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-            offsets.append(model.mesh_vert[first + rng.integers(num, size=_EACH)])
-        else:
-            middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-            offsets.append(middle + half * rng.uniform(-0.9, 0.9, (_EACH, 3)))
-    every = np.repeat(geoms, _EACH)
-    return replace(keypoints, geoms=every, offsets=np.concatenate(offsets), views=0 * every)
-
-
-def likely_cameras(
-    project: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    frames: np.ndarray,
+def likely_camera(
+    project: Callable[[np.ndarray], np.ndarray],
+    masks: np.ndarray,
     num_parameters: int,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """(40, P) unit coordinates of the best of several thousand cameras (cross-entropy method).
+    """(P,) unit coordinates of the best of some thousand cameras (cross-entropy method).
 
-    `project(units, which)`: (n, P) cameras to (n, K, L, 2) pixels of many points of the robot in
-    K frames, by their numbers.
+    `project(units)`: (n, P) cameras to (n, K, L, 2) pixels of many points of the robot in K frames,
+    whose (K, H, W) `masks` are of `moving_masks`.
     """
-    which = np.linspace(0, len(frames) - 1, min(len(frames), _FRAMES)).astype(int)
-    masks = moving_masks(frames)[which]
-    far = _FAR * frames.shape[1]
+    far = _FAR * masks.shape[1]
     away = np.stack([np.asarray(distance_transform_edt(~mask)) for mask in masks]).clip(max=far)
     shown = [_some(np.argwhere(mask)[:, ::-1], rng) for mask in masks]
     units = rng.uniform(size=(_FIRST, num_parameters))
     units[0] = 0.5
-    costs = _costs(project(units, which), away, shown, far)
+    costs = _costs(project(units), away, shown, far)
     for _ in range(_ROUNDS):
         best = np.argsort(costs)[:_KEPT]
         middle, spread = units[best].mean(0), np.cov(units[best].T)
         near = rng.multivariate_normal(middle, _SPREAD**2 * spread, _NEXT).clip(0, 1)
         units = np.concatenate([units[best], near])
-        costs = np.concatenate([costs[best], _costs(project(near, which), away, shown, far)])
-    return units[np.argsort(costs)[:_KEPT]]
+        costs = np.concatenate([costs[best], _costs(project(near), away, shown, far)])
+    return units[np.argmin(costs)]
 
 
 def _costs(points: np.ndarray, away: np.ndarray, shown: list[np.ndarray], far: float) -> np.ndarray:

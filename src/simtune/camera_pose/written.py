@@ -4,28 +4,21 @@ import json
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
 
-from simtune.camera_pose.align import Camera
 from simtune.camera_pose.search import Found
+from simtune.camera_pose.sureness import is_by_chance, spread
 from simtune.parameters import ModelWriter
 from simtune.run.files import plain
 from simtune.tasks import Task
 
-_DISCREPANCY = 0.002  # of the range: what is wrong with all frames alike, and no fit can see
 _AT_END = 0.01  # of the range
 
 
 def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
     """JSON of a camera."""
-    space, camera = task.parameters, found.camera
-    known = np.mean(np.square(found.errors), 0)
-    apart = np.square(found.halves[0] - found.halves[1]) / 4  # of the mean of both
-    std = np.sqrt(np.maximum(known, np.diag(camera.covariance)) + apart + _DISCREPANCY**2)
-    reach = float(stdtrit(len(found.errors) + 1, 0.95)) * std
-    mean, low, high = (
-        space.from_unit(np.clip(camera.unit + sign * reach, 0, 1)) for sign in (0, -1, 1)
-    )
+    space, unit = task.parameters, found.fit.unit
+    reach = spread(found)
+    mean, low, high = (space.from_unit(np.clip(unit + sign * reach, 0, 1)) for sign in (0, -1, 1))
     model = task.load_model()
     ModelWriter(space, model).write(model, mean)
     its = model.camera(task.cameras[0].camera)
@@ -41,20 +34,27 @@ def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
             "field_of_view_deg": float(its.fovy[0]),
             "parameters": parameters,
             "frames": num_frames,
-            "warnings": _warnings(task, camera),
+            "warnings": _warnings(task, found),
         }
     )
 
 
-def _warnings(task: Task, camera: Camera) -> list[str]:
-    found = []
+def _warnings(task: Task, found: Found) -> list[str]:
+    said, unit = [], found.fit.unit
+    if is_by_chance(found.alike):
+        said.append(
+            "the robot's edges are not on the film's: this is not the camera. Are the readings "
+            "those of the frames, and does the model look like the robot? Else give a nearer "
+            "guess, a wider range (--within-m, --within-deg, --within-fov-deg) or more time "
+            "(--budget-minutes)"
+        )
     for i, parameter in enumerate(task.parameters):
-        if not _AT_END < camera.unit[i] < 1 - _AT_END:
-            found.append(
+        if not _AT_END < unit[i] < 1 - _AT_END:
+            said.append(
                 f"{parameter.name} is at the end of what was searched: give a nearer guess, or a "
                 "wider range (--within-m, --within-deg, --within-fov-deg)"
             )
-    return found
+    return said
 
 
 def lines(result: dict[str, Any], path: object) -> list[str]:

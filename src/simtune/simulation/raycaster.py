@@ -49,7 +49,7 @@ class Raycaster:
         sky and of what stands still, see `before_plate`. Raises InputError for one before a camera
         that moves.
         """
-        _init_warp()
+        init_warp()
         self.size = size
         self._num_threads = num_threads or _num_cores()
         sky = None
@@ -125,7 +125,7 @@ class _Context:
         self._write(parameters)
         worlds.forward(ids=np.arange(n), stage=mujoco.mjtStage.mjSTAGE_POS.value)
         for name in self._poses:
-            _assign(getattr(self._data, name), getattr(worlds, name))
+            assign(getattr(self._data, name), getattr(worlds, name))
         # It draws only these; but flexes' search trees are of a fixed number of worlds.
         self._data.nworld = _CHUNK if self._has_flexes else n
         pixels = self._cast()[:n].reshape(frames.shape[:-1])
@@ -152,7 +152,7 @@ class _Context:
         self._written = padded
 
 
-def _init_warp() -> None:
+def init_warp() -> None:
     """Start Warp without what it prints: its greeting, and that there is no CUDA."""
     warp.config.log_level = warp.LOG_WARNING
     stderr = os.dup(2)
@@ -198,7 +198,7 @@ def _unpack(pixels: np.ndarray, frames: np.ndarray) -> None:
         frames[..., channel] = bgra[..., 2 - channel]
 
 
-def _assign(target, values: np.ndarray) -> None:
+def assign(target, values: np.ndarray) -> None:
     shape = (*target.shape, *target.dtype._shape_)
     target.assign(np.ascontiguousarray(values, np.float32).reshape(shape))
 

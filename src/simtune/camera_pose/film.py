@@ -1,0 +1,93 @@
+"""A film's edges, whatever the colours and the light on both sides of them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from simtune.camera_pose.robot import Outlines
+
+_SLOPE_PX = 1.0  # over which a picture's slope is taken
+_STANDS_STILL = 0.02  # what an edge counts that is in the picture without the robot, too
+_CLEAR = 0.06  # of the full scale in a pixel: an edge of that contrast is one
+
+
+class Across(NamedTuple):
+    """What is found on lines across edges, at S places of each of N lines."""
+
+    strength: np.ndarray  # (N, S) of the full scale in a pixel
+    alike: np.ndarray  # (N, S) 0 to 1: whether it runs as the line expects
+
+
+class Film:
+    """M frames as structure tensors, summed over their colours (Di Zenzo 1986).
+
+    Of an edge that moves, both the frame and what it adds to the picture without the robot have a
+    slope; the weaker one counts. So neither what stands still nor what the robot hides is an edge.
+    """
+
+    def __init__(self, frames: np.ndarray, plate: np.ndarray | None):
+        """(M, H, W, 3) uint8 frames; `plate`: (H, W, 3) what stands still, if anything does."""
+        self.num, self.size = len(frames), frames.shape[1:3]
+        slopes = _slopes(frames)
+        self._tensors = [_tensor(*slopes)]
+        if plate is not None:
+            still = _slopes(plate[None])
+            self._tensors.append(_tensor(*(a - b for a, b in zip(slopes, still, strict=True))))
+
+    def moving(self) -> np.ndarray:
+        """(M, H, W) bool: on clear edges of what moves."""
+        squared = np.min([its[..., 0] + its[..., 2] for its in self._tensors], 0)
+        return squared > _CLEAR**2
+
+    def across(self, outlines: Outlines, pixels: np.ndarray, steps: np.ndarray) -> Across:
+        """On lines through N points of outlines, now at (N, 2) pixels, (S,) `steps` along normals.
+
+        Where outlines stand still, so do edges: they count by the share of frames in which they do.
+        """
+        frames, normals = outlines.frames, outlines.normals
+        height, width = self.size
+        at = pixels[:, None] + normals[:, None] * steps[:, None]
+        inside = ((at >= 0) & (at <= [width - 1.001, height - 1.001])).all(-1)
+        at = at.clip(0, [width - 1.001, height - 1.001]).astype(np.float32)
+        corner = at.astype(int)
+        share = at - corner
+        first = (frames[:, None] * height + corner[..., 1]) * width + corner[..., 0]
+        found = [_along(_between(its, first, share, width), normals) for its in self._tensors]
+        squared, alike = found[0]
+        if len(found) > 1:
+            alike = np.where(found[1][0] < squared, found[1][1], alike)
+            still = np.maximum(outlines.still, _STANDS_STILL)[:, None]
+            squared = np.minimum(squared, found[1][0]) + still * squared
+        return Across(np.sqrt(squared * inside), alike)
+
+
+def _slopes(pictures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(M, H, W, 3) each: to the right, and down."""
+    shades = pictures.astype(np.float32) / 255
+    right, down = (
+        gaussian_filter1d(gaussian_filter1d(shades, _SLOPE_PX, 3 - axis), _SLOPE_PX, axis, order=1)
+        for axis in (2, 1)
+    )
+    return right, down
+
+
+def _tensor(right: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """(M, H, W, 3): xx, xy and yy."""
+    products = ((right, right), (right, down), (down, down))
+    return np.stack([np.einsum("...c,...c", a, b) for a, b in products], -1)
+
+
+def _between(tensors: np.ndarray, first: np.ndarray, share: np.ndarray, width: int) -> np.ndarray:
+    """(N, S, 3) between pixels, of which the first one's number is given."""
+    flat, (x, y) = tensors.reshape(-1, 3), np.moveaxis(share[..., None], 2, 0)
+    above = flat[first] * (1 - x) + flat[first + 1] * x
+    below = flat[first + width] * (1 - x) + flat[first + width + 1] * x
+    return above * (1 - y) + below * y
+
+
+def _along(tensors: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N, S) squared slopes along normals, and their shares of all that slopes."""
+    (xx, xy, yy), (x, y) = np.moveaxis(tensors, -1, 0), normals.T[..., None].astype(np.float32)
+    squared = np.maximum(xx * x * x + 2 * xy * x * y + yy * y * y, 0)
+    return squared, squared / (xx + yy + 1e-9)

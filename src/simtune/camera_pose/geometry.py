@@ -1,0 +1,119 @@
+"""A pinhole camera in unit coordinates: its pose, what it projects, and exact derivatives.
+
+It is fixed to a body, and points are given in that body's frame: a camera on a robot's wrist is as
+one on a wall. The camera looks along its −z, and its y is up.
+"""
+
+import functools
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from simtune.parameters import ParameterSpace
+
+_LEAST_DEPTH_M = 0.01
+_OUTSIDE_PX = -1e4  # where points behind the camera are put
+
+
+class Pose(NamedTuple):
+    """In the frame of the body that the camera is fixed to."""
+
+    place: np.ndarray  # (3,) m
+    turn: np.ndarray  # (3, 3) its axes as columns
+    fovy_deg: float  # of the picture's height
+
+
+@dataclass(frozen=True)
+class CameraGeometry:
+    """Of P parameters: x, y, z, pitch, yaw, roll and, if it is tuned, the field of view."""
+
+    space: ParameterSpace  # of `scene.with_any_camera`
+    size: tuple[int, int]  # (height, width) of pictures
+    nominal: np.ndarray  # (3, 3) the camera's axes as columns, where no angle is changed
+    fovy_deg: float  # where that is not tuned
+
+    @classmethod
+    def of(
+        cls, model: mujoco.MjModel, camera: str, space: ParameterSpace, size: tuple[int, int]
+    ) -> "CameraGeometry":
+        its = model.camera(camera)
+        turn = Rotation.from_quat(np.roll(its.quat, -1)).as_matrix()
+        return cls(space, size, turn, float(its.fovy[0]))
+
+    def pose(self, unit: np.ndarray) -> Pose:
+        """Of (P,) unit coordinates."""
+        values = self._values(unit)
+        turns = [_about(axis, angle) for axis, angle in enumerate(values[3:6])]
+        fovy_deg = float(values[6]) if len(values) > 6 else self.fovy_deg
+        return Pose(values[:3], self.nominal @ turns[0] @ turns[1] @ turns[2], fovy_deg)
+
+    def project(self, unit: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(..., 3) points to (..., 2) pixels, 0 at the first's centre; far outside if behind."""
+        pose = self.pose(unit)
+        seen = (points - pose.place) @ pose.turn
+        depth = np.maximum(-seen[..., 2:], _LEAST_DEPTH_M)
+        pixels = self._centre_px + self._focal_px(pose) * seen[..., :2] / depth * [1, -1]
+        return np.where(-seen[..., 2:] > _LEAST_DEPTH_M, pixels, _OUTSIDE_PX)
+
+    def lift(self, unit: np.ndarray, pixels: np.ndarray, depths: np.ndarray) -> np.ndarray:
+        """(n, 3) points, seen at (n, 2) pixels, (n,) m along the camera's axis."""
+        pose = self.pose(unit)
+        beside = (pixels - self._centre_px) * [1, -1] / self._focal_px(pose)
+        seen = np.concatenate([beside, -np.ones((len(beside), 1))], 1) * depths[:, None]
+        return seen @ pose.turn.T + pose.place
+
+    def derivatives(self, unit: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(n, 2, P): how the pixels of (n, 3) points move with each unit coordinate."""
+        pose, values = self.pose(unit), self._values(unit)
+        away = points - pose.place
+        x, y, z = (away @ pose.turn).T
+        depth, focal_px = np.maximum(-z, _LEAST_DEPTH_M), self._focal_px(pose)
+        nothing = np.zeros_like(x)
+        by_seen = np.stack([np.stack([depth, nothing, x]), np.stack([nothing, -depth, -y])])
+        by_seen *= focal_px / depth**2  # (2, 3, n)
+        seen_by = [np.tile(-axis, (len(points), 1)) for axis in pose.turn]
+        seen_by += [away @ turned for turned in self._turned(values[3:6])]
+        every = np.einsum("ijn,pnj->nip", by_seen, np.stack(seen_by))
+        if len(values) > 6:
+            half = np.radians(pose.fovy_deg) / 2
+            zoom = -np.radians(1) / np.sin(2 * half)  # of the focal length, per degree
+            beside = focal_px * np.stack([x, -y], 1) / depth[:, None]
+            every = np.concatenate([every, zoom * beside[..., None]], 2)
+        return every * self._lows_and_ranges[1]
+
+    def _turned(self, angles: np.ndarray) -> list[np.ndarray]:
+        """Derivatives (3, 3) of the camera's axes by each angle."""
+        turns = [_about(axis, angle) for axis, angle in enumerate(angles)]
+        found = []
+        for axis in range(3):
+            parts = [*turns]
+            parts[axis] = turns[axis] @ _CROSS[axis]
+            found.append(self.nominal @ parts[0] @ parts[1] @ parts[2])
+        return found
+
+    def _values(self, unit: np.ndarray) -> np.ndarray:
+        """(P,), beyond the range, too."""
+        low, length = self._lows_and_ranges
+        return low + length * unit
+
+    @functools.cached_property
+    def _lows_and_ranges(self) -> np.ndarray:
+        """(2, P)."""
+        return np.array([[p.low, p.high - p.low] for p in self.space]).T
+
+    @property
+    def _centre_px(self) -> np.ndarray:
+        return (np.array(self.size[::-1]) - 1) / 2
+
+    def _focal_px(self, pose: Pose) -> float:
+        return self.size[0] / 2 / np.tan(np.radians(pose.fovy_deg) / 2)
+
+
+_CROSS = np.cross(np.eye(3), np.eye(3)[:, None])  # e ×: derivatives of rotations about e, at 0
+
+
+def _about(axis: int, angle: float) -> np.ndarray:
+    return Rotation.from_rotvec(angle * np.eye(3)[axis]).as_matrix()

@@ -1,0 +1,51 @@
+"""How wrong a camera may be that was found by edges."""
+
+import numpy as np
+from scipy.special import stdtrit
+
+from simtune.camera_pose.search import Found
+from simtune.camera_pose.tracking import Alike, Fit
+
+_ALIKE = 30.0  # points err so much alike, in a frame and between frames, that as many count as one
+# Of the outlines, that have to be on edges of their frame and not on those of another one: .4 to .6
+# are before simulated cameras that were found, .15 to .3 before a real one, up to .06 before wrong
+# ones.
+_BY_CHANCE = 0.1
+_CLUSTERS = 8  # stretches of frames; what is wrong in one is alike
+
+
+def spread(found: Found) -> np.ndarray:
+    """(P,) half the widths of 90 % intervals, in unit coordinates, at most the whole range.
+
+    That is what they are where outlines are on the film's edges as if by chance.
+    """
+    if is_by_chance(found.alike):
+        return np.ones(len(found.fit.unit))
+    ends = np.square(found.ends - found.fit.unit).mean(0)
+    variance = np.diag(covariance(found.fit)) + ends
+    return np.minimum(float(stdtrit(_CLUSTERS - 1, 0.95)) * np.sqrt(variance), 1.0)
+
+
+def is_by_chance(alike: Alike) -> bool:
+    """Whether the camera is not the film's, as far as its edges tell."""
+    return alike.beyond_chance < _BY_CHANCE
+
+
+def covariance(fit: Fit) -> np.ndarray:
+    """(P, P), of errors of points, and of errors that frames one after the other have in common.
+
+    With slopes A of N points, weights W, residuals r, and G stretches of frames (the latter after
+    Liang and Zeger 1986):
+
+        B = (AᵀWA)⁻¹,   c · rᵀWr / tr W · B  +  B [G / (G − 1) Σ_g s_g s_gᵀ] B,   s_g = A_gᵀ W_g r_g
+    """
+    information = (fit.slopes.T * fit.weights) @ fit.slopes
+    slack = 1e-12 * np.trace(information) * np.eye(len(information))
+    inverse = np.linalg.inv(information + slack)
+    clusters = fit.frames * _CLUSTERS // (fit.frames.max() + 1)
+    pulls = fit.slopes * (fit.weights * fit.off_px)[:, None]
+    by_cluster = np.stack([pulls[clusters == one].sum(0) for one in range(_CLUSTERS)])
+    by_cluster = by_cluster - by_cluster.mean(0)
+    common = _CLUSTERS / (_CLUSTERS - 1) * by_cluster.T @ by_cluster
+    squared_px = float((fit.weights * fit.off_px**2).sum() / fit.weights.sum())
+    return _ALIKE * squared_px * inverse + inverse @ common @ inverse

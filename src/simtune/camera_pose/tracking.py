@@ -1,0 +1,155 @@
+"""The camera before which the robot's outlines lie on the film's edges, found edge by edge.
+
+Model-based edge tracking (Harris 1992; Drummond and Cipolla 2002): the robot is drawn, and each
+point of its outlines looks along its normal for edges of the film.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from simtune.camera_pose.film import Film
+from simtune.camera_pose.geometry import CameraGeometry
+from simtune.camera_pose.robot import Outlines, Robot
+
+# Pixels by which outlines are taken to be off, iteration by iteration: the robot is drawn in each.
+FAR = (16.0, 16.0, 16.0, 16.0, 8.0, 8.0, 8.0)
+NEAR = (5.0, 5.0, 5.0, 3.0, 3.0, 3.0)
+FINE = (2.0, 2.0, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0)
+_BEYOND = 0.3  # of the range, how far beyond it a fit may go on its way
+_REACH = 2.5  # times that, how far edges are looked for
+_FAINT = 0.02  # of the full scale in a pixel: an edge of that contrast counts half
+_NONE = 0.15  # what it counts that a point has no edge
+_ANEW = 3  # times that edges are looked for, before the robot is drawn again
+_FARTHEST = 1.5  # times by which outlines are off: how far a step may move them
+_SLACK = 1e-5  # of the mean information
+_POINTS, _ROUGH_POINTS = 8000, 2000
+_FEWEST_POINTS = 50
+_OFF_EDGE_PX, _OFF_OUTLINE_PX = 2.0, 3.0  # as far as an outline, and an edge, may be beside
+
+
+class Fit(NamedTuple):
+    """A camera of P parameters, and N points of outlines before it."""
+
+    unit: np.ndarray  # (P,)
+    frames: np.ndarray  # (N,) which frame a point is in
+    weights: np.ndarray  # (N,) 0 to 1: how surely it has an edge
+    off_px: np.ndarray  # (N,) where that is, along the normal, into the robot
+    slopes: np.ndarray  # (N, P) of where the point is, along the normal
+
+
+class Alike(NamedTuple):
+    """Shares, 0 to 1, of what fits."""
+
+    on_edges: float  # of the outlines, that lie on edges of their frame
+    by_chance: float  # of the outlines, that lie on edges of another frame
+    explained: float  # of what moves in the film, that outlines lie on
+
+    @property
+    def beyond_chance(self) -> float:
+        return max(0.0, self.on_edges - self.by_chance)
+
+    @property
+    def score(self) -> float:
+        """A robot that is out of sight explains nothing, a wrong one is on edges by chance."""
+        return self.beyond_chance * self.explained
+
+
+class Tracker:
+    """Of frames of a film in which a robot was in known states."""
+
+    def __init__(self, film: Film, robot: Robot, geometry: CameraGeometry, which: np.ndarray):
+        """`which`: (M,) states of the robot, for the film's M frames."""
+        self._film, self._robot, self._geometry, self._which = film, robot, geometry, which
+
+    def fit(self, start: np.ndarray, off_px: tuple[float, ...]) -> Fit | None:
+        """From a camera (P,), by so many iterations; None where the robot is out of sight."""
+        unit, found = start, None
+        for its in off_px:
+            is_rough = its > FINE[0]
+            beyond = _BEYOND if is_rough else 0.0
+            unit = np.clip(unit, -beyond, 1 + beyond)
+            most = _ROUGH_POINTS if is_rough else _POINTS
+            outlines = self._robot.outlines(unit, self._which, most, is_rough)
+            if len(outlines.frames) < _FEWEST_POINTS:
+                return None
+            for _ in range(_ANEW):
+                found = self._look(unit, outlines, its)
+                step = _step(found, _FARTHEST * its, beyond)
+                unit = np.clip(unit + step, -beyond, 1 + beyond)
+        return found and found._replace(unit=unit)
+
+    def alike(self, unit: np.ndarray) -> Alike:
+        """How well a camera (P,) explains the film."""
+        outlines = self._robot.outlines(unit, self._which, _POINTS)
+        if len(outlines.frames) < _FEWEST_POINTS:
+            return Alike(0, 0, 0)
+        num = self._film.num
+        later = outlines._replace(frames=(outlines.frames + num // 2) % num)
+        on_edges, by_chance = (self._on_edges(its) for its in (outlines, later))
+        drawn = np.zeros((num, *self._film.size), bool)
+        column, row = np.rint(outlines.pixels).astype(int).T
+        drawn[outlines.frames, row, column] = True
+        explained = [
+            (np.asarray(distance_transform_edt(~its))[edges] < _OFF_OUTLINE_PX).mean()
+            for its, edges in zip(drawn, self._film.moving(), strict=True)
+            if its.any() and edges.any()
+        ]
+        return Alike(on_edges, by_chance, float(np.sum(explained)) / num)
+
+    def _on_edges(self, outlines: Outlines) -> float:
+        """Of those that move."""
+        places, clear = self._edges(outlines.pixels, outlines, _OFF_EDGE_PX)
+        found, moves = (clear * (np.abs(places) < _OFF_EDGE_PX)).max(1), 1 - outlines.still
+        return float((found * moves).sum() / max(moves.sum(), 1e-9))
+
+    def _look(self, unit: np.ndarray, outlines: Outlines, off_px: float) -> Fit:
+        pixels = self._geometry.project(unit, outlines.points)
+        places, clear = self._edges(pixels, outlines, _REACH * off_px)
+        likely = clear * np.exp(-0.5 * (places / off_px) ** 2)
+        every = likely.sum(1)
+        mean = (likely * places).sum(1) / np.maximum(every, 1e-9)
+        moved = self._geometry.derivatives(unit, outlines.points)
+        slopes = np.einsum("nip,ni->np", moved, outlines.normals)
+        return Fit(unit, outlines.frames, every / (every + _NONE), mean, slopes)
+
+    def _edges(
+        self, pixels: np.ndarray, outlines: Outlines, reach_px: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(N, S) places along normals, px, and how clear an edge there is, 0 to 1.
+
+        Edges are where the slope is largest among its neighbours, to a part of a step.
+        """
+        step_px = min(1.0, max(0.5, reach_px / 8))
+        num = int(np.ceil(reach_px / step_px)) + 1
+        steps = step_px * np.arange(-num, num + 1)
+        strength, alike = self._film.across(outlines, pixels, steps)
+        before, its, after = strength[:, :-2], strength[:, 1:-1], strength[:, 2:]
+        is_peak = (its >= before) & (its > after)
+        bend = np.maximum(2 * its - before - after, 1e-9)
+        beside = np.where(is_peak, np.clip((after - before) / (2 * bend), -0.5, 0.5), 0)
+        clear = is_peak * its**2 / (its**2 + _FAINT**2) * alike[:, 1:-1] ** 2
+        return steps[1:-1] + step_px * beside, clear
+
+
+def _step(found: Fit, farthest_px: float, beyond: float) -> np.ndarray:
+    """(P,) Gauss and Newton's, shortened so that hardly a point moves farther.
+
+    What is at an end of its range, and would leave it, stays; the others are solved for again.
+    """
+    weighted = found.slopes.T * found.weights
+    information, pull = weighted @ found.slopes, weighted @ found.off_px
+    num = len(pull)
+    information += (_SLACK * np.trace(information) / num + 1e-9) * np.eye(num)
+    free, step = np.ones(num, bool), np.zeros(num)
+    for _ in range(num):
+        step = np.zeros(num)
+        step[free] = np.linalg.solve(information[np.ix_(free, free)], pull[free])
+        low, high = found.unit <= -beyond, found.unit >= 1 + beyond
+        stuck = free & ((low & (step < 0)) | (high & (step > 0)))
+        if not stuck.any():
+            break
+        free &= ~stuck
+    moved_px = np.percentile(np.abs(found.slopes @ step), 95)
+    return step * min(1.0, farthest_px / max(float(moved_px), 1e-9))
