@@ -13,13 +13,14 @@ from simtune.camera_pose.film import Film
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Robot
 from simtune.camera_pose.silhouettes import likely_camera, moving_masks
-from simtune.camera_pose.tracking import FAR, FINE, NEAR, Alike, Fit, Tracker
+from simtune.camera_pose.tracking import FAR, FINE, MIDDLE, NEAR, Alike, Fit, Tracker
 from simtune.errors import InputError
 from simtune.pictures import resize
 
-_STARTS = 3  # beside the given one: cameras by silhouettes, at the least
-_STARTING = 0.5  # of the time: until then there are more, where no end is clear
-_CLEAR = 0.2  # by which more outlines are on edges than by chance
+_STARTS = 3  # beside the given one, at the least
+_STARTING = 0.5  # of the time: until then there are more, where no end is sure
+_SURE = 0.4  # by which more outlines are on edges than by chance
+_BESIDE = 0.05  # of the range
 _KEPT = 2  # of all ends, that are looked at closely
 _AS_GOOD = 0.8  # of the best score: an end that may be the right one, too
 _SILHOUETTES, _SMALL_PX = 12, 64  # frames that are looked at for that, and their height
@@ -64,11 +65,9 @@ class CameraSearch:
         kept: list[Judged] = []
         for number in itertools.count():
             budget.report("laying the robot on the film", min(0.6, 0.1 + 0.1 * number))
-            start = guess() if number else np.full(len(self._geometry.space), 0.5)
-            for off_px in (NEAR, FAR + NEAR):
-                kept += _judged(rough, start, off_px)
-            is_clear = max((alike.beyond_chance for alike, _ in kept), default=0) > _CLEAR
-            if budget.spent > _STARTING or (number >= _STARTS and is_clear):
+            kept += _first_sure(rough, self._start(number, kept, guess))
+            is_sure = max((alike.beyond_chance for alike, _ in kept), default=0) > _SURE
+            if budget.spent > _STARTING or (number >= _STARTS and is_sure):
                 break
         kept = sorted(kept, key=_score)[-_KEPT:]
         if not kept:
@@ -84,6 +83,17 @@ class CameraSearch:
         alike, best = max(fine, key=_score)
         as_good = [fit.unit for its, fit in fine if its.score > _AS_GOOD * alike.score]
         return Found(best, alike, np.array([best.unit, *as_good]))
+
+    def _start(
+        self, number: int, ends: list[Judged], guess: Callable[[], np.ndarray]
+    ) -> np.ndarray:
+        """The camera that is given, then in turn one by silhouettes and one beside the best end."""
+        num = len(self._geometry.space)
+        if number == 0:
+            return np.full(num, 0.5)
+        if number % 2 or not ends:
+            return guess()
+        return max(ends, key=_score)[1].unit + _BESIDE * self._rng.normal(size=num)
 
     def _silhouettes(self) -> Callable[[], np.ndarray]:
         """What gives likely cameras (P,), another each time."""
@@ -116,6 +126,16 @@ class CameraSearch:
     def _tracker(self, at: np.ndarray) -> Tracker:
         film = Film(self._frames[at], self._plate)
         return Tracker(film, self._robot, self._geometry, at)
+
+
+def _first_sure(tracker: Tracker, start: np.ndarray) -> list[Judged]:
+    """Ends of fits that look farther and farther, until one is sure."""
+    found: list[Judged] = []
+    for off_px in (NEAR, MIDDLE, FAR):
+        found += _judged(tracker, start, off_px)
+        if found and found[-1][0].beyond_chance > _SURE:
+            break
+    return found
 
 
 def _judged(tracker: Tracker, start: np.ndarray, off_px: tuple[float, ...]) -> list[Judged]:

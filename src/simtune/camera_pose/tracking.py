@@ -14,8 +14,9 @@ from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
 
 # Pixels by which outlines are taken to be off, iteration by iteration: the robot is drawn in each.
-FAR = (16.0, 16.0, 16.0, 16.0, 8.0, 8.0, 8.0)
 NEAR = (5.0, 5.0, 5.0, 3.0, 3.0, 3.0)
+MIDDLE = (8.0, 8.0, 8.0, *NEAR)
+FAR = (16.0, 16.0, 16.0, *MIDDLE)
 FINE = (2.0, 2.0, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0)
 _BEYOND = 0.3  # of the range, how far beyond it a fit may go on its way
 _REACH = 2.5  # times that, how far edges are looked for
