@@ -338,11 +338,11 @@ def test_silhouettes_bring_a_camera_from_anywhere_near(filmed):
 
 
 def test_intervals_are_as_wide_as_errors_of_points_and_frames_say():
-    """One unknown, eight frames of two points each: Σ = 30 s² / n + 8/7 Σ_g (Σ r)² / n²."""
+    """One unknown, eight frames of two points each: 30 s² / n + 8/7 Σ_g (Σ r)² / n² + .3²."""
     by_frame = np.array([1, -1, 1, -1, 1, -1, 1, -1.0])
     off_px, frames = by_frame.repeat(2), np.arange(8).repeat(2)
     fit = Fit(np.array([0.5]), frames, np.ones(16), off_px, np.ones((16, 1)))
-    expected = 30 / 16 + 8 / 7 * 8 * 2**2 / 16**2
+    expected = 30 / 16 + 8 / 7 * 8 * 2**2 / 16**2 + 0.3**2
     np.testing.assert_allclose(covariance(fit), [[expected]], rtol=1e-6)
     precise = fit._replace(slopes=100 * fit.slopes)
     found = Found(precise, Alike(0.8, 0.2, 0.9), np.array([[0.5], [0.52]]))

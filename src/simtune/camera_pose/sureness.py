@@ -7,6 +7,7 @@ from simtune.camera_pose.search import Found
 from simtune.camera_pose.tracking import Alike, Fit
 
 _ALIKE = 30.0  # points err so much alike, in a frame and between frames, that as many count as one
+_SWOLLEN_PX = 0.3  # by which all outlines may be too large or too small: dark rims, compression
 # Of the outlines, that have to be on edges of their frame and not on those of another one: .4 to .6
 # are before simulated cameras that were found, .15 to .3 before a real one, up to .06 before wrong
 # ones.
@@ -32,20 +33,23 @@ def is_by_chance(alike: Alike) -> bool:
 
 
 def covariance(fit: Fit) -> np.ndarray:
-    """(P, P), of errors of points, and of errors that frames one after the other have in common.
+    """(P, P), of errors of points, of what frames one after the other have in common, and all.
 
-    With slopes A of N points, weights W, residuals r, and G stretches of frames (the latter after
-    Liang and Zeger 1986):
+    With slopes A of N points, weights W, residuals r, G stretches of frames (Liang and Zeger 1986)
+    and outlines that are all b pixels too large:
 
-        B = (AᵀWA)⁻¹,   c · rᵀWr / tr W · B  +  B [G / (G − 1) Σ_g s_g s_gᵀ] B,   s_g = A_gᵀ W_g r_g
+        B = (AᵀWA)⁻¹,   c · rᵀWr / tr W · B  +  B [G / (G − 1) Σ_g s_g s_gᵀ + b² v vᵀ] B
+        s_g = A_gᵀ W_g r_g,   v = AᵀW 1
     """
-    information = (fit.slopes.T * fit.weights) @ fit.slopes
+    weighted = fit.slopes.T * fit.weights
+    information = weighted @ fit.slopes
     slack = 1e-12 * np.trace(information) * np.eye(len(information))
     inverse = np.linalg.inv(information + slack)
     clusters = fit.frames * _CLUSTERS // (fit.frames.max() + 1)
     pulls = fit.slopes * (fit.weights * fit.off_px)[:, None]
     by_cluster = np.stack([pulls[clusters == one].sum(0) for one in range(_CLUSTERS)])
     by_cluster = by_cluster - by_cluster.mean(0)
-    common = _CLUSTERS / (_CLUSTERS - 1) * by_cluster.T @ by_cluster
+    swollen = _SWOLLEN_PX * weighted.sum(1)
+    common = _CLUSTERS / (_CLUSTERS - 1) * by_cluster.T @ by_cluster + np.outer(swollen, swollen)
     squared_px = float((fit.weights * fit.off_px**2).sum() / fit.weights.sum())
     return _ALIKE * squared_px * inverse + inverse @ common @ inverse
