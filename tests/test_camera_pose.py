@@ -32,7 +32,7 @@ ARM = """
   <option gravity="0 0 0"/>
   <worldbody>
     <light pos="0 -2 3" dir="0 .5 -1"/>
-    <geom name="floor" type="plane" size="3 3 .1" pos="0 0 -.4" rgba=".4 .5 .6 1"/>
+    <geom name="floor" type="plane" size="3 3 .1" pos="0 0 -.4" rgba=".9 .9 .8 1"/>
     <body name="upper">
       <joint name="shoulder" axis="0 0 1" damping="1"/>
       <joint name="lift" axis="0 1 0" damping="1"/>
@@ -292,7 +292,7 @@ def test_a_camera_near_by_is_found_by_edges_whatever_the_colours(filmed):
     found = filmed.tracker.fit(start, (*NEAR, *FINE))
     # Farther away and narrower looks alike, so what is told is where the robot is on the film.
     assert filmed.beside_px(start) > 10
-    assert filmed.beside_px(found.unit) < 1  # the dark rim of a round arm looks like the floor
+    assert filmed.beside_px(found.unit) < 0.5
     alike = filmed.tracker.alike(found.unit)
     assert alike.on_edges > 0.5
     assert alike.explained > 0.6
@@ -410,7 +410,7 @@ def test_check_finds_where_the_camera_is(task, filmed, tmp_path, monkeypatch, ca
     seen = observed(filmed.task, None, is_simulated=True)
     rng = np.random.default_rng(1)
     world = filmed.space.from_unit(filmed.truth)[None]
-    simulator = filmed.painted.simulator(image_size=128, supersampling=2)
+    simulator = filmed.painted.simulator(image_size=SIZE, supersampling=2)
     actions = rng.uniform(-1.2, 1.2, (3, 30, 3)).repeat(2, 1)
     rollouts = simulator.roll_out(np.repeat(world, 3, 0), actions, rng, seen.observe_beside())
     names = {"arm": ["shoulder", "lift", "elbow"]}
@@ -431,5 +431,5 @@ def test_check_finds_where_the_camera_is(task, filmed, tmp_path, monkeypatch, ca
     its = result["parameters"].items()
     assert sum(found["low"] <= truth[name] <= found["high"] for name, found in its) >= 5  # of 6
     off_m = [result["position_m"][i] - truth[f"camera_{axis}"] for i, axis in enumerate("xyz")]
-    assert np.linalg.norm(off_m) < 0.02
+    assert np.linalg.norm(off_m) < 0.02, off_m
     assert (tmp_path / "camera.toml").read_text() == tuning_table(result)

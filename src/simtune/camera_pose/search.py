@@ -2,7 +2,7 @@
 
 import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from simtune.camera_pose.tracking import FAR, FINE, MIDDLE, NEAR, Alike, Fit, Tr
 from simtune.errors import InputError
 from simtune.pictures import resize
 
-_STARTS = 3  # beside the given one, at the least
+_STARTS, _FEWEST_STARTS = 3, 2  # the given camera, and by silhouettes; the latter if time is short
 _STARTING = 0.5  # of the time: until then there are more, where no end is sure
 _SURE = 0.4  # by which more outlines are on edges than by chance
 _BESIDE = 0.05  # of the range
@@ -59,23 +59,13 @@ class CameraSearch:
 
         Raises InputError where none shows it.
         """
-        budget.report("looking where things move")
-        guess = self._silhouettes()
-        rough = self._tracker(self._spread(_ROUGH_PICTURES))
-        kept: list[Judged] = []
-        for number in itertools.count():
-            budget.report("laying the robot on the film", min(0.6, 0.1 + 0.1 * number))
-            kept += _first_sure(rough, self._start(number, kept, guess))
-            is_sure = max((alike.beyond_chance for alike, _ in kept), default=0) > _SURE
-            if budget.spent > _STARTING or (number >= _STARTS and is_sure):
-                break
-        kept = sorted(kept, key=_score)[-_KEPT:]
+        kept, fine = self._ends(budget), []
         if not kept:
             raise InputError(
                 "from nowhere within the range does the robot show where the film moves: give a "
                 "nearer guess, or a wider range (--within-m, --within-deg)"
             )
-        tracker, fine = self._tracker(self._choose(kept[-1][1].unit, budget.seconds_left)), []
+        tracker = self._tracker(self._choose(kept[-1][1].unit, budget.seconds_left))
         for number, (_, fit) in enumerate(kept):
             budget.report("laying the robot on the film", 0.7 + 0.3 * number / _KEPT)
             fine += _judged(tracker, fit.unit, FINE)
@@ -84,16 +74,40 @@ class CameraSearch:
         as_good = [fit.unit for its, fit in fine if its.score > _AS_GOOD * alike.score]
         return Found(best, alike, np.array([best.unit, *as_good]))
 
-    def _start(
-        self, number: int, ends: list[Judged], guess: Callable[[], np.ndarray]
-    ) -> np.ndarray:
-        """The camera that is given, then in turn one by silhouettes and one beside the best end."""
-        num = len(self._geometry.space)
-        if number == 0:
-            return np.full(num, 0.5)
-        if number % 2 or not ends:
-            return guess()
-        return max(ends, key=_score)[1].unit + _BESIDE * self._rng.normal(size=num)
+    def _ends(self, budget: Budget) -> list[Judged]:
+        """The best ones where rough fits end, the best last."""
+        budget.report("looking where things move")
+        ends: list[Judged] = []
+        tries = self._tries(ends, self._silhouettes())
+        rough = self._tracker(self._spread(_ROUGH_PICTURES))
+        for number in itertools.count():
+            is_over = number >= _FEWEST_STARTS and budget.spent > _STARTING
+            if is_over or (number >= _STARTS and _is_sure(ends)):
+                break
+            budget.report("laying the robot on the film", min(0.6, 0.1 + 0.1 * number))
+            start, schedules = next(tries)
+            for off_px in schedules:
+                ends += _judged(rough, start, off_px)
+                if _is_sure(ends[-1:]) or (number and budget.spent > _STARTING):
+                    break
+        return sorted(ends, key=_score)[-_KEPT:]
+
+    def _tries(
+        self, ends: list[Judged], guess: Callable[[], np.ndarray]
+    ) -> Iterator[tuple[np.ndarray, tuple[tuple[float, ...], ...]]]:
+        """From where to start, and how far to look from there: less far first.
+
+        The camera that is given, some by silhouettes, and some beside the best of `ends`.
+        """
+        given = np.full(len(self._geometry.space), 0.5)
+        yield given, (NEAR, MIDDLE)
+        yield guess(), (NEAR, MIDDLE, FAR)
+        yield guess(), (NEAR, MIDDLE, FAR)
+        yield given, (FAR,)
+        while True:
+            best = max(ends, key=_score)[1].unit if ends else given
+            yield best + _BESIDE * self._rng.normal(size=len(best)), (NEAR, MIDDLE)
+            yield guess(), (NEAR, MIDDLE, FAR)
 
     def _silhouettes(self) -> Callable[[], np.ndarray]:
         """What gives likely cameras (P,), another each time."""
@@ -128,14 +142,8 @@ class CameraSearch:
         return Tracker(film, self._robot, self._geometry, at)
 
 
-def _first_sure(tracker: Tracker, start: np.ndarray) -> list[Judged]:
-    """Ends of fits that look farther and farther, until one is sure."""
-    found: list[Judged] = []
-    for off_px in (NEAR, MIDDLE, FAR):
-        found += _judged(tracker, start, off_px)
-        if found and found[-1][0].beyond_chance > _SURE:
-            break
-    return found
+def _is_sure(ends: list[Judged]) -> bool:
+    return any(alike.beyond_chance > _SURE for alike, _ in ends)
 
 
 def _judged(tracker: Tracker, start: np.ndarray, off_px: tuple[float, ...]) -> list[Judged]:
