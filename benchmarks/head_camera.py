@@ -38,7 +38,7 @@ def main(
     task: Path = Path("examples/unitree_g1/with_camera.toml"),
     real: Path = Path("../shared/recordings/real_g1"),
     minutes: float = 3.0,
-    within_fov_deg: float = 3.0,
+    within_fov_deg: float = 0.0,
     picture: Path | None = None,
     record: Path | None = None,
     quick: bool = False,

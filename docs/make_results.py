@@ -33,6 +33,7 @@ ORDER = (  # on the page; other claims follow
     "arms",
     "motions",
     "aloha",
+    "camera_pose",
     "head_camera",
     "honesty",
     "robot_limits",
