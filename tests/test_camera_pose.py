@@ -376,6 +376,20 @@ def test_what_is_written_is_the_camera_in_a_tuning_file(filmed, tmp_path):
     np.testing.assert_allclose(camera.quat, result["quat"], atol=1e-9)
 
 
+def test_what_is_written_of_a_region_is_the_whole_picture_s_camera(task, options, tmp_path):
+    region = "region = { left = 10, top = 5, right = 50, bottom = 40, width = 64, height = 64 }"
+    text = TUNING.replace("field_of_view_deg = 50", f"field_of_view_deg = 50\n{region}")
+    (tmp_path / "tune.toml").write_text(text)
+    part = with_any_camera(loaded := load_task(task.source), loaded.cameras[0], options)
+    table = tuning_table(describe(part, found_at(np.full(6, 0.5)), FRAMES))
+    assert "field_of_view" not in table  # that of the file is of the whole picture, too
+    whole = load_task(str(tmp_path / "tune.toml")).load_model().camera("simtune_camera")
+    again = text[: text.index("[camera]")] + table + f"{region}\nfield_of_view_deg = 50\n"
+    (tmp_path / "tune.toml").write_text(again + text[text.index("[[sensors]]") :])
+    found = load_task(str(tmp_path / "tune.toml")).load_model().camera("simtune_camera")
+    np.testing.assert_allclose(found.quat, whole.quat, atol=1e-6)
+
+
 def test_a_camera_at_the_end_of_its_range_is_warned_of(filmed):
     result = describe(filmed.task, found_at(np.array([1.0, 0.5, 0.5, 0.5, 0.5, 0.5])), 9)
     (said,) = result["warnings"]

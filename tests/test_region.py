@@ -133,3 +133,12 @@ def test_a_camera_that_turns_by_itself_has_no_region(scene, load):
     (scene / "scene.xml").write_text(SCENE.replace('name="above"', 'name="above" mode="trackcom"'))
     with pytest.raises(ValueError, match="turns by itself"):
         load(TUNING.format(camera=f'camera = "above"\n{REGION}'))
+
+
+def test_a_turned_camera_can_be_turned_back(scene, load):
+    task = load(TUNING.format(camera=f"{POSED}\n{REGION}"))
+    lens, own = task.cameras[0].lens, load(TUNING.format(camera=POSED)).load_model()
+    turned = task.load_model().camera("simtune_camera").quat
+    whole = own.camera("simtune_camera").quat
+    assert np.abs(turned - whole).max() > 0.05
+    np.testing.assert_allclose(lens.from_region(turned), whole, atol=1e-9)

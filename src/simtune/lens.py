@@ -5,6 +5,7 @@ Of a region of interest, as a pinhole would that looks at its middle: turned abo
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from simtune.errors import InputError
 
+_OPENCV = np.diag([1.0, -1.0, -1.0])  # its axes in a camera's of MuJoCo
 _NEAR_ENOUGH = 1e-9  # of a direction, that is found by iterating
 _ITERATIONS = 200
 _FEWEST_POINTS, _POINTS_PER_PIXEL = 2, 2  # of each new pixel; of each old one, along an axis
@@ -90,6 +92,18 @@ class Lens:
         left, top, right, bottom = self.region
         x, y = self._towards([(left + right) / 2, (top + bottom) / 2])
         return Rotation.from_rotvec(math.atan(math.hypot(x, y)) * _unit(np.array([-y, x, 0.0])))
+
+    def towards_region(self, quaternion: Sequence[float]) -> list[float]:
+        """(4,) w, x, y, z of MuJoCo's camera behind this lens, to one that looks at the region."""
+        return _times(quaternion, self._turn_of_mujoco)
+
+    def from_region(self, quaternion: Sequence[float]) -> list[float]:
+        """The inverse of `towards_region`."""
+        return _times(quaternion, self._turn_of_mujoco.inv())
+
+    @property
+    def _turn_of_mujoco(self) -> Rotation:
+        return Rotation.from_matrix(_OPENCV @ self.turn.as_matrix() @ _OPENCV)
 
     @functools.cached_property
     def half_sides(self) -> tuple[float, float]:
@@ -181,6 +195,12 @@ def _areas(lens: Lens, height: int, width: int, size: tuple[int, int]) -> csr_ar
     new = (new_row[:, None] * columns + new_column).ravel()
     shares = np.full(len(old), times**-2, np.float32)
     return csr_array((shares, (new, old)), shape=(rows * columns, height * width))
+
+
+def _times(quaternion: Sequence[float], turn: Rotation) -> list[float]:
+    w, x, y, z = quaternion
+    x, y, z, w = (Rotation.from_quat([x, y, z, w]) * turn).as_quat().tolist()
+    return [w, x, y, z]
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

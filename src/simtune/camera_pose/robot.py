@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from simtune.camera_pose.geometry import CameraGeometry, Pose
-from simtune.camera_pose.scene import is_drawn, moves_before
+from simtune.camera_pose.scene import has_outlines, moves_before
 from simtune.simulation.depths import Depths
 
 _MESH, _EACH = mujoco.mjtGeom.mjGEOM_MESH.value, 4  # points of a geom
@@ -38,7 +38,7 @@ class Robot:
         self._geometry, self._moves = geometry, moves_before(model, camera)
         its = model.camera(camera)
         self._poses = [_poses(model, int(its.bodyid[0]), state) for state in states]
-        shown = is_drawn(model)
+        shown = has_outlines(model)
         self._depths = [Depths(model, camera, _smaller(geometry.size, by), shown) for by in (1, 2)]
         self._model = model
 

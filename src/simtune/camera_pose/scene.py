@@ -12,8 +12,8 @@ from simtune.observation import ObservationModel, joints_of
 from simtune.parameters import ParameterSpace, camera_pose, field_of_view
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
+from simtune.vision.keypoints import is_drawn
 
-_DRAWN_GROUPS = 3  # MuJoCo draws geoms of the first three; the others are for contacts
 _ENDLESS = (mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _LARGEST_FOV_DEG = 170.0
 
@@ -44,10 +44,9 @@ def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) ->
     return replace(task, parameters=ParameterSpace(camera), cameras=(footage,))
 
 
-def is_drawn(model: mujoco.MjModel) -> np.ndarray:
+def has_outlines(model: mujoco.MjModel) -> np.ndarray:
     """(ngeom,) bool: what a camera sees, but endless ground."""
-    drawn = (model.geom_group < _DRAWN_GROUPS) & (model.geom_rgba[:, 3] > 0)
-    return drawn & ~np.isin(model.geom_type, _ENDLESS)
+    return is_drawn(model) & ~np.isin(model.geom_type, _ENDLESS)
 
 
 def moves_before(model: mujoco.MjModel, camera: str) -> np.ndarray:
@@ -62,7 +61,7 @@ def moves_before(model: mujoco.MjModel, camera: str) -> np.ndarray:
             'a body: expected mode="fixed"'
         )
     fixed_to = model.body_weldid[model.geom_bodyid]
-    moves = is_drawn(model) & (fixed_to != model.body_weldid[its.bodyid[0]])
+    moves = has_outlines(model) & (fixed_to != model.body_weldid[its.bodyid[0]])
     if not moves.any():
         raise InputError(f"nothing that the model draws moves before camera {camera!r}")
     return moves

@@ -21,7 +21,11 @@ def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
     mean, low, high = (space.from_unit(np.clip(unit + sign * reach, 0, 1)) for sign in (0, -1, 1))
     model = task.load_model()
     ModelWriter(space, model).write(model, mean)
-    its = model.camera(task.cameras[0].camera)
+    its, lens = model.camera(task.cameras[0].camera), task.cameras[0].lens
+    # A lens says the field of view itself, and a camera in the world needs no body.
+    where = {} if lens else {"field_of_view_deg": float(its.fovy[0])}
+    if its.bodyid[0]:
+        where["body"] = model.body(its.bodyid[0]).name
     parameters = {
         p.name: {"unit": p.unit, "mean": mean[i], "low": low[i], "high": high[i]}
         for i, p in enumerate(space)
@@ -30,8 +34,8 @@ def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
         {
             "camera": task.cameras[0].name,
             "position_m": its.pos.tolist(),
-            "quat": its.quat.tolist(),
-            "field_of_view_deg": float(its.fovy[0]),
+            "quat": lens.from_region(its.quat) if lens else its.quat.tolist(),
+            **where,
             "parameters": parameters,
             "frames": num_frames,
             "warnings": _warnings(task, found),
@@ -69,6 +73,6 @@ def lines(result: dict[str, Any], path: object) -> list[str]:
 
 def tuning_table(result: dict[str, Any]) -> str:
     """The pose as a tuning file has it."""
-    keys = ("position_m", "quat", "field_of_view_deg")
-    rows = [f"{key} = {json.dumps(result[key])}" for key in keys]
+    keys = ("body", "position_m", "quat", "field_of_view_deg")
+    rows = [f"{key} = {json.dumps(result[key])}" for key in keys if key in result]
     return "\n".join(["[camera]", *rows, ""])

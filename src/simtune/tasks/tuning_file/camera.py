@@ -9,7 +9,7 @@ from simtune.errors import UnknownName
 from simtune.footage import Footage
 from simtune.tasks.tuning_file.footage import KEYS as FOOTAGE
 from simtune.tasks.tuning_file.footage import read_footage
-from simtune.tasks.tuning_file.region import own_fovy_deg, read_region, turn, turned
+from simtune.tasks.tuning_file.region import own_fovy_deg, read_region, turn
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _POSE = ("position_m", "look_at_m", "up", "quat", "field_of_view_deg", "body")
@@ -30,7 +30,7 @@ class FilmingCamera:
         """Also to one that was tuned and exported, where it is already."""
         name, lens = self.footage.camera, self.footage.lens
         if self.position_m:
-            quaternion = turned(self.quaternion, lens) if lens else self.quaternion
+            quaternion = lens.towards_region(self.quaternion) if lens else self.quaternion
             if before := spec.camera(name):
                 spec.delete(before)
             spec.body(self.body).add_camera(

@@ -1,19 +1,14 @@
 """A region of interest: a camera's part of a picture, as another camera at its place sees it."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import mujoco
-import numpy as np
-from scipy.spatial.transform import Rotation
 
 from simtune.errors import InputError
 from simtune.lens import Lens
 from simtune.tasks.tuning_file.toml_table import TomlTable
-
-_OPENCV = np.diag([1.0, -1.0, -1.0])  # its axes in a camera's of MuJoCo
 
 
 def read_region(table: TomlTable, lens: Lens | None, fovy_deg: float) -> Lens | None:
@@ -30,14 +25,6 @@ def read_region(table: TomlTable, lens: Lens | None, fovy_deg: float) -> Lens | 
     with table.at("region"):
         lens.check()
     return lens
-
-
-def turned(quaternion: Sequence[float], lens: Lens) -> list[float]:
-    """(4,) w, x, y, z of a camera that looks at the lens's region; as it was without one."""
-    turn = Rotation.from_matrix(_OPENCV @ lens.turn.as_matrix() @ _OPENCV)
-    w, x, y, z = quaternion
-    x, y, z, w = (Rotation.from_quat([x, y, z, w]) * turn).as_quat()
-    return [w, x, y, z]
 
 
 def turn(spec: mujoco.MjSpec, name: str, lens: Lens) -> None:
@@ -58,7 +45,7 @@ def turn(spec: mujoco.MjSpec, name: str, lens: Lens) -> None:
         raise InputError(f"camera {name} turns by itself: a region needs one that is fixed")
     known, body = {"region": lens.region, "fovy_deg": float(before.fovy)}, before.parent
     spec.delete(before)
-    body.add_camera(name=name, pos=its.pos, quat=turned(its.quat, lens), fovy=lens.fovy_deg)
+    body.add_camera(name=name, pos=its.pos, quat=lens.towards_region(its.quat), fovy=lens.fovy_deg)
     spec.add_text(name=_text(name), data=json.dumps(known))
 
 
