@@ -52,7 +52,7 @@ def record(
         quality=OPENGL_DM_CONTROL,
     )
     rng, world, num_steps = np.random.default_rng(config.seed), parameters[None], task.episode_steps
-    seen = observed(task, None, is_simulated=True)
+    seen = observed(replace(task, looks_at=None), None, is_simulated=True)  # all there is
 
     def play() -> Rollouts:
         act = _actor(config.policy, trained, simulator, world, num_steps, rng)

@@ -47,19 +47,23 @@ class Observes:
     """What of it is looked at; a command that does not ask looks at pictures alone."""
 
     observe: str | None = None
-    """What to look at, NAME,NAME,...: `cameras`, `joints` (all of [[sensors]]), or cameras and
-    sensors by name;
-    by default all that the tuning file declares."""
-
-    image_size: int | None = None
-    """Pixels of the height at which pictures are looked at; by default 64, or 100 by the paper's
-    search. Time grows with its square."""
+    """What to look at, NAME,NAME,...: `cameras`, `joints` (all sensors), or cameras and sensors by
+    name; by default all that the tuning file declares, and of a built-in task its camera alone."""
 
     @property
     def observed(self) -> tuple[str, ...] | None:
         if self.observe is None:
             return None
         return tuple(name.strip() for name in self.observe.split(","))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservesSized(Observes):
+    """The same, and how large pictures are."""
+
+    image_size: int | None = None
+    """Pixels of the height at which pictures are looked at; by default 64, or 100 by the paper's
+    search. Time grows with its square."""
 
     def check_image_size(self) -> None:
         """Raises InputError for one that no search can look at."""

@@ -8,7 +8,7 @@ from tyro.conf import Positional, arg
 
 from simtune.config.checks import at_least, check_seed, flag
 from simtune.config.prints import Prints
-from simtune.config.real import RealConfig
+from simtune.config.real import Observes, RealConfig
 from simtune.errors import InputError
 
 Method = Literal["autotune", "regression", "dr", "oracle"]
@@ -16,7 +16,7 @@ UNTUNED = ("dr", "oracle")  # these search for nothing
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainConfig(Prints, RealConfig):
+class TrainConfig(Prints, Observes, RealConfig):
     """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
 
     Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
@@ -79,6 +79,8 @@ class TrainConfig(Prints, RealConfig):
             raise InputError("--pretrain-steps goes with --method autotune or regression")
         if self.method == "oracle" and self.real != "pseudo":
             raise InputError("--method oracle needs --real pseudo: other truths are unknown")
+        if self.observe and self.method in UNTUNED:
+            raise InputError("--observe goes with --method autotune or regression")
         if self.search and self.method != "autotune":
             raise InputError("--search goes with --method autotune only")
 

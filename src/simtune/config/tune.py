@@ -9,13 +9,13 @@ from tyro.conf import Positional, arg
 from simtune.config.camera_pose import CameraPoseOptions
 from simtune.config.checks import at_least, check_seed
 from simtune.config.prints import Prints
-from simtune.config.real import Observes, RealConfig, RecordingsConfig
+from simtune.config.real import ObservesSized, RealConfig, RecordingsConfig
 from simtune.errors import InputError
 from simtune.names import SearchName
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneConfig(Prints, Observes, RealConfig):
+class TuneConfig(Prints, ObservesSized, RealConfig):
     """Find a simulator's parameters from video and actions of the real world.
 
     Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
@@ -57,7 +57,7 @@ class TuneConfig(Prints, Observes, RealConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckConfig(Prints, Observes, CameraPoseOptions, RecordingsConfig):
+class CheckConfig(Prints, ObservesSized, CameraPoseOptions, RecordingsConfig):
     """Say, before any training, what each parameter changes and what recordings can tell of it.
 
     Takes seconds, beside reading recordings. What a parameter "shows" is the best that can be

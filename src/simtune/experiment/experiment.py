@@ -144,7 +144,7 @@ def build_world(
     if not trained:
         check_asked(config.out, outcome.asked(config, task))
     if trained and config.real != "pseudo":
-        seen = observed(task, None, is_simulated=False)
+        seen = observed(task, config.observed, is_simulated=False)
         real, truth = ClosedReal(trained["step_s"], seen), None
         start = task.parameters.nominal.copy()
     else:
@@ -228,7 +228,8 @@ def build_search(world: World, name: SearchName, settings: Settings) -> Search:
 def _search_readings(world: World, name: SearchName) -> Search:
     if name != "posterior":
         raise InputError(f"--search {name} looks at pictures: have a camera observed")
-    assert isinstance(world.config, TuneConfig), "a policy on pixels has a camera"
+    if not isinstance(world.config, TuneConfig):
+        raise InputError("a policy acts on pictures: have --observe name cameras too")
     shown = [p.name for p in world.space if p.is_appearance]
     if shown and not world.task.cameras:
         raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")

@@ -40,6 +40,7 @@ class OpenLoop:
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
         self.start_tangents = tangents
+        self.unseen: tuple[str, ...] = ()  # joints that begin anywhere, where no sensor looks
 
     @classmethod
     def of(
@@ -56,12 +57,15 @@ class OpenLoop:
         begun = simulator.roll_out(np.repeat(start[None], 2, 0), still, rng, keep_diverged=True)
         sensors, space = joints_of(observation.sensors), simulator.state_space
         state, another = space.positions_and_velocities(begun.states[:, 0])
+        differs = (state != another)[: simulator.model.nq]
         for number, place in enumerate(_loose(simulator.model)):
             if not np.array_equal(state[place : place + 3], another[place : place + 3]):
                 state[place] += (1 + number) * _FAR_AWAY * simulator.model.stat.extent
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
         physics = Physics(simulator, observation.observe_beside(), full_state)
-        return cls(physics, sensors, np.flatnonzero(~simulator.space.is_appearance))
+        loop = cls(physics, sensors, np.flatnonzero(~simulator.space.is_appearance))
+        loop.unseen = _unseen(simulator.model, differs, loop._places)
+        return loop
 
     def by_starts_alone(self) -> "OpenLoop":
         """The same, derived by no parameter."""
@@ -139,6 +143,20 @@ class OpenLoop:
         return predicted.reshape(*shape, *predicted.shape[1:]), full_states[:, 0].reshape(
             *shape, -1
         )
+
+
+def _unseen(model: mujoco.MjModel, differs: np.ndarray, measured: np.ndarray) -> tuple[str, ...]:
+    """Joints of which a position (nq,) differs from episode to episode, and none is measured.
+
+    But for objects that lie anywhere, as `_loose` has them.
+    """
+    differs = differs.copy()
+    differs[measured] = False
+    for place in _loose(model):
+        differs[place : place + 7] = False
+    ends = [*model.jnt_qposadr[1:], model.nq]
+    its = enumerate(zip(model.jnt_qposadr, ends, strict=True))
+    return tuple(model.joint(j).name for j, (start, end) in its if differs[start:end].any())
 
 
 def _loose(model: mujoco.MjModel) -> list[int]:

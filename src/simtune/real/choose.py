@@ -58,6 +58,10 @@ def choose_real(
         )
         return real, truth.wrong_start(config.seed, config.start_factor), truth
     if config.real in ROBOTS:
+        if observed(task, config.observed, is_simulated=False).sensors:
+            raise InputError(
+                f"--real {config.real} films, and hands out no readings yet: give --observe cameras"
+            )
         return _robot(config, task, image_size, out), space.nominal.copy(), None
     seen = observed(task, config.observed, is_simulated=False)
     dataset = open_recordings(config.real, task, config, image_size, seen)
@@ -84,7 +88,7 @@ def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None)
 
 
 def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) -> ObservationModel:
-    """What is observed of a task's real world; `names`: of `--observe`, None for all there is.
+    """What is observed of a task's real world; `names`: of `--observe`, None for the usual.
 
     Raises InputError where there is no such sensor, or nothing is left.
     """
@@ -95,7 +99,8 @@ def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) 
         if name not in there:
             raise UnknownName("sensor", name, f"{task.name}, as --observe has it", there)
     of = ObservationModel.of_simulator if is_simulated else ObservationModel.of_reality
-    return of(tuple(sensors), task.cameras).only(there if names is None else names)
+    usual = task.looks_at if isinstance(task, Task) else None
+    return of(tuple(sensors), task.cameras).only((usual or there) if names is None else names)
 
 
 def open_recordings(

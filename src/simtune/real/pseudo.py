@@ -46,7 +46,7 @@ class PseudoReal(RealWorld):
             camera = gap.camera(simulator.step_s, rng) if gap else None
             stacker = FrameStacker(simulator, worlds, episode_steps, num_stacked, camera)
             delay_steps = gap.delay_steps if gap else 0
-            return _film_policy(simulator, worlds, stacker, policy, delay_steps, rng)
+            return _film_policy(simulator, worlds, stacker, policy, delay_steps, seen, rng)
 
         self._film, self._run_policy, self._seed = film, run_policy, seed
 
@@ -117,6 +117,7 @@ def _film_policy(
     stacker: FrameStacker,
     policy: PixelPolicy,
     delay_steps: int,
+    observation: ObservationModel,
     rng: np.random.Generator,
 ) -> list[Trajectory]:
     """Episodes of a policy in (n, N) worlds, which `stacker` films; those that diverge left out.
@@ -132,9 +133,16 @@ def _film_policy(
         return actions
 
     act = acting_late(command, delay_steps, len(worlds), num_actions)
-    rollouts = simulator.play(worlds, act, num_steps, rng)
+    see = observation.observe_beside() if observation.sensors else None
+    rollouts = simulator.play(worlds, act, num_steps, rng, observe=see)
     stacker.draw(num_steps, rollouts.states[:, -1])
+    readings = observation.readings(rollouts.observed, rng)
     return [
-        Trajectory(stacker.frames[i], commands[i], simulator.step_s)
+        Trajectory(
+            stacker.frames[i],
+            commands[i],
+            simulator.step_s,
+            {name: values[i] for name, values in readings.items()},
+        )
         for i in rollouts.finished().index
     ]

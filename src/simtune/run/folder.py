@@ -25,6 +25,7 @@ import safetensors.torch
 import torch
 
 from simtune.errors import InputError
+from simtune.networks import under
 from simtune.run import checkpoint
 from simtune.run.config import check_same, stored_config, versions
 from simtune.run.files import (
@@ -176,6 +177,8 @@ class RunFolder:
         for i, trajectory in enumerate(trajectories):
             tensors[f"{i}.frames"] = torch.from_numpy(np.ascontiguousarray(trajectory.frames))
             tensors[f"{i}.actions"] = torch.from_numpy(np.ascontiguousarray(trajectory.actions))
+            for name, values in trajectory.readings.items():
+                tensors[f"{i}.readings.{name}"] = torch.from_numpy(np.ascontiguousarray(values))
         (self.path / "real").mkdir(exist_ok=True)
         write_atomically(self._real(cycle), safetensors.torch.save(tensors))
 
@@ -189,9 +192,8 @@ class RunFolder:
                 f"{path} is damaged ({error}), and what it showed cannot be filmed again: "
                 "give another --out to start anew"
             ) from None
-        count = len(tensors) // 2
-        pairs = [(tensors[f"{i}.frames"], tensors[f"{i}.actions"]) for i in range(count)]
-        return [Trajectory(f.numpy(), a.numpy(), step_s) for f, a in pairs]
+        count = sum(name.endswith(".actions") for name in tensors)
+        return [_trajectory(under(f"{i}.", tensors), step_s) for i in range(count)]
 
     def _real(self, cycle: int) -> Path:
         return self.path / "real" / f"{cycle:03d}.safetensors"
@@ -290,3 +292,8 @@ def _lock(path: Path) -> int:
     except OSError as error:  # a file system without locks
         log.warning("%s cannot be locked (%s): keep other runs out of it", path, error.strerror)
     return descriptor
+
+
+def _trajectory(tensors: Mapping[str, torch.Tensor], step_s: float) -> Trajectory:
+    readings = {name: values.numpy() for name, values in under("readings.", tensors).items()}
+    return Trajectory(tensors["frames"].numpy(), tensors["actions"].numpy(), step_s, readings)

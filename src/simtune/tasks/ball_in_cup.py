@@ -27,6 +27,7 @@ def catch() -> Task:
         parameters,
         description="swing a ball on a string into the cup",
         camera="cam0",
+        encoders=("cup_x", "cup_z"),
         control_timestep_s=0.02,
         action_repeat=4,
         initialize=_initialize,

@@ -30,6 +30,7 @@ def balance() -> Task:
         parameters,
         description="keep the pole on the cart upright",
         camera="fixed",
+        encoders=("slider",),
         control_timestep_s=0.01,
         action_repeat=8,
         initialize=_initialize,

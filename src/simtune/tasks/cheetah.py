@@ -13,6 +13,7 @@ _RUN_SPEED_M_S = 10.0
 _TOTAL_MASS_KG = 14.0
 _STABILISING_STEPS = 200  # physics steps before the episode, to fall onto the ground
 _BODIES = ("torso", "bthigh", "bshin", "bfoot", "fthigh", "fshin", "ffoot")
+_ENCODERS = _BODIES[1:]  # joints are called as the bodies that they move
 _GEOMS = (*_BODIES, "head")  # each body has a geom of the same name
 
 
@@ -28,6 +29,7 @@ def run() -> Task:
         _load_spec,
         description="run forward as fast as 10 m/s",
         camera="side",
+        encoders=_ENCODERS,
         control_timestep_s=0.01,
         action_repeat=4,
         initialize=_initialize,

@@ -32,6 +32,7 @@ def spin() -> Task:
         _load_spec,
         description="flick a free spinner so that it turns faster than 15 rad/s",
         camera="cam0",
+        encoders=("proximal", "distal"),
         control_timestep_s=0.02,
         action_repeat=2,
         initialize=_initialize,

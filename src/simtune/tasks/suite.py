@@ -14,8 +14,11 @@ import mujoco
 import numpy as np
 
 from simtune.footage import Footage
+from simtune.observation import JointSensor
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.tasks.task import Task
+
+_ENCODER_NOISE = 1e-3  # rad or m
 
 
 def suite_task(
@@ -24,15 +27,38 @@ def suite_task(
     load_spec: Callable[[], mujoco.MjSpec] | None = None,
     *,
     camera: str,
+    encoders: tuple[str, ...],
     **rest: Any,
 ) -> Task:
-    """The suite's task of its model NAME.xml; `camera` films; `rest`: what else it is."""
+    """The suite's task of its model NAME.xml; `camera` films; `rest`: what else it is.
+
+    `encoders`: joints that have one; they are read where --observe names them.
+    """
+    load_spec = load_spec or partial(load_suite_spec, name)
     return Task(
         name=name,
-        load_spec=load_spec or partial(load_suite_spec, name),
+        load_spec=load_spec,
         parameters=ParameterSpace(parameters, where=name),
         cameras=(Footage(camera=camera, name=camera),),
+        sensors=(_encoders(load_spec().compile(), encoders),),
+        looks_at=("cameras",),
         **rest,
+    )
+
+
+def _encoders(model: mujoco.MjModel, joints: tuple[str, ...]) -> JointSensor:
+    """Of joints that are all hinges or all slides, and whose zero is where the model has it."""
+    is_hinge = model.joint(joints[0]).type[0] == mujoco.mjtJoint.mjJNT_HINGE
+    return JointSensor(
+        name="encoders",
+        columns=joints,
+        joints=joints,
+        places=np.array([model.joint(joint).qposadr[0] for joint in joints]),
+        unit="rad" if is_hinge else "m",
+        factor=np.ones(len(joints)),
+        shift=np.zeros(len(joints)),
+        noise=_ENCODER_NOISE,
+        offset=np.zeros(len(joints)),
     )
 
 

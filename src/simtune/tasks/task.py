@@ -63,6 +63,8 @@ class Task:
     parameters: ParameterSpace
     cameras: tuple[Footage, ...]  # what films, and how; none: only sensors measure
     sensors: tuple[JointSensor, ...] = ()  # what is measured beside pictures, if recordings have it
+    # Of cameras and sensors, what is looked at unless other names are asked for; None: all of it
+    looks_at: tuple[str, ...] | None = None
     control_timestep_s: float  # an action is held for action_repeat of these
     action_repeat: int
     episode_steps: int = 200  # policy steps

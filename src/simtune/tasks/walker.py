@@ -13,6 +13,7 @@ _WALK_SPEED_M_S = 1.0
 # Each body has one geom, of the same name.
 _LEGS = [f"{side}_{part}" for side in ("right", "left") for part in ("thigh", "leg", "foot")]
 _BODIES = ("torso", *_LEGS)
+_ENCODERS = tuple(f"{side}_{j}" for side in ("right", "left") for j in ("hip", "knee", "ankle"))
 
 
 def walk() -> Task:
@@ -26,6 +27,7 @@ def walk() -> Task:
         parameters,
         description="walk upright on two legs at 1 m/s",
         camera="side",
+        encoders=_ENCODERS,
         control_timestep_s=0.025,
         action_repeat=2,
         initialize=_initialize,

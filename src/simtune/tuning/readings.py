@@ -11,7 +11,7 @@ begins. A single round is all there is:
 """
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,8 +27,19 @@ from simtune.trajectory import Trajectory
 from simtune.tuning.readings_fits import FEWEST_STEPS, Horizons, ReadingsFits, unexplained
 from simtune.tuning.readings_verdict import conclude
 from simtune.tuning.rounds import half_widths, is_precise
-from simtune.tuning.search import Event, Round, SearchContext, TellEarly, tell_nobody
+from simtune.tuning.search import (
+    Event,
+    Round,
+    SearchContext,
+    TellEarly,
+    at_most_weak,
+    tell_nobody,
+)
 
+_UNSEEN = (
+    "Where {} begins no sensor measures, and it differs from episode to episode: readings alone "
+    "cannot be replayed from there. Measure it, or look at a camera as well."
+)
 _WHOLE_SEARCH = 15.0  # times as long as derivatives of whole episodes take
 
 
@@ -101,8 +112,15 @@ class ReadingsSearch:
         budget.report("judging how sure that is", 0.9)
         judged = fit.judge(found.best, budget)
         is_explained = not unexplained(judged.noise, loop.sensors).any()
-        self.is_trusted = found.is_sure and bool(is_explained)
+        self.is_trusted = found.is_sure and bool(is_explained) and not loop.unseen
         estimate, self.distribution = conclude(judged, found, self.first, context.observation, late)
+        if loop.unseen:
+            warning = _UNSEEN.format(", ".join(loop.unseen))
+            estimate = replace(
+                estimate,
+                verdict=at_most_weak(estimate.verdict),
+                warnings=[*estimate.warnings, warning],
+            )
         precision = self.config.precision
         is_known = precision and is_precise(half_widths(estimate, self.first), precision)
         known = f"every parameter is known to {100 * precision:g} %"

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import PointEstimate
+from simtune.fit import OpenLoop, PointEstimate
 from simtune.fit.uncertainty import tell_apart
 from simtune.observation import joints_of
 from simtune.randomization import Distribution
@@ -39,10 +39,16 @@ class Told:
     def by_readings(
         cls, context: SearchContext, real: list[Trajectory], budget: Budget
     ) -> "Told | None":
-        """None where nothing is read, or nothing moves that readings could tell."""
-        space = context.simulator.space
-        is_readable = bool(joints_of(context.observation.sensors)) and not space.is_appearance.all()
-        if not is_readable or not isinstance(context.simulator, Simulator):
+        """None where nothing is read, or nothing moves that readings could tell.
+
+        Nor where joints begin anywhere that no sensor measures, such as a walker's torso: whole
+        episodes cannot be replayed then, but windows can, whose states pictures show.
+        """
+        simulator, seen = context.simulator, context.observation
+        is_readable = bool(joints_of(seen.sensors)) and not simulator.space.is_appearance.all()
+        if not is_readable or not isinstance(simulator, Simulator):
+            return None
+        if OpenLoop.of(simulator, seen, context.start).unseen:
             return None
         search = ReadingsSearch(context, ReadingsConfig(precision=0.0))
         estimate = search.run_round(real, budget).estimate
