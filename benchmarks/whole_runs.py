@@ -29,6 +29,7 @@ from whole.variants import load
 _COLUMNS = {
     "task": "{task}",
     "minutes": "{minutes:g}",
+    "looked at": "{observe}",
     "runs": "{runs}",
     "held": "{coverage:.0%}",
     "least held": "{lowest:.0%}",
@@ -49,6 +50,7 @@ def main(
     cores_per_run: Literal["1", "2", "half"] = "1",
     jobs: int = 2,
     gap: bool = False,
+    observe: str | None = None,
     out: Path = Path("runs/whole_runs"),
     lines: Path | None = None,
     keep: bool = False,
@@ -67,6 +69,7 @@ def main(
         cores_per_run: half: runs of even numbers have one core, others two.
         jobs: Runs at a time, as far as cores suffice: each has its own.
         gap: Through a reality gap (simtune tune --real-gap).
+        observe: Also readings: cameras,joints (simtune tune --observe).
         out: Folder for the runs' folders.
         lines: Folder for the lines; by default OUT.
         keep: Leave the runs' folders there.
@@ -87,6 +90,7 @@ def main(
                 minutes=minutes,
                 episodes=real_episodes,
                 gap=gap,
+                observe=observe,
                 quick=quick,
             )
             for seed in range(seeds_from, seeds_from + runs)  # so that what is there is balanced
@@ -113,11 +117,13 @@ def summarize(asked: list[WholeRun], known: Lines, record: Path | None, quick: b
         own = [line for run in asked if run.task == task for line in known.of_run(run)]
         failed += failures(own)
         figures = summary(own, load(task).parameters)
-        settings: dict[str, Any] = {"task": task, "minutes": asked[0].minutes, "gap": asked[0].gap}
+        first = asked[0]
+        settings: dict[str, Any] = {"task": task, "minutes": first.minutes, "gap": first.gap}
+        settings["observe"] = first.observe or "cameras"
         rows.append(settings | figures)
         print(f"{task}: {figures}", file=sys.stderr)
     measured = [row for row in rows if row["runs"]]
-    record_figures(record, ("task", "minutes", "gap"), measured, _COLUMNS)
+    record_figures(record, ("task", "minutes", "gap", "observe"), measured, _COLUMNS)
     for what in failed:
         print(f"failed: {what}", file=sys.stderr)
     about = {"benchmark": "whole_runs", "quick": quick, **machine()}

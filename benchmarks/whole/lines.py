@@ -13,7 +13,7 @@ from simtune.run.files import append_jsonl, keep_lines, read_jsonl
 from whole.run import Ended, WholeRun
 
 _DIGITS = 4  # of figures: lines are committed, and should be small
-_SETTINGS = ("task", "seed", "cores", "minutes", "episodes", "gap", "precision")
+_SETTINGS = ("task", "seed", "cores", "minutes", "episodes", "gap", "precision", "observe")
 
 Line = dict[str, Any]
 

@@ -31,11 +31,12 @@ class WholeRun:
     episodes: int
     gap: bool = False
     precision: float | None = None  # percent; None: the command's own
+    observe: str | None = None  # None: as the task has it, its camera alone
     quick: bool = False  # a search of seconds that finds nothing
 
     @property
     def name(self) -> str:
-        return f"{self.task}-{self.seed}"
+        return "-".join([self.task, str(self.seed), *[self.observe] * (self.observe is not None)])
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -49,6 +50,8 @@ class WholeRun:
         options = ["--real-parameters", str(world), "--real-episodes", str(self.episodes)]
         options += ["--budget-minutes", str(self.minutes), "--seed", str(self.seed)]
         options += ["--out", str(out), *["--real-gap"] * self.gap]
+        if self.observe is not None:
+            options += ["--observe", self.observe]
         if self.precision is not None:
             options += ["--precision", str(self.precision)]
         return [*program, "tune", self.task, *options]

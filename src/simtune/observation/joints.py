@@ -20,6 +20,7 @@ class JointSensor:
     columns: tuple[str, ...]  # (D,) of recordings, or one that stands for all
     joints: tuple[str, ...]  # (D,)
     places: np.ndarray  # (D,) in a state's positions, or in its velocities
+    plays: np.ndarray | None = None  # (D,) the same of the joints' backlash: what is read has both
     is_velocity: bool = False
     unit: str = "rad"  # of readings as a fit has them; one for all
     # (D,) what was recorded is `shift` + `factor` times that
@@ -75,7 +76,9 @@ class JointSensor:
 
     def observe(self, batch: Any) -> np.ndarray:
         """(n, D) of n simulated worlds."""
-        return (batch.qvel if self.is_velocity else batch.qpos)[:, self.places]
+        values = batch.qvel if self.is_velocity else batch.qpos
+        read = values[:, self.places]
+        return read if self.plays is None else read + values[:, self.plays]
 
     def measure(self, observed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(..., D) readings with noise."""

@@ -13,6 +13,8 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
+from simtune.parameters.backlash import driven_through
+
 # What tells a value: pixels, while nothing moves by it; any single picture; or motion alone.
 Shows = Literal["appearance", "picture", "motion"]
 _FACTOR = 10.0  # how far to search a positive number to either side, on a log scale
@@ -57,9 +59,9 @@ class Kind:
     component: int | None = None  # None: the whole row
     asks_component: bool = False  # the file may say another one
     makes: Literal["number", "rgb", "pose"] = "number"
-    # What the field holds of a value v: v itself, −v, −v and v as the ends of a range, or v more
-    # than the model has there.
-    form: Literal["itself", "negative", "range", "shift"] = "itself"
+    # What the field holds of a value v: v itself, −v, −v and v as the ends of a range, −v / 2 and
+    # v / 2 as such, or v more than the model has there.
+    form: Literal["itself", "negative", "range", "play", "shift"] = "itself"
     is_apart: bool = False  # what is said of the field holds for this kind, not for `field = NAME`
 
 
@@ -146,6 +148,11 @@ class Field:
             return f"{name} is neither a hinge nor a slide, so it has no one zero"
         if self.form == "negative" and model.actuator_biasprm[rows, 1].item() >= 0:
             return f"{name} is no servo of positions (<position>), so it has no damping of its own"
+        if self.form == "play" and driven_through(model, int(rows[0])) < 0:
+            return (
+                f"{name} is no play between a motor and what it moves: declare [[backlash]] with "
+                f'joint = "{name}", and its play is "{name}_backlash"'
+            )
         if self.is_lag and model.actuator_dyntype[rows].item() not in _FOLLOWS:
             return f"{name} has dynamics of its own (dyntype), so it can have no lag"
         return ""
@@ -203,6 +210,8 @@ _TABLE = (  # kinds in the order in which messages name them
     Field("jnt_stiffness", "N·m/rad", "N/m", kind=Kind("stiffness"), is_never_negative=True),
     Field("qpos0", "rad", "m", within=0.1, within_of_slides=0.02, carries="qpos_spring",
           kind=Kind("joint_offset", form="shift", is_apart=True)),
+    Field("jnt_range", "rad", "m", is_never_negative=True,
+          kind=Kind("backlash", form="play", is_apart=True)),
     Field("tendon_range", "m", kind=Kind("tendon_length", 1)),
     Field("tendon_damping", "N·s/m", kind=Kind("tendon_damping"), is_never_negative=True),
     Field("tendon_stiffness", "N/m", kind=Kind("tendon_stiffness"), is_never_negative=True),

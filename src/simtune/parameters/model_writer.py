@@ -112,6 +112,8 @@ def _write_one(fields, parameter: Parameter, index: tuple, nominal, values: np.n
         shaped = before * shaped
     elif info.form == "range":
         shaped = shaped * [-1, 1]
+    elif info.form == "play":
+        shaped = shaped * [-0.5, 0.5]
     elif info.form == "negative":
         shaped = -shaped
     elif info.form == "shift":

@@ -98,6 +98,8 @@ def _without_form(model: mujoco.MjModel, parameter: Parameter, values: np.ndarra
     """
     if parameter.field_info.form == "negative":
         return -values
+    if parameter.field_info.form == "play":
+        return values[:, 1] - values[:, 0]
     for name, is_limited, (low, high) in zip(
         parameter.objects, _has_own(model, parameter), values, strict=True
     ):

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from simtune.errors import UnknownName
+from simtune.parameters.backlash import driven_through
 from simtune.parameters.fields import HINGE_OR_SLIDE
 from simtune.tasks.tuning_file.object_names import find_keyframe
 from simtune.tasks.tuning_file.start import Spread, Start
@@ -45,7 +46,7 @@ def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, 
     near = _NEAR * model.stat.extent
     positions, turns, tied = [], [], _tied(model)
     for joint in range(model.njnt):
-        if joint in tied:
+        if joint in tied or driven_through(model, joint) >= 0:
             continue
         kind, at = model.jnt_type[joint], int(model.jnt_qposadr[joint])
         if kind in HINGE_OR_SLIDE and model.jnt_limited[joint]:

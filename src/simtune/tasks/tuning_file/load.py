@@ -17,7 +17,7 @@ from simtune.tasks.tuning_file.toml_table import read_toml, usual_name
 
 _KEYS = ("model", "name", "description", "camera", "cameras", "control_timestep_s", "action_repeat")
 _KEYS += ("episode_steps", "fixed_joints", "fixed_pose", "actuators", "actions", "initial_state")
-_KEYS += ("policy", "parameters", "sensors")
+_KEYS += ("policy", "parameters", "sensors", "backlash")
 _MOST_SUBSTEPS = 2000
 
 

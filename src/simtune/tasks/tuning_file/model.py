@@ -8,6 +8,7 @@ import mujoco
 
 from simtune.errors import InputError, one_line
 from simtune.tasks.tuning_file.actuators import add_actuators
+from simtune.tasks.tuning_file.backlash import add_backlash
 from simtune.tasks.tuning_file.fixed_joints import fix_joints
 from simtune.tasks.tuning_file.name_all import name_all
 from simtune.tasks.tuning_file.toml_table import TomlTable
@@ -30,6 +31,7 @@ def read_model(file: TomlTable) -> mujoco.MjSpec:
         _find_packages(spec, path)
         name_all(spec)
         fix_joints(file, spec)
+        add_backlash(file, spec)
         add_actuators(file, spec)
         spec.compile()
     except InputError:

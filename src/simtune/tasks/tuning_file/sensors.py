@@ -4,11 +4,13 @@ import mujoco
 import numpy as np
 
 from simtune.observation import JointSensor
+from simtune.parameters.backlash import play_of
 from simtune.parameters.fields import HINGE_OR_SLIDE
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _KEYS = ("name", "columns", "joints", "quantity", "unit", "noise", "offset", "latency_s")
+_KEYS += ("behind_backlash",)
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 _LONGEST_LATENCY_S = 1.0
 # What a recorded number has to be divided by
@@ -53,11 +55,15 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         bound = f"lie in [0, {_LONGEST_LATENCY_S:g}] s"
         raise entry.error(f"latency_s must {bound}, got {latency_s:g}", "latency_s")
     addresses = model.jnt_dofadr if is_velocity else model.jnt_qposadr
+    plays = None
+    if entry.flag("behind_backlash", default=False):
+        plays = addresses[_plays(entry, model, ids)].copy()
     return JointSensor(
         name=entry.text("name"),
         columns=columns,
         joints=names,
         places=addresses[ids].copy(),
+        plays=plays,
         is_velocity=is_velocity,
         unit=_own_unit(model, ids) + "/s" * is_velocity,
         factor=factor,
@@ -66,6 +72,15 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         offset=None if offset is None else offset / factor,
         latency_s=latency_s,
     )
+
+
+def _plays(entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray) -> list[int]:
+    """(D,) joints that are the play of each."""
+    plays = [play_of(model, joint) for joint in ids]
+    if min(plays) < 0:
+        name = model.joint(int(ids[int(np.argmin(plays))])).name
+        raise entry.error(f"{name} has no backlash: declare [[backlash]] for it", "behind_backlash")
+    return plays
 
 
 def _own_unit(model: mujoco.MjModel, ids: np.ndarray) -> str:

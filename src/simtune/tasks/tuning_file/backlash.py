@@ -1,0 +1,70 @@
+"""The tables [[backlash]] of a tuning file: play between motors and what they move."""
+
+import mujoco
+import numpy as np
+
+from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.tasks.tuning_file.object_names import find_objects
+from simtune.tasks.tuning_file.toml_table import TomlTable
+
+_USUAL_RAD = 0.01  # half a degree or so: a hobby servo's
+_HARD = 2.0  # timesteps: the shortest time constant of a limit that MuJoCo takes
+_IMPEDANCE = (0.99, 0.999, 1e-4, 0.5, 2.0)
+
+
+def add_backlash(file: TomlTable, spec: mujoco.MjSpec) -> None:
+    """A joint NAME_backlash in series with each that is named; in keyframes it is in the middle.
+
+    Raises InputError for what is wrong with one, or does not go with the model.
+    """
+    if not (entries := file.tables("backlash")):
+        return
+    model, places = spec.compile(), list[tuple[int, int]]()
+    for entry in entries:
+        entry.allow("joint", "play", "armature")
+        with entry.at("joint"):
+            joints = find_objects(model, "joint", entry.names("joint"))
+        for joint in joints:
+            _add(entry, spec, model, joint)
+            index = model.joint(joint).id
+            places.append((model.jnt_qposadr[index] + 1, model.jnt_dofadr[index] + 1))
+    for i, key in enumerate(spec.keys):
+        key.qpos = np.insert(model.key_qpos[i], [at for at, _ in places], 0.0)
+        key.qvel = np.insert(model.key_qvel[i], [at for _, at in places], 0.0)
+
+
+def _add(entry: TomlTable, spec: mujoco.MjSpec, model: mujoco.MjModel, name: str) -> None:
+    index = model.joint(name).id
+    body = model.jnt_bodyid[index]
+    if model.jnt_type[index] not in HINGE_OR_SLIDE:
+        raise entry.error(f"backlash is of a hinge or a slide, and {name!r} is neither", "joint")
+    if index != np.flatnonzero(model.jnt_bodyid == body)[-1]:
+        raise entry.error(f"{name!r} is followed by another joint of its body", "joint")
+    driven, play_name = spec.joint(name), f"{name}_backlash"
+    if spec.joint(play_name) is not None:
+        raise entry.error(f"there is a joint {play_name!r} already", "joint")
+    armature = entry.number("armature", float(model.dof_armature[model.jnt_dofadr[index]]))
+    if armature <= 0:
+        raise entry.error(
+            f"within its play nothing holds {name!r} but its rotor, which has no inertia: "
+            "give it an armature above 0, in kg·m² or kg",
+            "armature",
+        )
+    driven.armature = armature
+    play = entry.number("play", _USUAL_RAD, above=0)
+    spec.body(model.body(body).name).add_joint(
+        name=play_name,
+        type=driven.type,
+        axis=driven.axis,
+        pos=driven.pos,
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        # As the compiler takes it, which may be told degrees
+        range=np.array([-play, play]) / 2 * _per_radian(spec, model, index),
+        solref_limit=[_HARD * spec.option.timestep, 1.0],
+        solimp_limit=_IMPEDANCE,
+    )
+
+
+def _per_radian(spec: mujoco.MjSpec, model: mujoco.MjModel, joint: int) -> float:
+    is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+    return 180 / np.pi if spec.compiler.degree and is_hinge else 1.0
