@@ -292,6 +292,18 @@ def test_an_offset_carries_a_spring_along(load, tmp_path):
     assert model.qpos_spring[0] == pytest.approx(np.deg2rad(10) + 0.08)
 
 
+def test_weight_that_something_else_carries_does_not_pull(load):
+    """A controller that feeds the weight forward, as many arms do: 6 % of it are left."""
+    task = load(parameter("carried", "gravity_compensation", "arm"))
+    carried = task.parameters["carried"]
+    assert (carried.nominal, carried.low, carried.high, carried.scale) == (0.5, 0, 1.2, "linear")
+    for share in (0.0, 0.94):
+        angle = elbow(simulate(task, [share], constant(task, 400)))[-1]
+        assert -angle * 50 == pytest.approx((1 - share) * 4.905 * np.cos(angle), rel=2e-3)
+    both = load(parameter("carried", "gravity_compensation", "*").replace("'*'", "['arm', 'sled']"))
+    assert both.parameters["carried"].unit == "1"  # of each its own weight: no factor
+
+
 def test_what_is_exported_does_the_same_in_plain_mujoco(load, tmp_path):
     task = load(
         parameter("kv", "gain_damping", "elbow"),
@@ -302,8 +314,9 @@ def test_what_is_exported_does_the_same_in_plain_mujoco(load, tmp_path):
         parameter("late", "delay", "servo", high=0.1),
         parameter("most_of_servo", "torque_limit", "servo"),
         parameter("zero", "joint_offset", "elbow"),
+        parameter("carried", "gravity_compensation", "arm"),
     )
-    mean = np.array([3.0, 70, 5.5, 0.12, 0.03, 0.07, 1.2, 0.06])
+    mean = np.array([3.0, 70, 5.5, 0.12, 0.03, 0.07, 1.2, 0.06, 0.9])
     out = export(ExportConfig(run_folder=a_run(tmp_path, task, mean), out=tmp_path / "out"))
     tuned = mujoco.MjModel.from_xml_path(str(out / "model.xml"))
     simulator = task.simulator(image_size=16)
@@ -320,6 +333,8 @@ def test_what_is_exported_does_the_same_in_plain_mujoco(load, tmp_path):
     subprocess.run(script, check=True)
     again = mujoco.MjModel.from_xml_path(str(copy))
     np.testing.assert_allclose(again.qpos0, tuned.qpos0, atol=1e-6)
+    assert again.ngravcomp == tuned.ngravcomp == 1
+    assert again.body_gravcomp[again.body("arm").id] == pytest.approx(0.9)
     for field in ("dyntype", "dynprm", "forcerange", "forcelimited", "biasprm", "gainprm", "delay"):
         ours, theirs = (getattr(model, f"actuator_{field}") for model in (tuned, again))
         np.testing.assert_allclose(theirs, ours, atol=1e-5, err_msg=field)

@@ -53,7 +53,8 @@ if __name__ == "__main__":
 '''
 _PREPARED = """
 Before it is compiled, actuators need what those of model.xml have: a memory of controls (nsample)
-where they are late, a filter (dyntype) where they lag, and the limits (forcelimited) found."""
+where they are late, a filter (dyntype) where they lag, and the limits (forcelimited) found; bodies
+need some gravcomp where weight is compensated."""
 
 
 def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:

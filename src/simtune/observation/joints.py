@@ -20,7 +20,8 @@ class JointSensor:
     columns: tuple[str, ...]  # (D,) of recordings, or one that stands for all
     joints: tuple[str, ...]  # (D,)
     places: np.ndarray  # (D,) in a state's positions, or in its velocities
-    plays: np.ndarray | None = None  # (D,) the same of the joints' backlash: what is read has both
+    # (D,) the same of what is the joints' backlash, -1 where there is none: what is read has both
+    plays: np.ndarray | None = None
     is_velocity: bool = False
     unit: str = "rad"  # of readings as a fit has them; one for all
     # (D,) what was recorded is `shift` + `factor` times that
@@ -78,7 +79,7 @@ class JointSensor:
         """(n, D) of n simulated worlds."""
         values = batch.qvel if self.is_velocity else batch.qpos
         read = values[:, self.places]
-        return read if self.plays is None else read + values[:, self.plays]
+        return read if self.plays is None else read + values[:, self.plays] * (self.plays >= 0)
 
     def measure(self, observed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(..., D) readings with noise."""

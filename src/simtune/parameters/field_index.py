@@ -75,7 +75,9 @@ def refuse_overlaps(space: ParameterSpace, indices: list[tuple], nominal) -> Non
 
 
 def refuse_unprepared(model: mujoco.MjModel, space: ParameterSpace, indices: list[tuple]) -> None:
-    """MuJoCo says nothing where an actuator has no memory, no filter or no limit of its force."""
+    """MuJoCo says nothing where an actuator has no memory, no filter or no limit of its force, nor
+    where no weight was compensated when a model was compiled.
+    """
     for parameter, index in zip(space, indices, strict=True):
         if not parameter.changes_model:
             continue
@@ -89,7 +91,9 @@ def refuse_unprepared(model: mujoco.MjModel, space: ParameterSpace, indices: lis
                 )
         elif parameter.is_lag and not model.actuator_dyntype[rows].all():
             problem = "the model has no filter of the control"
-        elif not parameter.is_lag and not model.actuator_forcelimited[rows].all():
+        elif parameter.field_info.form == "range" and not model.actuator_forcelimited[rows].all():
             problem = "the model has no limit of the force"
+        elif parameter.compensates_weight and not model.ngravcomp:
+            problem = "no body of the model is held against gravity"
         if problem:
             raise InputError(f"{parameter.name}: {problem}; Task.load_model sees to that")

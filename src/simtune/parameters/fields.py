@@ -82,6 +82,7 @@ class Field:
     is_colour: bool = False  # absolute, also on several objects
     is_delay: bool = False  # the same
     is_lag: bool = False  # the same
+    is_one_for_all: bool = False  # absolute, also on several objects
     is_never_negative: bool = False  # a negative one makes no sense in physics
     carries: str = ""  # the field that is written along with this one
     material_ids: str = ""  # the field with the materials that paint what is MuJoCo's default grey
@@ -200,6 +201,8 @@ _TABLE = (  # kinds in the order in which messages name them
     Field("cam_pos", "m", kind=Kind("camera_pose", makes="pose"), within=0.1),
     Field("body_mass", "kg", kind=Kind("mass"), carries="body_inertia", is_never_negative=True),
     Field("body_inertia", is_never_negative=True),
+    Field("body_gravcomp", kind=Kind("gravity_compensation"), least=0.0, most=1.2,
+          usual=0.5, is_one_for_all=True, is_never_negative=True, is_not_copied=True),
     Field("geom_friction", kind=Kind("friction", 0), is_never_negative=True),
     Field("geom_size", "m", kind=Kind("size", asks_component=True), shows_in="picture",
           is_never_negative=True, is_drawn_per_world=True),

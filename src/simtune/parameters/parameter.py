@@ -19,7 +19,8 @@ class Parameter:
 
     On one object the value is the field's own, in `unit`; on several objects it is a factor
     on their nominal values (unit "×", nominal 1), or, with `is_sum`, what they add up to, each
-    keeping its share. Colours, delays, lags and offsets are absolute either way.
+    keeping its share. Colours, delays, lags, offsets and a compensated weight are absolute either
+    way.
     On a field of orientations ("cam_quat") the value is the angle, rad, by which the objects are
     rotated from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
     """
@@ -79,9 +80,15 @@ class Parameter:
         return self.field_info.is_lag
 
     @property
+    def compensates_weight(self) -> bool:
+        """Whether something but the joints' servos holds bodies against gravity."""
+        return self.field == "body_gravcomp"
+
+    @property
     def changes_model(self) -> bool:
         """Whether a model has to be changed before it is compiled, so that it has this at all."""
-        return self.is_delay or self.is_lag or self.field_info.form == "range"
+        is_limit = self.field_info.form == "range"
+        return self.is_delay or self.is_lag or is_limit or self.compensates_weight
 
     @property
     def is_rotation(self) -> bool:
@@ -102,5 +109,5 @@ class Parameter:
     def is_factor(self) -> bool:
         """Whether the value multiplies the objects' nominal values instead of replacing them."""
         is_absolute = self.is_colour or self.is_delay or self.is_lag or self.is_rotation
-        is_absolute |= self.field_info.form == "shift"
+        is_absolute |= self.field_info.form == "shift" or self.field_info.is_one_for_all
         return len(self.objects) > 1 and not is_absolute

@@ -9,19 +9,32 @@ from simtune.parameters import Parameter, ParameterSpace
 from simtune.simulation.delays import remember_controls
 
 _DYN = mujoco.mjtDyn
+_HARDLY = 1e-9  # of a weight
 
 
 def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> None:
-    """Give actuators the memory, the filters and the limits that `space` tunes; twice is once.
+    """Give a model the memory, filters, limits and so on that `space` tunes; twice is once.
 
     `step_s`: of a policy step.
     """
     remember_controls(spec, space, step_s)
     filter_controls(spec, space)
+    compensate_weight(spec, space)
     for parameter, actuator in _actuators(spec, space):
         if parameter.field_info.form == "range" and not _is_limited(actuator):
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = [-parameter.nominal, parameter.nominal]
+
+
+def compensate_weight(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
+    """Hold the bodies against gravity of which `space` tunes by how much.
+
+    MuJoCo looks for such bodies as a model is compiled, and never again.
+    """
+    for parameter in space:
+        for name in parameter.objects if parameter.compensates_weight else ():
+            if (body := spec.body(name)) and not body.gravcomp:
+                body.gravcomp = max(parameter.nominal, _HARDLY)
 
 
 def filter_controls(spec: mujoco.MjSpec, space: ParameterSpace) -> None:

@@ -86,7 +86,9 @@ def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
 
 
 def _has_own(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
-    """Whether each of the actuators has the filter, or the limit, that is to be tuned."""
+    """Whether each object has the filter, the limit or the compensation that is to be tuned."""
+    if parameter.compensates_weight:
+        return own_values(model, parameter) > 0
     ids = [model.actuator(name).id for name in parameter.objects]
     return (model.actuator_dyntype if parameter.is_lag else model.actuator_forcelimited)[ids] > 0
 

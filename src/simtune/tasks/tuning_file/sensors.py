@@ -57,7 +57,7 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
     addresses = model.jnt_dofadr if is_velocity else model.jnt_qposadr
     plays = None
     if entry.flag("behind_backlash", default=False):
-        plays = addresses[_plays(entry, model, ids)].copy()
+        plays = _plays(entry, model, ids, addresses)
     return JointSensor(
         name=entry.text("name"),
         columns=columns,
@@ -74,13 +74,14 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
     )
 
 
-def _plays(entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray) -> list[int]:
-    """(D,) joints that are the play of each."""
-    plays = [play_of(model, joint) for joint in ids]
-    if min(plays) < 0:
-        name = model.joint(int(ids[int(np.argmin(plays))])).name
-        raise entry.error(f"{name} has no backlash: declare [[backlash]] for it", "behind_backlash")
-    return plays
+def _plays(
+    entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, addresses: np.ndarray
+) -> np.ndarray:
+    """(D,) places of what is each joint's play, -1 where it has none."""
+    plays = np.array([play_of(model, joint) for joint in ids])
+    if plays.max() < 0:
+        raise entry.error("none of the joints has one: declare [[backlash]]", "behind_backlash")
+    return np.where(plays < 0, -1, addresses[plays])
 
 
 def _own_unit(model: mujoco.MjModel, ids: np.ndarray) -> str:
