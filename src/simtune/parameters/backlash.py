@@ -12,7 +12,8 @@ import numpy as np
 def play_of(model: mujoco.MjModel, joint: int) -> int:
     """The joint that is the play of `joint`, -1 if there is none."""
     others = np.flatnonzero(model.jnt_bodyid == model.jnt_bodyid[joint])
-    return next((int(i) for i in others if i != joint and driven_through(model, i) == joint), -1)
+    plays = (i for i in others.tolist() if i != joint and driven_through(model, i) == joint)
+    return next(plays, -1)
 
 
 def driven_through(model: mujoco.MjModel, play: int) -> int:

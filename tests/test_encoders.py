@@ -1,0 +1,117 @@
+"""Encoders of the built-in tasks: read where --observe names them, in `tune` and in `train`."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simtune.algorithm import train
+from simtune.config import RecordConfig, TrainConfig, TuneConfig
+from simtune.errors import InputError
+from simtune.experiment.experiment import build_experiment
+from simtune.observation import ObservationModel
+from simtune.real.choose import choose_real, observed
+from simtune.record import record
+from simtune.run import RunFolder
+from simtune.tasks import load_task
+from simtune.tuning.told import Told
+
+JOINTS = {
+    "cartpole": ("slider",),
+    "ball_in_cup": ("cup_x", "cup_z"),
+    "finger": ("proximal", "distal"),
+    "walker": tuple(f"{s}_{j}" for s in ("right", "left") for j in ("hip", "knee", "ankle")),
+    "cheetah": ("bthigh", "bshin", "bfoot", "fthigh", "fshin", "ffoot"),
+}
+BOTH = "cameras,joints"
+
+
+def looked_at(name: str, names: tuple[str, ...] | None = None) -> ObservationModel:
+    return observed(load_task(name), names, is_simulated=True)
+
+
+@pytest.mark.parametrize("name", JOINTS)
+def test_driven_joints_are_read_where_they_are_asked_for(name: str):
+    assert looked_at(name).sensors == ()
+    assert len(looked_at(name).cameras) == 1
+    seen = looked_at(name, ("cameras", "joints"))
+    assert seen.reading_labels == JOINTS[name]
+    model = load_task(name).load_model()
+    driven = [model.joint(int(j)).name for j in model.actuator_trnid[:, 0]]
+    assert set(driven) == set(JOINTS[name])
+
+
+def config_of(out: Path, **changes) -> TrainConfig:
+    config = TrainConfig(
+        task="cartpole", out=out, policy_steps=4 * 16 * 24, real_episodes=2, scored_episodes=2
+    )
+    return dataclasses.replace(config, **changes)
+
+
+@pytest.mark.parametrize(
+    "gap", [False, pytest.param(True, marks=[pytest.mark.thorough, pytest.mark.opengl])]
+)
+def test_readings_are_where_the_cart_goes_and_encoders_noise(tmp_path: Path, gap: bool):
+    config = config_of(tmp_path, observe=BOTH, real_gap=gap)
+    task = load_task("cartpole")
+    real, _, _ = choose_real(config, task, 32)
+    explored = real.collect(1)[0].readings["encoders"]
+    pushed = real.run_policy(lambda frames: np.ones((len(frames), 1)), 3, 1, seed=0)[0]
+    read = pushed.readings["encoders"]
+    assert explored.shape == read.shape == (task.episode_steps + 1, 1)
+    # It begins within .1 m of the middle, is pushed to one side and held up at the rail's end
+    assert abs(explored[0, 0]) < 0.105
+    assert read[20, 0] - read[0, 0] > 0.2
+    assert np.diff(read[-40:, 0], 2).std() == pytest.approx(0.001 * 6**0.5, rel=0.4)
+
+
+def test_what_was_filmed_is_kept_with_its_readings(tmp_path: Path):
+    real, _, _ = choose_real(config_of(tmp_path, observe=BOTH), load_task("cartpole"), 32)
+    filmed = real.collect(2)
+    with RunFolder.create(tmp_path / "run", {}) as run:
+        run.write_real(0, filmed)
+        again = run.read_real(0, real.step_s)
+    for one, other in zip(filmed, again, strict=True):
+        np.testing.assert_array_equal(one.frames, other.frames)
+        np.testing.assert_array_equal(one.readings["encoders"], other.readings["encoders"])
+
+
+def test_what_is_recorded_has_readings_and_is_read_with_them(tmp_path: Path):
+    record(RecordConfig(task="cartpole", out=tmp_path / "some", episodes=1, image_size=32))
+    config = TuneConfig(
+        task="cartpole", real=str(tmp_path / "some"), out=tmp_path / "run", observe=BOTH
+    )
+    (trajectory,) = build_experiment(config).recordings
+    assert trajectory.readings["encoders"].shape == (len(trajectory) + 1, 1)
+
+
+def test_readings_alone_have_no_say_where_a_joint_begins_anywhere(tmp_path: Path):
+    """The spinner's angle is the camera's to tell, so whole episodes cannot be replayed."""
+    config = TuneConfig(task="finger", out=tmp_path / "run", observe=BOTH, real_episodes=1)
+    experiment = build_experiment(config)
+    budget = None  # which is not looked at
+    assert Told.by_readings(experiment.context, experiment.recordings, budget) is None
+
+
+@pytest.mark.thorough
+def test_a_policy_is_trained_beside_readings(tmp_path: Path, quickly):
+    config = config_of(tmp_path / "run", observe=BOTH)
+    with quickly() as quick:
+        result = train(config, settings=quick)
+    assert set(result["sensors"]) == {"slider"}
+    assert (tmp_path / "run" / "replay.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"observe": "joints"}, "a policy acts on pictures: have --observe name cameras too"),
+        ({"observe": "encoder"}, "no sensor 'encoder' .* did you mean 'encoders'"),
+        ({"observe": BOTH, "method": "dr"}, "--observe goes with --method autotune or regr"),
+    ],
+)
+def test_what_a_policy_cannot_observe_is_refused(tmp_path: Path, changes: dict, said: str):
+    with pytest.raises(InputError, match=said):
+        train(config_of(tmp_path / "run", **changes))
+    assert not (tmp_path / "run").exists()
