@@ -97,6 +97,8 @@ def _tasks(say: Say) -> Done:
             unit = "" if p.unit == "1" else p.unit
             span = f"{p.nominal:<8.4g} in [{p.low:.4g}, {p.high:.4g}] {unit}"
             say(f"  {p.name:18s} {span:36s} {p.field} of {', '.join(p.objects)}")
+        for sensor in task.sensors:
+            say(f"  --observe cameras,joints also reads {', '.join(sensor.joints)}")
         keys = ("unit", "nominal", "low", "high", "field", "objects")
         result[name] = {
             "description": task.description,
