@@ -286,6 +286,10 @@ def test_an_object_that_may_lie_anywhere_is_in_nobodys_way(tmp_path: Path):
     [
         ('name = "joints"', "'joints' is what --observe calls all of a kind"),
         ('joints = "wrist"', "no joint 'wrist' in the model; there are: shoulder, elbow"),
+        ('joints = ["elbow", "elbow"]', "joints has elbow twice: name it once"),
+        ('name = "left,right"', "--observe could not ask for 'left,right': leave commas out"),
+        ('name = " arm"', "--observe could not ask for ' arm'"),
+        ("behind_backlash = true", r"none of the joints has one: declare \[\[backlash\]\]"),
         ('unit = "mm"', "mm is no unit of shoulder"),
         ("noise = 0", "noise must be a finite number above 0, got 0"),
         ("latency_s = 2.0", r"latency_s must lie in \[0, 1\] s, got 2"),

@@ -20,8 +20,12 @@ from lerobot_v21 import DATA as DATA_V21
 from lerobot_v21 import EPISODES as LINES
 from lerobot_v21 import VIDEO as VIDEO_V21
 from lerobot_v21 import write_v21
+from servo_arm import TUNE, write_arm
 
+from simtune.checking import check
+from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.experiment.experiment import build_experiment
 from simtune.recordings import open_dataset, write_dataset, write_video
 from simtune.trajectory import Trajectory
 
@@ -268,6 +272,22 @@ CASES = {
         rows(DATA, lambda found: [{k: r[k] for k in r if k != "timestamp"} for r in found]),
         "no column 'timestamp'; there are: action",
     ),
+    "another version": lines(
+        info(codebase_version="v1.6"), "codebase_version v3.0, v2.1 or v2.0, got 'v1.6'; convert"
+    ),
+    "version of a number": lines(info(codebase_version=2), "codebase_version v3.0, .*, got 2"),
+    "no frames a second": lines(info(fps=None), "fps as a number from 0.01 to 1000, got None"),
+    "features of a list": lines(info(features=[1]), r"expected an object 'features', got \[1\]"),
+    "a number of text": lines(info(total_episodes="2"), "expected '2' episodes as meta/info.json"),
+    "a folder for lines": lines(
+        lambda folder: (gone(LINES)(folder), (folder / LINES).mkdir()), "cannot be read .Is a dir"
+    ),
+    "empty rows": lines(
+        lambda folder: (folder / DATA_1).write_bytes(b""), "not a readable parquet file .*again"
+    ),
+    "an action beyond float32": pairs(
+        table("slide", "0.1", "1e300"), r"swing1, row 1: action is not finite: \[1e\+300\]"
+    ),
     "NaN": lerobot(
         rows(DATA, set_rows(action=float("nan"))), "episode 0, row 0: action is not finite"
     ),
@@ -513,6 +533,20 @@ READING_CASES = {
         state([0.1, float("nan")]), "episode 1: reading observation.state.v is nowhere finite; drop"
     ),
     "all missing": lines(state(None), "expected 2 numbers|nowhere finite"),
+    "huge": lines(
+        state([1e300, 0.1]), r"episode 1, row 0: reading observation.state.x is 1e\+300; expected"
+    ),
+    "one that is huge": pairs(
+        measured("measured.x", "0", "1e30"), r"swing1, row 1: reading measured.x is 1e\+30; expect"
+    ),
+    "another shape": lines(
+        feature(STATE, shape=[3]), "expected 3 numbers of 'observation.state' as meta/info.json"
+    ),
+    "no shape": lines(feature(STATE, shape=None), "no reading 'observation.state'"),
+    "shape of text": lines(feature(STATE, shape="2"), "no reading 'observation.state'"),
+    "shape below 0": lines(feature(STATE, shape=[-2]), "no reading 'observation.state'"),
+    "lists of lists": lines(state([[0.1], [0.2]]), "expected numbers in column 'observation.sta"),
+    "empty lists": lines(state([]), "row 0: expected 2 numbers of 'observation.state' .* got 0"),
     "text": lines(state("left"), "expected numbers in column 'observation.state'"),
     "lists of text": lines(state(["a", "b"]), "expected numbers in column 'observation.state'"),
     "no such column": lines(
@@ -542,7 +576,7 @@ READING_CASES = {
         replaced("demo_1", "obs/joints", shape=(24, 2), dtype="f4"),
         r"expected obs/joints as numbers \(25, 2\), a row an action, got \(24, 2\)",
     ),
-    "huge": demos(
+    "huge claimed": demos(
         replaced("demo_1", "obs/joints", shape=(10**12, 2), dtype="f8", chunks=(1000, 2)),
         r"expected obs/joints as numbers .* got \(1000000000000, 2\)",
     ),
@@ -575,3 +609,40 @@ def test_unsound_readings_are_refused_in_one_line(tmp_path: Path, name: str):
         read_all()
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 400
+
+
+# --- sensors of a tuning file, and recordings that do not suit them -------------------------
+
+
+JOINTS = ["shoulder", "elbow"]
+SENSORS = {
+    "an action's name": (["slide"], "no reading 'slide'; there are: x, v"),
+    "one for two": (["observation.state.x"], "expected 2 columns, one for each joint"),
+    "twice": (["x", "x"], "encoders has observation.state.x twice; name it once"),
+    "too many numbers": (
+        ["observation.state"], "holds 2 numbers, sensor encoders has 1 joints; name a column for"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ["check", "tune"])
+@pytest.mark.parametrize("name", SENSORS)
+def test_sensors_that_do_not_suit_recordings_are_told_in_one_line(
+    tmp_path: Path, name: str, command: str
+):
+    columns, message = SENSORS[name]
+    joints = ["shoulder"] if name in ("an action's name", "too many numbers") else JOINTS
+    sensor = f"joints = {json.dumps(joints)}\ncolumns = {json.dumps(columns)}"
+    tune_file = TUNE.replace('joints = ["shoulder", "elbow"]', sensor)
+    arm = write_arm(tmp_path, tune_file + '[actions]\nactuators = ["shoulder"]\n')
+    write_lines(tmp_path / "real")
+    real = tmp_path / "real"
+    with pytest.raises(InputError, match=message) as caught:
+        {
+            "check": lambda: check(CheckConfig(task=str(arm), real=real)),
+            "tune": lambda: build_experiment(
+                TuneConfig(task=str(arm), real=str(real), out=tmp_path / "run")
+            ),
+        }[command]()
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "run").exists()

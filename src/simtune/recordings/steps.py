@@ -9,6 +9,8 @@ from simtune.errors import InputError
 from simtune.recordings.resample import step_actions, step_readings, step_times, typical_step_s
 from simtune.recordings.source import MOST_ROWS, Reading, Rows, first_wrong, short
 
+_LARGEST_READING = 1e6  # what is beyond is no joint's, whatever the unit
+
 
 @dataclass(frozen=True)
 class Steps:
@@ -26,7 +28,9 @@ def make_steps(
 
     Raises InputError, which names the episode as `where`, for what is not finite or does not last.
     """
-    if (row := first_wrong(np.any(~np.isfinite(rows.actions), axis=1))) is not None:
+    with np.errstate(over="ignore"):
+        is_finite = np.isfinite(rows.actions.astype(np.float32))  # as they are kept
+    if (row := first_wrong(np.any(~is_finite, axis=1))) is not None:
         values = short([f"{value:g}" for value in rows.actions[row]])
         place = rows.lines.place(row) if rows.lines else f"{where}, row {row}"
         raise InputError(f"{place}: action is not finite: [{values}]; drop or repair the episode")
@@ -67,6 +71,13 @@ def _by_sensor(
         raise InputError(
             f"{where}: reading {of_all[column].full_name} is nowhere finite; "
             "drop the episode, or leave the reading out"
+        )
+    is_huge = np.isfinite(values) & (np.abs(np.nan_to_num(values)) > _LARGEST_READING)
+    if (row := first_wrong(is_huge.any(1))) is not None:
+        column = int(is_huge[row].argmax())
+        raise InputError(
+            f"{where}, row {row}: reading {of_all[column].full_name} is {values[row, column]:.3g}; "
+            f"expected at most {_LARGEST_READING:g} in any unit: leave the cell empty, or drop it"
         )
     ends = np.cumsum([len(readings) for readings in sensors.values()])
     return dict(zip(sensors, np.split(values, ends[:-1], axis=1), strict=True))

@@ -29,6 +29,11 @@ def read_sensors(file: TomlTable, model: mujoco.MjModel) -> tuple[JointSensor, .
     sensors: list[JointSensor] = []
     for entry in file.tables("sensors"):
         sensor = _read(entry, model)
+        if "," in sensor.name or sensor.name != sensor.name.strip():
+            raise entry.error(
+                f"--observe could not ask for {sensor.name!r}: leave commas out, and blanks around",
+                "name",
+            )
         if sensor.name in _KINDS:
             raise entry.error(f"{sensor.name!r} is what --observe calls all of a kind", "name")
         if sensor.name in [other.name for other in sensors]:
@@ -41,6 +46,8 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
     entry.allow(*_KEYS)
     with entry.at("joints"):
         names = find_objects(model, "joint", entry.names("joints"))
+    if doubled := [name for i, name in enumerate(names) if name in names[:i]]:
+        raise entry.error(f"joints has {doubled[0]} twice: name it once", "joints")
     ids = np.array([_joint(entry, model, name) for name in names])
     is_velocity = entry.choice("quantity", ("position", "velocity"), "position") == "velocity"
     usual_columns = tuple(f"{name}.vel" for name in names) if is_velocity else names
