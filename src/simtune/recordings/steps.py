@@ -73,7 +73,7 @@ def _by_sensor(
             "drop the episode, or leave the reading out"
         )
     is_huge = np.isfinite(values) & (np.abs(np.nan_to_num(values)) > _LARGEST_READING)
-    if (row := first_wrong(is_huge.any(1))) is not None:
+    if (row := first_wrong(np.any(is_huge, axis=1))) is not None:
         column = int(is_huge[row].argmax())
         raise InputError(
             f"{where}, row {row}: reading {of_all[column].full_name} is {values[row, column]:.3g}; "

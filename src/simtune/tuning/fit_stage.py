@@ -17,6 +17,7 @@ from simtune.fit import (
     StateEstimator,
     run_bootstrap,
 )
+from simtune.observation import AllEvidence, JointReadings
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.simulation import Simulator
@@ -27,6 +28,11 @@ from simtune.tuning.search import SearchContext
 from simtune.vision.detector import Detections
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints
+
+# Times as noisy as readings count in windows where they cannot be replayed alone. They are far
+# sharper than pictures, and where things touch the motion is rough: no step is then one for the
+# better, and hardly a particle is left.
+_BLUNT = 10.0
 
 
 class HeldOut(NamedTuple):
@@ -58,11 +64,14 @@ class FitStage:
         model: PosteriorSearchParamModel,
         replay_fit: ReplayFit,
         noise_px: np.ndarray,
+        is_blunt: bool = False,
     ):
-        """`noise_px`: (L,) of the detector, where it is sure."""
+        """`noise_px`: (L,) of the detector, where it is sure; `is_blunt`: what sensors read counts
+        as if it were noisier.
+        """
         assert isinstance(context.simulator, Simulator), "see can_fit"
         self._context, self._model, self._simulator = context, model, context.simulator
-        self._replay_fit, self._noise_px = replay_fit, noise_px
+        self._replay_fit, self._noise_px, self._is_blunt = replay_fit, noise_px, is_blunt
 
     @classmethod
     def prepare(
@@ -72,6 +81,7 @@ class FitStage:
         held_out: HeldOut,
         config: PosteriorSearchConfig,
         budget: Budget,
+        is_blunt: bool = False,
     ) -> "FitStage":
         """Measure the detector's noise in held-out worlds and learn to guess states there."""
         worlds, simulator = held_out.worlds, context.simulator
@@ -97,7 +107,7 @@ class FitStage:
         )
         discrepancy = context.observation.discrepancy_std(simulator.space.is_appearance)
         replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit)
-        return cls(context, model, replay_fit, noise_px)
+        return cls(context, model, replay_fit, noise_px, is_blunt)
 
     @property
     def reading_labels(self) -> tuple[str, ...]:
@@ -107,7 +117,7 @@ class FitStage:
     def sized(self, num_steps: int, seconds: float) -> "FitStage":
         """One whose fits take about so long, for real episodes of `num_steps` in all."""
         fit = self._replay_fit.sized(num_steps, seconds)
-        return FitStage(self._context, self._model, fit, self._noise_px)
+        return FitStage(self._context, self._model, fit, self._noise_px, self._is_blunt)
 
     def observed(
         self, trajectories: Sequence[Trajectory], detections: Sequence[Detections]
@@ -120,6 +130,7 @@ class FitStage:
         names = first[0].readings
         readings = {name: np.stack([t.readings[name] for t in first]) for name in names}
         evidence = self._context.observation.evidence(tracks, readings)
+        evidence = _blunted(evidence) if self._is_blunt else evidence
         actions = np.stack([t.actions for t in first]).astype(float)
         return Observed(evidence, actions, [t.frames for t in first])  # views: there may be many
 
@@ -160,3 +171,13 @@ class FitStage:
 
         replay_fit = self._replay_fit.within(budget)
         return run_bootstrap(replay_fit, synthesize, fit, start, num, rng, extend_horizon, budget)
+
+
+def _blunted(evidence: AllEvidence) -> AllEvidence:
+    """With readings that count as if they were noisier."""
+    return AllEvidence(
+        tuple(
+            replace(part, noise=_BLUNT * part.noise) if isinstance(part, JointReadings) else part
+            for part in evidence.parts
+        )
+    )

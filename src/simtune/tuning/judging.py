@@ -68,7 +68,8 @@ class Judging:
         if learning.is_fitted:
             held = tuple(np.flatnonzero(told.is_held)) if told else ()
             config = replace(config, fit=replace(config.fit, held=held))
-            stage = FitStage.prepare(context, learning.model, held_out, config, budget)
+            is_blunt = told is None  # readings, if any, have nothing but windows
+            stage = FitStage.prepare(context, learning.model, held_out, config, budget, is_blunt)
             num_steps = min(len(t) for t in real) * len(real)
             fits = 1 + _REFIT * config.num_refits[0]
             stage = stage.sized(num_steps, _FITS_SHARE * budget.seconds_left / fits)
