@@ -10,11 +10,12 @@ from simtune.algorithm import train
 from simtune.config import RecordConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
-from simtune.observation import ObservationModel
+from simtune.observation import AllEvidence, JointReadings, ObservationModel
 from simtune.real.choose import choose_real, observed
 from simtune.record import record
 from simtune.run import RunFolder
 from simtune.tasks import load_task
+from simtune.tuning.fit_stage import _blunted
 from simtune.tuning.told import Told
 
 JOINTS = {
@@ -92,6 +93,13 @@ def test_readings_alone_have_no_say_where_a_joint_begins_anywhere(tmp_path: Path
     experiment = build_experiment(config)
     budget = None  # which is not looked at
     assert Told.by_readings(experiment.context, experiment.recordings, budget) is None
+
+
+def test_readings_in_windows_count_as_ten_times_as_noisy():
+    values = np.zeros((1, 4, 2))
+    evidence = AllEvidence((JointReadings.of("encoders", "rad", values, 0.001),))
+    off = evidence.log_likelihood(values + 0.02)
+    assert _blunted(evidence).log_likelihood(values + 0.2) == pytest.approx(off)
 
 
 @pytest.mark.thorough

@@ -286,7 +286,7 @@ CASES = {
         lambda folder: (folder / DATA_1).write_bytes(b""), "not a readable parquet file .*again"
     ),
     "an action beyond float32": pairs(
-        table("slide", "0.1", "1e300"), r"swing1, row 1: action is not finite: \[1e\+300\]"
+        table("slide", *["0.1"] * 23, "1e300"), r"swing1, row 23: action is not finite: \[1e\+300\]"
     ),
     "NaN": lerobot(
         rows(DATA, set_rows(action=float("nan"))), "episode 0, row 0: action is not finite"
@@ -617,7 +617,7 @@ def test_unsound_readings_are_refused_in_one_line(tmp_path: Path, name: str):
 JOINTS = ["shoulder", "elbow"]
 SENSORS = {
     "an action's name": (["slide"], "no reading 'slide'; there are: x, v"),
-    "one for two": (["observation.state.x"], "expected 2 columns, one for each joint"),
+    "one for two": (["observation.state.x"], "holds 1 numbers, sensor encoders has 2 joints"),
     "twice": (["x", "x"], "encoders has observation.state.x twice; name it once"),
     "too many numbers": (
         ["observation.state"], "holds 2 numbers, sensor encoders has 1 joints; name a column for"
