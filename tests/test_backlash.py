@@ -154,18 +154,20 @@ TRUTH = {"elbow_kp": 15, "elbow_friction": 0.15, "elbow_play": 0.03}
 @pytest.mark.thorough
 @pytest.mark.parametrize("is_behind", [True, False])
 def test_a_play_is_found_again(tmp_path: Path, is_behind: bool):
-    """Behind it a reading shows it; before it only the motion does, and the verdict says so."""
+    """Behind it a reading shows it; before it only the motion does, and the interval says so."""
     head = TUNE[: TUNE.index("[[parameters]]")].replace("0.002", "0.001\noffset = 0")
     head = head.replace("[[sensors]]", '[[backlash]]\njoint = "elbow"\n\n[[sensors]]')
     arm = write_arm(tmp_path, head + "behind_backlash = true\n" * is_behind + ARM)
     (tmp_path / "truth.json").write_text(json.dumps(TRUTH))
     config = TuneConfig(
         task=str(arm), out=tmp_path / "run", real_parameters=tmp_path / "truth.json",
-        real_episodes=3, observe="joints",
+        real_episodes=3, observe="joints", seed=1,
     )  # fmt: skip
     experiment = build_experiment(config)
     found = experiment.search.run_round(experiment.recordings, Budget()).estimate
     real = experiment.space.from_dict(TRUTH)
     assert ((found.low <= real) & (real <= found.high)).all()
-    assert found.mean[2] == pytest.approx(0.03, rel=0.05 if is_behind else 0.3)
-    assert (found.verdict[2] == "identified") == is_behind
+    assert found.mean[2] == pytest.approx(0.03, rel=0.1)
+    half_width = np.log(found.high[2] / found.low[2]) / 2
+    assert (half_width < 0.15) == is_behind
+    assert is_behind or found.verdict[2] == "weak"

@@ -9,7 +9,7 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _USUAL_RAD = 0.01  # half a degree or so: a hobby servo's
 _HARD = 2.0  # timesteps: the shortest time constant of a limit that MuJoCo takes
-_IMPEDANCE = (0.9, 0.95, 1e-3, 0.5, 2.0)  # of stops: harder ones rattle where a rotor is light
+_IMPEDANCE = (0.95, 0.99, 1e-3, 0.5, 2.0)  # of stops: harder ones rattle where rotors are light
 
 
 def add_backlash(file: TomlTable, spec: mujoco.MjSpec) -> None:
