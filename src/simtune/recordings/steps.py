@@ -75,8 +75,9 @@ def _by_sensor(
     is_huge = np.isfinite(values) & (np.abs(np.nan_to_num(values)) > _LARGEST_READING)
     if (row := first_wrong(np.any(is_huge, axis=1))) is not None:
         column = int(is_huge[row].argmax())
+        name, value = of_all[column].full_name, values[row, column]
         raise InputError(
-            f"{where}, row {row}: reading {of_all[column].full_name} is {values[row, column]:.3g}; "
+            f"{where}, step {row}: reading {name} is {value:.3g}; "
             f"expected at most {_LARGEST_READING:g} in any unit: leave the cell empty, or drop it"
         )
     ends = np.cumsum([len(readings) for readings in sensors.values()])
