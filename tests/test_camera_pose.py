@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -10,6 +11,7 @@ import pytest
 
 from simtune import cli
 from simtune.camera_pose.film import Film
+from simtune.camera_pose.find import find_camera_pose
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
 from simtune.camera_pose.scene import measured_states, with_any_camera
@@ -412,10 +414,14 @@ def test_what_makes_no_sense_is_refused(changes, message):
         CheckConfig(**(given | changes)).check()
 
 
-def test_without_joints_there_is_no_pose(options):
-    task = load_task("cartpole")
+def test_without_joints_there_is_no_pose(options, tmp_path):
+    task = load_task("rope_peg")
     with pytest.raises(InputError, match=r"declare \[\[sensors\]\]"):
         with_any_camera(task, task.cameras[0], options)
+    # Built-in tasks have encoders, which are looked at if that is asked for.
+    asked = replace(options, task="cartpole", real=tmp_path, camera_pose=tmp_path / "camera.toml")
+    with pytest.raises(InputError, match=r"--observe cameras,joints"):
+        find_camera_pose(asked)
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """`simtune check --camera-pose`, top to bottom."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,8 @@ def find_camera_pose(config: CheckConfig, say: ReportProgress = silent) -> dict[
             f"--camera-pose finds one camera at a time, here are {len(seen.cameras)}; name one "
             "and the joints, as --observe NAME,joints"
         )
-    task = with_any_camera(declared, seen.cameras[0].footage, config)
+    looked_at = replace(declared, sensors=seen.sensors)
+    task = with_any_camera(looked_at, seen.cameras[0].footage, config)
     budget.report("reading the recordings")
     dataset = open_recordings(
         config.real or "", task, config, config.image_size or _HEIGHT_PX, seen

@@ -26,7 +26,8 @@ def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) ->
     if not joints_of(task.sensors):
         raise InputError(
             "where a camera is can be told where joints are measured: declare [[sensors]] "
-            "(docs/tuning-file.md), or have `simtune tune` find a camera_pose"
+            "(docs/tuning-file.md), or of a built-in task say --observe cameras,joints; or have "
+            "`simtune tune` find a camera_pose"
         )
     model = task.load_model()
     its = model.camera(footage.camera)
