@@ -109,6 +109,19 @@ def test_estimate_reads_curves_along_each_parameters_scale():
     assert np.interp(3.0, candidates, prob_higher) == pytest.approx(0.5, abs=0.1)
 
 
+@pytest.mark.parametrize("share", [0, 0.2, 0.5])  # of a step of the grid, by which it lies beside
+@pytest.mark.parametrize("std", [2e-4, 2e-3])
+def test_a_sharp_fit_is_read_as_it_is(std, share):
+    mean = 0.75 + share * (GRID[1] - GRID[0]) * np.ones(2)
+    estimate = read_curves(with_fit(flat(), mean, np.full(2, std), CONFIG), FIRST, FIRST, CONFIG)
+    found = [FIRST.to_range_unit(v)[0] for v in (estimate.low, estimate.mean, estimate.high)]
+    # The posterior network's few percent lie beside it, and widen it.
+    middle, width = found[1], found[2] - found[0]
+    assert middle == pytest.approx(mean[0], abs=0.06 * std)
+    assert (found[0] + found[2]) / 2 == pytest.approx(mean[0], abs=0.25 * std)
+    assert 2 * 1.645 * std < width < 2.5 * 1.645 * std
+
+
 def test_estimates_stay_within_the_bounds():
     for location in (-4.0, 5.0):
         estimate = read_curves(logistic([location, location], 0.05), FIRST, FIRST, CONFIG)

@@ -14,10 +14,12 @@ from simtune.tuning.search import Estimate, Event, Verdict
 
 _BEYOND = 0.05  # probability that the truth is outside of the grid
 _INFORMATIVE = 0.565  # of the range, within which the central 90 % of a curve that says something
-_GRID = np.linspace(-0.25, 1.25, 1201)
+_GRID = np.linspace(-0.25, 1.25, 12001)  # finer than a fit is sharp: between points it is a line
 _EDGE = 0.01  # of the range, from its ends
 _SMALLEST_STD = 5e-5
-_STEEP = 2e-3  # a curve that falls by more from one point of the grid to the next
+# Of a curve is kept, to draw it and to draw from it: every so many points, and those where it has
+# fallen to so much.
+_KEPT_EVERY, _KEPT_AT = 80, ndtr(np.linspace(4, -4, 161))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,9 +113,10 @@ def read_curves(
 
 def _telling(prob_higher: np.ndarray) -> np.ndarray:
     """(C,) bool: points of a curve on the grid from which it can be drawn, and drawn from."""
-    is_kept, is_steep = np.arange(len(prob_higher)) % 8 == 0, -np.diff(prob_higher) > _STEEP
-    is_kept[:-1] |= is_steep
-    is_kept[1:] |= is_steep
+    is_kept = np.arange(len(prob_higher)) % _KEPT_EVERY == 0
+    fallen = np.searchsorted(1 - np.minimum.accumulate(prob_higher), 1 - _KEPT_AT)
+    last = len(prob_higher) - 1
+    is_kept[np.minimum(fallen, last)] = is_kept[np.maximum(fallen - 1, 0)] = True
     return is_kept
 
 
