@@ -20,6 +20,7 @@ _FIRST_NOISE = 0.1  # at least, then half as much each time: a colour far off is
 _LARGEST_STEP = 0.2
 _LARGEST_MOVE = 4.0  # standard deviations, of a pose
 _ROUNDING = 1 / 255 / 12**0.5  # standard deviation
+_WHITE = 254.5 / 255
 _SHOWN = 0.05  # of the full scale, that a pixel changes over a parameter's whole range
 _SQUARE_PX = 4  # neighbouring pixels tell the same: 4 × 4 of them count as one
 _DERIVED_EVERY = 2  # iterations: derivatives cost most, and change slowly
@@ -65,6 +66,7 @@ def fit_pictures(
         residual = drawn - real
         noise = _noise(residual, slopes, max(_SMALLEST_NOISE, _FIRST_NOISE / 2**iteration))
         weight = 1 / (1 + np.square(residual / (_ROBUST * noise))) ** 2 / noise**2 / _SQUARE_PX**2
+        weight[_is_overexposed(drawn, real, noise)] = 0
         information, slope = _products(slopes, weight, slopes), _project(slopes, weight, residual)
         cross = _products(of_pose, weight, slopes)  # (M, D, V)
         of_poses = _products(of_pose, weight, of_pose) + np.eye(of_pose.shape[0])
@@ -109,7 +111,8 @@ class _Scene:
         num_poses, states = self.moved.shape[1], self._states(self.moved)
         slopes = np.empty((len(self._fitted), *drawn.shape), np.float32)
         for i, fitted in enumerate(self._fitted):
-            units, delta = unit.copy(), -_DELTA if unit[fitted] > 0.5 else _DELTA
+            # Darker, where there is room: what is brighter than white looks all the same.
+            units, delta = unit.copy(), _DELTA if unit[fitted] < _DELTA else -_DELTA
             units[fitted] += delta
             slopes[i] = (self._render(states, units) - drawn) / delta
         of_pose = np.empty((num_poses, *drawn.shape), np.float32)
@@ -157,6 +160,14 @@ def rounding_std(slope: np.ndarray, drawn: np.ndarray) -> float:
     told = np.bincount(level, square)
     num_levels = told.sum() ** 2 / np.square(told).sum()
     return _ROUNDING / np.sqrt(num_levels * square.mean())
+
+
+def _is_overexposed(drawn: np.ndarray, real: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """(M, pixels) bool: as bright as can be in both. How much brighter it would be, nothing tells.
+
+    So such a pixel holds no colour back that others say is brighter.
+    """
+    return (drawn >= _WHITE) & (real >= _WHITE - noise)
 
 
 def _noise(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndarray:
