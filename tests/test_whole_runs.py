@@ -37,10 +37,10 @@ def test_truths_of_runs_are_reproducible_and_spread_as_asked(task):
     for parameter, of_it in zip(space, values.T, strict=True):
         spread = {"rope_length": 1.25}.get(parameter.name, 2.0)
         low, high = parameter.nominal / spread, parameter.nominal * spread
-        if parameter.is_colour:
-            low, high = 0.25, 1.0
-        elif parameter.name == "lighting":
+        if parameter.name == "lighting":
             low, high = 0.2, 0.6
+        elif parameter.is_colour:
+            low, high = 0.25, 1.0
         margin = 0.15 * (high - low)
         assert low <= of_it.min() < low + margin
         assert high - margin < of_it.max() <= high

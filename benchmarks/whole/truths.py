@@ -9,7 +9,7 @@ from simtune.parameters import Parameter, ParameterSpace
 _FACTOR = 2.0  # of nominal, up or down
 _FACTORS = {"rope_length": 1.25}  # the arm's reach allows no more
 _COLOURS = (0.25, 1.0)
-_LIGHTING = (0.2, 0.6)  # of the arm's scenes
+_LEVELS = {"lighting": (0.2, 0.6)}  # of the arm's scenes
 
 
 def draw(task: str, space: ParameterSpace, seed: int) -> dict[str, float]:
@@ -21,7 +21,7 @@ def draw(task: str, space: ParameterSpace, seed: int) -> dict[str, float]:
 
 def _value(parameter: Parameter, share: float) -> float:
     """The parameter at `share` of the way from its lowest truth to its highest."""
-    if parameter.is_colour or parameter.is_appearance:
-        low, high = _COLOURS if parameter.is_colour else _LIGHTING
+    if parameter.is_appearance:
+        low, high = _LEVELS.get(parameter.name, _COLOURS)
         return low + share * (high - low)
     return parameter.nominal * _FACTORS.get(parameter.name, _FACTOR) ** (2 * share - 1)
