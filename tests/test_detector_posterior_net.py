@@ -80,7 +80,7 @@ def test_peaks_are_found_finer_than_a_cell(truth):
     detector = a_detector(1)
     heatmap = splat(torch.tensor([[truth]]), detector.cells).log().clamp(min=-20)
     heatmap[..., 0 if truth[0] > 8 else -1] = heatmap.max() - 0.1  # a lower peak far away
-    candidates, _ = detector.candidates(heatmap)
+    candidates, *_ = detector.candidates(heatmap)
     np.testing.assert_allclose(candidates[0, 0, 0], truth, atol=0.1)  # a cell is 2 pixels
 
 
@@ -422,7 +422,9 @@ def test_detectors_estimates_are_compared_in_coordinates_of_the_range():
     # In coordinates of the whole space, which the two frames of each world average to
     visible = np.array([[0.15, 0.5], [0.25, 0.6], [0.3, 0.9], [0.4, 0.9]])
     found = worlds.filmed_keypoints().reshape(4, 2, 2) + np.array([1.0, -2.0])
-    detections = Detections(found, np.zeros((4, 2, 2, 2)), np.zeros((4, 2, 2)), visible)
+    detections = Detections(
+        found, np.zeros((4, 2, 2, 2)), np.zeros((4, 2, 2)), np.zeros((4, 2, 2, 2)), visible
+    )
     errors = model.detector_errors(worlds, detections, distribution)
     np.testing.assert_allclose(errors.visible, [[0, 0.3], [0, -0.1]], atol=1e-6)
     expected = np.broadcast_to([1.0, -2.0], (2, 2, 2, 2))
@@ -524,7 +526,7 @@ def test_keypoint_that_may_be_in_two_places_gets_both_as_candidates():
     heat = torch.full((1, 1, SIZE**2 // 4), -20.0)
     left, right = 2 * detector.cells[1] + 2, 9 * detector.cells[1] + 10  # cells far from each other
     heat[0, 0, left], heat[0, 0, right] = math.log(0.7), math.log(0.3)
-    places, probability = detector.candidates(heat)
+    places, probability, _ = detector.candidates(heat)
     torch.testing.assert_close(places[0, 0, 0], detector.grid[left], atol=0.01, rtol=0)
     torch.testing.assert_close(places[0, 1, 0], detector.grid[right], atol=0.01, rtol=0)
     torch.testing.assert_close(probability[0, :, 0], torch.tensor([0.7, 0.3]), atol=1e-3, rtol=0)

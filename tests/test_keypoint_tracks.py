@@ -5,6 +5,7 @@ import pytest
 from keypoint_evidence import tracks_at
 
 from simtune.vision.detector import Detections
+from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.keypoint_tracks import KeypointTracks
 
 
@@ -90,21 +91,6 @@ def test_typical_distance_is_the_median_of_what_is_sure_in_pixels():
     assert np.isnan(unsure.typical_distance(predicted))
 
 
-def test_measured_noise_is_the_robust_std_of_the_better_candidate():
-    rng = np.random.default_rng(0)
-    truth = rng.uniform(10, 50, (20, 30, 3, 2))
-    std = np.array([0.3, 1.0, 2.5])
-    right = truth + std[:, None] * rng.normal(size=truth.shape)
-    wrong = truth + rng.choice([-15.0, 15.0], truth.shape)
-    swapped = rng.random(truth.shape[:-1])[..., None] < 0.3
-    candidates = np.stack([np.where(swapped, wrong, right), np.where(swapped, right, wrong)], 2)
-    probability = np.full(candidates.shape[:-1], 0.48)
-    tracks = KeypointTracks(candidates, probability, np.ones(3), (64, 64))
-    noise = tracks.measured_noise_px(truth)
-    np.testing.assert_allclose(noise, std + 0.05, rtol=0.08)
-    np.testing.assert_array_equal(tracks.with_noise(noise).scale, np.repeat(noise, 2))
-
-
 def test_features_are_about_one_in_size():
     tracks = one_keypoint((0, 63), (32, 32))
     np.testing.assert_allclose(tracks.features, [[-4, 3.875, 0, 0, 0.6, 0.3]])
@@ -117,10 +103,11 @@ def test_tracks_of_detections_are_never_entirely_sure():
     probability = np.zeros((2, 7, 2, 3))
     probability[:, :, 0] = 1.0
     episodes = [
-        Detections(its[:, 0], its, known, np.zeros((7, 0)))
+        Detections(its[:, 0], its, known, np.zeros(its.shape), np.zeros((7, 0)))
         for its, known in zip(candidates, probability, strict=True)
     ]
-    tracks = KeypointTracks.of_detections(episodes, (64, 64), np.array([1.0, 2.0, 3.0]))
+    noise = DetectorNoise(np.zeros((3, 1)), np.array([[1.0], [2.0], [3.0]]))
+    tracks = KeypointTracks.of_detections(episodes, (64, 64), noise)
     np.testing.assert_array_equal(tracks.candidates, candidates)
     np.testing.assert_allclose(tracks.probability, 0.99 * probability)
     np.testing.assert_array_equal(tracks.scale, [1, 1, 2, 2, 3, 3])

@@ -66,7 +66,7 @@ def project_by_hand(model, data, camera: int, point: np.ndarray) -> tuple[float,
     half_height = depth * np.tan(np.radians(model.cam_fovy[camera]) / 2)  # m seen above the axis
     x = (to_point @ right / half_height + 1) / 2 * SIZE - 0.5  # 0 is the first pixel's centre
     y = (1 - to_point @ up / half_height) / 2 * SIZE - 0.5
-    return tuple(float(np.clip(v, -1, SIZE)) for v in (x, y))
+    return tuple(float(np.clip(v, 0.5, SIZE - 1.5)) for v in (x, y))
 
 
 @pytest.mark.parametrize("name", list(TASKS))
@@ -144,12 +144,13 @@ def test_keypoints_follow_a_camera_of_another_pose_and_field_of_view():
     np.testing.assert_allclose(keypoints.observe(worlds.batch), centroid, atol=0.4)
 
 
-def test_what_is_out_of_the_picture_is_put_just_beyond_its_edge():
+def test_what_is_out_of_the_picture_is_put_just_within_its_edge():
     # right, above, below left, and behind the camera
     seen = np.array([[[9, 0, -1]], [[0, 9, -1]], [[-9, -9, -1]], [[0.1, 0.0, 5]]], float)
     pixels = _project(seen, np.full(4, SIZE / 2), SIZE, SIZE)[:, 0]
     middle = (SIZE - 1) / 2
-    expected = [[SIZE, middle], [middle, -1], [-1, SIZE], [SIZE, middle]]
+    last = SIZE - 1.5
+    expected = [[last, middle], [middle, 0.5], [0.5, last], [last, middle]]
     np.testing.assert_allclose(pixels, expected)
     assert np.isfinite(_project(np.zeros((1, 1, 3)), np.full(1, 32.0), SIZE, SIZE)).all()
 

@@ -26,6 +26,7 @@ from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import SearchContext
 from simtune.vision.detector import Detections
+from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints
 
@@ -63,15 +64,13 @@ class FitStage:
         context: SearchContext,
         model: PosteriorSearchParamModel,
         replay_fit: ReplayFit,
-        noise_px: np.ndarray,
+        noise: DetectorNoise,
         is_blunt: bool = False,
     ):
-        """`noise_px`: (L,) of the detector, where it is sure; `is_blunt`: what sensors read counts
-        as if it were noisier.
-        """
+        """`noise`: of the detector; `is_blunt`: what sensors read counts as if it were noisier."""
         assert isinstance(context.simulator, Simulator), "see can_fit"
         self._context, self._model, self._simulator = context, model, context.simulator
-        self._replay_fit, self._noise_px, self._is_blunt = replay_fit, noise_px, is_blunt
+        self._replay_fit, self._noise, self._is_blunt = replay_fit, noise, is_blunt
 
     @classmethod
     def prepare(
@@ -87,9 +86,9 @@ class FitStage:
         worlds, simulator = held_out.worlds, context.simulator
         assert isinstance(simulator, Simulator), "see can_fit"
         episodes = held_out.detections.episodes(len(worlds.frames))
-        tracks = KeypointTracks.of_detections(episodes, simulator.shape)
-        noise_px = tracks.measured_noise_px(worlds.filmed_keypoints())
-        evidence = context.observation.evidence(tracks.with_noise(noise_px), worlds.readings)
+        noise = DetectorNoise.measured(episodes, worlds.filmed_keypoints())
+        tracks = KeypointTracks.of_detections(episodes, simulator.shape, noise)
+        evidence = context.observation.evidence(tracks, worlds.readings)
         observed = Observed(evidence, worlds.filmed_actions().astype(float))
         observe = context.observation.observe_beside(context.keypoints.observe)
         physics = Physics(simulator, observe, worlds.states[0, 0])
@@ -107,7 +106,7 @@ class FitStage:
         )
         discrepancy = context.observation.discrepancy_std(simulator.space.is_appearance)
         replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit)
-        return cls(context, model, replay_fit, noise_px, is_blunt)
+        return cls(context, model, replay_fit, noise, is_blunt)
 
     @property
     def reading_labels(self) -> tuple[str, ...]:
@@ -117,7 +116,7 @@ class FitStage:
     def sized(self, num_steps: int, seconds: float) -> "FitStage":
         """One whose fits take about so long, for real episodes of `num_steps` in all."""
         fit = self._replay_fit.sized(num_steps, seconds)
-        return FitStage(self._context, self._model, fit, self._noise_px, self._is_blunt)
+        return FitStage(self._context, self._model, fit, self._noise, self._is_blunt)
 
     def observed(
         self, trajectories: Sequence[Trajectory], detections: Sequence[Detections]
@@ -125,7 +124,7 @@ class FitStage:
         """Episodes cut to equal length, with what was detected in their frames."""
         steps = min(len(t) for t in trajectories)
         cut = [found.first(steps + 1) for found in detections]
-        tracks = KeypointTracks.of_detections(cut, self._simulator.shape, self._noise_px)
+        tracks = KeypointTracks.of_detections(cut, self._simulator.shape, self._noise)
         first = [t.first(steps) for t in trajectories]
         names = first[0].readings
         readings = {name: np.stack([t.readings[name] for t in first]) for name in names}

@@ -94,16 +94,30 @@ class KeypointDetector(nn.Module):
         """(B, L, 2) mean position around each heatmap's peak: finer than a cell."""
         return heatmaps.masked_fill(~self._near_peak(heatmaps), -torch.inf).softmax(-1) @ self.grid
 
-    def candidates(self, heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(B, 2, L, 2) the two most probable places of each keypoint, and (B, 2, L) how probable.
+    def candidates(self, heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """(B, 2, L, 2) the two most probable places of each keypoint; how probable, how spread out.
 
         Two, since what looks alike (left and right) gets mixed up: one of the two is right then.
+        Probabilities are (B, 2, L), spreads (B, 2, L, 2) pixels.
         """
         first, share = self._near_peak(heatmaps), heatmaps.softmax(-1)
         others = heatmaps.masked_fill(first, -torch.inf)
         second = self._near_peak(others) & ~first
         probability = torch.stack([(share * near).sum(-1) for near in (first, second)], 1)
-        return torch.stack([self._peaks(heatmaps), self._peaks(others)], 1), probability
+        places = torch.stack([self._peaks(heatmaps), self._peaks(others)], 1)
+        spreads = [self._spread(share, near) for near in (first, second)]
+        return places, probability, torch.stack(spreads, 1)
+
+    def _spread(self, share: torch.Tensor, near: torch.Tensor) -> torch.Tensor:
+        """(B, L, 2) standard deviation of heatmaps around a peak, beyond that of a sharp one.
+
+        A point between cells is taught as the four around it, which spread by themselves.
+        """
+        share = share * near / (share * near).sum(-1, keepdim=True).clamp(min=1e-9)
+        mean = share @ self.grid
+        part = (mean - self.grid[0]) / _STRIDE % 1
+        sharp = _STRIDE**2 * part * (1 - part)
+        return (share @ self.grid.square() - mean.square() - sharp).clamp(min=0).sqrt()
 
     def _near_peak(self, heatmaps: torch.Tensor) -> torch.Tensor:
         """(B, L, cells) bool: cells at most two rows and columns from the largest."""
@@ -179,6 +193,7 @@ class Detections(NamedTuple):
     keypoints: np.ndarray  # (n, L, 2) pixels
     candidates: np.ndarray  # (n, 2, L, 2) pixels: the same, and the next best place of each
     probability: np.ndarray  # (n, 2, L) that the keypoint is at that place; the rest is elsewhere
+    spread: np.ndarray  # (n, 2, L, 2) pixels, of the heatmap around that place
     visible: np.ndarray  # (n, V) visible parameters, in coordinates of the whole space
 
     def episodes(self, num: int) -> list["Detections"]:

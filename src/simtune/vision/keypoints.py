@@ -25,7 +25,8 @@ _THREE_SIZES = (mujoco.mjtGeom.mjGEOM_BOX.value, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 PILOT_STEPS = 3200  # simulated to choose keypoints by
 _PILOTS = 32
 _DRAWN_GROUPS = 3  # MuJoCo draws geoms of the first three; the others are for contacts
-_MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
+# Inside of the picture, where points outside of it are taken to be: detectors name no other place.
+_BORDER_PX = 0.5
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def _project(seen: np.ndarray, focal_length_px: np.ndarray, width: int, height: 
     direction = seen[..., :2] / depth * [1, -1]
     last = np.array([width, height]) - 1
     pixels = last / 2 + focal_length_px[:, None, None] * direction
-    return np.clip(pixels, -_MARGIN_PX, last + _MARGIN_PX).astype(np.float32)
+    return np.clip(pixels, _BORDER_PX, last - _BORDER_PX).astype(np.float32)
 
 
 def candidate_keypoints(model: mujoco.MjModel, seen: Sequence[View], height: int) -> Keypoints:
