@@ -127,11 +127,11 @@ def test_fit_recovers_delay_and_gain_from_windows_inside_episodes(name):
     start = space.from_unit(space.to_unit(truth) + 0.1)
     fit = Shooting(physics, SPREAD, fitted, config).fit(detected(rollouts), rough, start)
     found = space.from_unit(fit.unit)
-    np.testing.assert_allclose(found, truth, rtol=0.02)
+    np.testing.assert_allclose(found, truth, rtol=0.03)
 
     particles = Particles(physics, SPREAD, fitted, ParticleConfig(num=128))
     unit = space.to_unit(start)
     followed = particles.follow(detected(rollouts), rough, unit, np.full(len(unit), 0.1))
     error = np.abs(physics.space.difference(followed.states, states)).mean((0, 1))
     # Without any memory .2 to .5; segments begin as the first guess at a lag has filters follow.
-    assert (error[:2] < SPREAD[:2] * (1.6 if name == "lag" else 1)).all()
+    assert (error[:2] < SPREAD[:2] * (1.6 if name == "lag" else 1.1)).all()
