@@ -12,6 +12,7 @@ from scipy.ndimage import distance_transform_edt
 from simtune.camera_pose.film import Film
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
+from simtune.fit.combine import newton_within
 
 # Pixels by which outlines are taken to be off, iteration by iteration: the robot is drawn in each.
 NEAR = (5.0, 5.0, 5.0, 3.0, 3.0, 3.0)
@@ -135,22 +136,11 @@ class Tracker:
 
 
 def _step(found: Fit, farthest_px: float, beyond: float) -> np.ndarray:
-    """(P,) Gauss and Newton's, shortened so that hardly a point moves farther.
-
-    What is at an end of its range, and would leave it, stays; the others are solved for again.
-    """
+    """(P,) Gauss and Newton's, shortened so that hardly a point moves farther."""
     weighted = found.slopes.T * found.weights
     information, pull = weighted @ found.slopes, weighted @ found.off_px
     num = len(pull)
     information += (_SLACK * np.trace(information) / num + 1e-9) * np.eye(num)
-    free, step = np.ones(num, bool), np.zeros(num)
-    for _ in range(num):
-        step = np.zeros(num)
-        step[free] = np.linalg.solve(information[np.ix_(free, free)], pull[free])
-        low, high = found.unit <= -beyond, found.unit >= 1 + beyond
-        stuck = free & ((low & (step < 0)) | (high & (step > 0)))
-        if not stuck.any():
-            break
-        free &= ~stuck
+    step = newton_within(information, -pull, found.unit, (-beyond, 1 + beyond))
     moved_px = np.percentile(np.abs(found.slopes @ step), 95)
     return step * min(1.0, farthest_px / max(float(moved_px), 1e-9))

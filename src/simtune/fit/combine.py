@@ -38,19 +38,27 @@ class Combined:
 def step_within_bounds(
     damped: np.ndarray, slope: np.ndarray, unit: np.ndarray, largest: float
 ) -> np.ndarray:
-    """(P + Q,) Newton step of P unit coordinates, none of which moves by more than `largest`.
+    """(P + Q,) that of `newton_within`, shortened so that no unit coordinate moves farther."""
+    change = newton_within(damped, slope, unit, (0.0, 1.0))
+    return change * (largest / np.abs(change[: len(unit)]).max(initial=largest))
 
-    Q others come after them, and have no bounds. What stands at a bound and is drawn beyond stays
-    there, and the others step as is best then.
+
+def newton_within(
+    hessian: np.ndarray, slope: np.ndarray, unit: np.ndarray, bounds: tuple[float, float]
+) -> np.ndarray:
+    """(P + Q,) Newton step of P unit coordinates; Q others come after them, without bounds.
+
+    What stands at a bound, or beyond, and is drawn farther stays there, and the others step as is
+    best then. Others may end beyond.
     """
-    num, free = len(unit), np.ones(len(slope), bool)
+    (low, high), num, free = bounds, len(unit), np.ones(len(slope), bool)
     while True:
         change = np.zeros(len(slope))
-        change[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
+        change[free] = -np.linalg.solve(hessian[np.ix_(free, free)], slope[free])
         its = change[:num]
-        beyond = (unit <= 0) & (its < 0) | (unit >= 1) & (its > 0)
+        beyond = (unit <= low) & (its < 0) | (unit >= high) & (its > 0)
         if not beyond.any():
-            return change * (largest / np.abs(its).max(initial=largest))
+            return change
         free[:num] &= ~beyond
 
 
