@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from simtune.camera_pose.geometry import CameraGeometry, Pose
-from simtune.camera_pose.scene import has_outlines, moves_before
+from simtune.camera_pose.scene import has_outlines, robot_before
 from simtune.simulation.depths import Depths
 
 _MESH, _EACH = mujoco.mjtGeom.mjGEOM_MESH.value, 4  # points of a geom
@@ -35,7 +35,7 @@ class Robot:
         self, model: mujoco.MjModel, camera: str, states: np.ndarray, geometry: CameraGeometry
     ):
         """(M, S) full states; `geometry`: of the film's pictures."""
-        self._geometry, self._moves = geometry, moves_before(model, camera)
+        self._geometry, self._moves = geometry, robot_before(model, camera)
         its = model.camera(camera)
         self._poses = [_poses(model, int(its.bodyid[0]), state) for state in states]
         shown = has_outlines(model)

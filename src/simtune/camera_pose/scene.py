@@ -12,9 +12,8 @@ from simtune.observation import ObservationModel, joints_of
 from simtune.parameters import ParameterSpace, camera_pose, field_of_view
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
-from simtune.vision.keypoints import is_drawn
+from simtune.vision.keypoints import ENDLESS, is_drawn, moves_before
 
-_ENDLESS = (mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _LARGEST_FOV_DEG = 170.0
 
 
@@ -47,10 +46,10 @@ def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) ->
 
 def has_outlines(model: mujoco.MjModel) -> np.ndarray:
     """(ngeom,) bool: what a camera sees, but endless ground."""
-    return is_drawn(model) & ~np.isin(model.geom_type, _ENDLESS)
+    return is_drawn(model) & ~np.isin(model.geom_type, ENDLESS)
 
 
-def moves_before(model: mujoco.MjModel, camera: str) -> np.ndarray:
+def robot_before(model: mujoco.MjModel, camera: str) -> np.ndarray:
     """(ngeom,) bool: the robot, as a camera sees it: what is drawn and not fixed to the camera.
 
     Raises InputError for a camera that turns by itself, or before which nothing moves.
@@ -61,8 +60,7 @@ def moves_before(model: mujoco.MjModel, camera: str) -> np.ndarray:
             f"camera {camera!r} follows what moves; --camera-pose finds cameras that are fixed to "
             'a body: expected mode="fixed"'
         )
-    fixed_to = model.body_weldid[model.geom_bodyid]
-    moves = has_outlines(model) & (fixed_to != model.body_weldid[its.bodyid[0]])
+    moves = has_outlines(model) & moves_before(model, its.id)
     if not moves.any():
         raise InputError(f"nothing that the model draws moves before camera {camera!r}")
     return moves

@@ -20,7 +20,7 @@ from simtune.views import View
 _SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value  # its ends tell nothing that its centre does not
 _ROUND = (mujoco.mjtGeom.mjGEOM_CAPSULE.value, mujoco.mjtGeom.mjGEOM_CYLINDER.value)
 _MOUNTED = mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value
-_ENDLESS = (mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
+ENDLESS = (mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _THREE_SIZES = (mujoco.mjtGeom.mjGEOM_BOX.value, mujoco.mjtGeom.mjGEOM_ELLIPSOID.value)
 PILOT_STEPS = 3200  # simulated to choose keypoints by
 _PILOTS = 32
@@ -99,7 +99,7 @@ def candidate_keypoints(model: mujoco.MjModel, seen: Sequence[View], height: int
     cameras = np.array([model.camera(view.camera).id for view in seen], int)
     geoms, offsets, views = [], [], []
     for view, camera in enumerate(cameras):
-        for geom in np.flatnonzero(_moves_before(model, camera)).tolist():
+        for geom in np.flatnonzero(moves_before(model, camera)).tolist():
             ends = [0.0] if model.geom_type[geom] == _SPHERE else [-1.0, 0.0, 1.0]
             half_length = _half_length(model, geom)
             for end in ends:
@@ -121,14 +121,14 @@ def is_drawn(model: mujoco.MjModel) -> np.ndarray:
     return (model.geom_group < _DRAWN_GROUPS) & (model.geom_rgba[:, 3] > 0)
 
 
-def _moves_before(model: mujoco.MjModel, camera: int) -> np.ndarray:
+def moves_before(model: mujoco.MjModel, camera: int) -> np.ndarray:
     """(ngeom,) bool: which geoms can move in its picture: before one on a robot, all but its own.
 
     One that merely follows a body does not turn with it.
     """
     fixed_to, is_mounted = model.body_weldid[model.geom_bodyid], model.cam_mode[camera] == _MOUNTED
     own = model.body_weldid[model.cam_bodyid[camera]] if is_mounted else 0
-    endless = np.isin(model.geom_type, _ENDLESS)  # its middle is nothing that one sees
+    endless = np.isin(model.geom_type, ENDLESS)  # its middle is nothing that one sees
     return (fixed_to != own) & ~((fixed_to == 0) & endless)
 
 
