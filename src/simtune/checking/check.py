@@ -44,6 +44,7 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     seen = observed(task, config.observed, is_simulated=not config.real)
     image_size = config.image_size or needed_image_size("posterior")
     facts: dict[str, Any] = {"task": task.name, "seed": config.seed, "image_size": image_size}
+    facts["warnings"] = []
     read: ReadEpisodes | None = None
     if config.real:
         simulator, actions, read, more = _of_recordings(config, task, image_size, seen, say)
@@ -61,11 +62,12 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
         readings, assumed = reading_changes(simulator, seen, actions, read, config.seed)
         facts["assumed"] = assumed
     information = analyze(simulator, actions, config.seed, seen, readings)
-    if stuck := joints_at_limits(task.load_model(), simulator, actions, config.seed):
-        facts["warnings"] = [*facts.get("warnings", ()), *stuck]
+    worlds = np.tile(task.parameters.nominal, (len(actions), 1))
+    states = simulator.roll_out(worlds, actions, np.random.default_rng((config.seed, 5))).states
+    facts["warnings"] += joints_at_limits(simulator, states)
     if seen.cameras:
-        facts["extents_px"] = extents_px(simulator, actions, config.seed)
-        facts["warnings"] = [*facts.get("warnings", ()), *small(facts["extents_px"], image_size)]
+        facts["extents_px"] = extents_px(simulator, states)
+        facts["warnings"] += small(facts["extents_px"], image_size)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return plain(facts | conclude(task.parameters, information))
 

@@ -14,20 +14,20 @@ _FEW_PX, _ENOUGH_PX = 3.5, 5.0  # across: what is found within .2 pixels or so i
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box
 
 
-def extents_px(simulator: Simulator, actions: np.ndarray, seed: int) -> dict[str, float]:
+def extents_px(simulator: Simulator, states: np.ndarray) -> dict[str, float]:
     """{body: pixels} across what moves, where it is narrow, as the camera that shows most sees it.
 
-    In the median over states of the nominal world that plays actions (E, T, A).
+    In the median over some of the (E, T + 1, S) states of nominal worlds.
     """
     corners = _corners(simulator)
     if not len(corners):
         return {}
-    actions = actions[:_EPISODES]
-    worlds = np.tile(simulator.space.nominal, (len(actions), 1))
-    rng, steps = np.random.default_rng((seed, 6)), actions.shape[1]
-    played = simulator.roll_out(worlds, actions, rng, corners.observe).observed
-    at = np.linspace(0, steps, min(_STEPS, steps + 1)).astype(int)
-    pixels = played[:, at].reshape(-1, len(corners), 2).astype(float)
+    at = np.linspace(0, states.shape[1] - 1, min(_STEPS, states.shape[1])).astype(int)
+    some = states[:_EPISODES, at].reshape(-1, states.shape[2])
+    worlds = np.tile(simulator.space.nominal, (len(some), 1))
+    still, rng = np.zeros((len(some), 0, simulator.num_actions)), np.random.default_rng(0)
+    seen = simulator.roll_out(worlds, still, rng, corners.observe, starts=some).observed
+    pixels = seen.reshape(-1, len(corners), 2).astype(float)
     model = simulator.model
     bodies = model.body_weldid[model.geom_bodyid[corners.geoms]]
     found: dict[str, float] = {}

@@ -10,13 +10,10 @@ _AT_LIMIT = 0.02  # of a joint's range: limits are soft
 _NEARLY_ALWAYS = 0.8  # of all steps
 
 
-def joints_at_limits(
-    model: mujoco.MjModel, simulator: Simulator, actions: np.ndarray, seed: int
-) -> list[str]:
-    """A sentence for each driven joint that actions (E, T, A) leave at its limits, nominally."""
-    worlds = np.tile(simulator.space.nominal, (len(actions), 1))
-    rollouts = simulator.roll_out(worlds, actions, np.random.default_rng((seed, 5)))
-    positions = simulator.state_space.positions_and_velocities(rollouts.states)
+def joints_at_limits(simulator: Simulator, states: np.ndarray) -> list[str]:
+    """A sentence for each driven joint that is at its limits in nearly all (E, T + 1, S) states."""
+    model = simulator.model
+    positions = simulator.state_space.positions_and_velocities(states)
     return [
         _says(model, joint, share)
         for joint in _driven(model)
