@@ -1,4 +1,4 @@
-"""Columns of plain text."""
+"""Plain text: columns, and lists that are cut short."""
 
 from collections.abc import Collection, Sequence
 
@@ -14,3 +14,9 @@ def aligned(rows: Sequence[Sequence[str]], left: Collection[int]) -> list[str]:
         ]
         lines.append("  ".join(cells).rstrip())
     return lines
+
+
+def cut(items: Sequence[str], most: int, separator: str = ", ") -> str:
+    """The first `most` of them, and how many more there are: "a, b and 3 more"."""
+    more = f" and {len(items) - most} more" if len(items) > most else ""
+    return separator.join(items[:most]) + more

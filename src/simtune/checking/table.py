@@ -3,7 +3,7 @@
 from typing import Any
 
 from simtune.checking.servo_table import servo_lines
-from simtune.columns import aligned
+from simtune.columns import aligned, cut
 
 _MOST_EXTENTS = 6
 _PICTURE = ("picture", "of pixels", "motion", "at most")
@@ -42,10 +42,8 @@ def table(result: dict[str, Any]) -> list[str]:
 
 def _extents(extents: dict[str, float], image_size: int) -> str:
     largest = sorted(extents.items(), key=lambda its: -its[1])
-    said = ", ".join(f"{name} {px:.1f}" for name, px in largest[:_MOST_EXTENTS])
-    more = len(largest) - _MOST_EXTENTS
-    others = f" and {more} more" if more > 0 else ""
-    return f"across what moves, in pixels of {image_size}: {said}{others}"
+    said = cut([f"{name} {px:.1f}" for name, px in largest], _MOST_EXTENTS)
+    return f"across what moves, in pixels of {image_size}: {said}"
 
 
 def _legend(result: dict[str, Any]) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from simtune import outcome
+from simtune.columns import cut
 from simtune.comparison import write_comparison
 from simtune.experiment.experiment import Experiment
 from simtune.progress import ReportProgress, silent
@@ -96,9 +97,7 @@ class Run:
         estimates = outcome.scalars(experiment.search, early)
         self.log(len(experiment.recordings), estimates | {"is_early": 1.0})
         rows = zip(experiment.space, early.mean, strict=True)
-        known = ", ".join(f"{p.name} {value:.4g}" for p, value in list(rows)[:_TOLD_EARLY])
-        more = len(early.mean) - _TOLD_EARLY
-        said = f"{known} and {more} more" if more > 0 else known
+        said = cut([f"{p.name} {value:.4g}" for p, value in rows], _TOLD_EARLY)
         log.info("a first answer, how sure is not known yet: %s", said)
 
     def finish(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import simtune
+from simtune.columns import cut
 from simtune.errors import InputError
 from simtune.run.files import read_json
 from simtune.run.sources import SOURCES, changed_sources
@@ -68,10 +69,9 @@ def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> No
         contents = _other_contents(path, stored, now, differing)
         words = [f"{k} {_show(before, k)}, now {_show(now, k)}" for k in differing]
         words = [contents.get(k, word) for k, word in zip(differing, words, strict=True)]
-        words = list(dict.fromkeys(filter(None, words)))
-        more = f" and {len(words) - 3} more" if len(words) > 3 else ""
+        said = cut(list(dict.fromkeys(filter(None, words))), 3, "; ")
         raise InputError(
-            f"{path} holds a run with {'; '.join(words[:3])}{more}: "
+            f"{path} holds a run with {said}: "
             "give the same values to go on with it, or another --out to start anew"
         )
 
