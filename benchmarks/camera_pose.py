@@ -17,10 +17,9 @@ from typing import Any
 import mujoco
 import numpy as np
 import tyro
-from arms import ARMS, Arm, tuning_file, unpack
 from common import machine, record_figures
-from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
+from wheel_arms import ARMS, Arm, middle, tuning_file, unpack, wandering
 
 from simtune.camera_pose import find_camera_pose
 from simtune.config import CheckConfig
@@ -33,6 +32,7 @@ from simtune.views import View
 
 _EPISODES, _STEPS, _THINGS = 4, 60, 10
 _OFF_M, _OFF_DEG = 0.3, 25.0
+_REACH = 0.45  # rad, standard deviation of the joints around their middle
 _HEIGHT, _WIDTH = 240, 320
 _SKY = """<asset><texture type="skybox" builtin="gradient" rgb1=".5 .6 .7" rgb2=".35 .3 .3"
 width="64" height="384"/></asset></mujoco>"""
@@ -112,17 +112,15 @@ def _camera(task: Task, arm: Arm, rng: np.random.Generator) -> Camera:
     """Somewhere around the arm, which it sees whole."""
     model = task.load_model()
     data = mujoco.MjData(model)
-    data.qpos[:] = _middle(task, arm)
+    data.qpos[:] = middle(task, arm.joints)
     mujoco.mj_forward(model, data)
     joints = np.array([data.body(model.joint(j).bodyid[0]).xpos for j in arm.joints])
-    middle, reach = (
-        joints.mean(0),
-        max(float(np.linalg.norm(joints - joints[0], axis=1).max()), 0.3),
-    )
+    centre = joints.mean(0)
+    reach = max(float(np.linalg.norm(joints - joints[0], axis=1).max()), 0.3)
     azimuth, height = rng.uniform(0, 2 * np.pi), rng.uniform(0.15, 0.8)
     way = [np.cos(azimuth) * np.cos(height), np.sin(azimuth) * np.cos(height), np.sin(height)]
-    position = middle + reach * rng.uniform(1.9, 2.5) * np.array(way)
-    backward = position - middle - rng.uniform(-0.1, 0.1, 3)
+    position = centre + reach * rng.uniform(1.9, 2.5) * np.array(way)
+    backward = position - centre - rng.uniform(-0.1, 0.1, 3)
     backward /= np.linalg.norm(backward)
     right = np.cross([0, 0, 1], backward)
     right /= np.linalg.norm(right)
@@ -160,7 +158,8 @@ def _film(folder: Path, plain: str, camera: Camera, arm: Arm, rng: np.random.Gen
     (folder / "tune.toml").write_text(plain + _table(camera))
     task = load_task(str(folder / "tune.toml"))
     model.write_text(before)
-    actions = _motion(task, arm, rng)
+    shape = (_EPISODES, _STEPS, len(arm.joints))
+    actions = middle(task, arm.joints) + wandering(shape, 5, rng, _REACH)
 
     def start_at_command(batch, _: np.random.Generator) -> None:
         batch.qpos[:] = actions[:, 0]
@@ -197,20 +196,6 @@ def _thing(camera: Camera, rng: np.random.Generator) -> str:
     place = camera["position_m"] + away
     said = (" ".join(f"{v:.3f}" for v in values) for values in (place, size, turned, colour))
     return '<geom type="{}" pos="{}" size="{}" quat="{}" rgba="{} 1"/>'.format(kind, *said)
-
-
-def _motion(task: Task, arm: Arm, rng: np.random.Generator) -> np.ndarray:
-    """(E, T, A) smooth commands around the middle of each joint's range."""
-    middle = _middle(task, arm)
-    wandering = gaussian_filter1d(rng.normal(size=(_EPISODES, _STEPS, len(arm.joints))), 5, axis=1)
-    return middle + 0.45 * wandering / wandering.std((0, 1))
-
-
-def _middle(task: Task, arm: Arm) -> np.ndarray:
-    """(A,) of the joints' ranges."""
-    model = task.load_model()
-    low, high = (np.array([model.joint(j).range[k] for j in arm.joints]) for k in (0, 1))
-    return np.where(high > low, (low + high) / 2, np.pi)
 
 
 def _errors(found: dict[str, Any], camera: Camera) -> dict[str, float]:

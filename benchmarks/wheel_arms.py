@@ -115,7 +115,9 @@ def middle(task: Task, joints: tuple[str, ...]) -> np.ndarray:
     return np.where(high > low, (low + high) / 2, np.pi)
 
 
-def wandering(shape: tuple[int, int, int], sigma: int, rng: np.random.Generator) -> np.ndarray:
-    """(E, T, J) smooth random motion by REACH around 0; `sigma`: steps of a Gaussian."""
+def wandering(
+    shape: tuple[int, int, int], sigma: int, rng: np.random.Generator, reach: float = REACH
+) -> np.ndarray:
+    """(E, T, J) smooth random motion by `reach`, rad, around 0; `sigma`: steps of a Gaussian."""
     smooth = gaussian_filter1d(rng.normal(size=shape), sigma, axis=1)
-    return REACH * smooth / smooth.std((0, 1))
+    return reach * smooth / smooth.std((0, 1))
