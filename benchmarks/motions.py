@@ -76,7 +76,7 @@ def _told(task: Task, actions: np.ndarray) -> dict[str, float | None]:
     def start(batch, _: np.random.Generator) -> None:
         batch.qpos[:] = actions[: batch.nsim, 0]
 
-    simulator = replace(task, initialize=start, camera=None).simulator(image_size=16, step_s=STEP_S)
+    simulator = replace(task, initialize=start, cameras=()).simulator(image_size=16, step_s=STEP_S)
     observation = ObservationModel.of_reality(task.sensors).only(("joints",))
     nominal = where_analyzed(simulator.space)
     replayed = ReplayedReadings(simulator, observation, nominal, actions)
