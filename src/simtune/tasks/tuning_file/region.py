@@ -30,8 +30,9 @@ def read_region(table: TomlTable, lens: Lens | None, fovy_deg: float) -> Lens | 
 def turn(spec: mujoco.MjSpec, name: str, lens: Lens) -> None:
     """A camera of the model, wherever it is mounted, so that it looks at the lens's region.
 
-    A model that was tuned and exported says that it was turned already. Raises InputError where
-    that was to another region, and for a camera that turns by itself.
+    Its field of view is the caller's to set. A model that was tuned and exported says that it was
+    turned already. Raises InputError where that was to another region, and for a camera that turns
+    by itself.
     """
     if lens.region is None:
         return
@@ -45,7 +46,7 @@ def turn(spec: mujoco.MjSpec, name: str, lens: Lens) -> None:
         raise InputError(f"camera {name} turns by itself: a region needs one that is fixed")
     known, body = {"region": lens.region, "fovy_deg": float(before.fovy)}, before.parent
     spec.delete(before)
-    body.add_camera(name=name, pos=its.pos, quat=lens.towards_region(its.quat), fovy=lens.fovy_deg)
+    body.add_camera(name=name, pos=its.pos, quat=lens.towards_region(its.quat))
     spec.add_text(name=_text(name), data=json.dumps(known))
 
 
