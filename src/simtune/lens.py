@@ -45,7 +45,7 @@ class Lens:
     @classmethod
     def pinhole(cls, width: int, height: int, fovy_deg: float) -> "Lens":
         """One without distortion. `fovy_deg`: vertical field of view."""
-        focal = height / 2 / math.tan(math.radians(fovy_deg) / 2)
+        focal = float(focal_px(height, fovy_deg))
         return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
 
     def distort(self, points: np.ndarray) -> np.ndarray:
@@ -172,6 +172,11 @@ class Lens:
     def _axes(self) -> tuple[tuple[int, float, float], tuple[int, float, float]]:
         """Pixels, middle and focal length, along x and y."""
         return (self.width, self.cx, self.fx), (self.height, self.cy, self.fy)
+
+
+def focal_px(height: int, fovy_deg: float | np.ndarray) -> np.ndarray:
+    """A pinhole's focal length, pixels, of pictures so high; of its shape where there are many."""
+    return height / 2 / np.tan(np.radians(fovy_deg) / 2)
 
 
 @functools.lru_cache(8)

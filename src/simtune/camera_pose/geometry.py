@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from simtune.lens import focal_px
 from simtune.parameters import ParameterSpace
 
 _LEAST_DEPTH_M = 0.01
@@ -70,17 +71,17 @@ class CameraGeometry:
         pose, values = self.pose(unit), self._values(unit)
         away = points - pose.place
         x, y, z = (away @ pose.turn).T
-        depth, focal_px = np.maximum(-z, _LEAST_DEPTH_M), self._focal_px(pose)
+        depth, focal = np.maximum(-z, _LEAST_DEPTH_M), self._focal_px(pose)
         nothing = np.zeros_like(x)
         by_seen = np.stack([np.stack([depth, nothing, x]), np.stack([nothing, -depth, -y])])
-        by_seen *= focal_px / depth**2  # (2, 3, n)
+        by_seen *= focal / depth**2  # (2, 3, n)
         seen_by = [np.tile(-axis, (len(points), 1)) for axis in pose.turn]
         seen_by += [away @ turned for turned in self._turned(values[3:6])]
         every = np.einsum("ijn,pnj->nip", by_seen, np.stack(seen_by))
         if len(values) > 6:
             half = np.radians(pose.fovy_deg) / 2
             zoom = -np.radians(1) / np.sin(2 * half)  # of the focal length, per degree
-            beside = focal_px * np.stack([x, -y], 1) / depth[:, None]
+            beside = focal * np.stack([x, -y], 1) / depth[:, None]
             every = np.concatenate([every, zoom * beside[..., None]], 2)
         return every * self._lows_and_ranges[1]
 
@@ -108,8 +109,8 @@ class CameraGeometry:
     def _centre_px(self) -> np.ndarray:
         return (np.array(self.size[::-1]) - 1) / 2
 
-    def _focal_px(self, pose: Pose) -> float:
-        return self.size[0] / 2 / np.tan(np.radians(pose.fovy_deg) / 2)
+    def _focal_px(self, pose: Pose) -> np.ndarray:
+        return focal_px(self.size[0], pose.fovy_deg)
 
 
 _CROSS = np.cross(np.eye(3), np.eye(3)[:, None])  # e ×: derivatives of rotations about e, at 0

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from simtune.lens import focal_px
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
 from simtune.views import View
@@ -62,9 +63,8 @@ class Keypoints:
             turn = batch.cam_xmat.reshape(batch.nsim, -1, 3, 3)[:, camera]
             away = points[:, mine] - batch.cam_xpos[:, None, camera]
             seen = np.einsum("nli,nij->nlj", away, turn)
-            fovy = np.radians(batch.camera(int(camera)).fovy.reshape(batch.nsim))
-            focal_length_px = self.height / 2 / np.tan(fovy / 2)
-            pixels[:, mine] = _project(seen, focal_length_px, int(width), self.height)
+            focal = focal_px(self.height, batch.camera(int(camera)).fovy.reshape(batch.nsim))
+            pixels[:, mine] = _project(seen, focal, int(width), self.height)
             pixels[:, mine, 0] += left
         return pixels.reshape(batch.nsim, -1)
 
