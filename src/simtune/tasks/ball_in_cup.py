@@ -5,7 +5,7 @@ from mujoco.batch import Batch
 
 from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import computed, draw_without_contact, reset_to_default
-from simtune.tasks.suite import load_suite_spec, suite_task
+from simtune.tasks.suite import load_suite_spec, suite_task, untextured_model
 from simtune.tasks.task import Task
 
 _BALL_X_M = (-0.2, 0.2)  # initial positions, relative to the ball's at rest
@@ -14,7 +14,7 @@ _CUP_GEOMS = tuple(f"cup_part_{i}" for i in range(5))
 
 
 def catch() -> Task:
-    model = load_suite_spec("ball_in_cup").compile()
+    model = untextured_model(load_suite_spec("ball_in_cup"))
     ball_mass_kg = float(model.body("ball").mass[0])
     parameters = [
         dynamics("ball_mass", "body_mass", ("ball",), nominal=ball_mass_kg, unit="kg"),

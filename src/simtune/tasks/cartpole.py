@@ -5,7 +5,7 @@ from mujoco.batch import Batch
 
 from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import reset_to_default
-from simtune.tasks.suite import load_suite_spec, suite_task, tolerance
+from simtune.tasks.suite import load_suite_spec, suite_task, tolerance, untextured_model
 from simtune.tasks.task import Task
 
 _MAX_POSITION_M = 0.1  # initial states: uniform within, the velocities normal
@@ -14,7 +14,7 @@ _VELOCITY_STD = 0.01  # m/s and rad/s
 
 
 def balance() -> Task:
-    model = load_suite_spec("cartpole").compile()
+    model = untextured_model(load_suite_spec("cartpole"))
     pole_mass_kg = float(model.body("pole_1").mass[0])
     gain = float(model.actuator("slide").gainprm[0])
     parameters = [

@@ -6,7 +6,7 @@ from mujoco.batch import Batch
 
 from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import computed, reset_to_default
-from simtune.tasks.suite import load_suite_spec, suite_task, tolerance
+from simtune.tasks.suite import load_suite_spec, suite_task, tolerance, untextured_model
 from simtune.tasks.task import Task
 
 _RUN_SPEED_M_S = 10.0
@@ -47,7 +47,7 @@ def _load_spec() -> mujoco.MjSpec:
     """
     spec = load_suite_spec("cheetah")
     spec.compiler.settotalmass = -1
-    ratio = _TOTAL_MASS_KG / spec.compile().body_mass.sum()
+    ratio = _TOTAL_MASS_KG / untextured_model(spec).body_mass.sum()
     for geom in spec.geoms:
         geom.density *= ratio
     return spec

@@ -6,7 +6,7 @@ from mujoco.batch import Batch
 
 from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import draw_without_contact, randomize_joints, reset_to_default
-from simtune.tasks.suite import load_suite_spec, suite_task
+from simtune.tasks.suite import load_suite_spec, suite_task, untextured_model
 from simtune.tasks.task import Task
 
 _SPIN_SPEED_RAD_S = 15.0
@@ -14,7 +14,7 @@ _SPINNER_DAMPING = 0.03  # N·m·s/rad; the file's is that of another task
 
 
 def spin() -> Task:
-    model = _load_spec().compile()
+    model = untextured_model(_load_spec())
     spinner_mass_kg = float(model.body("spinner").mass[0])
     damping = float(model.joint("proximal").damping[0])
     parameters = [
