@@ -22,25 +22,30 @@ _FAR_AWAY = 1e3  # in terms of the model's extent
 class OpenLoop:
     """Plays stretches in worlds of one simulator."""
 
-    def __init__(self, physics: Physics, sensors: Sequence[JointSensor], fitted: np.ndarray):
-        """`fitted`: (P,) indices of the parameters to derive by."""
+    def __init__(
+        self,
+        physics: Physics,
+        sensors: Sequence[JointSensor],
+        fitted: np.ndarray,
+        unseen: tuple[str, ...] = (),
+    ):
+        """`fitted`: (P,) indices of the parameters to derive by; `unseen`: see `of`."""
         self.physics, self.sensors, self.fitted = physics, tuple(sensors), fitted
+        self.unseen = unseen
         ends = np.cumsum([0, *(sensor.size for sensor in sensors)]).tolist()
         self.num_readings = ends[-1]  # D
         # Each sensor with its part of the readings
         self._columns = list(zip(self.sensors, map(slice, ends, ends[1:]), strict=True))
         # (S, nq + nv) changes of a start: of each measured position, and of its velocity
-        places = sorted({int(p) for s in sensors if not s.is_velocity for p in s.places})
-        self._places, space = np.array(places, int), physics.space
+        places, space = _measured(sensors), physics.space
         tangents = np.zeros((2 * len(places), space.num_tangent))
-        model = physics.simulator.model
+        model, self._places = physics.simulator.model, np.array(places, int)
         no_contacts = mujoco.mjtDisableBit.mjDSBL_CONTACT.value
         self.may_touch = not model.opt.disableflags & no_contacts  # whether anything may
         self._dofs = np.array([model.jnt_dofadr[list(model.jnt_qposadr).index(p)] for p in places])
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
         self.start_tangents = tangents
-        self.unseen: tuple[str, ...] = ()  # joints that begin anywhere, where no sensor looks
 
     @classmethod
     def of(
@@ -50,7 +55,7 @@ class OpenLoop:
 
         What no sensor measures is, and stays, as a simulated episode of that world begins; but
         objects that lie anywhere are put where nothing touches them. Derived is by parameters that
-        move something.
+        move something. `unseen` are joints that begin anywhere, where no sensor looks.
         """
         assert isinstance(simulator, Simulator), "sensors measure a model's joints"
         still, rng = np.zeros((2, 1, simulator.num_actions)), np.random.default_rng(0)
@@ -63,13 +68,12 @@ class OpenLoop:
                 state[place] += (1 + number) * _FAR_AWAY * simulator.model.stat.extent
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
         physics = Physics(simulator, observation.observe_beside(), full_state)
-        loop = cls(physics, sensors, np.flatnonzero(~simulator.space.is_appearance))
-        loop.unseen = _unseen(simulator.model, differs, loop._places)
-        return loop
+        unseen = _unseen(simulator.model, differs, _measured(sensors))
+        return cls(physics, sensors, np.flatnonzero(~simulator.space.is_appearance), unseen)
 
     def by_starts_alone(self) -> "OpenLoop":
         """The same, derived by no parameter."""
-        return OpenLoop(self.physics, self.sensors, self.fitted[:0])
+        return OpenLoop(self.physics, self.sensors, self.fitted[:0], self.unseen)
 
     def moved(self, states: np.ndarray, shift: np.ndarray, start_std: np.ndarray) -> np.ndarray:
         """(W, nq + nv) starts that are (W, S) times what is unknown of them, (S,), elsewhere."""
@@ -145,7 +149,12 @@ class OpenLoop:
         )
 
 
-def _unseen(model: mujoco.MjModel, differs: np.ndarray, measured: np.ndarray) -> tuple[str, ...]:
+def _measured(sensors: Sequence[JointSensor]) -> list[int]:
+    """Where positions are that some sensor reads, ascending."""
+    return sorted({int(p) for s in sensors if not s.is_velocity for p in s.places})
+
+
+def _unseen(model: mujoco.MjModel, differs: np.ndarray, measured: list[int]) -> tuple[str, ...]:
     """Joints of which a position (nq,) differs from episode to episode, and none is measured.
 
     But for objects that lie anywhere, as `_loose` has them.
