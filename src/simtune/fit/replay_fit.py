@@ -44,6 +44,16 @@ class Followed(NamedTuple):
     start: PointEstimate  # from which they are fitted
 
 
+class LinedUp(NamedTuple):
+    """Episodes with actions when they take effect, and encoders as if they had no offsets."""
+
+    observed: Observed
+    latency_steps: int  # by which actions were late
+    offsets: np.ndarray  # (D,) that encoders had, of all joints read; (0,) where none is unknown
+    states: np.ndarray  # as `Followed` has it
+    start: PointEstimate
+
+
 class ReplayFit:
     """Fits one simulator to episodes; immutable, so that many worlds are fitted alike."""
 
@@ -82,14 +92,9 @@ class ReplayFit:
         """
         num, kept = len(observed), num_fitted(len(observed))
         fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
-        latency_steps, followed = latencies[0], None
-        if len(latencies) > 1:
-            followed = self._follow(observed.delayed(latency_steps), fitted, start)
-            latency_steps = self._find_latency(observed, fitted, followed, latencies)
-        observed, offsets = self._find_offsets(observed.delayed(latency_steps), start.parameters)
-        if followed is None or latency_steps != latencies[0] or len(offsets):
-            followed = self._follow(observed, fitted, start)
-        states, start = followed
+        observed, latency_steps, offsets, states, start = self._line_up(
+            observed, fitted, start, latencies
+        )
         to_fit = observed.episodes(fitted)
         motion, apart = self._fit_motion(to_fit, states[fitted], start, extend_horizon)
         unit = self.space.to_unit(start.parameters)
@@ -126,6 +131,19 @@ class ReplayFit:
         """The same, which raises OutOfTime as soon as `budget` is over."""
         physics = self._physics.within(budget)
         return ReplayFit(physics, self._estimator, self._discrepancy_std, self._config)
+
+    def _line_up(
+        self, observed: Observed, fitted: slice, start: PointEstimate, latencies: Sequence[int]
+    ) -> LinedUp:
+        """How late actions take effect comes first: with that, pictures tell of encoders."""
+        latency_steps, followed = latencies[0], None
+        if len(latencies) > 1:
+            followed = self._follow(observed.delayed(latency_steps), fitted, start)
+            latency_steps = self._find_latency(observed, fitted, followed, latencies)
+        observed, offsets = self._find_offsets(observed.delayed(latency_steps), start.parameters)
+        if followed is None or latency_steps != latencies[0] or len(offsets):
+            followed = self._follow(observed, fitted, start)
+        return LinedUp(observed, latency_steps, offsets, *followed)
 
     def _shooting(self, fitted: np.ndarray, config: ShootingConfig | None = None) -> Shooting:
         config = config or self._config.shooting
