@@ -22,7 +22,7 @@ MJCF = """<mujoco>
 </mujoco>
 """
 
-TUNE = """model = "arm.xml"
+HEAD = """model = "arm.xml"
 control_timestep_s = 0.05
 episode_steps = 60
 
@@ -37,7 +37,9 @@ name = "encoders"
 joints = ["shoulder", "elbow"]
 noise = 0.002
 
-[[parameters]]
+"""
+
+SHOULDER = """[[parameters]]
 name = "shoulder_kp"
 kind = "gain"
 objects = "shoulder"
@@ -47,7 +49,9 @@ name = "shoulder_kv"
 kind = "gain_damping"
 objects = "shoulder"
 
-[[parameters]]
+"""
+
+ELBOW = """[[parameters]]
 name = "elbow_kp"
 kind = "gain"
 objects = "elbow"
@@ -58,6 +62,8 @@ kind = "friction_loss"
 objects = "elbow"
 nominal = 0.2
 """
+
+TUNE = HEAD + SHOULDER + ELBOW
 
 
 def write_arm(folder: Path, tune: str = TUNE) -> Path:

@@ -6,7 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from servo_arm import TUNE, write_arm
+import servo_arm
 from test_servos import a_run
 
 from simtune.budget import Budget
@@ -131,33 +131,17 @@ def test_what_is_exported_has_the_play(load, scene, tmp_path, folder):
     assert tuned.joint("elbow_backlash").range.tolist() == pytest.approx([-0.035, 0.035])
 
 
-ARM = """
-[[parameters]]
-name = "elbow_kp"
-kind = "gain"
-objects = "elbow"
-
-[[parameters]]
-name = "elbow_friction"
-kind = "friction_loss"
-objects = "elbow"
-nominal = 0.2
-
-[[parameters]]
-name = "elbow_play"
-kind = "backlash"
-objects = "elbow_backlash"
-"""
-TRUTH = {"elbow_kp": 15, "elbow_friction": 0.15, "elbow_play": 0.03}
+TRUTH = {"elbow_kp": 15, "elbow_friction": 0.15, "play": 0.03}
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("is_behind", [True, False])
 def test_a_play_is_found_again(tmp_path: Path, is_behind: bool):
     """Behind it a reading shows it; before it only the motion does, and the interval says so."""
-    head = TUNE[: TUNE.index("[[parameters]]")].replace("0.002", "0.001\noffset = 0")
+    head = servo_arm.HEAD.replace("0.002\n", "0.001\noffset = 0\n")
     head = head.replace("[[sensors]]", '[[backlash]]\njoint = "elbow"\n\n[[sensors]]')
-    arm = write_arm(tmp_path, head + "behind_backlash = true\n" * is_behind + ARM)
+    behind = "behind_backlash = true\n" * is_behind
+    arm = servo_arm.write_arm(tmp_path, head + behind + servo_arm.ELBOW + PLAY)
     (tmp_path / "truth.json").write_text(json.dumps(TRUTH))
     config = TuneConfig(
         task=str(arm), out=tmp_path / "run", real_parameters=tmp_path / "truth.json",

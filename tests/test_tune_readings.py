@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from servo_arm import TUNE, write_arm
+from servo_arm import HEAD, TUNE, write_arm
 
 from simtune.budget import Budget
 from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
@@ -199,8 +199,7 @@ SERVO_TRUTH = {
 
 @pytest.mark.thorough
 def test_what_servos_really_are_is_found_within_five_per_cent(tmp_path: Path):
-    head = TUNE[: TUNE.index("[[parameters]]")]
-    arm, truth = write_arm(tmp_path, head + SERVO), tmp_path / "truth.json"
+    arm, truth = write_arm(tmp_path, HEAD + SERVO), tmp_path / "truth.json"
     truth.write_text(json.dumps(SERVO_TRUTH))
     experiment = pseudo(arm, truth, tmp_path / "run")
     found = experiment.search.run_round(experiment.recordings, Budget()).estimate
