@@ -20,6 +20,7 @@ from simtune.simulation import (
     opengl,
     random_actions,
 )
+from simtune.simulation.depths import Depths
 from simtune.simulation.primitives import Primitives
 from simtune.simulation.raycaster import Raycaster, smooth_sky
 from simtune.tasks import TASKS, load_task
@@ -446,6 +447,21 @@ def test_a_flex_is_drawn_at_its_place_in_the_picture():
     columns = (frame > 0).any(axis=(0, 2))
     assert columns[SIZE // 2 :].any()  # the ball
     assert columns[: SIZE // 2].any()
+
+
+def test_depths_are_of_geoms_alone():
+    """A ball of .3 m at .7 m to the right, 4 m below the camera; the cloth is not there."""
+    model = mujoco.MjModel.from_xml_string(FLEX)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    poses = (data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3), data.cam_xpos[0], np.eye(3))
+    places = (np.repeat(pose[None], 20, 0) for pose in poses)  # more than a launch
+    drawn = Depths(model, "above", (SIZE, SIZE), np.ones(1, bool))
+    geoms, depths = drawn.draw(*places, 60.0)
+    column = round(SIZE / 2 + SIZE / 2 / np.tan(np.pi / 6) * 0.7 / 4)
+    assert (geoms[:, SIZE // 2, column] == 0).all()
+    np.testing.assert_allclose(depths[:, SIZE // 2, column], 4 - 0.3, atol=0.02)
+    assert (geoms[:, :, : SIZE // 2] == -1).all()
 
 
 @pytest.mark.thorough

@@ -14,7 +14,10 @@ _DRAWN_GROUP, _HIDDEN_GROUP = 0, 5
 
 
 class Depths:
-    """Draws geoms by mujoco_warp's ray caster, with poses of geoms and camera as they are given."""
+    """Draws geoms by mujoco_warp's ray caster, with poses of geoms and camera as they are given.
+
+    Flexes are not there.
+    """
 
     def __init__(
         self, model: mujoco.MjModel, camera: str, size: tuple[int, int], shown: np.ndarray
@@ -26,6 +29,7 @@ class Depths:
         model.geom_rgba[shown, 3], model.geom_matid[:] = 1, -1  # nothing is seen through
         self._camera = model.camera(camera).id
         self._fovy, self._num_cameras = model.cam_fovy.astype(np.float32), model.ncam
+        self._has_flexes = model.nflex > 0
         self._model = mujoco_warp.put_model(model)
         self._data = mujoco_warp.make_data(model, nworld=_CHUNK)
         self._context = mujoco_warp.create_render_context(
@@ -65,7 +69,8 @@ class Depths:
             assign(self._data.geom_xmat, turns[chunk])
             assign(self._data.cam_xpos, self._of_camera(camera_places[chunk]))
             assign(self._data.cam_xmat, self._of_camera(camera_turns[chunk]))
-            self._data.nworld = n
+            # Flexes' search trees are of a fixed number of worlds; no vertex of theirs has a place
+            self._data.nworld = _CHUNK if self._has_flexes else n
             mujoco_warp.refit_bvh(self._model, self._data, self._context)
             mujoco_warp.render(self._model, self._data, self._context)
             shape, into = (n, *self.size), slice(start, start + n)
