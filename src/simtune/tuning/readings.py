@@ -24,7 +24,7 @@ from simtune.observation import finds_offset
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.readings_fits import FEWEST_STEPS, Horizons, ReadingsFits, unexplained
+from simtune.tuning.readings_fits import FEWEST_STEPS, Found, Horizons, ReadingsFits, unexplained
 from simtune.tuning.readings_verdict import conclude
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (
@@ -79,7 +79,7 @@ class ReadingsSearch:
     def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
         """Seconds: for a step or two over whole episodes, and for all."""
         readings, loop = self._look_at(real)
-        unit = self._simulator.space.to_unit(self._context.start)
+        unit = self._first_guess
         stretches = loop.cut(readings, unit, np.zeros(loop.num_readings), 10**9, 10**9)
         began_s = time.monotonic()
         loop.play(stretches, stretches.states[None], unit[None])
@@ -92,28 +92,14 @@ class ReadingsSearch:
     ) -> Round:
         """Fit, and judge."""
         readings, loop = self._look_at(real)
-        space, context = self.first.space, self._context
-        first_guess = space.to_unit(context.start)
-        fit = OutputError(loop, finds_offset(loop.sensors), first_guess)
-        low, high = (
-            np.where(space.is_appearance, first_guess, space.to_unit(end))
-            for end in (self.first.low, self.first.high)
-        )
-        fits = ReadingsFits(
-            fit, readings, self._simulator.step_s, (low, high), self.config.horizons, context.seed
-        )
-        guesses, late = fits.begin(first_guess), 0
-        if self._may_be_late:
-            part = budget.part(budget.seconds_left / 4, (0.0, 0.1))
-            guesses[0], late = fits.how_late(guesses[0], part)
-        part = budget.part(budget.seconds_left / 3, (0.1, 0.4))
-        ended = fits.grow(guesses, part, late)
-        found = fits.until_found_twice(ended, late, budget.part(budget.seconds_left, (0.4, 0.9)))
+        seen = self._context.observation
+        fit = OutputError(loop, finds_offset(loop.sensors), self._first_guess)
+        found, late = self._find(fit, readings, budget)
         budget.report("judging how sure that is", 0.9)
         judged = fit.judge(found.best, budget)
         is_explained = not unexplained(judged.noise, loop.sensors).any()
         self.is_trusted = found.is_sure and bool(is_explained) and not loop.unseen
-        estimate, self.distribution = conclude(judged, found, self.first, context.observation, late)
+        estimate, self.distribution = conclude(judged, found, self.first, seen, late)
         if loop.unseen:
             warning = _UNSEEN.format(", ".join(loop.unseen))
             estimate = replace(
@@ -125,9 +111,30 @@ class ReadingsSearch:
         is_known = precision and is_precise(half_widths(estimate, self.first), precision)
         known = f"every parameter is known to {100 * precision:g} %"
         self.stop_reason = known if is_known else "another round would tell hardly more"
-        labels = context.observation.reading_labels
-        rms = {f"rms/{n}": float(v) for n, v in zip(labels, judged.noise, strict=True)}
-        return Round(estimate, self._events(), rms)
+        rms = zip(seen.reading_labels, judged.noise, strict=True)
+        return Round(estimate, self._events(), {f"rms/{n}": float(value) for n, value in rms})
+
+    def _find(self, fit: OutputError, readings: Readings, budget: Budget) -> tuple[Found, int]:
+        """The best of several fits, and by how many steps actions take effect late."""
+        space, step_s, seed = self.first.space, self._simulator.step_s, self._context.seed
+        low, high = (
+            np.where(space.is_appearance, self._first_guess, space.to_unit(end))
+            for end in (self.first.low, self.first.high)
+        )
+        fits = ReadingsFits(fit, readings, step_s, (low, high), self.config.horizons, seed)
+        guesses, late = fits.begin(self._first_guess), 0
+        if self._may_be_late:
+            part = budget.part(budget.seconds_left / 4, (0.0, 0.1))
+            guesses[0], late = fits.how_late(guesses[0], part)
+        part = budget.part(budget.seconds_left / 3, (0.1, 0.4))
+        ended = fits.grow(guesses, part, late)
+        part = budget.part(budget.seconds_left, (0.4, 0.9))
+        return fits.until_found_twice(ended, late, part), late
+
+    @property
+    def _first_guess(self) -> np.ndarray:
+        """(N,) in unit coordinates."""
+        return self.first.space.to_unit(self._context.start)
 
     @property
     def _may_be_late(self) -> bool:
