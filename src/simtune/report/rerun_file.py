@@ -22,7 +22,7 @@ def write_rerun(run_folder: Path, path: Path) -> None:
         import rerun  # type: ignore[import-not-found]
     except ImportError:
         raise InputError("a Rerun file needs rerun-sdk: pip install 'simtune[rerun]'") from None
-    stream = rerun.RecordingStream(f"simtune {run.get('task')}")
+    stream = rerun.RecordingStream(f"simtune {run.title}")
     try:
         stream.save(path)
     except Exception as error:  # rerun's own kind

@@ -151,9 +151,8 @@ class FitStage:
     ) -> Bootstrap:
         """Film and fit known worlds near `fit`, which play the same actions.
 
-        `size`: how many, and episodes of each.
-
-        Fewer, where `budget` is over before; one that is not finished by then does not count.
+        `size`: how many, and episodes of each. Fewer, where `budget` is over before: one that is
+        not finished by then does not count.
         """
         num, num_episodes = size
         actions, observation = observed.actions[:num_episodes], self._context.observation

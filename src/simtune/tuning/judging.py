@@ -153,8 +153,9 @@ class Judging:
         assert self.stage is not None
         ranges = (self.searched, self.first)
         estimate, curves = conclude(prob_higher, fit, bootstrap, *ranges, self.config.range_update)
-        offsets = dict(zip(self.stage.reading_labels, fit.offsets.tolist(), strict=False))
-        estimate = replace(estimate, offsets=offsets)
+        if len(fit.offsets):
+            offsets = zip(self.stage.reading_labels, fit.offsets.tolist(), strict=True)
+            estimate = replace(estimate, offsets=dict(offsets))
         return self.told.better(estimate) if self.told else estimate, curves
 
 
