@@ -14,6 +14,7 @@ from simtune.config import ExportConfig, TuneConfig
 from simtune.experiment.experiment import build_experiment
 from simtune.export import export
 from simtune.parameters import ModelWriter
+from simtune.parameters.backlash import driven_through, play_of
 
 # A bob of 1 kg at 0.5 m, whose weight pulls the arm down at angle 0: 4.905 N·m.
 SCENE = """
@@ -106,6 +107,14 @@ def test_a_play_that_the_model_has_is_found_by_its_shape(load, scene, folder):
     model = task.load_model()
     ModelWriter(task.parameters, model).write(model, np.array([0.01]))
     assert model.joint("gears").range.tolist() == pytest.approx([-0.005, 0.005])
+
+
+@pytest.mark.parametrize(("place", "expected"), [("0 0 0", (1, 0)), (".1 0 0", (-1, -1))])
+def test_a_hinge_at_another_place_of_the_body_is_no_play(place: str, expected: tuple[int, int]):
+    play = f'<joint axis="0 -1 0" pos="{place}" range="-2 2" limited="true"/><geom name="bob"'
+    scene = SCENE.format(angle="degree", armature=1).replace('<geom name="bob"', play)
+    model = mujoco.MjModel.from_xml_string(scene.replace('qpos="1 .02" qvel="3 4"', ""))
+    assert (play_of(model, 0), driven_through(model, 1)) == expected
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,8 @@ def play_of(model: mujoco.MjModel, joint: int) -> int:
 def driven_through(model: mujoco.MjModel, play: int) -> int:
     """The joint in series with `play`, -1 if that is no play.
 
-    Both are of one body, of one type and axis; the play comes later, and has limits about its 0.
+    Both are of one body, of one type, place and axis; the play comes later, and has limits about
+    its 0.
     """
     low, high = model.jnt_range[play]
     if not model.jnt_limited[play] or low != -high:
@@ -27,6 +28,8 @@ def driven_through(model: mujoco.MjModel, play: int) -> int:
     body = model.jnt_bodyid == model.jnt_bodyid[play]
     for joint in np.flatnonzero(body[:play]):
         is_alike = model.jnt_type[joint] == model.jnt_type[play]
-        if is_alike and np.allclose(model.jnt_axis[joint], model.jnt_axis[play], atol=1e-6):
+        for field in (model.jnt_axis, model.jnt_pos):
+            is_alike = is_alike and np.allclose(field[joint], field[play], atol=1e-6)
+        if is_alike:
             return int(joint)
     return -1
