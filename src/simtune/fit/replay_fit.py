@@ -13,21 +13,17 @@ from simtune.fit.observed import Observed
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.particles import Particles
 from simtune.fit.physics import Physics
-from simtune.fit.pictures import PictureFit, fit_pictures
-from simtune.fit.poses import align_to_images, uncertain_poses
 from simtune.fit.result import FitResult, Misfit, PointEstimate, block_correlation, diluted
 from simtune.fit.shooting import Shooting, ShootingFit
 from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.sizing import FitConfig, fit_to_budget
+from simtune.fit.window_pictures import fit_window_pictures
 
-_NUM_PICTURES = 40
 _SMALLEST_STD = {"moving": 5e-4, "appearance": 2e-4}  # in unit coordinates: fits end sometime
 _FEWEST_TO_FIT = 2  # episodes
-_UNSEEN = 0.5  # of a sensor's noise: what changes a prediction by less is not observed
 _SIDESTEP = (0.01, 0.1)  # at least, at most, from a start, in unit coordinates
 _FARTHEST = 2.0  # times as far as its sides begun, of which a fit's way counts
 _PARTICLE_STD = (0.02, 0.1)  # of their parameters: at least, at most, in unit coordinates
-_PRIOR_STDS = 3.0  # as far as a first guess may be off, in terms of its usual error
 _QUICK_STAGES = Stage(4, 3, 3.0), Stage(12, 4)
 _QUICK_WINDOWS = (12, 30)  # at least, at most
 
@@ -99,7 +95,14 @@ class ReplayFit:
         motion, apart = self._fit_motion(to_fit, states[fitted], start, extend_horizon)
         unit = self.space.to_unit(start.parameters)
         unit[self._moving] = motion.unit
-        pictures = self._fit_pictures(motion, to_fit, self.space.from_unit(unit))
+        pictures = fit_window_pictures(
+            self._physics,
+            self._estimator.prior_std,
+            motion,
+            to_fit,
+            self.space.from_unit(unit),
+            self._appearance,
+        )
         unit[self._appearance] = pictures.unit
         parameters = self.space.from_unit(unit)
         test = self._shooting(self._moving[:0]).fit(
@@ -220,41 +223,3 @@ class ReplayFit:
         num_windows = int(np.clip(self._config.shooting.num_windows, *_QUICK_WINDOWS))
         quick = ShootingConfig(stages=_QUICK_STAGES, num_windows=num_windows)
         return self._shooting(self._moving, quick).fit(observed, states, parameters)
-
-    def _fit_pictures(
-        self, motion: ShootingFit, observed: Observed, parameters: np.ndarray
-    ) -> PictureFit:
-        """Pictures of the windows that fit well, spread over all of them."""
-        good = np.flatnonzero(motion.misfit <= np.quantile(motion.misfit, 0.6))
-        length = motion.full_states.shape[1] - 1
-        # Not from the windows' ends, where less is known of the states.
-        within = np.arange(-(-length // 4), length - length // 4 + 1)
-        at = np.unique(np.linspace(0, len(good) * len(within) - 1, _NUM_PICTURES).round())
-        chosen, step = good[at.astype(int) // len(within)], within[at.astype(int) % len(within)]
-        places = zip(motion.episode[chosen], motion.step[chosen] + step, strict=True)
-        frames = np.stack([observed.frames[episode][t] for episode, t in places])
-        full_states, simulator = motion.full_states[chosen, step], self._physics.simulator
-        for tangent in self._unobserved(observed):
-            full_states = align_to_images(
-                simulator, frames, full_states, parameters, self._physics.space, tangent
-            )
-        poses = uncertain_poses(
-            self._physics,
-            full_states,
-            parameters,
-            observed.evidence.scale,
-            self._estimator.prior_std,
-        )
-        return fit_pictures(simulator, frames, full_states, parameters, self._appearance, poses)
-
-    def _unobserved(self, observed: Observed) -> np.ndarray:
-        """(D, 2 nv) changes of position, as large as is unknown, that no sensor notices.
-
-        A camera that follows the robot, say: how far it went shows in the ground's texture only.
-        """
-        space = self._physics.space
-        changes = np.diag(_PRIOR_STDS * self._estimator.prior_std)[: space.nv]
-        moved = space.move(self._physics.some_state, np.vstack([0 * changes[:1], changes]))
-        predicted = self._physics.predict(moved, self.space.to_unit(self.space.nominal))
-        difference = np.abs(predicted[1:] - predicted[:1]) / observed.evidence.scale
-        return changes[difference.max(1, initial=0) < _UNSEEN]
