@@ -74,13 +74,14 @@ def _tensor(smooth: np.ndarray) -> np.ndarray:
     x, y = np.zeros_like(smooth), np.zeros_like(smooth)
     x[:, 1:-1, 1:-1] = (smooth[:, 1:-1, 2:] - smooth[:, 1:-1, :-2]) / 2
     y[:, 1:-1, 1:-1] = (smooth[:, 2:, 1:-1] - smooth[:, :-2, 1:-1]) / 2
-    xx, yy, xy = ((a * b).sum(-1) for a, b in ((x, x), (y, y), (x, y)))
+    xx, yy, xy = (np.einsum("...c,...c", a, b) for a, b in ((x, x), (y, y), (x, y)))
     return np.stack([xx - yy, 2 * xy, xx + yy])
 
 
 def _moving(smooth: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """(K, SIZE / 2, SIZE / 2, 1) how far pixels differ from their median over K pictures."""
-    change = np.square(smooth - np.median(smooth, 0)).sum(-1)
+    change = smooth - np.median(smooth, 0)
+    change = np.einsum("...c,...c", change, change)
     change = np.maximum(change - _NOISE * np.median(change[:, seen]), 0)
     return _halved(_smoothed((change / (change + _MOVING_LEVELS**2))[..., None]))
 
@@ -88,16 +89,19 @@ def _moving(smooth: np.ndarray, seen: np.ndarray) -> np.ndarray:
 def _smoothed(pictures: np.ndarray) -> np.ndarray:
     """(K, H, W, C) each pixel mixed with its neighbours; edges repeat."""
     for axis in (1, 2):
-        width = [(1, 1) if i == axis else (0, 0) for i in range(4)]
-        padded = np.moveaxis(np.pad(pictures, width, mode="edge"), axis, 0)
-        pictures = np.moveaxis((padded[:-2] + 2 * padded[1:-1] + padded[2:]) / 4, 0, axis)
+        mixed = 2 * pictures
+        its, old = np.moveaxis(mixed, axis, 0), np.moveaxis(pictures, axis, 0)
+        its[1:] += old[:-1]
+        its[:-1] += old[1:]
+        its[[0, -1]] += old[[0, -1]]
+        pictures = mixed / 4
     return pictures
 
 
 def _halved(pictures: np.ndarray) -> np.ndarray:
     """(K, H, W, C) to (K, H / 2, W / 2, C), by the means of blocks."""
-    k, height, width, channels = pictures.shape
-    return pictures.reshape(k, height // 2, 2, width // 2, 2, channels).mean((2, 4))
+    rows = pictures[:, ::2] + pictures[:, 1::2]
+    return (rows[:, :, ::2] + rows[:, :, 1::2]) / 4
 
 
 def _seen_blocks(seen: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ class Framing:
         column = ((at[0] + 1) / 2 * width - 0.5).clip(0, width - 1)
         row = ((at[1] + 1) / 2 * height - 0.5).clip(0, height - 1)
         left, top = (np.minimum(i.astype(int), n - 2) for i, n in ((column, width), (row, height)))
-        right, down = (column - left)[..., None], (row - top)[..., None]
+        right, down = (its[..., None].astype(np.float32) for its in (column - left, row - top))
         upper, lower = (
             frames[..., t, left, :] * (1 - right) + frames[..., t, left + 1, :] * right
             for t in (top, top + 1)
