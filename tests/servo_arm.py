@@ -4,7 +4,7 @@ from pathlib import Path
 
 MJCF = """<mujoco>
   <compiler angle="radian"/>
-  <option timestep="0.005" integrator="implicitfast"/>
+  <option timestep="{timestep_s}" integrator="implicitfast"/>
   <worldbody>
     <body name="upper">
       <joint name="shoulder" axis="0 1 0" range="-2 2" limited="true" armature=".01"/>
@@ -66,8 +66,8 @@ nominal = 0.2
 TUNE = HEAD + SHOULDER + ELBOW
 
 
-def write_arm(folder: Path, tune: str = TUNE) -> Path:
+def write_arm(folder: Path, tune: str = TUNE, timestep_s: float = 0.01) -> Path:
     """The model and its tuning file; returns the latter."""
-    (folder / "arm.xml").write_text(MJCF)
+    (folder / "arm.xml").write_text(MJCF.format(timestep_s=timestep_s))
     (folder / "tune.toml").write_text(tune)
     return folder / "tune.toml"

@@ -150,7 +150,7 @@ def test_a_play_is_found_again(tmp_path: Path, is_behind: bool):
     head = servo_arm.HEAD.replace("0.002\n", "0.001\noffset = 0\n")
     head = head.replace("[[sensors]]", '[[backlash]]\njoint = "elbow"\n\n[[sensors]]')
     behind = "behind_backlash = true\n" * is_behind
-    arm = servo_arm.write_arm(tmp_path, head + behind + servo_arm.ELBOW + PLAY)
+    arm = servo_arm.write_arm(tmp_path, head + behind + servo_arm.ELBOW + PLAY, 0.005)
     (tmp_path / "truth.json").write_text(json.dumps(TRUTH))
     config = TuneConfig(
         task=str(arm), out=tmp_path / "run", real_parameters=tmp_path / "truth.json",
