@@ -443,8 +443,8 @@ from simtune import cli
 import simtune.checking, simtune.tuning_run
 from simtune.tasks import TASKS, Task, load_task
 task = load_task("cartpole")  # once, as a model takes longer to compile than recordings to fail
-actions = task.load_actions()
-Task.load_actions = lambda self: actions
+actions, content_hash = task.load_actions(), task.content_hash
+Task.load_actions, Task.content_hash = lambda self: actions, content_hash
 TASKS["cartpole"] = lambda: task
 def now_mb(which):
     return int(re.search(which + r":\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]) / 1e3

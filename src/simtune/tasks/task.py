@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 
@@ -93,7 +94,7 @@ class Task:
     source: str = ""  # by which `load_any_task` finds it again, from any folder
     files: tuple[Path, ...] = ()  # absolute: all that it was read from
 
-    @property
+    @cached_property  # the model is compiled for it
     def content_hash(self) -> str:
         """Another one after a change of the model, or of what is declared of it."""
         model = b"".join(_content(self.load_model()))
