@@ -55,7 +55,7 @@ def config_of(out: Path, **changes) -> TrainConfig:
 )
 def test_readings_are_where_the_cart_goes_and_encoders_noise(tmp_path: Path, gap: bool):
     config = config_of(tmp_path, observe=BOTH, real_gap=gap)
-    task = load_task("cartpole")
+    task = dataclasses.replace(load_task("cartpole"), episode_steps=80)
     real, _, _ = choose_real(config, task, 32)
     explored = real.collect(1)[0].readings["encoders"]
     pushed = real.run_policy(lambda frames: np.ones((len(frames), 1)), 3, 1, seed=0)[0]
