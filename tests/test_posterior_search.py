@@ -68,20 +68,6 @@ def test_make_search_makes_the_search_of_that_name(simulator, tiny):
     assert made.config is tiny
 
 
-def test_loaded_search_has_to_run_a_round_before_it_estimates(simulator, real, tiny):
-    with pytest.raises(RuntimeError, match="run a round first"):
-        start(simulator, tiny).estimate(real)
-
-
-@pytest.mark.thorough
-def test_estimate_of_the_same_episodes_is_that_of_the_round(simulator, real, tiny):
-    search = start(simulator, replace(tiny, num_rounds=1))
-    estimate, _, _ = search.run_round(real, Budget())
-    again, curves = search.estimate(real)
-    same_estimates(again, estimate)
-    assert curves.shape[0] == len(SPACE)
-
-
 def test_episodes_too_short_for_the_posterior_network_are_refused(simulator, real, tiny):
     search = start(simulator, tiny)
     short = Trajectory(real[0].frames[:11], real[0].actions[:10], 0.1)

@@ -99,7 +99,8 @@ class Judging:
         `tell_early` hears of the fit before known worlds are compared.
         """
         if self.stage is None:
-            return self._read(prob_higher)
+            update = self.config.range_update
+            return read_curves(prob_higher, self.searched, self.first, update), prob_higher
         began_s = time.monotonic()
         budget.report("fitting", 0.55)
         observed, start = self.stage.observed(*detected), self._start(prob_higher)
@@ -114,18 +115,6 @@ class Judging:
         if made.misfits or self.bootstrap is None or not self.bootstrap.misfits:
             self.bootstrap = made
         return self._conclude(fit, self.bootstrap, prob_higher)
-
-    def as_before(self, detected: Detected, prob_higher: np.ndarray) -> tuple[Estimate, np.ndarray]:
-        """The same of other trajectories, once `judge` has compared: nothing new is."""
-        if self.stage is None:
-            return self._read(prob_higher)
-        assert self.bootstrap is not None, "judge first"
-        fit = self.stage.fit(self.stage.observed(*detected), self._start(prob_higher), True)
-        return self._conclude(fit, self.bootstrap, prob_higher)
-
-    def _read(self, prob_higher: np.ndarray) -> tuple[Estimate, np.ndarray]:
-        config = self.config.range_update
-        return read_curves(prob_higher, self.searched, self.first, config), prob_higher
 
     def _start(self, prob_higher: np.ndarray) -> PointEstimate:
         guess = point_estimate(prob_higher, self.searched)

@@ -12,7 +12,6 @@ A round is sequential neural posterior estimation with a truncated prior, and th
 import math
 from typing import Any
 
-import numpy as np
 import torch
 
 from simtune.budget import Budget
@@ -29,7 +28,7 @@ from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import update_range
 from simtune.tuning.rounds import Rounds, half_widths
-from simtune.tuning.search import Estimate, Round, SearchContext, TellEarly, tell_nobody
+from simtune.tuning.search import Round, SearchContext, TellEarly, tell_nobody
 from simtune.tuning.told import Told
 from simtune.tuning.world_sampler import WorldSampler
 
@@ -144,18 +143,6 @@ class PosteriorSearch:
         if not budget.is_endless and math.isinf(self._full_s):
             self.needed_s(real)
         return self._rounds.plan(budget, self._full_s)
-
-    def estimate(self, trajectories: list[Trajectory]) -> tuple[Estimate, np.ndarray]:
-        """What the last round would have made of other trajectories; and (N, C) curves.
-
-        The curves are on `candidate_grid`, in coordinates of the range that it searched. Raises
-        RuntimeError for a search that was loaded and has done no round since.
-        """
-        if self._judging is None:
-            raise RuntimeError("what a fit learnt is in no checkpoint: run a round first")
-        detected = self._learning.detect(trajectories)
-        prob_higher = self._learning.curves(detected, self._judging.searched)
-        return self._judging.as_before(detected, prob_higher)
 
     def tensors(self) -> dict[str, torch.Tensor]:
         parts = {"detector": self.model.detector, "posterior_net": self.model.posterior_net}
