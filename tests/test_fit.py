@@ -10,8 +10,9 @@ import pytest
 
 from simtune.fit import FitConfig, Observed, ParticleConfig, Physics, fit_to_budget
 from simtune.fit.pictures import fit_pictures, rounding_std
-from simtune.fit.shooting import Shooting
+from simtune.fit.shooting import Shooting, ShootingFit
 from simtune.fit.shooting_config import ShootingConfig, Stage
+from simtune.fit.window_pictures import well_fitted
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation import StateSpace, random_actions
@@ -175,6 +176,23 @@ def test_picture_fit_recovers_colours_though_most_states_are_wrong(simulator, pl
     start[APPEARANCE] -= 0.12
     fit = fit_pictures(simulator, frames, moved, SPACE.from_unit(start), APPEARANCE)
     np.testing.assert_allclose(fit.unit, SPACE.to_unit(truth)[APPEARANCE], atol=0.01)
+
+
+def test_pictures_are_those_in_which_things_are_where_the_fit_has_them(simulator, played):
+    keypoints, truth, rollouts = played
+    rng = np.random.default_rng(0)
+    physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
+    episode, step = np.repeat([0, 1, 2], 8), np.tile(np.arange(0, 96, 12), 3)
+    full_states = rollouts.states[episode[:, None], step[:, None] + np.arange(13)]
+    is_off = rng.random(full_states.shape[:2]) < 0.7
+    full_states[is_off, 2] += 0.5  # rad, of the pole
+    nothing = np.zeros(0)
+    motion = ShootingFit(nothing, np.zeros((0, 0)), full_states, episode, step, nothing, (0.0,))
+    window, at = well_fitted(physics, motion, observed_of(rollouts, 0.3, 0.0, rng), truth)
+    assert 20 < len(window) <= 40
+    assert not is_off[window, at].any()
+    assert ((at >= 3) & (at <= 9)).all()
+    assert set(episode[window]) == {0, 1, 2}
 
 
 @pytest.mark.parametrize(("light", "blue", "away"), [(0.9, 0.7, -0.15), (0.6, 0.9, -0.3)])

@@ -77,7 +77,7 @@ def fit_motion(truth: np.ndarray, std: float, left: float, moved: float | None =
     )
     fit._shooting = lambda *_: Contraction(truth, left, moved)  # pyright: ignore
     nothing = Observed(AllEvidence(()), np.zeros((1, 4, 1)))
-    return fit._fit_motion(nothing, np.zeros((1, 5, 4)), start, moved is not None)
+    return fit._fit_motion(nothing, np.zeros((1, 5, 4)), start, moved is not None)[:2]
 
 
 def test_what_a_fit_claims_grows_with_how_far_it_had_to_go_and_outlives_a_longer_horizon():

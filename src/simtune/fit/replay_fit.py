@@ -92,13 +92,13 @@ class ReplayFit:
             observed, fitted, start, latencies
         )
         to_fit = observed.episodes(fitted)
-        motion, apart = self._fit_motion(to_fit, states[fitted], start, extend_horizon)
+        motion, apart, short = self._fit_motion(to_fit, states[fitted], start, extend_horizon)
         unit = self.space.to_unit(start.parameters)
         unit[self._moving] = motion.unit
         pictures = fit_window_pictures(
             self._physics,
             self._estimator.prior_std,
-            motion,
+            short,
             to_fit,
             self.space.from_unit(unit),
             self._appearance,
@@ -167,13 +167,14 @@ class ReplayFit:
 
     def _fit_motion(
         self, observed: Observed, states: np.ndarray, start: PointEstimate, extend_horizon: bool
-    ) -> tuple[ShootingFit, np.ndarray]:
+    ) -> tuple[ShootingFit, np.ndarray, ShootingFit]:
         """From below and from above: the middle, and (P,) how far it is taken to be off.
 
         That is half of how far apart the two end; up to twice as much, where the middle lies
         farther from the start than they began. Where the horizon is extended from there, that has
         the last word on the middle; half of what it moved by then is what short windows were
         misled, and longer ones may be as well.
+        The last one has the short windows' states: in a picture, things are nearer to these.
         """
         shooting, unit = self._shooting(self._moving), self.space.to_unit(start.parameters)
         fits, aside = [], np.clip(start.std, *_SIDESTEP)
@@ -189,8 +190,9 @@ class ReplayFit:
         if extend_horizon:
             extended = shooting.extend_horizon(observed, states, start.parameters, middle)
             if extended is not middle:
-                return extended, np.maximum(np.abs(extended.unit - middle.unit) / 2, off)
-        return middle, off
+                misled = np.abs(extended.unit - middle.unit) / 2
+                return extended, np.maximum(misled, off), middle
+        return middle, off, middle
 
     def _find_latency(
         self, observed: Observed, fitted: slice, followed: Followed, latencies: Sequence[int]
