@@ -11,7 +11,7 @@ from simtune.fit.shooting import ShootingFit
 _NUM_PICTURES = 40
 # Of all frames, those in which things are best where the fit has them: a thin leg that is a pixel
 # off has the ground's colour. By windows was not enough: of 2 px off, colours were 5 % too dark.
-_GOOD_FRAMES = 0.15
+_GOOD_FRAMES = 0.15, 0.6  # as few as that give enough pictures, of these
 _UNSEEN = 0.5  # of a sensor's noise: what changes a prediction by less is not observed
 _PRIOR_STDS = 3.0  # as far as a first guess may be off, in terms of its usual error
 
@@ -53,7 +53,8 @@ def well_fitted(
     # Not from the windows' ends, where less is known of the states.
     margin = length // 4
     likelihood = likelihood[:, margin : length - margin]
-    good = np.argwhere(likelihood >= np.quantile(likelihood, 1 - _GOOD_FRAMES))
+    share = np.clip(_NUM_PICTURES / likelihood.size, *_GOOD_FRAMES)
+    good = np.argwhere(likelihood >= np.quantile(likelihood, 1 - share))
     at = np.unique(np.linspace(0, len(good) - 1, _NUM_PICTURES).round()).astype(int)
     window, step = good[at].T
     return window, step + margin
