@@ -13,7 +13,7 @@ from simtune.fit import (
     PointEstimate,
     correlations,
     held_out_misfit,
-    inflate,
+    judged,
     model_checks,
     run_bootstrap,
 )
@@ -90,13 +90,50 @@ def test_intervals_inflated_by_few_refits_cover_as_often_as_they_say(num_refits,
     rng, held = np.random.default_rng(0), []
     for _ in range(400):
         errors = size * rng.normal(size=(num_refits + 1, len(SPACE)))
-        width = 1.645 * bootstrap_of(errors[1:]).inflation()
-        held.append(np.abs(errors[0]) < width)
+        known = bootstrap_of(errors[1:])
+        held.append(np.abs(errors[0] - known.bias()) < 1.645 * known.inflation())
     moving, others = np.mean(held, 0)[MOVING], np.mean(held, 0)[APPEARANCE]
     # Two alone do not outweigh what is expected of fits before any refit.
     least = 0.86 if num_refits > 2 else 0.8
     assert least < moving.mean() < 0.98
     assert least < others.mean() < 0.98
+
+
+def test_bias_is_the_mean_error_as_far_as_it_stands_out_from_chance():
+    errors = np.zeros((4, len(SPACE)))
+    errors[:, 0], errors[:, 1] = [1.0, 1.2, 0.8, 1.0], [1.0, -1.0, 0.5, -0.5]
+    bias = bootstrap_of(errors).bias()
+    # By hand: squares .08, and two of what is claimed; (.08 + 2) / (3 + 2) / 4 = .104 of variance.
+    assert bias[0] == pytest.approx(1.0 - 0.104)
+    assert (bias[1:] == 0).all()
+    assert (bootstrap_of(errors[:2]).bias() == 0).all()  # two may well agree by chance
+    wild = np.vstack([errors, 100 * np.ones(len(SPACE))])
+    assert bootstrap_of(wild).bias().max() < 1.5
+
+
+def test_what_all_refits_share_is_taken_off_and_narrows_what_is_left():
+    rng, off, left, held = np.random.default_rng(0), [], [], []
+    for _ in range(300):
+        errors = 1.0 + 0.5 * rng.normal(size=(7, len(SPACE)))
+        known = bootstrap_of(errors[1:])
+        off.append(np.abs(errors[0]))
+        left.append(np.abs(errors[0] - known.bias()))
+        held.append(left[-1] < 1.645 * known.inflation())
+    assert np.median(left) < 0.5 * np.median(off)
+    assert 0.88 < np.mean(held) < 0.99
+
+
+def test_judged_moves_the_estimate_by_the_bias_unless_the_real_fit_is_worse():
+    known = replace(
+        bootstrap_of(np.full((8, len(SPACE)), 1.0)), misfits=[Misfit((0.3,), 0.004)] * 8
+    )
+    for motion, share in ((0.3, 1.0), (0.6, 0.5)):
+        fit = a_fit(motion=motion, picture=0.004)
+        moved = SPACE.to_unit(judged(fit, known, SPACE).parameters) - SPACE.to_unit(fit.parameters)
+        claimed = np.hypot(known.believed(fit.std), fit.discrepancy_std)
+        expected = -known.bias() * claimed
+        np.testing.assert_allclose(moved[MOVING], share * expected[MOVING], rtol=1e-6)
+        np.testing.assert_allclose(moved[APPEARANCE], expected[APPEARANCE], rtol=1e-6)
 
 
 def test_ranks_by_hand_use_the_inflation_of_the_other_refits():
@@ -205,8 +242,8 @@ def test_refit_errors_are_in_units_of_the_claimed_std():
 
 def test_intervals_widen_where_reality_fits_worse_than_refits():
     bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
-    same = inflate(a_fit(), bootstrap).std
-    worse = inflate(a_fit(motion=0.6, picture=0.012), bootstrap).std
+    same = judged(a_fit(), bootstrap, SPACE).std
+    worse = judged(a_fit(motion=0.6, picture=0.012), bootstrap, SPACE).std
     np.testing.assert_allclose(worse[MOVING] / same[MOVING], 2)
     np.testing.assert_allclose(worse[APPEARANCE] / same[APPEARANCE], 3)
     np.testing.assert_allclose(same, bootstrap.inflation() * a_fit().std)
@@ -221,10 +258,10 @@ def test_half_of_what_a_fit_claims_is_what_fits_like_it_usually_claim():
     claimed = 0.004 * 0.02 * 0.2 * 0.002  # by the fit that is judged, too
     # What is usual before any refit, .005, counts like two of what moves.
     usual = np.where(made.is_moving, (claimed * 0.005**2) ** (1 / 6), claimed ** (1 / 4))
-    std = inflate(surest, made).std / made.inflation()
+    std = judged(surest, made, SPACE).std / made.inflation()
     np.testing.assert_allclose(std, np.sqrt(0.002 * usual))
     unsure = replace(a_fit(), std=np.full(len(SPACE), 0.05))
-    std = inflate(unsure, made).std / made.inflation()
+    std = judged(unsure, made, SPACE).std / made.inflation()
     np.testing.assert_allclose(std, np.sqrt(0.05 * usual))
 
 
@@ -235,7 +272,7 @@ def test_a_fit_without_refits_is_no_surer_than_fits_usually_are():
     def alone(fit: FitResult) -> np.ndarray:
         rng = np.random.default_rng(0)
         made = run_bootstrap(replay_fit, observe_nothing, fit, start, 0, rng)
-        return inflate(fit, made).std / made.inflation()
+        return judged(fit, made, SPACE).std / made.inflation()
 
     surest = replace(a_fit(), std=np.full(len(SPACE), 0.0005))
     np.testing.assert_allclose(alone(surest)[MOVING], 0.005)
@@ -264,7 +301,7 @@ def test_the_worst_sensor_widens_intervals():
     bootstrap = replace(bootstrap, misfits=[Misfit((0.3, 0.01), 0.004)] * 8)
     fit = replace(a_fit(), sensors=(KEYPOINTS, ANGLE), misfit=Misfit((0.3, 0.05), 0.004))
     assert bootstrap.motion_ratios(fit.misfit) == pytest.approx([1, 5])
-    std = inflate(fit, bootstrap).std
+    std = judged(fit, bootstrap, SPACE).std
     np.testing.assert_allclose(std[MOVING], 5 * bootstrap.inflation()[MOVING] * 0.01)
     np.testing.assert_allclose(std[APPEARANCE], bootstrap.inflation()[APPEARANCE] * 0.01)
     held = {
@@ -290,11 +327,13 @@ def test_a_real_camera_widens_intervals_by_its_discrepancy():
     np.testing.assert_array_equal(simulated, 0)
     np.testing.assert_allclose(filmed, np.where(a_fit().is_moving, 0.005, 0.035))
     fit = replace(a_fit(), discrepancy_std=filmed)
-    off = bootstrap_of(np.full((8, len(SPACE)), 1.5))
-    np.testing.assert_allclose(inflate(fit, off).std, off.inflation() * np.hypot(0.01, filmed))
+    off = bootstrap_of(np.resize([[1.5], [-1.5]], (8, 1)) * np.ones(len(SPACE)))
+    np.testing.assert_allclose(
+        judged(fit, off, SPACE).std, off.inflation() * np.hypot(0.01, filmed)
+    )
     # Refits that all find the truth do not know what the camera does.
     assert bootstrap.inflation().max() < 0.7
-    exact = inflate(replace(fit, std=np.full(len(SPACE), 0.001)), bootstrap).std
+    exact = judged(replace(fit, std=np.full(len(SPACE), 0.001)), bootstrap, SPACE).std
     np.testing.assert_allclose(exact, np.where(fit.is_moving, 0.005, 0.7 * 0.035))
 
 
@@ -313,21 +352,21 @@ def test_a_cameras_error_common_to_all_colours_is_not_multiplied_by_how_surely_e
     real = replace(a_fit(), std=std, discrepancy_std=discrepancy)
     exact = PointEstimate(SPACE.nominal, NOTHING)
     made = run_bootstrap(FakeReplayFit(find), observe_nothing, real, exact, 6, rng)
-    wide = inflate(real, made).std[APPEARANCE]
+    wide = judged(real, made, SPACE).std[APPEARANCE]
     assert 0.03 < wide.min() <= wide.max() < 0.12
 
 
 def test_misfit_that_cannot_be_told_makes_everything_that_moves_unsure():
     bootstrap = bootstrap_of(np.zeros((2, len(SPACE))))
     lost = a_fit(motion=float("nan"))
-    assert np.isinf(inflate(lost, bootstrap).std[MOVING]).all()
+    assert np.isinf(judged(lost, bootstrap, SPACE).std[MOVING]).all()
     told = held_out_misfit(lost, bootstrap)
     assert told["passed"] is False
     assert told["sensors"]["keypoints"]["distance"] is None
-    assert np.isfinite(inflate(lost, bootstrap).std[APPEARANCE]).all()
+    assert np.isfinite(judged(lost, bootstrap, SPACE).std[APPEARANCE]).all()
     nowhere = replace(bootstrap, misfits=[lost.misfit] * 2)
     for known in (nowhere, replace(bootstrap, misfits=[])):  # nothing to compare with
-        assert np.isfinite(inflate(lost, known).std).all()
+        assert np.isfinite(judged(lost, known, SPACE).std).all()
         assert not any("No setting" in warning for warning in model_checks(lost, known))
         assert held_out_misfit(lost, known)["passed"] is None
     one_lost = replace(bootstrap, misfits=[lost.misfit, a_fit().misfit])

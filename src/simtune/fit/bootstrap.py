@@ -25,6 +25,8 @@ _POOLED_COUNT = 3.0  # all parameters of a kind count like three refits of each
 # of them: the first few may all be lucky.
 _EXPECTED, _EXPECTED_COUNT = {"moving": 1.0, "appearance": 1.0}, 2.0
 _USUAL = 0.85  # share of errors that are taken to be no accident
+_FEWEST_FOR_BIAS = 3  # refits
+_FARTHEST = 3.0  # standard deviations: one that went astray says nothing of all
 _SMALLEST_STD = 0.01  # of known worlds around the estimate, in unit coordinates
 FEW_EPISODES = 3  # of a refit, at least: enough to compare errors with what a fit thinks of itself
 MANY_EPISODES = 5  # at most: windows are no more for more of them
@@ -63,19 +65,29 @@ class Bootstrap:
         """
         return std if self.usual_std is None else _believed(std, self.usual_std, len(self.errors))
 
+    def bias(self) -> np.ndarray:
+        """(N,) by how much fits like these are too high, in terms of what they claim.
+
+        So a refit's mean error is taken off the real one's estimate (Efron 1979), as far as that
+        mean stands out from chance.
+        """
+        return _bias(self.errors)[0]
+
     def inflation(self) -> np.ndarray:
-        """(N,) factors by which standard deviations have to be multiplied."""
+        """(N,) factors by which standard deviations have to be multiplied, once `bias` is off."""
         return _inflation(self.errors, self.is_moving)
 
     def ranks(self) -> np.ndarray:
         """(K, N) probability, by each refit, of being below its truth: uniform if intervals hold.
 
         These are the ranks of simulation-based calibration (Talts et al. 2018, arXiv:1804.06788).
-        Each is judged by an inflation that the others alone say; so few show gross errors only.
+        Each is judged by what the others alone say; so few show gross errors only.
         """
         others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
         factors = np.array([_inflation(o, self.is_moving) for o in others])
-        return ndtr(-self.errors / factors.reshape(self.errors.shape))
+        bias = np.array([_bias(o)[0] for o in others])
+        left = self.errors - bias.reshape(self.errors.shape)
+        return ndtr(-left / factors.reshape(self.errors.shape))
 
     def motion_ratios(self, misfit: Misfit) -> list[float]:
         """Of each sensor, a misfit over the largest of the refits'; see `_ratio`."""
@@ -171,8 +183,24 @@ def _ratio(value: float, known) -> float:
     return float("inf") if np.isnan(value) else value / max(*finite, 1e-9)
 
 
+def _bias(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) mean of (K, N) errors, shrunk towards none by how unsure it is, and its variance.
+
+    With the mean m and its variance v, m (1 − v / m²) where that is no less than none (James and
+    Stein 1961). That errors scatter by as much as is claimed counts like two of them.
+    """
+    count = len(errors)
+    if count < _FEWEST_FOR_BIAS:
+        return np.zeros(errors.shape[1]), np.zeros(errors.shape[1])
+    near = np.clip(errors, -_FARTHEST, _FARTHEST)
+    mean, squares = near.mean(0), count * near.var(0)
+    variance = (squares + _EXPECTED_COUNT) / (count - 1 + _EXPECTED_COUNT) / count
+    share = np.clip(1 - variance / np.maximum(mean**2, 1e-12), 0, 1)
+    return share * mean, share**2 * variance
+
+
 def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
-    """(N,) for (K, N) errors in terms of their standard deviations.
+    """(N,) for (K, N) errors in terms of their standard deviations, of which their bias is taken.
 
     Few refits say little of a single parameter: it leans on all of its kind. What they say is
     not sure itself, so 90 % intervals are as wide as Student's.
@@ -180,6 +208,8 @@ def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
     factors, count = np.full(len(is_moving), _UNKNOWN_INFLATION), len(errors)
     if not count:
         return factors
+    bias, variance = _bias(errors)
+    errors = errors - bias
     for kind, of_kind in (("moving", is_moving), ("appearance", ~is_moving)):
         if not of_kind.any():
             continue
@@ -190,5 +220,6 @@ def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
         pooled /= count + _EXPECTED_COUNT
         square = np.square(np.minimum(its, 3 * np.sqrt(pooled))).sum(0) + _POOLED_COUNT * pooled
         unsure = stdtrit(count + _POOLED_COUNT, 0.95) / ndtri(0.95)
-        factors[of_kind] = unsure * np.sqrt(square / (count + _POOLED_COUNT))
+        spread = square / (count + _POOLED_COUNT) + variance[of_kind]
+        factors[of_kind] = unsure * np.sqrt(spread)
     return factors

@@ -7,6 +7,7 @@ import numpy as np
 
 from simtune.fit.bootstrap import Bootstrap
 from simtune.fit.result import FitResult
+from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 
 _WORTH_TELLING = 0.6  # correlation
@@ -27,17 +28,23 @@ _NOT_JUDGED = (
 )
 
 
-def inflate(fit: FitResult, bootstrap: Bootstrap) -> FitResult:
-    """A fit with the standard deviations that refits show, larger still where it fits worse.
+def judged(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitResult:
+    """A fit without the bias and with the standard deviations that refits show.
 
-    They allow for what no fit can see, and for what such fits usually claim.
+    These allow for what no fit can see, and for what such fits usually claim; they are larger
+    still where this one fits worse. Then less of the bias is taken off: what goes wrong there is
+    something else.
     """
     worse_motion = max(1.0, *bootstrap.motion_ratios(fit.misfit))
     worse_picture = max(1.0, bootstrap.picture_ratio(fit.misfit))
-    std = bootstrap.believed(fit.std) * np.where(fit.is_moving, worse_motion, worse_picture)
+    worse = np.where(fit.is_moving, worse_motion, worse_picture)
+    claimed = np.hypot(bootstrap.believed(fit.std), fit.discrepancy_std)
+    unit = space.to_unit(fit.parameters) - bootstrap.bias() * claimed / worse
+    std = bootstrap.believed(fit.std) * worse
     std = bootstrap.inflation() * np.hypot(std, fit.discrepancy_std)
     unseen = np.where(fit.is_moving, 1.0, _UNSEEN_OF_APPEARANCE) * fit.discrepancy_std
-    return replace(fit, std=np.maximum(std, unseen))
+    parameters = space.clip(space.from_unit(np.clip(unit, 0, 1)))
+    return replace(fit, parameters=parameters, std=np.maximum(std, unseen))
 
 
 def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from simtune.fit import (
     correlations,
     held_out_misfit,
     in_range,
-    inflate,
+    judged,
     model_checks,
     moves_otherwise,
     ranks,
@@ -158,7 +158,7 @@ def conclude(
 ) -> tuple[Estimate, np.ndarray]:
     """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
     names = searched.space.names
-    mean, std = in_range(inflate(fit, bootstrap), searched)
+    mean, std = in_range(judged(fit, bootstrap, searched.space), searched)
     curves = with_fit(prob_higher, mean, std, config)
     read = read_curves(curves, searched, first, config)
     # Of a model that something else is wrong with, no number is to be taken.
