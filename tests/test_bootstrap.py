@@ -51,6 +51,8 @@ def a_fit(motion: float = 0.3, picture: float = 0.004, latency_steps: int = 0) -
         latency_steps=latency_steps,
         rough_std=np.where(np.isin(np.arange(len(SPACE)), MOVING), 0.02, 0.0),
         offsets=np.zeros(0),
+        known=np.zeros(0, int),
+        responses=[],
     )
 
 
@@ -325,7 +327,7 @@ def test_a_real_camera_widens_intervals_by_its_discrepancy():
     filmed = ObservationModel.of_reality().discrepancy_std(SPACE.is_appearance)
     simulated = ObservationModel.of_simulator().discrepancy_std(SPACE.is_appearance)
     np.testing.assert_array_equal(simulated, 0)
-    np.testing.assert_allclose(filmed, np.where(a_fit().is_moving, 0.005, 0.035))
+    np.testing.assert_allclose(filmed, np.where(a_fit().is_moving, 0.005, 0.02))
     fit = replace(a_fit(), discrepancy_std=filmed)
     off = bootstrap_of(np.resize([[1.5], [-1.5]], (8, 1)) * np.ones(len(SPACE)))
     np.testing.assert_allclose(
@@ -334,7 +336,7 @@ def test_a_real_camera_widens_intervals_by_its_discrepancy():
     # Refits that all find the truth do not know what the camera does.
     assert bootstrap.inflation().max() < 0.7
     exact = judged(replace(fit, std=np.full(len(SPACE), 0.001)), bootstrap, SPACE).std
-    np.testing.assert_allclose(exact, np.where(fit.is_moving, 0.005, 0.7 * 0.035))
+    np.testing.assert_allclose(exact, filmed)
 
 
 def test_a_cameras_error_common_to_all_colours_is_not_multiplied_by_how_surely_each_is_seen():
@@ -354,6 +356,28 @@ def test_a_cameras_error_common_to_all_colours_is_not_multiplied_by_how_surely_e
     made = run_bootstrap(FakeReplayFit(find), observe_nothing, real, exact, 6, rng)
     wide = judged(real, made, SPACE).std[APPEARANCE]
     assert 0.03 < wide.min() <= wide.max() < 0.12
+
+
+def test_colours_that_are_known_say_nothing_of_how_well_others_are_found():
+    rng = np.random.default_rng(0)
+    known = APPEARANCE[:3]
+    starts = []
+
+    def find(start: np.ndarray) -> FitResult:
+        starts.append(start[known])
+        off = np.where(np.isin(np.arange(len(SPACE)), APPEARANCE[3:]), 0.03 * rng.normal(), 0.0)
+        found = SPACE.from_unit(SPACE.to_unit(start) + off)
+        found[known] = SPACE.nominal[known]
+        return replace(a_fit(), parameters=found, known=known)
+
+    real = replace(a_fit(), known=known)
+    made = run_bootstrap(
+        FakeReplayFit(find), observe_nothing, real, PointEstimate(SPACE.nominal, NOTHING), 6, rng
+    )
+    np.testing.assert_array_equal(made.errors[:, known], 0)
+    some = replace(made, errors=np.delete(made.errors, known, 1), known=np.zeros(0, int))
+    some = replace(some, is_moving=np.delete(made.is_moving, known), usual_std=None)
+    np.testing.assert_allclose(np.delete(made.inflation(), known), some.inflation())
 
 
 def test_misfit_that_cannot_be_told_makes_everything_that_moves_unsure():
@@ -391,15 +415,17 @@ def test_model_checks_warn_of_misfit_and_of_latency():
 
 
 def test_pairs_of_any_kind_are_told_where_their_errors_go_together():
-    assert correlations(a_fit(), SPACE.names) == {"pole_mass, actuator_gain": 0.9}
+    assert correlations(a_fit(), SPACE) == {"pole_mass, actuator_gain": 0.9}
     colours = replace(a_fit(), correlation=correlated("body_r", "ground_r", -0.7))
-    assert correlations(colours, SPACE.names) == {"body_r, ground_r": -0.7}
+    assert correlations(colours, SPACE) == {"body_r, ground_r": -0.7}
+    channels = replace(a_fit(), correlation=correlated("body_r", "ground_g", 0.9))
+    assert correlations(channels, SPACE) == {}  # red over green: nobody asks
     weak = replace(a_fit(), correlation=correlated("body_r", "ground_r", -0.5))
-    assert correlations(weak, SPACE.names) == {}
+    assert correlations(weak, SPACE) == {}
     # What no fit can see goes with nothing: of twice the variance, half the correlation.
     unseen = replace(a_fit(), discrepancy_std=np.full(len(SPACE), 0.01))
     assert unseen.claimed_correlation[0, 1] == pytest.approx(0.45)
-    assert correlations(unseen, SPACE.names) == {}
+    assert correlations(unseen, SPACE) == {}
 
 
 def test_blocks_of_covariances_become_one_correlation():
@@ -407,6 +433,8 @@ def test_blocks_of_covariances_become_one_correlation():
     blocks = (np.array([0, 2]), motion), (np.array([1]), pictures)
     expected = [[1, 0, 0.5, 0], [0, 1, 0, 0], [0.5, 0, 1, 0], [0, 0, 0, 1]]
     np.testing.assert_allclose(block_correlation(4, blocks), expected)
+    known = (np.array([3]), np.array([[0.0]]))
+    np.testing.assert_allclose(block_correlation(4, [*blocks, known]), expected)
 
 
 def test_without_a_refit_nothing_is_called_identified_and_that_is_said():

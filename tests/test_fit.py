@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simtune.fit import FitConfig, Observed, ParticleConfig, Physics, fit_to_budget
-from simtune.fit.pictures import fit_pictures, rounding_std
+from simtune.fit.pictures import Pictures, fit_pictures, rounding_std
 from simtune.fit.shooting import Shooting, ShootingFit
 from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.window_pictures import well_fitted
@@ -150,7 +150,7 @@ def test_picture_fit_recovers_colours(simulator, played):
     frames = simulator.render(rows, np.repeat(truth[None], len(rows), 0))
     start = truth.copy()
     start[APPEARANCE] = np.clip(truth[APPEARANCE] + [0.2, -0.2, 0.2, -0.2, 0.2, -0.2], 0, 1)
-    found = fit_pictures(simulator, frames, rows, start, APPEARANCE)
+    found = fit_pictures(simulator, Pictures(frames=frames, full_states=rows), start, APPEARANCE)
     np.testing.assert_allclose(found.unit, truth[APPEARANCE], atol=0.005)
 
 
@@ -174,7 +174,9 @@ def test_picture_fit_recovers_colours_though_most_states_are_wrong(simulator, pl
     moved[lost, 1] += 0.3  # m, of the cart
     start = SPACE.to_unit(truth)
     start[APPEARANCE] -= 0.12
-    fit = fit_pictures(simulator, frames, moved, SPACE.from_unit(start), APPEARANCE)
+    fit = fit_pictures(
+        simulator, Pictures(frames=frames, full_states=moved), SPACE.from_unit(start), APPEARANCE
+    )
     np.testing.assert_allclose(fit.unit, SPACE.to_unit(truth)[APPEARANCE], atol=0.01)
 
 
@@ -207,7 +209,8 @@ def test_picture_fit_finds_colours_though_much_of_them_is_overexposed(light, blu
     assert (frames == 255).mean() > 0.02
     start, shown = space.to_unit(truth), np.array([p.is_appearance for p in space])
     start[shown] += away
-    fit = fit_pictures(simulator, frames, rows, space.from_unit(start), np.flatnonzero(shown))
+    pictures = Pictures(frames=frames, full_states=rows)
+    fit = fit_pictures(simulator, pictures, space.from_unit(start), np.flatnonzero(shown))
     np.testing.assert_allclose(fit.unit, space.to_unit(truth)[shown], atol=0.01)
 
 

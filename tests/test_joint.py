@@ -200,3 +200,17 @@ def test_what_may_be_negative_has_a_difference_or_a_sum_on_linear_scales_only():
     (found,) = combined(middle, [0.05] * 4, {"red, push": -0.95}, -0.95)
     assert found.kind == "sum"
     assert combined(middle, [0.05] * 4, {"mass, push": 0.95}, 0.95) == []
+
+
+def test_of_two_colours_the_plain_ratio_is_told_however_unsure_either_is():
+    colours = [
+        replace(SPACE["red"], name=f"{name}_r", objects=(name,), component=0) for name in "ab"
+    ]
+    space = ParameterSpace(colours)
+    draws = np.array([[0.4, 0.2], [0.6, 0.3], [0.5, 0.25]])  # one light on both
+    verdict = ["weak", "weak"]
+    estimate = Estimate(draws[2], np.array([0.4, 0.24]), np.array([0.6, 0.26]), verdict)
+    estimate = replace(estimate, correlations={"a_r, b_r": 0.9})
+    (found,) = combinations(estimate, space, draws)
+    assert (found.kind, found.weight) == ("ratio", 1)
+    np.testing.assert_allclose([found.low, found.mean, found.high], 2)

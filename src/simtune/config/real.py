@@ -92,6 +92,10 @@ class RealConfig(RecordingsConfig):
     real_gap: bool = False
     """With `pseudo`: another renderer, video compression, camera noise and actions that come a
     step late stand between the simulator and that world, for a policy too. Needs OpenGL."""
+    known_colour: str | None = None
+    """A colour of the task that is known, such as a grey card's: NAME, where it is as the model
+    has it, or NAME=R,G,B from 0 to 1; several after `;`. By it the camera's gain and white balance
+    are found, and so the other colours."""
     seed: int = 0
     """Of all random numbers; with `pseudo` it also chooses which parameters start too high."""
 

@@ -26,7 +26,14 @@ from simtune.real.truth import Truth
 from simtune.run.config import check_asked
 from simtune.run.folder import stored_state
 from simtune.simulation import AnySimulator, Points
-from simtune.tasks import AnyTask, before_one_camera, load_any_task
+from simtune.tasks import (
+    AnyTask,
+    before_one_camera,
+    known_values,
+    load_any_task,
+    with_known_colours,
+    with_model,
+)
 from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, make_search, needed_image_size
 from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
@@ -115,6 +122,8 @@ def build_experiment(
     """
     config.check()
     task, settings, name = load_any_task(config.task), settings or Settings(), config.search
+    if config.known_colour:
+        task = with_known_colours(with_model(task), config.known_colour)
     if name != "posterior":
         task = before_one_camera(task)
     report("looking at the real world", 0.0)
@@ -162,6 +171,7 @@ def build_world(
         start=start,
         observation=real.observation,
         seed=config.seed,
+        known=known_values(task, task.parameters),
         device=device,
     )
     return World(

@@ -22,7 +22,7 @@ from simtune.replay import Replay
 from simtune.rollout import Environment
 from simtune.schedule import Schedule
 from simtune.simulation import Simulator
-from simtune.tasks import Task, before_one_camera, load_task
+from simtune.tasks import Task, before_one_camera, load_task, with_known_colours
 from simtune.tuning import FixedRange
 from simtune.vision.keypoints import Keypoints
 
@@ -109,7 +109,7 @@ def build_training(
     robot is asked then, and no recording read. Raises InputError for what cannot be used.
     """
     config.check()
-    task = before_one_camera(load_task(config.task))
+    task = before_one_camera(with_known_colours(load_task(config.task), config.known_colour))
     device, settings = _device(config.device), settings or Settings()
     if task.reward is None:
         raise InputError(

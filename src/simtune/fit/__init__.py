@@ -10,6 +10,7 @@ from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings
 from simtune.fit.replay_cost import Guess
 from simtune.fit.replay_fit import ReplayFit, num_fitted
+from simtune.fit.response import Photometry
 from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.sizing import FitConfig, count_fit_steps, fit_to_budget
@@ -37,6 +38,7 @@ __all__ = [
     "OutputError",
     "OutputErrorFit",
     "ParticleConfig",
+    "Photometry",
     "Physics",
     "PointEstimate",
     "Readings",

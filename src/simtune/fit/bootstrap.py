@@ -5,7 +5,7 @@ refits say how large errors are in terms of what a fit thinks of itself, and how
 that the simulator did make.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -48,12 +48,15 @@ class Bootstrap:
     misfits: list[Misfit] = field(default_factory=list)  # also of fits whose errors say nothing
     # (N,) standard deviations that fits like these claim; None: as the one that is asked about
     usual_std: np.ndarray | None = None
+    # (K,) indices of parameters that are known: that refits do not miss these says nothing
+    known: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
     @classmethod
     def none(cls, fit: FitResult) -> "Bootstrap":
         """Of a fit that no refit has judged."""
         nothing = np.zeros((0, len(fit.std)))
-        return cls(nothing, fit.is_moving, [], _usual_std(nothing, fit, fit.rough_std[None]))
+        usual_std = _usual_std(nothing, fit, fit.rough_std[None])
+        return cls(nothing, fit.is_moving, [], usual_std, fit.known)
 
     def believed(self, std: np.ndarray) -> np.ndarray:
         """(N,) standard deviations for those that a fit claims, before `inflation`.
@@ -75,7 +78,13 @@ class Bootstrap:
 
     def inflation(self) -> np.ndarray:
         """(N,) factors by which standard deviations have to be multiplied, once `bias` is off."""
-        return _inflation(self.errors, self.is_moving)
+        return _inflation(self.errors, self._kinds)
+
+    @property
+    def _kinds(self) -> dict[str, np.ndarray]:
+        """(N,) bool of those that are alike in how much refits can tell."""
+        is_fitted = ~np.isin(np.arange(len(self.is_moving)), self.known)
+        return {"moving": self.is_moving & is_fitted, "appearance": ~self.is_moving & is_fitted}
 
     def ranks(self) -> np.ndarray:
         """(K, N) probability, by each refit, of being below its truth: uniform if intervals hold.
@@ -84,7 +93,7 @@ class Bootstrap:
         Each is judged by what the others alone say; so few show gross errors only.
         """
         others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
-        factors = np.array([_inflation(o, self.is_moving) for o in others])
+        factors = np.array([_inflation(o, self._kinds) for o in others])
         bias = np.array([_bias(o)[0] for o in others])
         left = self.errors - bias.reshape(self.errors.shape)
         return ndtr(-left / factors.reshape(self.errors.shape))
@@ -127,6 +136,7 @@ def run_bootstrap(
             break
         budget.report("fitting known worlds for comparison", number / num)
         truth = np.clip(unit + std * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
+        truth[fit.known] = unit[fit.known]
         observed = synthesize(space.from_unit(truth), fit.latency_steps)
         if observed is None:
             continue
@@ -149,7 +159,7 @@ def run_bootstrap(
     off, std = np.array(errors).reshape(shape)[kept], np.array(stds).reshape(shape)[kept]
     usual_std = _usual_std(std, fit, np.array(rough))
     claimed = np.hypot(_believed(std, usual_std, len(std)), fit.discrepancy_std)
-    return Bootstrap(off / claimed, fit.is_moving, misfits, usual_std)
+    return Bootstrap(off / claimed, fit.is_moving, misfits, usual_std, fit.known)
 
 
 def _usual_std(std: np.ndarray, fit: FitResult, rough: np.ndarray) -> np.ndarray:
@@ -199,18 +209,20 @@ def _bias(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return share * mean, share**2 * variance
 
 
-def _inflation(errors: np.ndarray, is_moving: np.ndarray) -> np.ndarray:
+def _inflation(errors: np.ndarray, kinds: Mapping[str, np.ndarray]) -> np.ndarray:
     """(N,) for (K, N) errors in terms of their standard deviations, of which their bias is taken.
+
+    `kinds`: (N,) bool of each.
 
     Few refits say little of a single parameter: it leans on all of its kind. What they say is
     not sure itself, so 90 % intervals are as wide as Student's.
     """
-    factors, count = np.full(len(is_moving), _UNKNOWN_INFLATION), len(errors)
+    factors, count = np.full(errors.shape[1], _UNKNOWN_INFLATION), len(errors)
     if not count:
         return factors
     bias, variance = _bias(errors)
     errors = errors - bias
-    for kind, of_kind in (("moving", is_moving), ("appearance", ~is_moving)):
+    for kind, of_kind in kinds.items():
         if not of_kind.any():
             continue
         its = np.abs(errors[:, of_kind])  # (K, G)

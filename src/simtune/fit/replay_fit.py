@@ -13,6 +13,7 @@ from simtune.fit.observed import Observed
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.particles import Particles
 from simtune.fit.physics import Physics
+from simtune.fit.response import Photometry
 from simtune.fit.result import FitResult, Misfit, PointEstimate, block_correlation, diluted
 from simtune.fit.shooting import Shooting, ShootingFit
 from simtune.fit.shooting_config import ShootingConfig, Stage
@@ -59,19 +60,24 @@ class ReplayFit:
         estimator: StateEstimator,
         discrepancy_std: np.ndarray,
         config: FitConfig | None = None,
+        photometry: Photometry | None = None,
     ):
-        """`discrepancy_std`: (N,) in unit coordinates, of what no fit can see."""
+        """`discrepancy_std`: (N,) in unit coordinates, of what no fit can see.
+
+        `photometry`: what is known of colours; by default none, by the simulator's own camera.
+        """
         self._physics, self._estimator, self._config = physics, estimator, config or FitConfig()
         self._discrepancy_std, self.space = discrepancy_std, physics.parameters
         self._all_moving = np.flatnonzero(~self.space.is_appearance)
         self._moving = np.setdiff1d(self._all_moving, self._config.held)
         self._appearance = np.flatnonzero(self.space.is_appearance)
+        self._photometry = photometry or Photometry(None, np.full(len(self.space), np.nan))
 
     def sized(self, num_steps: int, seconds: float) -> "ReplayFit":
         """One that takes about so long, for episodes of `num_steps` in all; no larger than this."""
         physics = self._physics
         size = fit_to_budget(self._config, physics, self.space.nominal, num_steps, seconds)
-        return ReplayFit(physics, self._estimator, self._discrepancy_std, size)
+        return ReplayFit(physics, self._estimator, self._discrepancy_std, size, self._photometry)
 
     def fit(
         self,
@@ -102,6 +108,7 @@ class ReplayFit:
             to_fit,
             self.space.from_unit(unit),
             self._appearance,
+            self._photometry,
         )
         unit[self._appearance] = pictures.unit
         parameters = self.space.from_unit(unit)
@@ -127,13 +134,16 @@ class ReplayFit:
             latency_steps,
             np.where(self.space.is_appearance, 0.0, start.std),
             offsets,
+            self._appearance[self._photometry.is_known[self._appearance]],
+            pictures.responses,
             held_out=kept if kept < num else None,
         )
 
     def within(self, budget: Budget) -> "ReplayFit":
         """The same, which raises OutOfTime as soon as `budget` is over."""
         physics = self._physics.within(budget)
-        return ReplayFit(physics, self._estimator, self._discrepancy_std, self._config)
+        rest = self._discrepancy_std, self._config, self._photometry
+        return ReplayFit(physics, self._estimator, *rest)
 
     def _line_up(
         self, observed: Observed, fitted: slice, start: PointEstimate, latencies: Sequence[int]

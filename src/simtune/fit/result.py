@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.fit.response import CameraResponse
+
 
 class PointEstimate(NamedTuple):
     """Parameters as far as they are known before a fit."""
@@ -40,6 +42,8 @@ class FitResult:
     # (N,) standard deviations of the particles' estimate, where it began; 0 of mere appearance
     rough_std: np.ndarray
     offsets: np.ndarray  # (D,) measured − true, of joints that are read beside pictures; or none
+    known: np.ndarray  # (K,) indices of the parameters that are known, and were not fitted
+    responses: list[CameraResponse]  # of the cameras; none where pictures are the simulator's own
     held_out: int | None = None  # the episode that nothing was fitted to, but the misfit is of
 
     @property
@@ -61,12 +65,15 @@ class FitResult:
 def block_correlation(count: int, blocks: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """(N, N) correlation where covariances are known in blocks, and 0 between these.
 
-    `blocks`: of each, indices (K,) and the covariance (K, K).
+    `blocks`: of each, indices (K,) and the covariance (K, K), 0 of what is known.
     """
     correlation = np.eye(count)
     for at, covariance in blocks:
         deviation = np.sqrt(np.diag(covariance))
+        is_known = deviation == 0
+        deviation = np.where(is_known, 1, deviation)
         correlation[np.ix_(at, at)] = covariance / np.outer(deviation, deviation)
+        correlation[at[is_known], at[is_known]] = 1
     return correlation
 
 

@@ -14,10 +14,6 @@ _WORTH_TELLING = 0.6  # correlation
 # Times as far off as the worst refit's: with few of them, the worst one is not very bad yet.
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
 
-# Share of a colour's discrepancy that refits do not show, however well they agree: a camera's tint
-# they do, shadows and highlights they do not. Of what a model's motion lacks they show nothing.
-_UNSEEN_OF_APPEARANCE = 0.7
-
 _HARDLY_JUDGED = (
     "A single known world was fitted for comparison, so intervals lean on how far fits usually "
     "are off. Give it more minutes."
@@ -42,9 +38,8 @@ def judged(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitRe
     unit = space.to_unit(fit.parameters) - bootstrap.bias() * claimed / worse
     std = bootstrap.believed(fit.std) * worse
     std = bootstrap.inflation() * np.hypot(std, fit.discrepancy_std)
-    unseen = np.where(fit.is_moving, 1.0, _UNSEEN_OF_APPEARANCE) * fit.discrepancy_std
     parameters = space.clip(space.from_unit(np.clip(unit, 0, 1)))
-    return replace(fit, parameters=parameters, std=np.maximum(std, unseen))
+    return replace(fit, parameters=parameters, std=np.maximum(std, fit.discrepancy_std))
 
 
 def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
@@ -54,18 +49,19 @@ def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np
     return distribution.to_range_unit(fit.parameters), fit.std / width
 
 
-def correlations(fit: FitResult, names: tuple[str, ...]) -> dict[str, float]:
+def correlations(fit: FitResult, space: ParameterSpace) -> dict[str, float]:
     """{"a, b": correlation} of the pairs that the videos can hardly tell from each other."""
-    return tell_apart(fit.claimed_correlation, names)
+    return tell_apart(fit.claimed_correlation, space)
 
 
-def tell_apart(correlation: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """The same, by (N, N)."""
+def tell_apart(correlation: np.ndarray, space: ParameterSpace) -> dict[str, float]:
+    """The same, by (N, N); of colours of two channels nobody asks for a ratio."""
     found = {}
-    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
-        value = float(correlation[i, j])
-        if abs(value) >= _WORTH_TELLING:
-            found[f"{names[i]}, {names[j]}"] = round(value, 2)
+    for i, j in zip(*np.triu_indices(len(space), 1), strict=True):
+        value, (a, b) = float(correlation[i, j]), (space.parameters[i], space.parameters[j])
+        is_mixed = a.is_colour and b.is_colour and a.component != b.component
+        if abs(value) >= _WORTH_TELLING and not is_mixed:
+            found[f"{a.name}, {b.name}"] = round(value, 2)
     return found
 
 

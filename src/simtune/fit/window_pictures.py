@@ -4,8 +4,9 @@ import numpy as np
 
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
-from simtune.fit.pictures import PictureFit, fit_pictures
+from simtune.fit.pictures import PictureFit, Pictures, fit_pictures
 from simtune.fit.poses import align_to_images, uncertain_poses
+from simtune.fit.response import Photometry
 from simtune.fit.shooting import ShootingFit
 
 _NUM_PICTURES = 40
@@ -22,12 +23,14 @@ def fit_window_pictures(
     motion: ShootingFit,
     observed: Observed,
     parameters: np.ndarray,
-    fitted: np.ndarray,
+    shown: np.ndarray,
+    photometry: Photometry,
 ) -> PictureFit:
-    """Fit parameters `fitted`, (V,) indices, to pictures of the windows of `motion`.
+    """Fit parameters `shown`, (V,) indices, to pictures of the windows of `motion`.
 
     `prior_std`: (2 nv,) usual errors of a first guess at a state; `parameters`: (N,) to start from.
     """
+    parameters = np.where(photometry.is_known, photometry.known, parameters)
     chosen, step = well_fitted(physics, motion, observed, parameters)
     places = zip(motion.episode[chosen], motion.step[chosen] + step, strict=True)
     frames = np.stack([observed.frames[episode][t] for episode, t in places])
@@ -37,7 +40,10 @@ def fit_window_pictures(
             physics.simulator, frames, full_states, parameters, physics.space, tangent
         )
     poses = uncertain_poses(physics, full_states, parameters, scale, prior_std)
-    return fit_pictures(physics.simulator, frames, full_states, parameters, fitted, poses)
+    noise = photometry.camera_noise
+    pictures = Pictures(frames=frames, full_states=full_states, poses=poses, camera_noise=noise)
+    is_known = photometry.is_known[shown]
+    return fit_pictures(physics.simulator, pictures, parameters, shown, is_known)
 
 
 def well_fitted(

@@ -15,9 +15,10 @@ from simtune.trajectory import Trajectory
 from simtune.views import View, apart
 from simtune.vision.image_noise import ImageNoise
 
-# Of motion and of appearance, in unit coordinates: 2 % of a value, and what a camera's brightness
-# and tint, shadows and highlights make of a colour. Assumed, as no simulator can tell them.
-_DISCREPANCY_STD = (0.005, 0.035)
+# Of motion and of appearance, in unit coordinates: 2 % of a value, and what shadows, highlights and
+# a video's coding make of a colour. Assumed, as no simulator can tell them. What a camera's
+# brightness and tint make of all colours together is said by `image_noise`.
+_DISCREPANCY_STD = (0.005, 0.02)
 _MAX_LATENCY_STEPS = 2  # by which a robot's actions are taken to be late at most
 
 

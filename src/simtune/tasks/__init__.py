@@ -8,6 +8,7 @@ from typing import TypeVar
 from simtune.errors import InputError, UnknownName
 from simtune.tasks import ball_in_cup, cabinet_slide, cartpole, cheetah, finger, rope_peg, walker
 from simtune.tasks.environment_task import EnvironmentTask
+from simtune.tasks.known_colours import known_values, with_known_colours
 from simtune.tasks.task import Task
 from simtune.tasks.tuning_file import load_tuning_file, named_files
 
@@ -71,7 +72,9 @@ __all__ = [
     "EnvironmentTask",
     "Task",
     "before_one_camera",
+    "known_values",
     "load_any_task",
     "load_task",
+    "with_known_colours",
     "with_model",
 ]

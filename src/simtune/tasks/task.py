@@ -89,6 +89,8 @@ class Task:
     # {hinge: n}: after an nth of a turn everything looks and moves the same, so that no picture
     # tells one from the other; `Environment.observe` does not either.
     symmetric_hinges: Mapping[str, int] = field(default_factory=dict)
+    # {parameter: value} of colours that are known: by them a camera's gains are found
+    known_colours: Mapping[str, float] = field(default_factory=dict)
     declared: str = ""  # what a tuning file says of it
     declared_policy: str = ""  # ... of what is good, which no search looks at
     source: str = ""  # by which `load_any_task` finds it again, from any folder

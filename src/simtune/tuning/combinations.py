@@ -59,7 +59,8 @@ def _combine(
     width = high - low
     if not (width > 0).all():
         return None
-    weight = _rounded(float(width[0] / width[1]))
+    is_colour = space.is_colour[pair].all()  # of one channel, so that one light is on both
+    weight = 1.0 if is_colour else _rounded(float(width[0] / width[1]))
     said = np.quantile(values @ [1, -weight if rise else weight], (0.5, 0.05, 0.95))
     middle, lower, upper = (float(value) for value in (np.exp(said) if in_logs else said))
     return Combination(

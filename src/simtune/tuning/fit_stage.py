@@ -11,6 +11,7 @@ from simtune.fit import (
     Bootstrap,
     FitResult,
     Observed,
+    Photometry,
     Physics,
     PointEstimate,
     ReplayFit,
@@ -105,7 +106,11 @@ class FitStage:
             clock,
         )
         discrepancy = context.observation.discrepancy_std(simulator.space.is_appearance)
-        replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit)
+        nothing = np.full(len(simulator.space), np.nan)
+        known = nothing if context.known is None else context.known
+        photometry = Photometry(context.observation.image_noise, known)
+        discrepancy = np.where(photometry.is_known, 0.0, discrepancy)
+        replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit, photometry)
         return cls(context, model, replay_fit, noise, is_blunt)
 
     @property

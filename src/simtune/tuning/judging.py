@@ -167,11 +167,12 @@ def conclude(
         read,
         verdict=read.verdict if is_sound else at_most_weak(read.verdict),
         correlation=fit.claimed_correlation,
-        correlations=correlations(fit, names),
+        correlations=correlations(fit, searched.space),
         ranks=ranks(bootstrap, names),
         warnings=model_checks(fit, bootstrap),
         held_out=held_out_misfit(fit, bootstrap),
         start=fit.start.tolist(),
         latency_steps=fit.latency_steps,
+        camera_responses=[its.to_json() for its in fit.responses] if len(fit.known) else [],
     )
     return estimate, curves

@@ -63,7 +63,7 @@ def conclude(
         mean=mean,
         verdict=read.verdict if found.is_sure else at_most_weak(read.verdict),
         correlation=correlation,
-        correlations=tell_apart(correlation, space.names),
+        correlations=tell_apart(correlation, space),
         warnings=_warnings(judged, found, first, observation, late),
         start=judged.start.tolist(),
         latency_steps=late,

@@ -40,6 +40,8 @@ class Estimate:
     latency_steps: int = 0  # by which the actions seem to take effect late
     # {reading: measured − simulated, of what was fitted to readings alone}
     offsets: dict[str, float] = field(default_factory=dict)
+    # Gain, gamma and offset of each camera, where a known colour tells them
+    camera_responses: list[dict[str, Any]] = field(default_factory=list)
 
 
 # Told of an estimate that a round has before it knows how far that can be trusted
@@ -89,6 +91,8 @@ class SearchContext:
     start: np.ndarray  # (N,) parameters where the search begins
     observation: ObservationModel  # the real world's own
     seed: int
+    # (N,) values of parameters that are known, NaN of all others; None: none is
+    known: np.ndarray | None = None
     device: str = "cpu"  # of the paper's networks
 
 

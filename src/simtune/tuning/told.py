@@ -80,7 +80,7 @@ class Told:
         widths = [space.to_unit(e.high) - space.to_unit(e.low) for e in (its, estimate)]
         own = (widths[0] <= widths[1]) & ~space.is_appearance & self._is_trusted
         mixed = _mixed(own, its, estimate)
-        together = {} if mixed.correlation is None else tell_apart(mixed.correlation, space.names)
+        together = {} if mixed.correlation is None else tell_apart(mixed.correlation, space)
         late = estimate.latency_steps + self.latency_steps
         return replace(mixed, correlations=together, latency_steps=late)
 

@@ -10,7 +10,7 @@ from simtune.tasks.tuning_file.camera import read_cameras
 from simtune.tasks.tuning_file.environment import read_environment_task
 from simtune.tasks.tuning_file.initial_state import read_initial_state
 from simtune.tasks.tuning_file.model import read_model
-from simtune.tasks.tuning_file.parameters import read_parameters
+from simtune.tasks.tuning_file.parameters import read_known_colours, read_parameters
 from simtune.tasks.tuning_file.policy import read_policy
 from simtune.tasks.tuning_file.sensors import read_sensors
 from simtune.tasks.tuning_file.toml_table import read_toml, usual_name
@@ -48,12 +48,14 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
         )
     actions = file.table("actions")
     map_actions = read_actions(actions, model)
+    parameters = read_parameters(file, load_spec(), [f.camera for f in footage], step_s)
     return Task(
         name=file.text("name", usual_name(path)),
         description=file.text("description", f"{file.text('model')}, of {path.name}"),
         declared=file.content(without="policy") + "".join(f.content() for f in footage),
         load_spec=load_spec,
-        parameters=read_parameters(file, load_spec(), [f.camera for f in footage], step_s),
+        parameters=parameters,
+        known_colours=read_known_colours(file, parameters),
         cameras=footage,
         sensors=read_sensors(file, model),
         control_timestep_s=control_timestep_s,

@@ -9,6 +9,7 @@ import mujoco
 from simtune.parameters import ModelWriter, Parameter, ParameterSpace, camera_pose, colour, field_of
 from simtune.parameters.fields import KINDS
 from simtune.simulation import prepare_spec
+from simtune.tasks.known_colours import known_colour
 from simtune.tasks.tuning_file.field_defaults import (
     check_component,
     check_field,
@@ -23,6 +24,7 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _NUMBERS = ("nominal", "low", "high", "scale", "unit")
 _ALL = ("name", "kind", "field", "objects", "component", *_NUMBERS, "within_m", "within_rad")
+_ALL += ("known",)
 
 
 def read_parameters(
@@ -46,6 +48,16 @@ def read_parameters(
                 model = spec.compile()
             ModelWriter(space, model)
     return space
+
+
+def read_known_colours(file: TomlTable, space: ParameterSpace) -> dict[str, float]:
+    """{parameter: value} of the colours that the file calls known. Raises InputError."""
+    known: dict[str, float] = {}
+    for entry in file.tables("parameters"):
+        if entry.flag("known", False):
+            with entry.at("known"):
+                known |= known_colour(space, entry.text("name"), None)
+    return known
 
 
 def _read(entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str]) -> list[Parameter]:
@@ -152,7 +164,7 @@ def _some_parameter(
 
 def _colour(entry: TomlTable, model: mujoco.MjModel, field: str) -> list[Parameter]:
     """NAME_r, NAME_g and NAME_b."""
-    entry.allow("name", "kind", "objects", "nominal")
+    entry.allow("name", "kind", "objects", "nominal", "known")
     objects = _objects(entry, model, field)
     channels = [_some_parameter(entry, model, field, objects, i) for i in range(3)]
     given = entry.numbers("nominal", 3, None)

@@ -1,0 +1,59 @@
+"""Colours that a user knows, such as a grey card's: by them a camera's gains are found."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from simtune.errors import InputError, UnknownName
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.tasks.task import Task
+from simtune.validate import is_number
+
+_CHANNELS = ("r", "g", "b")
+
+
+def with_known_colours(task: Task, asked: str | None) -> Task:
+    """The task with colours known as `--known-colour` says: NAME or NAME=R,G,B; several after ";".
+
+    One without numbers is as the model has it. Raises InputError for what is no colour of it.
+    """
+    known = dict(task.known_colours)
+    for one in filter(None, (part.strip() for part in (asked or "").split(";"))):
+        name, _, said = one.partition("=")
+        known |= known_colour(task.parameters, name.strip(), _rgb(one, said) if said else None)
+    return replace(task, known_colours=known)
+
+
+def known_colour(
+    space: ParameterSpace, name: str, rgb: tuple[float, ...] | None
+) -> Mapping[str, float]:
+    """{parameter: value} of a colour; None: the nominal one. Raises InputError."""
+    names = [f"{name}_{channel}" for channel in _CHANNELS]
+    there = list(dict.fromkeys(p.name[:-2] for p in space if _is_channel(p)))
+    if name not in there:
+        raise UnknownName("colour", name, "the parameters", there)
+    values = [space[n].nominal for n in names] if rgb is None else rgb
+    if not all(0 <= value <= 1 for value in values):
+        raise InputError(f"a colour is three numbers from 0 to 1, got {list(values)}")
+    return dict(zip(names, values, strict=True))
+
+
+def known_values(task: object, space: ParameterSpace) -> np.ndarray:
+    """(N,) what is known of a task's parameters, NaN of all others."""
+    known = task.known_colours if isinstance(task, Task) else {}
+    return np.array([known.get(name, np.nan) for name in space.names])
+
+
+def _is_channel(parameter: Parameter) -> bool:
+    return parameter.is_colour and parameter.name.endswith(tuple(f"_{c}" for c in _CHANNELS))
+
+
+def _rgb(one: str, said: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(number) for number in said.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != len(_CHANNELS) or not all(map(is_number, values)):
+        raise InputError(f"--known-colour {one}: expected NAME, or NAME=R,G,B from 0 to 1 each")
+    return values
