@@ -53,14 +53,24 @@ def task(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def fit(task):
-    """`fit(is_known)`: to pictures by CAMERA, from colours that are far off."""
-    simulator, shown = task.simulator(image_size=40), np.arange(1, 10)
+def simulator(task):
+    return task.simulator(image_size=40)
+
+
+@pytest.fixture(scope="module")
+def pictures(task, simulator):
+    """By CAMERA, before they become a video."""
     states = simulator.roll_out(task.parameters.nominal[None], np.zeros((1, 8, 1)), rng(0)).states
     rows = states.reshape(-1, states.shape[-1])
     drawn = simulator.render(rows, np.repeat(task.parameters.nominal[None], len(rows), 0))
     frames = np.rint(255 * CAMERA(drawn.astype(np.float32) / 255)).astype(np.uint8)
-    pictures = Pictures(frames=frames, full_states=rows, camera_noise=ImageNoise())
+    return Pictures(frames=frames, full_states=rows, camera_noise=ImageNoise())
+
+
+@pytest.fixture(scope="module")
+def fit(task, simulator, pictures):
+    """`fit(is_known)`: from colours that are far off."""
+    shown = np.arange(1, 10)
 
     def fit(is_known: np.ndarray, **changes) -> PictureFit:
         start = task.parameters.nominal.copy()
@@ -119,6 +129,16 @@ def test_without_a_known_colour_ratios_are_told_and_brightness_is_not(fit):
     one, ratio = np.median(widths, 0)
     assert one > 0.05
     assert ratio < 0.6 * one
+
+
+def test_a_videos_blur_of_chroma_is_found_and_colours_with_it(fit, pictures, tmp_path):
+    sharp = fit(CARD)
+    np.testing.assert_allclose(sharp.chroma_blur, 0, atol=0.1)
+    write_video(tmp_path / "a.mp4", pictures.frames, fps=1, keyframe_interval=1)
+    filmed = np.stack([frame for _, frame in decode(tmp_path / "a.mp4")])
+    found = fit(CARD, frames=filmed)
+    assert 0.4 < found.chroma_blur[0] < 2
+    np.testing.assert_allclose(found.unit, TRUTH, atol=0.02)
 
 
 def test_pictures_that_are_the_simulators_own_have_no_response(fit):

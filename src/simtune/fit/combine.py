@@ -22,7 +22,7 @@ _DAMPING = 0.1**-2
 
 @dataclass(frozen=True)
 class Combined:
-    """What experiments say together of P parameters, in unit coordinates."""
+    """What experiments say together of P unknowns: parameters' unit coordinates come first."""
 
     slope: np.ndarray  # (P,) of −log likelihood
     information: np.ndarray  # (P, P) its second derivative
@@ -30,8 +30,8 @@ class Combined:
     variance: float  # between experiments
 
     def step(self, unit: np.ndarray, largest: float) -> np.ndarray:
-        """(P,) damped Newton step from `unit`, none of it longer than `largest`."""
-        damped = self.information + _DAMPING * np.eye(len(unit))
+        """(P,) damped Newton step from (V,) `unit`, none of which moves by more than `largest`."""
+        damped = self.information + _DAMPING * np.eye(len(self.slope))
         return step_within_bounds(damped, self.slope, unit, largest)
 
 

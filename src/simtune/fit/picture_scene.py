@@ -19,13 +19,14 @@ class Slopes(NamedTuple):
     """By how much pixels change, of the full scale."""
 
     shown: np.ndarray  # (V, M, pixels) by a parameter's unit coordinate
+    chroma: np.ndarray  # (C, M, pixels) by the blur of a camera's chroma
     response: np.ndarray  # (5 C, M, pixels) by an unknown of a camera's response
     pose: np.ndarray  # (D, M, pixels) by a standard deviation of a pose
 
     @classmethod
     def none(cls, num: int) -> "Slopes":
         nothing = np.zeros((0, num, 0), np.float32)
-        return cls(nothing, nothing, nothing)
+        return cls(nothing, nothing, nothing, nothing)
 
 
 class PictureScene:
@@ -50,6 +51,8 @@ class PictureScene:
         self._poses = np.zeros(shape) if poses is None else poses
         self.moved = np.zeros(self._poses.shape[:2])  # (M, D) standard deviations
         self.response = np.zeros(NUM_UNKNOWN * len(simulator.widths) * is_real)  # (5 C,)
+        # (C,) of its chroma, what each camera's video smooths, as a share of smoothing it once
+        self.chroma_blur = np.zeros(len(simulator.widths) * is_real)
         self._is_white = np.zeros(0, bool)
 
     @property
@@ -94,29 +97,39 @@ class PictureScene:
         for i, one in enumerate(np.eye(num_poses)):
             moved = self._render(self._states(self.moved + one), unit)
             of_pose[i] = self._see(moved) - drawn
-        of_response = self._derive_response(states, unit, drawn)
-        return Slopes(slopes, of_response, of_pose)
+        of_chroma, of_response = self._derive_cameras(states, unit, drawn)
+        # Where nothing that is fitted shows, no colour in a model is sure.
+        of_chroma *= (np.abs(slopes) > SHOWN).any(0)
+        return Slopes(slopes, of_chroma, of_response, of_pose)
 
-    def _derive_response(
+    def _derive_cameras(
         self, states: np.ndarray, unit: np.ndarray, like: np.ndarray
-    ) -> np.ndarray:
-        """(5 C, M, pixels), of which there are as many as `like`."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(C, M, pixels) and (5 C, M, pixels), of which there are as many as `like`."""
         if not self._is_real:
-            return np.zeros((0, *like.shape), np.float32)
+            nothing = np.zeros((0, *like.shape), np.float32)
+            return nothing, nothing
         rendered = self._render(states, unit)
+        of_chroma = np.zeros((len(self.chroma_blur), *rendered.shape), np.float32)
         slopes = np.zeros((len(self.response), *rendered.shape), np.float32)
         each = zip(self.responses, parts(self._simulator.widths), strict=True)
         for number, (response, columns) in enumerate(each):
-            its = slice(number * NUM_UNKNOWN, (number + 1) * NUM_UNKNOWN)
-            slopes[its, :, :, columns] = response.derive(rendered[:, :, columns])
-        return self._compared(slopes)
+            view, its = rendered[:, :, columns], slice(NUM_UNKNOWN * number, None)
+            slopes[its][:NUM_UNKNOWN, :, :, columns] = response.derive(view)
+            of_chroma[number][:, :, columns] = _lost_chroma(response(view))
+        return self._compared(of_chroma), self._compared(slopes)
 
     def _see(self, rendered: np.ndarray) -> np.ndarray:
-        """(M, pixels) of (M, H, W, 3), by the responses as they are now."""
-        return self._compared(self._respond(rendered))
+        """(M, pixels) of (M, H, W, 3), by the cameras as they are now."""
+        if not self._is_real:
+            return self._compared(rendered)
+        views = apart(self._respond(rendered), self._simulator.widths)
+        blurs = self.chroma_blur.astype(np.float32)
+        filmed = [v + blur * _lost_chroma(v) for v, blur in zip(views, blurs, strict=True)]
+        return self._compared(np.concatenate(filmed, 2))
 
     def _respond(self, rendered: np.ndarray) -> np.ndarray:
-        """(M, H, W, 3) the same."""
+        """(M, H, W, 3) the same, before they become videos."""
         if not self._is_real:
             return rendered
         views = zip(self.responses, apart(rendered, self._simulator.widths), strict=True)
@@ -142,3 +155,8 @@ class PictureScene:
         """(M, H, W, 3) of the full scale."""
         parameters = np.repeat(self._simulator.space.from_unit(unit)[None], len(full_states), 0)
         return self._simulator.render(full_states, parameters).astype(np.float32) / 255
+
+
+def _lost_chroma(pictures: np.ndarray) -> np.ndarray:
+    """(M, H, W, 3) what smoothing their chroma once adds to them."""
+    return with_smooth_chroma(pictures, 1) - pictures

@@ -24,6 +24,7 @@ _ROUNDING = 1 / 255 / 12**0.5  # standard deviation
 _SQUARE_PX = 4  # neighbouring pixels tell the same: 4 × 4 of them count as one
 _OTHERS = 0.3  # of what a pixel would be if all of it were white: what else it may show
 _RIDGE = 1e-6  # of information: what no picture shows
+_MOST_BLUR = 2.0  # of chroma: of a video whose pixels are not averaged any more it is about 1
 _DERIVED_EVERY = 2  # iterations: derivatives cost most, and change slowly
 
 
@@ -47,6 +48,7 @@ class PictureFit:
     covariance: np.ndarray  # (V, V); 0 of what is known
     noise: float  # of a pixel, robustly, of the full scale
     responses: list[CameraResponse]  # one a camera; none where pictures are the simulator's own
+    chroma_blur: np.ndarray  # (C,) see `PictureScene`; likewise
 
 
 def fit_pictures(
@@ -74,7 +76,7 @@ def fit_pictures(
 
 
 class _Fit:
-    """Gauss and Newton's steps of colours, of the cameras' responses, and of the poses."""
+    """Gauss and Newton's steps of colours, of what cameras and videos make of them, of poses."""
 
     def __init__(self, simulator, pictures: Pictures, unit, shown, known):
         self._unit, self._shown, self._known = unit, shown, known
@@ -95,19 +97,20 @@ class _Fit:
         usually[scene.is_overexposed(self._frames, noise)] = 0
         cameras = self._see_known(drawn, residual, usually)
         trust = robust_weights(np.minimum(np.square(residual / noise), 9).mean(1))
-        both = np.concatenate([slopes.shown[~self._known], slopes.response])
+        every = np.concatenate([slopes.shown[~self._known], slopes.chroma, slopes.response])
         weight = usually / noise**2 / _SQUARE_PX**2
-        information, slope, follow = _without_poses(both, slopes.pose, weight, residual, scene)
-        num = len(self._fitted)
+        information, slope, follow = _without_poses(every, slopes.pose, weight, residual, scene)
+        few, num = len(self._fitted), len(self._fitted) + len(scene.chroma_blur)
         colours = combine(information[:, :num, :num], slope[:, :num], self._variance, trust)
         leads = np.einsum("m,mpq->pq", trust, information[:, :num])
         leads = np.linalg.solve(leads[:, :num] + _RIDGE * np.eye(num), leads[:, num:])  # −du/dρ
         self._covariance = colours.covariance + leads @ cameras.covariance @ leads.T
         self._variance, before = colours.variance, self._unit[self._fitted]
-        after = np.clip(before + colours.step(before, _LARGEST_STEP), 0, 1)
-        self._unit[self._fitted] = after
+        step = colours.step(before, _LARGEST_STEP)
+        self._unit[self._fitted] = after = np.clip(before + step[:few], 0, 1)
+        scene.chroma_blur = np.clip(scene.chroma_blur + step[few:], 0, _MOST_BLUR)
         scene.response = scene.response + cameras.step
-        went = np.concatenate([after - before, cameras.step])
+        went = np.concatenate([after - before, step[few:], cameras.step])
         scene.move(-follow[..., -1] - follow[..., :-1] @ went)
 
     def result(self) -> PictureFit:
@@ -115,9 +118,10 @@ class _Fit:
         noise = _noise(drawn - self._real, slopes, _SMALLEST_NOISE)
         rounding = np.square([rounding_std(its, drawn) for its in slopes[~known]])
         covariance = np.zeros((len(known),) * 2)
-        covariance[np.ix_(~known, ~known)] = self._covariance + np.diag(rounding)
-        unit, responses = self._unit[self._shown], self._scene.responses
-        return PictureFit(unit, covariance, float(np.median(noise)), responses)
+        few = len(self._fitted)
+        covariance[np.ix_(~known, ~known)] = self._covariance[:few, :few] + np.diag(rounding)
+        unit, cameras = self._unit[self._shown], (self._scene.responses, self._scene.chroma_blur)
+        return PictureFit(unit, covariance, float(np.median(noise)), *cameras)
 
     def _see_known(self, drawn: np.ndarray, residual: np.ndarray, usually: np.ndarray) -> Told:
         slopes, known = self._slopes, self._known

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-_PASSES = 2
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # of R, G and B (ITU-R BT.601)
 
 
@@ -13,14 +12,14 @@ def smoothed(pictures: np.ndarray) -> np.ndarray:
     return pictures
 
 
-def with_smooth_chroma(pictures: np.ndarray) -> np.ndarray:
-    """(..., H, W, 3) float pictures whose luma is as it was, and whose chroma is smoothed twice.
+def with_smooth_chroma(pictures: np.ndarray, passes: int = 2) -> np.ndarray:
+    """(..., H, W, 3) float pictures whose luma is as it was, and whose chroma is smoothed.
 
     Videos keep chroma at half the resolution (4:2:0), so what is a few pixels wide looks greyer.
     Smoothed by more than that, pictures that went through a video are as those that did not.
     """
     luma = (pictures @ _LUMA)[..., None]
     chroma = pictures - luma
-    for _ in range(_PASSES):
+    for _ in range(passes):
         chroma = smoothed(chroma)
     return luma + chroma
