@@ -158,6 +158,14 @@ def dataset(recorded, tmp_path) -> Path:
         ),
         (["tune", "my_robot", "--out", "OUT"], "tuning files end in .toml"),
         (
+            ["tune", "cartpole", "--out", "OUT", "--known-colour", "grund"],
+            "no colour 'grund' in the parameters; did you mean 'ground'",
+        ),
+        (
+            ["tune", "cartpole", "--out", "OUT", "--known-colour", "ground", "--search", "paper"],
+            "--known-colour goes with --search posterior, got paper",
+        ),
+        (
             ["record", "cartpole", "--out", "/proc/x/y"],
             "cannot write into /proc/x: .*another place",
         ),

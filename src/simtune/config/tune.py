@@ -52,6 +52,8 @@ class TuneConfig(Prints, ObservesSized, RealConfig):
         at_least(self, 1, "real_episodes")
         if not self.budget_minutes > 0:
             raise InputError(f"--budget-minutes must be above 0, got {self.budget_minutes:g}")
+        if self.known_colour is not None and self.search != "posterior":
+            raise InputError(f"--known-colour goes with --search posterior, got {self.search}")
         if not 0 <= self.relative_precision < 1:
             raise InputError(f"--precision must be a percentage such as 1%, got {self.precision}")
 
