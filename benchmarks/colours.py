@@ -51,7 +51,7 @@ def main(
         raise SystemExit("which runs? give their folders")
     rows = [score(run) for run in runs]
     for row in rows:
-        print(" | ".join(text.format(**row) for text in _COLUMNS.values()))
+        print(row)
     record_figures(record, ("task", "real", "known"), rows, _COLUMNS)
     print(json.dumps({"benchmark": "colours", "runs": rows, **machine()}))
 
@@ -90,7 +90,7 @@ def _truth(
 
 
 def _ratios(run: Path, truth: dict[str, float], colours: list[Parameter]) -> dict[str, Any]:
-    """Of all pairs of one channel."""
+    """Of all pairs of one channel; nothing where there is none."""
     with np.load(run / "posterior.npz") as stored:
         drawn = dict(zip(stored["names"].tolist(), stored["draws"].T, strict=True))
     errors, holds, widths = [], [], []
@@ -102,6 +102,8 @@ def _ratios(run: Path, truth: dict[str, float], colours: list[Parameter]) -> dic
             errors.append(100 * abs(middle / true - 1))
             holds.append(low <= true <= high)
             widths.append(50 * (high - low) / middle)
+    if not errors:
+        return {}
     return {
         "ratios_percent_error": _median(errors),
         "ratios_held": f"{sum(holds)} of {len(holds)}",
@@ -110,7 +112,7 @@ def _ratios(run: Path, truth: dict[str, float], colours: list[Parameter]) -> dic
 
 
 def _median(values: list[float]) -> float:
-    return round(float(np.median(values)), 2) if values else float("nan")
+    return round(float(np.median(values)), 2)
 
 
 if __name__ == "__main__":

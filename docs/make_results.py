@@ -23,6 +23,7 @@ ORDER = (  # on the page; other claims follow
     "accuracy",
     "far",
     "gap",
+    "colours",
     "peers",
     "policies",
     "whole_runs",
