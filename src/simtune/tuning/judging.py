@@ -108,7 +108,8 @@ class Judging:
         size = self._refits(len(observed), budget, time.monotonic() - began_s)
         size = size if may_be_last else (0, 0)
         if size[0]:
-            known = self.bootstrap or Bootstrap.none(fit)
+            before = self.bootstrap
+            known = before if before and before.misfits else Bootstrap.none(fit)
             tell_early(self._conclude(fit, known, prob_higher)[0])
         part = budget.part(budget.seconds_left, (0.65, 1.0))
         made = self.stage.bootstrap(observed, fit, start, size, self.rng, may_be_last, part)
