@@ -22,6 +22,7 @@ from simtune.report.pair_plots import pair_plot
 from simtune.report.plot import value_axis
 from simtune.report.rank_plots import expected
 from simtune.report.trust import Pair
+from simtune.report.words import interval
 from simtune.run import RunFolder, write_json
 
 # name: (unit, truth, start, verdict)
@@ -678,3 +679,19 @@ def test_curves_that_diverged_before_tuning_leave_the_others_to_be_seen(readings
     plot = reading_plot(run, "elbow")
     assert plot is not None
     assert -6 < plot.y.low < plot.y.high < 2
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "shown"),
+    [
+        (0.69961, 0.7003, "[0.6996, 0.7003]"),  # three digits would be the same
+        (0.0645, 0.0656, "[0.0645, 0.0656]"),
+        (0.999841, 1.0, "[0.9998, 1.0000]"),
+        (2e-5, 3e-5, "[2.00e-05, 3.00e-05]"),
+        (5.0, 5.0, "[5.00, 5.00]"),
+        (-0.5, 0.25, "[-0.500, 0.250]"),
+        (None, 1.0, ""),
+    ],
+)
+def test_ends_of_an_interval_have_digits_enough_to_tell_them_apart(low, high, shown):
+    assert interval({"low": low, "high": high}) == shown

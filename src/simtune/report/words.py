@@ -1,5 +1,6 @@
 """Numbers and times in words: the templates' filters."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,7 +38,18 @@ def share(value: float) -> str:
 def interval(facts: Mapping[str, Any]) -> str:
     """[low, high] of a parameter or an event; empty where either is unknown."""
     low, high = facts.get("low"), facts.get("high")
-    return f"[{number(low)}, {number(high)}]" if is_number(low) and is_number(high) else ""
+    if not (is_number(low) and is_number(high)):
+        return ""
+    return f"[{_apart(low, high)}, {_apart(high, low)}]"
+
+
+def _apart(value: float, other: float) -> str:
+    """As `number`, with more digits where it takes them to tell one from the other."""
+    text, width = number(value), abs(value - other)
+    if "e" in text or not width:
+        return text
+    places = -math.floor(math.log10(width))
+    return f"{value:,.{places}f}" if places > len(text.partition(".")[2]) else text
 
 
 def unit(facts: Mapping[str, Any]) -> str:
