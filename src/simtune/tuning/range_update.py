@@ -69,8 +69,13 @@ def quantile(prob_higher: np.ndarray, share: float) -> np.ndarray:
 
     `prob_higher`: (N, C) survival curves on the grid, which fall from 1 to 0.
     """
+    return _quantiles(prob_higher, np.array([share]))[0]
+
+
+def _quantiles(prob_higher: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """(S, N) the same for each of (S,) shares."""
     below = 1 - np.minimum.accumulate(prob_higher, axis=1)
-    return np.array([np.interp(share, row, _GRID) for row in below])
+    return np.stack([np.interp(shares, row, _GRID) for row in below], -1)
 
 
 def shortest_interval(prob_higher: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
@@ -79,8 +84,7 @@ def shortest_interval(prob_higher: np.ndarray, share: float) -> tuple[np.ndarray
     Where the truth may lie at a bound, it reaches the bound; equal tails would never do so.
     """
     below = np.linspace(0.002, 1 - share - 0.002, 33)
-    low = np.stack([quantile(prob_higher, s) for s in below])  # (33, N)
-    high = np.stack([quantile(prob_higher, s + share) for s in below])
+    low, high = np.split(_quantiles(prob_higher, np.concatenate([below, below + share])), 2)
     shortest = (high - low).argmin(0)[None]
     return np.take_along_axis(low, shortest, 0)[0], np.take_along_axis(high, shortest, 0)[0]
 
