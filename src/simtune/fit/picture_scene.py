@@ -64,9 +64,12 @@ class PictureScene:
         """The poses by (M, D)."""
         self.moved = np.clip(self.moved + change, -_LARGEST_MOVE, _LARGEST_MOVE)
 
-    def as_compared(self, frames: np.ndarray) -> np.ndarray:
-        """(M, pixels) of the full scale, of (M, H, W, 3) as recorded, 0 to 255."""
-        return self._compared(frames.astype(np.float32) / 255)
+    def compared(self, pictures: np.ndarray) -> np.ndarray:
+        """(..., pixels) of (..., H, W, 3), a real camera's without fine chroma."""
+        if self._is_real:
+            views = apart(pictures, self._simulator.widths)
+            pictures = np.concatenate([with_smooth_chroma(view) for view in views], -2)
+        return pictures.reshape(*pictures.shape[:-3], -1)
 
     def draw(self, unit: np.ndarray) -> np.ndarray:
         """(M, pixels) as they are with (N,) parameters."""
@@ -78,11 +81,10 @@ class PictureScene:
         """(M, pixels) bool: as bright as can be in (M, H, W, 3) frames and in what was drawn last.
 
         How much brighter it would be, nothing tells: it holds no colour back that others say is
-        brighter. `noise`: (M, pixels), of the full scale.
+        brighter. `noise`: (M, pixels). Both are of the full scale.
         """
         white = self._respond(np.full((1, *frames.shape[1:]), _WHITE, np.float32)).reshape(1, -1)
-        real = frames.reshape(len(frames), -1).astype(np.float32) / 255
-        return self._is_white & (real >= white - noise)
+        return self._is_white & (frames.reshape(len(frames), -1) >= white - noise)
 
     def derive(self, unit: np.ndarray, drawn: np.ndarray) -> Slopes:
         """Of the (M, pixels) that were drawn with (N,) parameters."""
@@ -117,16 +119,16 @@ class PictureScene:
             view, its = rendered[:, :, columns], slice(NUM_UNKNOWN * number, None)
             slopes[its][:NUM_UNKNOWN, :, :, columns] = response.derive(view)
             of_chroma[number][:, :, columns] = _lost_chroma(response(view))
-        return self._compared(of_chroma), self._compared(slopes)
+        return self.compared(of_chroma), self.compared(slopes)
 
     def _see(self, rendered: np.ndarray) -> np.ndarray:
         """(M, pixels) of (M, H, W, 3), by the cameras as they are now."""
         if not self._is_real:
-            return self._compared(rendered)
+            return self.compared(rendered)
         views = apart(self._respond(rendered), self._simulator.widths)
         blurs = self.chroma_blur.astype(np.float32)
         filmed = [v + blur * _lost_chroma(v) for v, blur in zip(views, blurs, strict=True)]
-        return self._compared(np.concatenate(filmed, 2))
+        return self.compared(np.concatenate(filmed, 2))
 
     def _respond(self, rendered: np.ndarray) -> np.ndarray:
         """(M, H, W, 3) the same, before they become videos."""
@@ -134,13 +136,6 @@ class PictureScene:
             return rendered
         views = zip(self.responses, apart(rendered, self._simulator.widths), strict=True)
         return np.concatenate([response(view) for response, view in views], 2)
-
-    def _compared(self, pictures: np.ndarray) -> np.ndarray:
-        """(..., pixels) of (..., H, W, 3), a real camera's without fine chroma."""
-        if self._is_real:
-            views = apart(pictures, self._simulator.widths)
-            pictures = np.concatenate([with_smooth_chroma(view) for view in views], -2)
-        return pictures.reshape(*pictures.shape[:-3], -1)
 
     def _states(self, moved: np.ndarray) -> np.ndarray:
         """(M, S) states moved by (M, D) standard deviations."""

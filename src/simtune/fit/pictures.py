@@ -83,8 +83,9 @@ class _Fit:
         self._fitted, self._camera = shown[~known], pictures.camera_noise
         is_real, states = self._camera is not None, pictures.full_states
         self._scene = PictureScene(simulator, states, shown, pictures.poses, is_real)
-        self._frames, self._slopes = pictures.frames, Slopes.none(len(states))
-        self._real = self._scene.as_compared(self._frames)
+        self._slopes = Slopes.none(len(states))
+        self._frames = pictures.frames.astype(np.float32) / 255
+        self._real = self._scene.compared(self._frames)
         self._variance, self._covariance = FIRST_VARIANCE, np.zeros((len(self._fitted),) * 2)
 
     def iterate(self, number: int) -> None:
