@@ -71,14 +71,14 @@ class Bootstrap:
     def bias(self) -> np.ndarray:
         """(N,) by how much fits like these are too high, in terms of what they claim.
 
-        So a refit's mean error is taken off the real one's estimate (Efron 1979), as far as that
-        mean stands out from chance.
+        It is to be taken off the estimate (Efron 1979): the mean error of the refits, as far as
+        that stands out from chance.
         """
-        return _bias(self.errors)[0]
+        return _bias_and_inflation(self.errors, self._kinds)[0]
 
     def inflation(self) -> np.ndarray:
         """(N,) factors by which standard deviations have to be multiplied, once `bias` is off."""
-        return _inflation(self.errors, self._kinds)
+        return _bias_and_inflation(self.errors, self._kinds)[1]
 
     @property
     def _kinds(self) -> dict[str, np.ndarray]:
@@ -93,10 +93,9 @@ class Bootstrap:
         Each is judged by what the others alone say; so few show gross errors only.
         """
         others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
-        factors = np.array([_inflation(o, self._kinds) for o in others])
-        bias = np.array([_bias(o)[0] for o in others])
-        left = self.errors - bias.reshape(self.errors.shape)
-        return ndtr(-left / factors.reshape(self.errors.shape))
+        each = [_bias_and_inflation(its, self._kinds) for its in others]
+        bias, factors = np.reshape(each, (-1, 2, self.errors.shape[1])).swapaxes(0, 1)
+        return ndtr((bias - self.errors) / factors)
 
     def motion_ratios(self, misfit: Misfit) -> list[float]:
         """Of each sensor, a misfit over the largest of the refits'; see `_ratio`."""
@@ -209,18 +208,20 @@ def _bias(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return share * mean, share**2 * variance
 
 
-def _inflation(errors: np.ndarray, kinds: Mapping[str, np.ndarray]) -> np.ndarray:
-    """(N,) for (K, N) errors in terms of their standard deviations, of which their bias is taken.
+def _bias_and_inflation(
+    errors: np.ndarray, kinds: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) each, for (K, N) errors in terms of their standard deviations.
 
-    `kinds`: (N,) bool of each.
+    `kinds`: (N,) bool of each kind.
 
     Few refits say little of a single parameter: it leans on all of its kind. What they say is
     not sure itself, so 90 % intervals are as wide as Student's.
     """
     factors, count = np.full(errors.shape[1], _UNKNOWN_INFLATION), len(errors)
-    if not count:
-        return factors
     bias, variance = _bias(errors)
+    if not count:
+        return bias, factors
     errors = errors - bias
     for kind, of_kind in kinds.items():
         if not of_kind.any():
@@ -234,4 +235,4 @@ def _inflation(errors: np.ndarray, kinds: Mapping[str, np.ndarray]) -> np.ndarra
         unsure = stdtrit(count + _POOLED_COUNT, 0.95) / ndtri(0.95)
         spread = square / (count + _POOLED_COUNT) + variance[of_kind]
         factors[of_kind] = unsure * np.sqrt(spread)
-    return factors
+    return bias, factors
