@@ -13,6 +13,7 @@ from simtune.fit.observed import Observed
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.particles import Particles
 from simtune.fit.physics import Physics
+from simtune.fit.pictures import PictureFit
 from simtune.fit.response import Photometry
 from simtune.fit.result import FitResult, Misfit, PointEstimate, block_correlation, diluted
 from simtune.fit.shooting import Shooting, ShootingFit
@@ -115,18 +116,12 @@ class ReplayFit:
         test = self._shooting(self._moving[:0]).fit(
             observed.episodes(held_out), states[held_out], parameters
         )
-        deviation = np.sqrt(np.diag(motion.covariance))
-        std = start.std.copy()
-        std[self._moving] = np.hypot(deviation, apart)
-        std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
-        kinds = np.where(self.space.is_appearance, "appearance", "moving")
-        at_least = np.maximum(std, [_SMALLEST_STD[kind] for kind in kinds])
-        blocks = (self._moving, motion.covariance), (self._appearance, pictures.covariance)
+        std, correlation = self._claimed(start, motion, apart, pictures)
         return FitResult(
             parameters,
-            at_least,
+            std,
             self._discrepancy_std,
-            diluted(block_correlation(len(std), blocks), std / at_least),
+            correlation,
             self._all_moving,
             Misfit(test.distances, pictures.noise),
             tuple((part.name, part.unit) for part in observed.evidence.parts),
@@ -138,6 +133,18 @@ class ReplayFit:
             pictures.responses,
             held_out=kept if kept < num else None,
         )
+
+    def _claimed(
+        self, start: PointEstimate, motion: ShootingFit, apart: np.ndarray, pictures: PictureFit
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) standard deviations and (N, N) correlation; what is held stays as sure as it was."""
+        std = start.std.copy()
+        std[self._moving] = np.hypot(np.sqrt(np.diag(motion.covariance)), apart)
+        std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
+        kinds = np.where(self.space.is_appearance, "appearance", "moving")
+        at_least = np.maximum(std, [_SMALLEST_STD[kind] for kind in kinds])
+        blocks = (self._moving, motion.covariance), (self._appearance, pictures.covariance)
+        return at_least, diluted(block_correlation(len(std), blocks), std / at_least)
 
     def within(self, budget: Budget) -> "ReplayFit":
         """The same, which raises OutOfTime as soon as `budget` is over."""
