@@ -603,19 +603,53 @@ def test_help_prints_the_usage_and_the_options_of_tune(simtune, command):
         assert "minutes" in out
 
 
-@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
-def test_bash_completes_options_a_line_each(simtune, tmp_path):
-    status, script, _ = simtune("--tyro-print-completion", "bash")
+# Each prints what is offered for the words after `simtune`, a line each; {script} is its own.
+_OFFERS = {
+    "bash": """
+        source {script}
+        COMP_WORDS=(simtune "$@"); COMP_CWORD=$#; _tyro_simtune
+        printf '%s\\n' "${{COMPREPLY[@]}}"
+    """,
+    "zsh": """
+        _files() {{ print -rl -- "$words[CURRENT]"*; }}
+        _describe() {{ print -rl -- "${{completion_array[@]%%:*}}"; }}
+        words=(simtune "$@"); CURRENT=$#words
+        source {script}
+    """,
+    "fish": """
+        source {script}
+        complete -C "simtune $argv" | string replace -r "\\t.*" ""
+    """,
+}
+
+
+@pytest.mark.parametrize("shell", _OFFERS)
+def test_shells_complete_commands_options_and_files(simtune, shell, tmp_path):
+    if shutil.which(shell) is None:
+        pytest.skip(f"needs {shell}")
+    status, script, _ = simtune("--tyro-print-completion", shell)
     assert status == 0
-    (tmp_path / "completion.bash").write_text(script)
-    code = f"""
-    source {tmp_path / "completion.bash"}
-    COMP_WORDS=(simtune tune --re); COMP_CWORD=2; _tyro_simtune simtune --re tune
-    printf '%s\\n' "${{COMPREPLY[@]}}"
-    """
-    done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, timeout=60)
-    offered = [line.split()[0] for line in done.stdout.splitlines()]
-    assert sorted(offered) == ["--real", "--real-episodes", "--real-gap", "--real-parameters"]
+    (tmp_path / "script").write_text(script)
+    (tmp_path / "ask").write_text(_OFFERS[shell].format(script=tmp_path / "script"))
+    (tmp_path / "mine.toml").touch()
+    (tmp_path / "mine two").mkdir()  # a space in it
+
+    def offered(*words: str) -> list[str]:
+        done = subprocess.run(
+            [shell, str(tmp_path / "ask"), *words],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            cwd=tmp_path,
+        )
+        lines = [line.strip().rstrip("/").replace("\\ ", " ") for line in done.stdout.splitlines()]
+        return sorted(line for line in lines if line)
+
+    options = offered("tune", "mine.toml", "--re")
+    assert options == ["--real", "--real-episodes", "--real-gap", "--real-parameters"]
+    assert offered("tu") == ["tune"]
+    assert offered("tune", "mi") == ["mine two", "mine.toml"]
+    assert offered("tune", "mine.toml", "--real", "mi") == ["mine two", "mine.toml"]
 
 
 def test_help_loads_no_heavy_packages():

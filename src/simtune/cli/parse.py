@@ -4,7 +4,7 @@ import contextlib
 import difflib
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args
@@ -12,6 +12,7 @@ from typing import Any, get_args
 import tyro
 
 from simtune.cli.commands import Command
+from simtune.cli.completion import completion_mended
 from simtune.config import ROBOTS
 from simtune.config.checks import flag
 from simtune.errors import InputError, UnknownName
@@ -32,7 +33,7 @@ def parse(typed: Sequence[str]) -> Any:
         _check_options(typed[0], commands[typed[0]], typed[1:])
     stderr = io.StringIO()
     try:
-        with contextlib.redirect_stderr(stderr), _completions_mended(typed):
+        with contextlib.redirect_stderr(stderr), completion_mended(typed, commands):
             config = (tyro.conf.DisallowNone,)  # what is optional is left out
             return tyro.cli(  # type: ignore[call-overload]
                 Command,
@@ -45,21 +46,6 @@ def parse(typed: Sequence[str]) -> Any:
         if not exit_.code:
             raise
         raise InputError(_in_a_line(stderr.getvalue()) + _HELP) from None
-
-
-@contextlib.contextmanager
-def _completions_mended(typed: Sequence[str]) -> Iterator[None]:
-    """Bash shows a line for each option, so what is said of it must not have more (tyro 1.0)."""
-    if "--tyro-print-completion" not in typed:
-        yield
-        return
-    stdout = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(stdout):
-            yield
-    finally:
-        spec = re.compile(r"^COMPLETION_SPEC = .*$", re.MULTILINE)
-        print(spec.sub(lambda match: match[0].replace(r"\n", " "), stdout.getvalue()), end="")
 
 
 def _check_options(command: str, kind: type, typed: Sequence[str]) -> None:
