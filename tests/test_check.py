@@ -166,7 +166,7 @@ def test_mass_and_gain_of_a_slider_show_only_in_their_ratio(sliding):
     (pair,) = said["pairs"]
     assert pair["parameters"] == ["mass", "gain"]
     assert pair["correlation"] > 0.95
-    assert "only their combination: their ratio, mass / gain" in pair["says"]
+    assert "told together only: their ratio, mass / gain" in pair["says"]
     for name, other in (("mass", "gain"), ("gain", "mass")):
         assert said["parameters"][name]["verdict"] == "does not show"
         assert other in said["parameters"][name]["note"]

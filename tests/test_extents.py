@@ -51,4 +51,5 @@ def test_only_where_all_is_small_something_is_said():
     assert small({"arm": 9.0, "finger": 1.0}, 64) == []
     (said,) = small({"bob": 2.6, "rod": 0.5}, 64)
     assert _extents({"bob": 2.61, "rod": 0.5}, 64).endswith("pixels of 64: bob 2.6, rod 0.5")
+    assert _extents({"bob": 0.0, "rod": 2.0}, 64).endswith(": rod 2.0, bob mostly out of sight")
     assert "bob, is 2.6 of 64 pixels across. --image-size 128 would show 5" in said

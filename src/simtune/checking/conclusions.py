@@ -99,12 +99,13 @@ def _pair(
     names = [space.names[i], space.names[j]]
     correlation = float(information.correlation[i, j])
     combination = _combination(space, information, i, j)
-    best = "best shows" if shows[i] == shows[j] == "shows clearly" else "only their combination:"
+    both = shows[i] == shows[j] == "shows clearly"
+    best = "told better together than alone" if both else "told together only"
     return {
         "parameters": names,
         "correlation": correlation,
         "combination": combination,
-        "says": f"{' and '.join(names)}: {best} {combination} (correlation {correlation:.2f})",
+        "says": f"{' and '.join(names)}: {best}: {combination} (correlation {correlation:.2f})",
     }
 
 

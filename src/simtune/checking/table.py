@@ -9,8 +9,9 @@ _MOST_EXTENTS = 6
 _PICTURE = ("picture", "of pixels", "motion", "at most")
 _READING = ("reads", "at most", "of")
 _PICTURE_LEGEND = (
-    "picture: levels of 256 by which pixels change that change, if a parameter is as tried;",
-    "motion: pixels of {} by which what moves is elsewhere after 12 steps, root mean square;",
+    "picture: were a parameter as tried, by how many of 256 levels pixels would change, of those",
+    "that do; of pixels: how many do; motion: by how many pixels, of {}, what moves would be",
+    "elsewhere after 12 steps, root mean square; at most: the largest of these;",
 )
 _READING_LEGEND = (
     "reads: by how much the reading that tells most is elsewhere in open-loop replays of whole",
@@ -42,8 +43,13 @@ def table(result: dict[str, Any]) -> list[str]:
 
 def _extents(extents: dict[str, float], image_size: int) -> str:
     largest = sorted(extents.items(), key=lambda its: -its[1])
-    said = cut([f"{name} {px:.1f}" for name, px in largest], _MOST_EXTENTS)
+    said = cut([f"{name} {_across(px)}" for name, px in largest], _MOST_EXTENTS)
     return f"across what moves, in pixels of {image_size}: {said}"
+
+
+def _across(px: float) -> str:
+    """Of what is out of the picture in most of the frames looked at, nothing is seen."""
+    return f"{px:.1f}" if px >= 0.05 else "mostly out of sight"
 
 
 def _legend(result: dict[str, Any]) -> list[str]:
