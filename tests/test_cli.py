@@ -603,6 +603,14 @@ def test_help_prints_the_usage_and_the_options_of_tune(simtune, command):
         assert "minutes" in out
 
 
+def test_a_folder_in_place_of_its_tuning_file_is_told(simtune, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "tune.toml").touch()
+    status, _, said = simtune("check", str(tmp_path / "mine"))
+    assert status == 2
+    assert said.strip().endswith(f"give its tuning file, {tmp_path / 'mine' / 'tune.toml'}")
+
+
 # Each prints what is offered for the words after `simtune`, a line each; {script} is its own.
 _OFFERS = {
     "bash": """

@@ -61,6 +61,8 @@ def load_any_task(name: str) -> AnyTask:
         return replace(task, source=str(path), files=named_files(path))
     if name.endswith((".xml", ".mjcf", ".urdf")):
         raise InputError(f"{name} is a model: give a tuning file that names it, as NAME.toml")
+    if name not in TASKS and (Path(name) / "tune.toml").is_file():
+        raise InputError(f"{name} is a folder: give its tuning file, {Path(name) / 'tune.toml'}")
     if name not in TASKS:
         raise UnknownName("task", name, "simtune (tuning files end in .toml)", TASKS)
     return replace(TASKS[name](), source=name)
