@@ -24,6 +24,7 @@ from simtune.report.rank_plots import expected
 from simtune.report.trust import Pair
 from simtune.report.words import interval
 from simtune.run import RunFolder, write_json
+from simtune.run.config import TIME_IS_OVER
 
 # name: (unit, truth, start, verdict)
 _COLOURS = {"cup": (0.75, 0.6, 0.15), "ball": (0.6, 0.4, 0.3), "ground": (0.05, 0.15, 0.3)}
@@ -106,7 +107,7 @@ def _write_video(path: Path, speed: float) -> None:
 class _Page(HTMLParser):
     """Checks that tags close in order, and keeps the text and the attributes."""
 
-    _VOID = ("meta", "input", "br", "link", "img")
+    _VOID = ("meta", "input", "br", "wbr", "link", "img")
 
     def __init__(self, html: str):
         super().__init__()
@@ -129,7 +130,11 @@ class _Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if not {"style", "script"} & set(self.open):
+        if {"style", "script"} & set(self.open):
+            return
+        if self.words and self.tags[-1][0] == "wbr":  # one word goes on
+            self.words[-1] += data
+        else:
             self.words.append(data)
 
     @property
@@ -334,6 +339,26 @@ def test_report_says_what_is_told_of_correlated_parameters(
     assert said in _report(run_path)[1].text
 
 
+def test_the_numbers_of_one_camera_pose_are_no_pairs(run_path):
+    """They always go together; what else goes with one of them is told."""
+
+    def add_pose(result):
+        for axis in ("x", "y", "z", "pitch", "yaw", "roll"):
+            result["parameters"][f"front_{axis}"] = result["parameters"]["ball_mass"]
+        result["correlations"] = {"front_x, front_yaw": 0.9, "ball_mass, front_z": 0.8}
+        result["combinations"] = []
+
+    _edit(run_path / "result.json", add_pose)
+    text = _report(run_path)[1].text
+    assert "The six numbers of front are one pose" in text
+    assert "ball_mass and front_z : raising both" in text
+    assert "front_x and front_yaw" not in text
+    _edit(run_path / "result.json", lambda r: r["parameters"].pop("front_roll"))  # no pose any more
+    text = _report(run_path)[1].text
+    assert "one pose" not in text
+    assert "front_x and front_yaw : raising both" in text
+
+
 def write_posterior(path: Path, correlation: float, num: int = 1000) -> np.ndarray:
     """Normal draws of all parameters around their truths, the first two correlated."""
     names, matrix = list(PARAMETERS), np.eye(len(PARAMETERS))
@@ -512,7 +537,11 @@ def test_each_verdict_says_what_to_take(tmp_path):
     words = " ".join(" ".join(_Page(write_report(path).read_text()).words).split())
     assert "4.0 % below and 20 % above the estimate: take the interval" in words
     assert "0.0200 below and 0.0300 above the estimate: take the estimate" in words
-    assert "these videos do not tell" in words
+    assert "these videos do not tell; other actions, or another view, may" in words
+    (path / "result.json").write_text(json.dumps(result | {"stopped": TIME_IS_OVER}))
+    words = " ".join(" ".join(_Page(write_report(path).read_text()).words).split())
+    assert "not told in this time" in words
+    assert "more minutes may tell; else other actions, or another view, may" in words
 
 
 def test_report_names_the_recordings_and_links_every_file(tmp_path):

@@ -330,7 +330,7 @@ def test_a_run_that_is_as_precise_as_asked_stops_and_says_so(tmp_path, quick):
 
 
 def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not(
-    tmp_path, quick, monkeypatch
+    tmp_path, quick, monkeypatch, caplog
 ):
     class Begun(Exception):
         pass
@@ -354,9 +354,12 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
     with pytest.raises(InputError, match=reason):
         tune(config_of(tmp_path / "run", budget_minutes=1.1))
     assert not (tmp_path / "run").exists()  # or the next command would find a run there
-    for minutes in (1.4, 3.7):
-        with pytest.raises(Begun):
+    for minutes, is_shortened in ((1.4, True), (3.7, True), (5.4, False)):
+        caplog.clear()
+        with pytest.raises(Begun), caplog.at_level("INFO", "simtune"):
             tune(config_of(tmp_path / "run", budget_minutes=minutes))
+        assert "a round takes about 300 s here" in caplog.text
+        assert ("a shortened one" in caplog.text) == is_shortened
 
 
 @pytest.mark.parametrize(

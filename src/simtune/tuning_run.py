@@ -12,6 +12,7 @@ from simtune.experiment.experiment import build_experiment
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.progress import ReportProgress, silent
+from simtune.run.config import TIME_IS_OVER
 from simtune.run.folder import kept_state
 
 log = logging.getLogger(__name__)
@@ -19,7 +20,7 @@ log = logging.getLogger(__name__)
 # slowly at first does so at the end.
 _AT_THE_END_S = (6.0, 30.0)
 _SURELY = 0.6  # of what was timed, in a moment that may have been a busy one
-_TIME_IS_OVER = "the time is over, or too short for another round"
+_SHORTENED = "; in --budget-minutes {:g} it is a shortened one, whose intervals may be wider"
 _WORTHWHILE = 0.6  # of the last round's time: it knows where to search
 
 
@@ -64,7 +65,7 @@ def tune(
             run.step = experiment.simulator.num_steps
             run.log_round(found, len(real))
             run.save()
-        stopped = {"stopped": search.stop_reason or _TIME_IS_OVER}
+        stopped = {"stopped": search.stop_reason or TIME_IS_OVER}
         return run.finish(real, stopped, warnings, command)
 
 
@@ -73,7 +74,6 @@ def _refuse_if_too_short(minutes: float, beside_s: float, least_s: float, whole_
 
     `beside_s`: that all but rounds take.
     """
-    log.info("a round takes about %.0f s here", whole_s)
     if 60 * minutes < _SURELY * least_s + beside_s:
         needed = math.ceil((2 * least_s + beside_s) / 6) / 10
         raise InputError(
@@ -81,6 +81,8 @@ def _refuse_if_too_short(minutes: float, beside_s: float, least_s: float, whole_
             f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; give it "
             f"--budget-minutes {needed:g} or more"
         )
+    shortened = "" if 60 * minutes >= whole_s + beside_s else _SHORTENED.format(minutes)
+    log.info("a round takes about %.0f s here%s", whole_s, shortened)
 
 
 def _is_over(budget: Budget, run: Run) -> bool:

@@ -14,13 +14,14 @@ _WORTH_TELLING = 0.6  # correlation
 # Times as far off as the worst refit's: with few of them, the worst one is not very bad yet.
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
 
+_GO_ON = "Give it more minutes: the same command with a larger budget goes on from here."
 _HARDLY_JUDGED = (
     "A single known world was fitted for comparison, so intervals lean on how far fits usually "
-    "are off. Give it more minutes."
+    f"are off. {_GO_ON}"
 )
 _NOT_JUDGED = (
     "There was no time to fit a known world for comparison, so nothing tells how far these "
-    "estimates can be trusted: none is called identified. Give it more minutes."
+    f"estimates can be trusted: none is called identified. {_GO_ON}"
 )
 
 

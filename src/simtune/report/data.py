@@ -11,6 +11,7 @@ import numpy as np
 from simtune.config import UNTUNED
 from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
+from simtune.run.config import TIME_IS_OVER
 from simtune.run.folder import POSTERIOR
 from simtune.run.sources import changed_sources, source_of
 from simtune.tasks import AnyTask, load_any_task
@@ -120,6 +121,11 @@ class RunData:
         return "videos" if self.has_pictures else "recordings"
 
     @property
+    def is_out_of_time(self) -> bool:
+        """Whether more time might have told more."""
+        return self.result.get("stopped") == TIME_IS_OVER
+
+    @property
     def is_tuned(self) -> bool:
         """Whether anything was searched for."""
         return self.get("method") not in UNTUNED
@@ -186,7 +192,10 @@ def read_finished(path: Path) -> RunData:
     """The same of a run that has a result. Raises InputError for others."""
     run = read_run(path)
     if not run.result.get("parameters"):
-        raise InputError(f"{path} has no result yet: let the run end first")
+        raise InputError(
+            f"{path} has no result yet: let the run end, or, where it was interrupted, give its "
+            "command once more"
+        )
     return run
 
 

@@ -44,6 +44,7 @@ def _page(run: RunData) -> str:
         learning_curve=plots.learning_curve(run),
         ranks=trust.ranks(run),
         pairs=trust.pairs(run),
+        poses=trust.poses(run),
         identified_share=RangeUpdateConfig.identified_share,
         weak_share=RangeUpdateConfig.weak_share,
         config=json.dumps(run.config, indent=2, ensure_ascii=False),
@@ -61,7 +62,9 @@ def _environment() -> Environment:
         finalize=_shown,
     )
     filters = (words.number, words.count, words.percent, words.share, words.interval)
-    environment.filters |= {f.__name__: f for f in (*filters, words.unit, words.duration)}
+    environment.filters |= {
+        f.__name__: f for f in (*filters, words.unit, words.duration, words.breakable)
+    }
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode()
     environment.filters["in_thousandths"] = joint_plots.in_thousandths
     environment.tests["finite"] = is_number

@@ -6,6 +6,7 @@ from typing import Any
 from simtune.report.data import RunData
 from simtune.validate import is_number
 
+_POSE = ("x", "y", "z", "pitch", "yaw", "roll")
 _KINDS = {"ratio": "/", "product": "·", "difference": "−", "sum": "+"}
 
 
@@ -47,16 +48,29 @@ class Pair:
         return a * b**weight if a > 0 and b > 0 else None
 
 
+def poses(run: RunData) -> list[str]:
+    """Names of cameras' poses among the parameters: of kind "camera_pose", by their six numbers."""
+    stems = [name.removesuffix("_x") for name in run.parameters if name.endswith("_x")]
+    return [stem for stem in stems if all(f"{stem}_{axis}" in run.parameters for axis in _POSE)]
+
+
 def pairs(run: RunData) -> list[Pair]:
-    """Those that go together most first."""
+    """Those that go together most first; without those of one pose, which always do."""
     known, found, told = run.parameters, [], run.result.get("combinations")
     sound = _sound(told if isinstance(told, list) else [])
     combined = {f"{c.get('a')}, {c.get('b')}": c for c in sound}
+    stems = poses(run)
     for names, value in run.object("correlations").items():
         a, _, b = names.partition(", ")
+        if any(_is_of(pose, a) and _is_of(pose, b) for pose in stems):
+            continue
         if a in known and b in known and is_number(value):
             found.append(Pair(a=a, b=b, correlation=value, combination=combined.get(names)))
     return sorted(found, key=lambda pair: -abs(pair.correlation))
+
+
+def _is_of(pose: str, name: str) -> bool:
+    return name.startswith(f"{pose}_") and name.removeprefix(f"{pose}_") in _POSE
 
 
 def _sound(told: list[Any]) -> list[dict[str, Any]]:

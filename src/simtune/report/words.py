@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from markupsafe import Markup, escape
+
 from simtune.report.data import RunData
 from simtune.validate import is_number
 
@@ -56,6 +58,12 @@ def unit(facts: Mapping[str, Any]) -> str:
     """A parameter's unit; empty for a pure number."""
     value = facts.get("unit")
     return "" if value in (None, "", "1") else str(value)
+
+
+def breakable(name: str) -> Markup:
+    """A parameter's name, which may go on in the next line after an underscore."""
+    parts = escape(name).replace("_", Markup("_<wbr>"))
+    return Markup("<span>{}</span>").format(parts)
 
 
 _REAL = {"pseudo": "a simulated truth", "xarm": "a robot", "lerobot": "a robot"}

@@ -20,6 +20,8 @@ _CONTENT = {
     "real": "recordings.dataset_hash",
     "real_parameters": "truth",
 }
+# Of a run of `tune`, in result.json: it was not over by itself.
+TIME_IS_OVER = "the time is over, or too short for another round"
 FILMED = "filmed"  # the folder of what a robot did; it cannot be filmed again
 
 
