@@ -13,6 +13,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
+import simtune
 from simtune import config
 from simtune.tasks import load_task
 
@@ -71,6 +72,27 @@ def test_every_command_has_a_page_and_links_lead_somewhere():
     for page in [*FOLDER.iterdir(), *FOLDER.parent.glob("*.md")]:
         for target in re.findall(r"\]\(([^)#:]+)[^):]*\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_pages_and_examples_need_nothing_private():
+    """But the architecture's and the figures', which are for whoever changes simtune."""
+    root = FOLDER.parents[1]
+    modules = (root / "src" / "simtune").rglob("*.py")
+    inside = [
+        path.read_text() for path in modules if not path.name.endswith("_worlds.py")
+    ]  # export
+    own = set(re.findall(r"^def ([a-z]\w+)\(", "\n".join(inside), re.MULTILINE))
+    private = own - {*simtune.__all__, *dir(simtune.Result)}
+    pages = [root / "README.md", *FOLDER.glob("*.md"), *FOLDER.parent.glob("*.md")]
+    pages += [*FOLDER.parent.glob("*.ipynb"), *(root / "src/simtune/examples").rglob("*.py")]
+    for page in pages:
+        if page.name in ("architecture.md", "results.md", "evidence.md"):
+            continue
+        text = page.read_text(encoding="utf-8")
+        assert not re.findall(r"(?:from|import) simtune\.\w+", text), page
+        if page.suffix != ".py":
+            called = set(re.findall(r"[`.= ]([a-z]\w+)\(", text))
+            assert called & private == set(), page
 
 
 def test_links_to_pages_say_in_words_where_they_lead():
