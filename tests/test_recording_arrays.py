@@ -106,6 +106,12 @@ def test_arrays_in_memory_are_written_once_by_what_they_hold(tmp_path):
         write_arrays([[1]], tmp_path)
     with pytest.raises(InputError, match=r"real\[0\]: expected frames as numbers, got object"):
         write_arrays([episode(frames=[None])], tmp_path)
+    whole = episode()
+    with pytest.raises(InputError, match=r"real\[1\]: expected a row of frames .* got 3 rows"):
+        write_arrays([whole, whole | {"frames": whole["frames"][:3]}], tmp_path / "none")
+    with pytest.raises(InputError, match=r"real\[0\]: expected at least 2 actions"):
+        write_arrays([{"hz": FPS, "frames": whole["frames"]}], tmp_path / "none")
+    assert not (tmp_path / "none").exists()
 
 
 @pytest.mark.thorough

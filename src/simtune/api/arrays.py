@@ -49,4 +49,19 @@ def _arrays(i: int, episode: Episode) -> dict[str, Any]:
     arrays = {key: np.asarray(value) for key, value in episode.items()}
     if wrong := [key for key, array in arrays.items() if array.dtype.kind not in "fiuU"]:
         raise InputError(f"real[{i}]: expected {wrong[0]} as numbers, got {arrays[wrong[0]].dtype}")
+    _check_rows(i, arrays)
     return arrays
+
+
+def _check_rows(i: int, arrays: dict[str, Any]) -> None:
+    """Raises InputError, or it would be told of a file that nobody wrote."""
+    rows = {key: len(array) if array.ndim else 0 for key, array in arrays.items()}
+    num = rows.get("actions", 0)
+    if num < 2:
+        raise InputError(f"real[{i}]: expected at least 2 actions, as actions (T, A), got {num}")
+    for key in rows.keys() - {"actions", "action_names", "hz"}:
+        if rows[key] not in (num, num + 1):
+            raise InputError(
+                f"real[{i}]: expected a row of {key} before each of {num} actions, perhaps one "
+                f"after the last, got {rows[key]} rows"
+            )

@@ -75,6 +75,10 @@ class ExportConfig(Prints):
             raise InputError(f"--format {self.format} needs --samples, and a folder as --out")
         if self.is_file and self.samples is None:
             raise InputError(f"--out {self.out} is for --samples; without them give a folder")
+        if self.is_file and self.out.exists():
+            raise InputError(f"{self.out} is there already: give --out another name")
+        if self.out.is_dir() and any(self.out.iterdir()):
+            raise InputError(f"{self.out} is not empty: give --out a new or an empty folder")
 
     @property
     def is_file(self) -> bool:

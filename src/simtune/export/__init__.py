@@ -78,8 +78,6 @@ def _content(run: RunData, space: ParameterSpace) -> dict[str, Any]:
 
 
 def _write_file(path: Path, space: ParameterSpace, draws: np.ndarray) -> Path:
-    if path.exists():
-        raise InputError(f"{path} is there already: give --out another name")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_samples(path, space.names, draws)
@@ -91,8 +89,6 @@ def _write_file(path: Path, space: ParameterSpace, draws: np.ndarray) -> Path:
 def _new_folder(path: Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
-        if any(path.iterdir()):
-            raise InputError(f"{path} is not empty: give --out a new or an empty folder")
     except OSError as error:
         raise InputError(f"cannot write into {path}: {error.strerror}") from None
     return path
