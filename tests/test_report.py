@@ -340,7 +340,7 @@ def test_report_says_what_is_told_of_correlated_parameters(
 
 
 def test_the_numbers_of_one_camera_pose_are_no_pairs(run_path):
-    """They always go together; what else goes with one of them is told."""
+    """They always go together; what else goes with one of them is named."""
 
     def add_pose(result):
         for axis in ("x", "y", "z", "pitch", "yaw", "roll"):
@@ -351,11 +351,12 @@ def test_the_numbers_of_one_camera_pose_are_no_pairs(run_path):
     _edit(run_path / "result.json", add_pose)
     text = _report(run_path)[1].text
     assert "The six numbers of front are one pose" in text
-    assert "ball_mass and front_z : raising both" in text
-    assert "front_x and front_yaw" not in text
+    assert "Where it stands goes together with ball_mass : known more exactly" in text
+    assert "Told together" not in text
     _edit(run_path / "result.json", lambda r: r["parameters"].pop("front_roll"))  # no pose any more
     text = _report(run_path)[1].text
     assert "one pose" not in text
+    assert "ball_mass and front_z : raising both" in text
     assert "front_x and front_yaw : raising both" in text
 
 

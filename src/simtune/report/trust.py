@@ -1,5 +1,6 @@
 """How far to trust the estimates: what known worlds showed, and what goes together."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,29 +49,48 @@ class Pair:
         return a * b**weight if a > 0 and b > 0 else None
 
 
-def poses(run: RunData) -> list[str]:
-    """Names of cameras' poses among the parameters: of kind "camera_pose", by their six numbers."""
+def poses(run: RunData) -> dict[str, list[str]]:
+    """{camera pose: parameters that go together with it}, of kind "camera_pose"."""
+    found: dict[str, list[str]] = {stem: [] for stem in _stems(run)}
+    for a, b, _ in _correlated(run):
+        for one, other in ((a, b), (b, a)):
+            stem = _pose_of(one, found)
+            if stem and not _pose_of(other, found) and other not in found[stem]:
+                found[stem].append(other)
+    return found
+
+
+def pairs(run: RunData) -> list[Pair]:
+    """Those that go together most first; without cameras' poses, whose numbers always do."""
+    stems, told = _stems(run), run.result.get("combinations")
+    combined = {(c.get("a"), c.get("b")): c for c in _sound(told if isinstance(told, list) else [])}
+    found = [
+        Pair(a=a, b=b, correlation=value, combination=combined.get((a, b)))
+        for a, b, value in _correlated(run)
+        if not _pose_of(a, stems) and not _pose_of(b, stems)
+    ]
+    return sorted(found, key=lambda pair: -abs(pair.correlation))
+
+
+def _correlated(run: RunData) -> list[tuple[str, str, float]]:
+    known, found = run.parameters, []
+    for names, value in run.object("correlations").items():
+        a, _, b = names.partition(", ")
+        if a in known and b in known and is_number(value):
+            found.append((a, b, value))
+    return found
+
+
+def _stems(run: RunData) -> list[str]:
+    """NAME of each NAME_x to NAME_roll among the parameters."""
     stems = [name.removesuffix("_x") for name in run.parameters if name.endswith("_x")]
     return [stem for stem in stems if all(f"{stem}_{axis}" in run.parameters for axis in _POSE)]
 
 
-def pairs(run: RunData) -> list[Pair]:
-    """Those that go together most first; without those of one pose, which always do."""
-    known, found, told = run.parameters, [], run.result.get("combinations")
-    sound = _sound(told if isinstance(told, list) else [])
-    combined = {f"{c.get('a')}, {c.get('b')}": c for c in sound}
-    stems = poses(run)
-    for names, value in run.object("correlations").items():
-        a, _, b = names.partition(", ")
-        if any(_is_of(pose, a) and _is_of(pose, b) for pose in stems):
-            continue
-        if a in known and b in known and is_number(value):
-            found.append(Pair(a=a, b=b, correlation=value, combination=combined.get(names)))
-    return sorted(found, key=lambda pair: -abs(pair.correlation))
-
-
-def _is_of(pose: str, name: str) -> bool:
-    return name.startswith(f"{pose}_") and name.removeprefix(f"{pose}_") in _POSE
+def _pose_of(name: str, stems: Iterable[str]) -> str:
+    """The pose that has this number; empty for none."""
+    stem, _, axis = name.rpartition("_")
+    return stem if axis in _POSE and stem in stems else ""
 
 
 def _sound(told: list[Any]) -> list[dict[str, Any]]:
