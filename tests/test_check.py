@@ -16,6 +16,7 @@ from simtune.checking.conclusions import conclude
 from simtune.checking.recording_warnings import warnings
 from simtune.fit.sensitivity import (
     WINDOW_STEPS,
+    Sensitivity,
     analyze,
     motion_changes,
     motion_covariance,
@@ -25,7 +26,7 @@ from simtune.fit.sensitivity import (
 )
 from simtune.footage import Footage
 from simtune.observation import ObservationModel
-from simtune.parameters import ParameterSpace, colour, delay, dynamics
+from simtune.parameters import ParameterSpace, camera_pose, colour, delay, dynamics
 from simtune.recordings import write_dataset
 from simtune.simulation import Rollouts, Simulator, random_actions
 from simtune.tasks import TASKS, Task
@@ -172,6 +173,31 @@ def test_mass_and_gain_of_a_slider_show_only_in_their_ratio(sliding):
         assert other in said["parameters"][name]["note"]
         assert said["parameters"][name]["motion_rms_px"] > 0.2
     json.dumps(said)
+
+
+def test_a_sum_is_of_one_unit():
+    """Metres and radians of a camera add to nothing; what looks like what is said instead."""
+    space = ParameterSpace(camera_pose("cam", "front", (0.0, -1.5, 1.0)))
+    few, correlation = np.full(len(space), 0.01), np.eye(len(space))
+    for a, b, value in ((0, 1, 0.9), (2, 3, -0.9)):  # x and y; z and pitch
+        correlation[a, b] = correlation[b, a] = value
+    sensitivity = Sensitivity(
+        parameters=space.nominal,
+        changed=space.nominal + few,
+        levels=few,
+        pixel_share=few,
+        rms_px=few,
+        largest_px=few,
+        motion_std=few,
+        picture_std=few,
+        first_width=np.full(len(space), 0.2),
+        correlation=correlation,
+    )
+    said = [pair["combination"] for pair in conclude(space, sensitivity)["pairs"]]
+    assert said == [
+        "their difference, cam_x − cam_y",
+        "a larger cam_z looks like a larger cam_pitch",
+    ]
 
 
 def test_mass_of_a_slider_shows_where_its_gain_is_known(sliding):

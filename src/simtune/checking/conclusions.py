@@ -118,7 +118,10 @@ def _combination(space: ParameterSpace, information: Sensitivity, i: int, j: int
     if space.is_log[i] and space.is_log[j]:
         b = b if slope == 1 else f"{b}^{slope:g}"
         return f"their ratio, {a} / {b}" if rise_together else f"their product, {a} × {b}"
-    if not space.is_log[i] and not space.is_log[j]:
+    same_unit = space.parameters[i].unit == space.parameters[j].unit
+    if (
+        not space.is_log[i] and not space.is_log[j] and same_unit
+    ):  # metres and radians add to nothing
         b = b if slope == 1 else f"{slope:g} {b}"
         return f"their difference, {a} − {b}" if rise_together else f"their sum, {a} + {b}"
     return f"a larger {a} looks like a {'smaller' if rise_together else 'larger'} {b}"
