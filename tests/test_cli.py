@@ -372,6 +372,7 @@ def test_an_interrupted_command_exits_with_130_and_says_what_is_kept(
     lines = [line for line in err.splitlines() if not is_progress(line)]
     assert (status, said, len(lines)) == (130, "", 1)
     assert words in err
+    assert ("it ends with what there is" in err) == (command == "tune" and rounds > 0)
 
 
 def test_what_is_lost_began_with_the_newest_checkpoint_or_the_command(

@@ -74,13 +74,14 @@ def _interrupted(command: Any, began_s: float) -> str:
             f"interrupted before the first round was done: its {lost} are lost, and the same "
             "command begins it anew"
         )
-    kept = counted(state["rounds"], "finished round")
+    kept, on = counted(state["rounds"], "finished round"), ""
     if isinstance(command, TrainConfig):
         kept += f" and {counted(state['step'], 'step')} of the policy's training"
         lost = f"the last {lost}"
     else:
         lost = f"the round in progress, {lost}"
-    return f"interrupted; kept: {kept}; lost: {lost}; the same command goes on from there"
+        on = "; with --budget-minutes 1 it ends with what there is"
+    return f"interrupted; kept: {kept}; lost: {lost}; the same command goes on from there{on}"
 
 
 def _complain(what: object, status: int) -> int:
