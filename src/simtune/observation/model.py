@@ -10,7 +10,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.footage import PLAIN, Footage
 from simtune.observation.evidence import AllEvidence, Evidence
-from simtune.simulation import AnySimulator, Rollouts
+from simtune.simulation import AnySimulator, Rollouts, StrayLight
 from simtune.trajectory import Trajectory
 from simtune.views import View, apart
 from simtune.vision.image_noise import ImageNoise
@@ -161,6 +161,10 @@ class ObservationModel:
         """What each camera adds to pictures as they are drawn."""
         return self.cameras[0].image_noise if self.cameras else None
 
+    def stray_light(self, num: int, rng: np.random.Generator) -> StrayLight | None:
+        """Of `num` rooms in which cameras film; None where pictures are the simulator's own."""
+        return StrayLight.draw(num, rng) if self.image_noise else None
+
     def add_noise(
         self, simulator: AnySimulator, frames: np.ndarray, rng: np.random.Generator
     ) -> None:
@@ -238,6 +242,7 @@ class ObservationModel:
         """(n, T + 1, H, W, 3); without a camera there are no pixels."""
         if not self.cameras:
             return np.empty((*rollouts.states.shape[:2], 0, 0, 3), np.uint8)
-        frames = simulator.film(rollouts)
+        room = self.stray_light(1, rng)
+        frames = simulator.film(rollouts, room and room.of(np.zeros(len(rollouts), int)))
         self.add_noise(simulator, frames.reshape(1, -1, *frames.shape[2:]), rng)
         return frames

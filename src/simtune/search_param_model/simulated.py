@@ -82,7 +82,8 @@ def simulate(
     at = start[:, None] + np.arange(num_filmed)
     states = rollouts.states[whole[:, :1], at]
     kept = rollouts.parameters[whole[:, 0]]
-    frames = simulator.film(replace(rollouts, parameters=kept, states=states))
+    filmed = replace(rollouts, parameters=kept, states=states)
+    frames = simulator.film(filmed, observation.stray_light(num_worlds, rng))
     observation.add_noise(simulator, frames, rng)
     points, measured = np.split(rollouts.observed[whole], [2 * len(keypoints)], axis=-1)
     with_frames = measured[np.arange(num_worlds)[:, None], 0, at]

@@ -62,6 +62,7 @@ from simtune.simulation.renderer import (
 from simtune.simulation.scene import Drawing, Scene, Script
 from simtune.simulation.simulator import Simulator
 from simtune.simulation.states import StateSpace
+from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import Worlds
 
 __all__ = [
@@ -89,6 +90,7 @@ __all__ = [
     "Script",
     "Simulator",
     "StateSpace",
+    "StrayLight",
     "Worlds",
     "acting_late",
     "count_substeps",

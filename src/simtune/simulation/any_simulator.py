@@ -11,6 +11,7 @@ import numpy as np
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import ActionSpace, DirectActions
 from simtune.simulation.states import StateSpace
+from simtune.simulation.stray_light import StrayLight
 from simtune.views import View
 
 # A Batch of n worlds, or an environment's (n, L, 2) points, to (n, D) numbers
@@ -81,8 +82,13 @@ class AnySimulator(ABC):
         """
 
     @abstractmethod
-    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
+    def render(
+        self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
+    ) -> np.ndarray:
+        """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB.
+
+        `stray`: of each, where simple shapes are drawn by the ray caster; others are as ever.
+        """
 
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
         """What excites `num_worlds` worlds: random actions."""
@@ -133,11 +139,12 @@ class AnySimulator(ABC):
         )
         return rollouts if keep_diverged else rollouts.finished()
 
-    def film(self, rollouts: Rollouts) -> np.ndarray:
-        """Draw every state of n episodes: (n, T + 1, H, W, 3) uint8 RGB."""
+    def film(self, rollouts: Rollouts, stray: StrayLight | None = None) -> np.ndarray:
+        """Draw every state of n episodes: (n, T + 1, H, W, 3) uint8 RGB. `stray`: of n worlds."""
         n, num_frames, size = rollouts.states.shape
         parameters = np.repeat(rollouts.parameters, num_frames, axis=0)
-        frames = self.render(rollouts.states.reshape(n * num_frames, size), parameters)
+        each = stray and stray.of(np.repeat(np.arange(n), num_frames))
+        frames = self.render(rollouts.states.reshape(n * num_frames, size), parameters, each)
         return frames.reshape(n, num_frames, *frames.shape[1:])
 
 

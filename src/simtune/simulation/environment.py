@@ -22,6 +22,7 @@ from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
 from simtune.pictures import middle_square, resize
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
+from simtune.simulation.stray_light import StrayLight
 from simtune.views import View
 
 _MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
@@ -136,7 +137,9 @@ class EnvironmentSimulator(AnySimulator):
         every = np.stack(observed) if observe else np.empty((n, num_steps + 1, 0))
         return Rollouts(parameters, states, actions, lengths, every, np.arange(n))
 
-    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    def render(
+        self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
+    ) -> np.ndarray:
         """Draw (n, 2) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB."""
         frames = np.empty((len(states), *self.shape, 3), np.uint8)
         for episode in np.unique(states[:, 0]):

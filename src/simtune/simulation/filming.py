@@ -6,6 +6,7 @@ import numpy as np
 from simtune.parameters import ParameterSpace
 from simtune.simulation.renderer import Renderer, make_renderer
 from simtune.simulation.scene import Drawing
+from simtune.simulation.stray_light import StrayLight
 from simtune.views import View
 
 _CHUNK = 256  # supersampled pictures drawn at a time: the large ones never all at once
@@ -19,7 +20,9 @@ class Filming:
         self._supersampling, self._shape = drawing.supersampling, drawing.shape
         self._renderers = [_renderer(model, space, drawing, view) for view in drawing.views]
 
-    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    def render(
+        self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
+    ) -> np.ndarray:
         """(n, S) states of worlds of (n, N) parameters to (n, H, W, 3) uint8 RGB.
 
         Raises ValueError where no camera films.
@@ -27,18 +30,21 @@ class Filming:
         if not self._renderers:
             raise ValueError("nothing can be drawn: no camera films this scene")
         if self._supersampling == 1:
-            return self._side_by_side(states, parameters)
+            return self._side_by_side(states, parameters, stray)
         (height, width), k = self._shape, self._supersampling
         frames = np.empty((len(states), height, width, 3), np.uint8)
         for start in range(0, len(states), _CHUNK):
             part = slice(start, start + _CHUNK)
-            large = self._side_by_side(states[part], parameters[part])
+            its = stray.of(part) if stray else None
+            large = self._side_by_side(states[part], parameters[part], its)
             blocks = large.reshape(-1, height, k, width, k, 3)
             frames[part] = (blocks.sum((2, 4), dtype=np.uint16) + k * k // 2) // (k * k)
         return frames
 
-    def _side_by_side(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        drawn = [renderer.render(states, parameters) for renderer in self._renderers]
+    def _side_by_side(
+        self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None
+    ) -> np.ndarray:
+        drawn = [renderer.render(states, parameters, stray) for renderer in self._renderers]
         return drawn[0] if len(drawn) == 1 else np.concatenate(drawn, 2)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.parameters import ModelWriter, ParameterSpace
 from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.stray_light import StrayLight
 
 _HEADLESS = {"egl": "EGL", "osmesa": "OSMesa"}  # libraries of the backends without a display
 _MAX_GEOMS = 10_000  # as mujoco.Renderer has it
@@ -54,7 +55,9 @@ class OpenGLRenderer:
         self._model.vis.quality.offsamples = quality.multisamples
         self._canvas = _Canvas(self._model, size)
 
-    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    def render(
+        self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
+    ) -> np.ndarray:
         """(n, S) states, (n, N) parameters to (n, H, W, 3) uint8 RGB."""
         model, data, scene = self._model, self._data, self._scene
         frames = np.empty((len(states), *self.size, 3), np.uint8)

@@ -3,7 +3,7 @@
 mujoco_warp's ray caster draws much more, but begins anew at each pixel, with eighty arguments
 and a search tree. Here a thread draws a row of pixels, what is the same all over a picture is
 worked out once, and geoms have bounding spheres: the same pictures, in a third of the time.
-There are no shadows.
+Where there is `StrayLight`, planes reflect and lights that cast shadows do.
 """
 
 import mujoco
@@ -14,7 +14,9 @@ from mujoco_warp._src import render
 from mujoco_warp._src.render_util import texture_pixels
 
 from simtune.simulation import primitives_kernel
-from simtune.simulation.primitives_kernel import DIRECTIONAL, Geom, Light, draw_row
+from simtune.simulation.primitives_geoms import Geom
+from simtune.simulation.primitives_kernel import DIRECTIONAL, Light, Stray, draw_row
+from simtune.simulation.stray_light import StrayLight
 
 _MAX_GEOMS = 64  # each pixel asks every geom; with more, a search tree is faster
 _ENDLESS = 1e6  # radius of what has no bounds
@@ -22,6 +24,7 @@ _NEVER = 1e30
 _UNSEEN = 1e-5  # share of a highlight that changes no pixel
 _GEOM = np.dtype(Geom.numpy_dtype())  # pyright: ignore
 _LIGHT = np.dtype(Light.numpy_dtype())  # pyright: ignore
+_STRAY = np.dtype(Stray.numpy_dtype())  # pyright: ignore
 _DRAWN = {GeomType.PLANE, GeomType.SPHERE, GeomType.CAPSULE}
 _DRAWN |= {GeomType.ELLIPSOID, GeomType.CYLINDER, GeomType.BOX}
 
@@ -49,9 +52,9 @@ class Primitives:
         self._headlight = model.vis.headlight
         self._textures, self._texels = _textures(model)
 
-    def draw(self, model: Model, data: Data) -> np.ndarray:
+    def draw(self, model: Model, data: Data, stray: StrayLight) -> np.ndarray:
         """(nworld, H * W) uint32 pixels, packed as ARGB, 0 where there is nothing."""
-        context = self._context
+        context, strays = self._context, _strays(stray)
         geoms, lights = self._geoms(model, data), self._lights(model, data)
         wp.launch(
             draw_row,
@@ -66,6 +69,7 @@ class Primitives:
                 self._camera,
                 _shared(geoms, Geom),
                 _shared(lights, Light),
+                _shared(strays, Stray),
                 self._texels,
                 context.textures,
                 int(context.skybox_tex_id.numpy()[0]),
@@ -96,13 +100,15 @@ class Primitives:
         geoms["size"] = model.geom_size.numpy()[:n, ids]
         geoms["centre"] = geoms["pos"] - data.cam_xpos.numpy()[:n, self._camera, None]
         squared = np.square(geoms["centre"]).sum(-1) * (1 - 1e-5)  # room for rounding
-        geoms["bound"] = squared - np.square(_radius(geoms["kind"], geoms["size"]))
+        geoms["radius"] = _radius(geoms["kind"], geoms["size"])
+        geoms["bound"] = squared - np.square(geoms["radius"])
 
         rgba = model.geom_rgba.numpy()[:n, ids]
         unpainted = (rgba == (0.5, 0.5, 0.5, 1)).all(-1, keepdims=True) & (material >= 0)[:, None]
         rgba = np.where(unpainted, of_material(model.mat_rgba, 0), rgba)
         geoms["rgb"] = rgba[..., :3]
-        geoms["bound"][np.broadcast_to(rgba[..., 3] == 0, geoms.shape)] = _NEVER
+        unseen = np.broadcast_to(rgba[..., 3] == 0, geoms.shape)
+        geoms["bound"][unseen], geoms["radius"][unseen] = _NEVER, -1
         emission = of_material(model.mat_emission, render.DEFAULT_MAT_EMISSION)
         geoms["glow"] = emission[..., None] + self._ambient(model, n)[:, None]
         specular = of_material(model.mat_specular, render.DEFAULT_MAT_SPECULAR)
@@ -134,6 +140,7 @@ class Primitives:
         own["direction"] = data.light_xdir.numpy()[:n]
         own["attenuation"] = model.light_attenuation.numpy()[:n]
         own["cos_cutoff"] = np.cos(np.deg2rad(model.light_cutoff.numpy()[:n]))
+        own["casts"] = model.light_castshadow.numpy()[:n]
         own["exponent"] = model.light_exponent.numpy()[:n]
         own["diffuse"] = model.light_diffuse.numpy()[:n] * active
         own["specular"] = model.light_specular.numpy()[:n] * active
@@ -142,6 +149,13 @@ class Primitives:
         headlight["diffuse"] = self._headlight.diffuse * bool(self._headlight.active)
         headlight["specular"] = self._headlight.specular * bool(self._headlight.active)
         return lights
+
+
+def _strays(stray: StrayLight) -> np.ndarray:
+    strays = np.zeros(len(stray.shadow), _STRAY)
+    for name, values in stray._asdict().items():
+        strays[name] = values
+    return strays
 
 
 def _shared(structs: np.ndarray, dtype) -> wp.array:

@@ -16,6 +16,7 @@ from mujoco.batch import Batch
 from simtune.parameters import ModelWriter, ParameterSpace, field_of
 from simtune.simulation.plate import before_plate, check_stands_still
 from simtune.simulation.primitives import Primitives
+from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import no_printed_warnings
 
 _CHUNK = 64  # pictures a launch: small enough to stay in the cache, large enough to amortise it
@@ -65,9 +66,15 @@ class Raycaster:
             self._idle.put(_Context(model, space, camera, size, sky))
         self._pool = ThreadPoolExecutor(self._num_threads)
 
-    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """(n, S) states, (n, N) parameters to (n, H, W, 3) uint8 RGB."""
+    def render(
+        self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
+    ) -> np.ndarray:
+        """(n, S) states, (n, N) parameters to (n, H, W, 3) uint8 RGB.
+
+        `stray`: of each; only `Primitives` draw it.
+        """
         n = len(states)
+        stray = stray or StrayLight.none(n)
         frames = np.empty((n, *self.size, 3), np.uint8)
         step = min(_CHUNK, max(1, -(-n // self._num_threads)))  # work for each thread
 
@@ -75,7 +82,8 @@ class Raycaster:
             chunk = slice(start, start + step)
             context = self._idle.get()
             try:
-                context.render(states[chunk], parameters[chunk], frames[chunk])
+                its = states[chunk], parameters[chunk], stray.of(chunk)
+                context.render(*its, frames[chunk])
             finally:
                 self._idle.put(context)
 
@@ -118,7 +126,9 @@ class _Context:
             if Primitives.can_draw(self._warp_context):
                 self._primitives = Primitives(model, self._warp_context)
 
-    def render(self, states: np.ndarray, parameters: np.ndarray, frames: np.ndarray) -> None:
+    def render(
+        self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight, frames: np.ndarray
+    ) -> None:
         """Draw n <= _CHUNK states, (n, S), into `frames`, (n, H, W, 3)."""
         n, worlds = len(states), self._worlds
         worlds.state[:n] = states
@@ -128,14 +138,14 @@ class _Context:
             assign(getattr(self._data, name), getattr(worlds, name))
         # It draws only these; but flexes' search trees are of a fixed number of worlds.
         self._data.nworld = _CHUNK if self._has_flexes else n
-        pixels = self._cast()[:n].reshape(frames.shape[:-1])
+        pixels = self._cast(stray)[:n].reshape(frames.shape[:-1])
         if self._sky is not None:
             np.copyto(pixels, self._sky, where=pixels == _NOTHING)
         _unpack(pixels, frames)
 
-    def _cast(self) -> np.ndarray:
+    def _cast(self, stray: StrayLight) -> np.ndarray:
         if self._primitives:
-            return self._primitives.draw(self._model, self._data)
+            return self._primitives.draw(self._model, self._data, stray)
         with _COMPILING if self._warp_context._megakernel is None else nullcontext():
             return _draw(self._model, self._data, self._warp_context)
 

@@ -9,6 +9,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.names import RendererName
 from simtune.parameters import ParameterSpace
+from simtune.simulation.stray_light import StrayLight
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,13 @@ class Renderer(Protocol):
 
     size: tuple[int, int]  # (height, width), pixels
 
-    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """(n, S) states of worlds with (n, N) parameters to (n, H, W, 3) uint8 RGB."""
+    def render(
+        self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
+    ) -> np.ndarray:
+        """(n, S) states of worlds with (n, N) parameters to (n, H, W, 3) uint8 RGB.
+
+        `stray`: of each; OpenGL draws what its quality says.
+        """
         ...
 
 

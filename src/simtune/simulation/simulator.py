@@ -13,6 +13,7 @@ from simtune.simulation.filming import Filming
 from simtune.simulation.held_controls import HeldControls
 from simtune.simulation.scene import Drawing, Scene
 from simtune.simulation.states import StateSpace
+from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import Worlds
 
 _BATCHES_KEPT = 2  # a fit derives by many worlds, and tries a few, in turn
@@ -137,12 +138,14 @@ class Simulator(AnySimulator):
             raise ValueError("this simulator has no script to follow")
         return lambda t, states: script(self._worlds_for(num_worlds).batch)
 
-    def render(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    def render(
+        self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
+    ) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB.
 
         Raises ValueError where no camera films.
         """
-        return self._filming.render(states, parameters)
+        return self._filming.render(states, parameters, stray)
 
     def _worlds_for(self, num_worlds: int) -> Worlds:
         if num_worlds not in self._worlds:
