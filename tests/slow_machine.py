@@ -32,9 +32,9 @@ class SlowMachine:
             self.now_s += self.step_s * len(parameters) * num_steps
             return play(simulator, parameters, act, num_steps, *rest, **options)
 
-        def slow_render(simulator, states, parameters):
+        def slow_render(simulator, states, parameters, stray=None):
             self.now_s += self.frame_s * len(states)
-            return render(simulator, states, parameters)
+            return render(simulator, states, parameters, stray)
 
         def slow_detect(detector, frames):
             self.now_s += self.detect_s * len(frames)

@@ -72,7 +72,7 @@ class FakeSimulator(Simulator):
         observed = np.empty((n, num_steps + 1, 0))
         return Rollouts(parameters, states, actions, lengths, observed, np.arange(n))
 
-    def render(self, states, parameters) -> np.ndarray:
+    def render(self, states, parameters, stray=None) -> np.ndarray:
         left, right = SPACE.to_unit(parameters).T
         frames = np.empty((len(states), SIZE, SIZE, 3))
         frames[:, :, : SIZE // 2] = left[:, None, None, None]

@@ -86,9 +86,9 @@ def test_the_robot_follows_one_step_late_and_the_commands_are_recorded(simulator
         played.append(play(self, *given, **options))
         return played[-1]
 
-    def film(self, rollouts):
+    def film(self, rollouts, stray=None):
         filmed.append(rollouts.states)
-        return take(self, rollouts)
+        return take(self, rollouts, stray)
 
     play, take = Simulator.play, Simulator.film
     monkeypatch.setattr(Simulator, "play", spy)

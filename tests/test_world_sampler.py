@@ -88,9 +88,9 @@ def slow_down(monkeypatch, simulator: Simulator) -> None:
         clock.now_s += 1e-3 * len(parameters) * num_steps
         return play(parameters, act, num_steps, rng, **options)
 
-    def slow_render(states, parameters):
+    def slow_render(states, parameters, stray=None):
         clock.now_s += 3e-3 * len(states)
-        return render(states, parameters)
+        return render(states, parameters, stray)
 
     monkeypatch.setattr(time, "monotonic", clock)
     monkeypatch.setattr(simulator, "play", slow_play)
