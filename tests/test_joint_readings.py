@@ -83,6 +83,18 @@ def test_unknowns_that_share_no_reading_are_derived_by_at_once():
     assert groups.owner[groups.number[0]].tolist() == [0, 2]
 
 
+def test_what_no_reading_tells_of_waits():
+    # A parameter that shows and one that does not; a start that is forgotten and one that grows
+    by_parameter, by_start = np.array([[0.5, 0.0], [0.0, 1e-3]]), np.array([[0.9, 2.9], [0.0, 3.1]])
+    spread = [np.broadcast_to(its[None, :, None], (3, 2, 5, 2)) for its in (by_parameter, by_start)]
+    groups = Groups.of(Slopes(np.zeros((3, 5, 2)), *spread), np.ones(2))
+    assert groups.number.tolist() == [0, -1, -1, 0]
+    assert groups.owner.tolist() == [[0, 3]]
+    still = Groups.of(Slopes(np.zeros((3, 5, 2)), *(1e-3 * its for its in spread)), np.ones(2))
+    assert still.number.tolist() == [-1] * 4
+    assert still.owner.shape == (0, 2)
+
+
 @pytest.mark.thorough
 def test_an_encoders_offset_is_found_by_what_pictures_show(simulator):  # noqa: F811
     rng, noise = np.random.default_rng(0), 0.002

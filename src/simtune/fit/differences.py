@@ -48,15 +48,19 @@ def refresh(loop: OpenLoop, where: Where, slopes: Slopes, groups: Groups) -> Slo
     delta, num = _deltas(loop, where.unit), len(loop.fitted)
     here, there, others = _changed(loop, where, delta, groups.number, one_sided=True)
     every = np.concatenate([slopes.by_parameter, slopes.by_start], 1).swapaxes(0, 1)  # (U, W, …)
-    is_main = groups.owner[groups.number] == np.arange(len(delta))[:, None]  # (U, D)
+    is_main = np.zeros((len(delta), loop.num_readings), bool)  # (U, D)
+    anew = np.flatnonzero(groups.number >= 0)
+    number = groups.number[anew]
+    is_main[anew] = groups.owner[number] == anew[:, None]
     # What the others of a group change is taken from what it changed in all
     by_others = np.where(is_main[:, None, None], 0.0, every * delta[:, None, None, None])
     of_group = groups.number == np.arange(len(groups.owner))[:, None]  # (G, U)
     side = np.tensordot(of_group.astype(float), by_others, 1)
     there, twice = there - side, len(others)
     there[:twice] = agreed(there[:twice], others - side[:twice])
-    anew = there[groups.number] / delta[:, None, None, None]
-    new = np.where(is_main[:, None, None], anew, every).swapaxes(0, 1)
+    changed = there[number] / delta[anew, None, None, None]
+    every[anew] = np.where(is_main[anew, None, None], changed, every[anew])
+    new = every.swapaxes(0, 1)
     return Slopes(here, new[:, :num], new[:, num:])
 
 
@@ -71,15 +75,18 @@ def _changed(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What is predicted, and by how much else with unknowns changed, those of a `number` at once.
 
-    (W, K + 1, D); (G, W, K + 1, D); and of the first B of them, in which parameters change,
-    (B, W, K + 1, D) as seen from the other side. B is 0 if `one_sided`, unless something may touch.
+    Those of -1 are not changed. (W, K + 1, D); (G, W, K + 1, D); and of the first B of them, in
+    which parameters change, (B, W, K + 1, D) as seen from the other side. B is 0 if `one_sided`,
+    unless something may touch.
     """
     num_groups, num_fitted, unit = number.max() + 1, len(loop.fitted), where.unit
     units = np.repeat(unit[None], num_groups, 0)
-    np.add.at(units, (number[:num_fitted], loop.fitted), delta[:num_fitted])
+    (chosen,) = np.nonzero(number >= 0)
+    its, starts = chosen[chosen < num_fitted], chosen[chosen >= num_fitted]
+    np.add.at(units, (number[its], loop.fitted[its]), delta[its])
     tangents = np.zeros((num_groups, loop.start_tangents.shape[1]))
     change = (delta[num_fitted:] * where.start_std)[:, None] * loop.start_tangents
-    np.add.at(tangents, number[num_fitted:], change)
+    np.add.at(tangents, number[starts], change[starts - num_fitted])
     twice = 0 if one_sided and not loop.may_touch else number[:num_fitted].max(initial=-1) + 1
     back = 2 * unit - units[:twice]
     # At a bound there is no other side: twice as far, then

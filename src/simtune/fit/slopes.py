@@ -7,6 +7,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 _SIDE_EFFECT = 0.1  # of the largest effect on a reading: one that can wait
+# Times the noise, what is changed by a start, or by all of a parameter, that can wait altogether
+_LITTLE = {"start": 3.0, "parameter": 0.01}
 _SMOOTH_STEPS = 11  # over which it is seen whether two changes agree
 
 
@@ -24,10 +26,11 @@ class Groups:
 
     An arm's elbow moves by its own servo's numbers, hardly by those of the others. So few worlds
     give nearly all of the derivatives (Curtis, Powell and Reid 1974); the others, which change
-    little, are those of before.
+    little, are those of before. So are all those by an unknown that no reading tells of: where
+    servos hold an arm, how it began is soon forgotten.
     """
 
-    number: np.ndarray  # (U,) the group of each unknown
+    number: np.ndarray  # (U,) the group of each unknown; -1: of none
     owner: np.ndarray  # (G, D) the unknown of a group that a reading depends on most
 
     @classmethod
@@ -35,10 +38,13 @@ class Groups:
         """By derivatives, by all unknowns one by one; `noise`: (D,) of readings."""
         every = np.concatenate([slopes.by_parameter, slopes.by_start], 1)
         effect = np.sqrt(np.square(every).mean((0, 2))) / noise  # (U, D)
+        is_start = np.arange(len(effect)) >= slopes.by_parameter.shape[1]
+        little = np.where(is_start, _LITTLE["start"], _LITTLE["parameter"])
         main = effect > _SIDE_EFFECT * effect.max(0)
         main |= effect >= effect.max(1, keepdims=True)  # none without a reading of its own
-        number, taken = np.zeros(len(every[0]), int), []
-        for unknown, its in enumerate(main):
+        number, taken = np.full(len(effect), -1), []
+        for unknown in np.flatnonzero(effect.max(1) > little):
+            its = main[unknown]
             free = (group for group, used in enumerate(taken) if not (used & its).any())
             group = next(free, len(taken))
             taken += [np.zeros_like(its)] * (group == len(taken))
@@ -46,10 +52,8 @@ class Groups:
             number[unknown] = group
         # Whose main effect a reading is goes before whose side effect on it is larger
         order = effect + main * effect.max()
-        owner = np.stack(
-            [np.where(number[:, None] == g, order, -1.0).argmax(0) for g in range(len(taken))]
-        )
-        return cls(number, owner)
+        owners = [np.where(number[:, None] == g, order, -1.0).argmax(0) for g in range(len(taken))]
+        return cls(number, np.reshape(owners, (len(taken), len(noise))).astype(int))
 
 
 def agreed(change: np.ndarray, another: np.ndarray) -> np.ndarray:

@@ -40,6 +40,7 @@ _UNSEEN = (
     "Where {} begins no sensor measures, and it differs from episode to episode: readings alone "
     "cannot be replayed from there. Measure it, or look at a camera as well."
 )
+_JUDGING = 0.15  # of the time that is left for whole episodes
 _WHOLE_SEARCH = 15.0  # times as long as derivatives of whole episodes take
 
 
@@ -128,7 +129,7 @@ class ReadingsSearch:
             guesses[0], late = fits.how_late(guesses[0], part)
         part = budget.part(budget.seconds_left / 3, (0.1, 0.4))
         ended = fits.grow(guesses, part, late)
-        part = budget.part(budget.seconds_left, (0.4, 0.9))
+        part = budget.part((1 - _JUDGING) * budget.seconds_left, (0.4, 0.9))
         return fits.until_found_twice(ended, late, part), late
 
     @property

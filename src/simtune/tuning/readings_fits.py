@@ -24,6 +24,7 @@ _CLEARLY_BETTER = 0.02  # share of what is left: a fit, or a delay, that explain
 _INSIDE = 0.1  # of the range, from its ends: where is begun, as at an end nothing moves inward
 _SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should come back
 _FEW_FITS = 4  # to whole episodes, where two of stretches agree
+_HURRY = 0.3  # share of the time, after which two that agree are enough to follow
 _TOGETHER = 2  # of these, in which all parameters are higher or lower
 
 
@@ -79,6 +80,7 @@ class ReadingsFits:
         """
         self._fit, self._readings, self._step_s, self._seed = fit, readings, step_s, seed
         self._bounds, self._horizons = bounds, horizons
+        self._near = dict[int, Descent]()  # by a stretch's steps: what knows derivatives of these
 
     def begin(self, first_guess: np.ndarray) -> list[Guess]:
         """From (N,) in unit coordinates: that, and as many at random as are followed first."""
@@ -105,8 +107,11 @@ class ReadingsFits:
             followed = guesses[: 2 if is_twice(ended) else horizon.guesses]
             ended = []
             for guess in followed:
-                near = ended[0] if ended else None
+                if is_twice(ended) and budget.spent > _HURRY:
+                    break
+                near = self._near.get(stage.steps)
                 ended.append(self._fit.descend(readings, guess, stage, budget, near))
+                self._near.setdefault(stage.steps, ended[0])
             ended.sort(key=lambda its: its.cost)
             guesses = [its.guess for its in ended]
         return ended
