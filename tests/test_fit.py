@@ -245,3 +245,9 @@ def test_fit_to_budget_counts_windows_by_the_parameters_that_move(simulator, mon
     assert size.shooting.stages == shooting.stages
     assert fit_to_budget(config, physics, SPACE.nominal, 1000, 2 * needed_s) == config
     assert fit_to_budget(config, physics, SPACE.nominal, 1000, math.inf) == config
+    # As few as tell enough, unless those take too long with all that is not counted, twice that
+    few = config.scaled(0.0)
+    few_s = 1e-3 * 1000 * few.particles.num
+    few_s += few.shooting.num_windows * window_s
+    for at_most_s, its in ((2.001 * few_s, few), (1.999 * few_s, config.least())):
+        assert fit_to_budget(config, physics, SPACE.nominal, 1000, 1e-3, at_most_s) == its

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from search_context import SPACE, context_of, record_episodes
 
-from simtune.budget import Budget
+from simtune.budget import Budget, OutOfTime
 from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage, count_fit_steps
 from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
@@ -98,6 +98,19 @@ def test_a_search_says_why_it_stops(
     assert rounds_until_stop(monkeypatch, simulator, config, widths) == (rounds, reason)
 
 
+def test_a_round_without_time_for_its_fit_tells_what_networks_guess(monkeypatch, simulator, tiny):
+    def take_too_long(*given):
+        raise OutOfTime
+
+    monkeypatch.setattr("simtune.fit.ReplayFit.fit", take_too_long)
+    search = PosteriorSearch(context_of(simulator), tiny)
+    estimate = search.run_round(record_episodes(simulator, 1), Budget()).estimate
+    assert "identified" not in estimate.verdict
+    (warning,) = estimate.warnings
+    assert warning.startswith("There was no time to fit the simulator")
+    assert ((estimate.low <= estimate.mean) & (estimate.mean <= estimate.high)).all()
+
+
 # --- how long a round takes ---------------------------------------------------------------
 
 STAGES = (Stage(4, 3, 2.0), Stage(10, 2))
@@ -147,6 +160,9 @@ def test_a_scaled_fit_keeps_the_fewest_that_tell_anything():
     assert config.scaled(1.0) == config
     few = FitConfig(particles=ParticleConfig(num=8), shooting=ShootingConfig(num_windows=6))
     assert few.scaled(0.0) == few, "no more than were asked for"
+    assert size(config.least()) == (16, 12)
+    assert config.least().shooting.longer == ()
+    assert size(few.least()) == (8, 6)
 
 
 def test_seconds_of_a_round_by_hand():
@@ -184,7 +200,7 @@ def test_the_smallest_round_has_the_least_of_everything_and_never_more_than_aske
     assert (least.num_worlds, least.held_out_worlds) == (64, 64)
     assert least.detector_updates == (150,)
     assert (least.posterior_updates, least.state_updates) == (150, 100)
-    assert (least.fit.particles.num, least.fit.shooting.num_windows) == (32, 20)
+    assert least.fit == FIT.least()
     work = Work(3, 200, 4, 2)
     assert PACE.round_s(least, work) < PACE.round_s(SEARCH, work)
     assert smallest(least) == least

@@ -74,10 +74,13 @@ class ReplayFit:
         self._appearance = np.flatnonzero(self.space.is_appearance)
         self._photometry = photometry or Photometry(None, np.full(len(self.space), np.nan))
 
-    def sized(self, num_steps: int, seconds: float) -> "ReplayFit":
-        """One that takes about so long, for episodes of `num_steps` in all; no larger than this."""
-        physics = self._physics
-        size = fit_to_budget(self._config, physics, self.space.nominal, num_steps, seconds)
+    def sized(self, num_steps: int, seconds: float, at_most_s: float) -> "ReplayFit":
+        """One that takes about so long, for episodes of `num_steps` in all; no larger than this.
+
+        See `fit_to_budget`.
+        """
+        physics, times = self._physics, (seconds, at_most_s)
+        size = fit_to_budget(self._config, physics, self.space.nominal, num_steps, *times)
         return ReplayFit(physics, self._estimator, self._discrepancy_std, size, self._photometry)
 
     def fit(

@@ -11,6 +11,10 @@ from simtune.fit.shooting_config import ShootingConfig
 
 _SIDES = 2  # from which windows are fitted
 _FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20
+_LEAST_PARTICLES, _LEAST_WINDOWS = 16, 12  # where even those take too long
+# Times what particles and windows take: latencies and offsets that are looked for, and the episode
+# that was kept back.
+_IN_ALL = 2.0
 _TRIED_WORLDS, _TRIED_STEPS = 64, 12
 
 
@@ -21,15 +25,21 @@ class FitConfig:
     held: tuple[int, ...] = ()  # parameters that are left where a fit starts, as sure as that says
 
     def scaled(self, share: float) -> "FitConfig":
-        """With that share of the particles and windows, but never fewer than tell anything."""
+        """With that share of the particles and windows, but never fewer than tell enough."""
+        num = max(_FEWEST_PARTICLES, int(share * self.particles.num))
+        return self._at_most(num, max(_FEWEST_WINDOWS, int(share * self.shooting.num_windows)))
+
+    def least(self) -> "FitConfig":
+        """With as few as tell anything, and no longer windows."""
+        config = self._at_most(_LEAST_PARTICLES, _LEAST_WINDOWS)
+        return replace(config, shooting=replace(config.shooting, longer=()))
+
+    def _at_most(self, num_particles: int, num_windows: int) -> "FitConfig":
         particles, shooting = self.particles, self.shooting
-        num = max(min(_FEWEST_PARTICLES, particles.num), int(share * particles.num))
-        fewest = min(_FEWEST_WINDOWS, shooting.num_windows)
-        windows = max(fewest, int(share * shooting.num_windows))
         return replace(
             self,
-            particles=replace(particles, num=num),
-            shooting=replace(shooting, num_windows=windows),
+            particles=replace(particles, num=min(num_particles, particles.num)),
+            shooting=replace(shooting, num_windows=min(num_windows, shooting.num_windows)),
         )
 
 
@@ -45,18 +55,30 @@ def count_fit_steps(
 
 
 def fit_to_budget(
-    config: FitConfig, physics: Physics, parameters: np.ndarray, num_steps: int, seconds: float
+    config: FitConfig,
+    physics: Physics,
+    parameters: np.ndarray,
+    num_steps: int,
+    seconds: float,
+    at_most_s: float = np.inf,
 ) -> FitConfig:
-    """With as many particles and windows as `seconds` allow, for episodes of `num_steps` in all."""
+    """With as many particles and windows as `seconds` allow, for episodes of `num_steps` in all.
+
+    With as few as tell enough it may take longer; but not longer than `at_most_s`, if the least
+    one does not.
+    """
     if not np.isfinite(seconds):
         return config
     step_s, begun_step_s = _seconds_per_step(physics, parameters)
     num_fitted = int((~physics.parameters.is_appearance).sum())
-    of_particles, of_windows = count_fit_steps(
-        config, num_steps, physics.space.num_tangent, num_fitted
-    )
-    needed_s = begun_step_s / config.particles.steps * of_particles + step_s * of_windows
-    return config.scaled(min(1.0, seconds / needed_s))
+    unknown = physics.space.num_tangent, num_fitted
+
+    def needed_s(its: FitConfig) -> float:
+        of_particles, of_windows = count_fit_steps(its, num_steps, *unknown)
+        return begun_step_s / its.particles.steps * of_particles + step_s * of_windows
+
+    scaled = config.scaled(min(1.0, seconds / needed_s(config)))
+    return scaled if _IN_ALL * needed_s(scaled) <= at_most_s else config.least()
 
 
 def _seconds_per_step(physics: Physics, parameters: np.ndarray) -> tuple[float, float]:

@@ -118,9 +118,12 @@ class FitStage:
         """Of the fits' offsets."""
         return self._context.observation.reading_labels
 
-    def sized(self, num_steps: int, seconds: float) -> "FitStage":
-        """One whose fits take about so long, for real episodes of `num_steps` in all."""
-        fit = self._replay_fit.sized(num_steps, seconds)
+    def sized(self, num_steps: int, seconds: float, at_most_s: float) -> "FitStage":
+        """One whose fits take about so long, for real episodes of `num_steps` in all.
+
+        See `fit_to_budget`.
+        """
+        fit = self._replay_fit.sized(num_steps, seconds, at_most_s)
         return FitStage(self._context, self._model, fit, self._noise, self._is_blunt)
 
     def observed(
@@ -138,11 +141,22 @@ class FitStage:
         actions = np.stack([t.actions for t in first]).astype(float)
         return Observed(evidence, actions, [t.frames for t in first])  # views: there may be many
 
-    def fit(self, observed: Observed, start: PointEstimate, extend_horizon: bool) -> FitResult:
-        """See `ReplayFit.fit`; a latency is looked for where there may be one."""
-        is_tuned = self._replay_fit.space.is_delay.any()
-        most = 0 if is_tuned else self._context.observation.max_latency_steps
-        return self._replay_fit.fit(observed, start, range(most + 1), extend_horizon)
+    def fit(
+        self,
+        observed: Observed,
+        start: PointEstimate,
+        extend_horizon: bool,
+        may_be_late: bool,
+        budget: Budget,
+    ) -> FitResult:
+        """See `ReplayFit.fit`; a latency is looked for where there may be one.
+
+        Raises OutOfTime as soon as `budget` is over.
+        """
+        is_known = self._replay_fit.space.is_delay.any() or not may_be_late
+        most = 0 if is_known else self._context.observation.max_latency_steps
+        replay_fit = self._replay_fit.within(budget)
+        return replay_fit.fit(observed, start, range(most + 1), extend_horizon)
 
     def bootstrap(
         self,

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simtune.budget import Budget
+from simtune.budget import Budget, OutOfTime
 from simtune.fit import (
     FEW_EPISODES,
     MANY_EPISODES,
@@ -30,8 +30,13 @@ from simtune.tuning.search import Estimate, SearchContext, TellEarly, at_most_we
 from simtune.tuning.told import Told
 
 _FITS_SHARE = 0.9  # of what is left then, for a fit and its refits
+_FEWEST_FITS = 2  # in that time: the real one, and one to compare it with
 _REFIT = 0.9  # of a fit: no latency is looked for
 _ENOUGH_REFITS = 4  # with fewer, each has fewer episodes than the real fit
+_NO_FIT = (
+    "There was no time to fit the simulator: these are first guesses by networks, and none is "
+    "called identified but what joint readings tell alone. Give it more minutes."
+)
 _WORTH_BEGINNING = 0.5  # of a fit: time that is left, with which a refit may be finished
 
 
@@ -71,8 +76,8 @@ class Judging:
             is_blunt = told is None  # readings, if any, have nothing but windows
             stage = FitStage.prepare(context, learning.model, held_out, config, budget, is_blunt)
             num_steps = min(len(t) for t in real) * len(real)
-            fits = 1 + _REFIT * config.num_refits[0]
-            stage = stage.sized(num_steps, _FITS_SHARE * budget.seconds_left / fits)
+            fits, left_s = 1 + _REFIT * config.num_refits[0], _FITS_SHARE * budget.seconds_left
+            stage = stage.sized(num_steps, left_s / fits, left_s / _FEWEST_FITS)
         searched, first = ranges
         return cls(
             stage=stage,
@@ -104,7 +109,11 @@ class Judging:
         began_s = time.monotonic()
         budget.report("fitting", 0.55)
         observed, start = self.stage.observed(*detected), self._start(prob_higher)
-        fit = self.stage.fit(observed, start, may_be_last)
+        may_be_late = self.told is None or not self.told.is_held.any()
+        try:
+            fit = self.stage.fit(observed, start, may_be_last, may_be_late, budget)
+        except OutOfTime:
+            return self._without_fit(prob_higher), prob_higher
         size = self._refits(len(observed), budget, time.monotonic() - began_s)
         size = size if may_be_last else (0, 0)
         if size[0]:
@@ -116,6 +125,13 @@ class Judging:
         if made.misfits or self.bootstrap is None or not self.bootstrap.misfits:
             self.bootstrap = made
         return self._conclude(fit, self.bootstrap, prob_higher)
+
+    def _without_fit(self, prob_higher: np.ndarray) -> Estimate:
+        """What the networks say alone: a fit that was begun took longer than was left."""
+        estimate = read_curves(prob_higher, self.searched, self.first, self.config.range_update)
+        verdict = at_most_weak(estimate.verdict)
+        estimate = replace(estimate, verdict=verdict, warnings=[_NO_FIT])
+        return self.told.better(estimate) if self.told else estimate
 
     def _start(self, prob_higher: np.ndarray) -> PointEstimate:
         guess = point_estimate(prob_higher, self.searched)

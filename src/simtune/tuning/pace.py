@@ -103,7 +103,7 @@ def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:
         state_updates=min(least, config.state_updates),
         num_refits=(min(_FEWEST_REFITS, config.num_refits[0]), config.num_refits[1]),
         no_fit_scale=1,
-        fit=config.fit.scaled(0.0),
+        fit=config.fit.least(),
     )
 
 
