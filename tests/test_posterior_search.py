@@ -167,15 +167,12 @@ def test_a_fit_is_told_before_it_is_judged_and_not_called_sure(simulator, real, 
 
 
 @pytest.mark.thorough
-def test_a_round_without_time_for_refits_is_judged_by_those_of_the_round_before(
-    simulator, real, tiny
-):
+def test_a_round_without_time_for_its_fit_keeps_that_of_the_round_before(simulator, real, tiny):
     search = start(simulator, replace(tiny, num_rounds=1))
     judged, _, _ = search.run_round(real, Budget(1e6))
     estimate, _, _ = search.run_round(real, over())
-    num_refits = {len(ranks) for ranks in judged.ranks.values()}
-    assert {len(ranks) for ranks in estimate.ranks.values()} == num_refits == {tiny.num_refits[1]}
-    assert not any("no time" in warning for warning in estimate.warnings)
+    assert {len(ranks) for ranks in judged.ranks.values()} == {tiny.num_refits[1]}
+    assert estimate is judged, "its fit, which was not finished, is of no use"
 
 
 @pytest.mark.thorough

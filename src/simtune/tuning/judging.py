@@ -52,6 +52,7 @@ class Judging:
     rng: np.random.Generator  # of known worlds
     # What they showed, once `judge` was asked; of the round before where there was no time for any
     bootstrap: Bootstrap | None = None
+    estimate: Estimate | None = None  # concluded, likewise
 
     @classmethod
     def prepare(
@@ -87,6 +88,7 @@ class Judging:
             config=config,
             rng=learning.worlds.rng,
             bootstrap=before and before.bootstrap,
+            estimate=before and before.estimate,
         )
 
     def judge(
@@ -127,7 +129,12 @@ class Judging:
         return self._conclude(fit, self.bootstrap, prob_higher)
 
     def _without_fit(self, prob_higher: np.ndarray) -> Estimate:
-        """What the networks say alone: a fit that was begun took longer than was left."""
+        """A fit that was begun took longer than was left: what was fitted before stays.
+
+        If nothing was, it is what the networks say alone.
+        """
+        if self.estimate:
+            return self.estimate
         estimate = read_curves(prob_higher, self.searched, self.first, self.config.range_update)
         verdict = at_most_weak(estimate.verdict)
         estimate = replace(estimate, verdict=verdict, warnings=[_NO_FIT])
@@ -162,7 +169,8 @@ class Judging:
         if len(fit.offsets):
             offsets = zip(self.stage.reading_labels, fit.offsets.tolist(), strict=True)
             estimate = replace(estimate, offsets=dict(offsets))
-        return self.told.better(estimate) if self.told else estimate, curves
+        self.estimate = self.told.better(estimate) if self.told else estimate
+        return self.estimate, curves
 
 
 def conclude(

@@ -96,7 +96,7 @@ def read_curves(
     config: RangeUpdateConfig,
 ) -> Estimate:
     """Median, 90 % interval and verdict of (N, C) survival curves on the grid."""
-    space = distribution.space
+    space, prob_higher = distribution.space, prob_higher.astype(float)
 
     def parameters(coordinates: np.ndarray) -> np.ndarray:
         return space.clip(distribution.from_range_unit(coordinates))
