@@ -171,6 +171,14 @@ def test_methods_are_compared_where_all_else_is_usual(tmp_path):
     )
 
 
+def test_runs_of_a_version_with_fewer_options_are_seeds_of_the_same(tmp_path):
+    make_run(tmp_path, seed=0)
+    make_run(tmp_path, seed=1, known_colour=None, json=False, task_name="ball_in_cup")
+    (setting,) = found(tmp_path)
+    assert [run.config["seed"] for run in setting.groups[0].runs] == [0, 1]
+    assert not setting.ablations
+
+
 def test_searches_are_methods_and_what_differs_twice_is_counted(tmp_path):
     make_run(tmp_path, "autotune", 0)
     make_run(tmp_path, "autotune", 1)

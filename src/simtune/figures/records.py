@@ -13,7 +13,7 @@ from simtune.validate import is_number
 
 # Options by which runs may differ and still be seeds of one another, or that follow from others
 _NO_CONDITIONS = ("task", "out", "seed", "method", "search", "device", "move", "robot")
-_NO_CONDITIONS += ("real_parameters",)
+_NO_CONDITIONS += ("real_parameters", "task_name", "json")
 _FLOOR = 0.01  # of a parameter's upper bound: a smaller truth counts as this, see `Truth.score`
 
 
@@ -42,8 +42,12 @@ class Record:
 
     @property
     def options(self) -> dict[str, Any]:
-        """By which runs of one method may differ, but for what its command derived from them."""
-        plain = {k: v for k, v in self.config.items() if not isinstance(v, dict)}
+        """By which runs of one method may differ, but for what its command derived from them.
+
+        Only those that are set: an earlier version had not all of today's.
+        """
+        is_set = {k: v is not None and v is not False for k, v in self.config.items()}
+        plain = {k: v for k, v in self.config.items() if is_set[k] and not isinstance(v, dict)}
         derived = ("_content", "truth")
         names = [k for k in plain if k not in _NO_CONDITIONS and not k.endswith(derived)]
         return {name: plain[name] for name in names}
