@@ -24,7 +24,7 @@ class RoughPhysics:
 
     space = SimpleNamespace(num_tangent=2, move=lambda states, tangents: states + tangents)
 
-    def play(self, states, units, actions, actuator_states):
+    def play(self, states, units, actions, actuator_states, predictions_per_step):
         rough = ROUGHNESS * np.sin(7e4 * (units[:, 0] + states[:, 0]))
         predicted = SLOPE * units[:, 0] + states[:, 0] + rough
         return np.zeros((len(states), 2, 1)), np.tile(predicted[:, None, None], (1, 2, 1))
@@ -75,7 +75,7 @@ def fit_motion(truth: np.ndarray, std: float, left: float, moved: float | None =
         np.zeros(len(SPACE)),
         FitConfig(),
     )
-    fit._shooting = lambda *_: Contraction(truth, left, moved)  # pyright: ignore
+    fit._shooting = lambda *_, **__: Contraction(truth, left, moved)  # pyright: ignore
     nothing = Observed(AllEvidence(()), np.zeros((1, 4, 1)))
     return fit._fit_motion(nothing, np.zeros((1, 5, 4)), start, moved is not None)[:2]
 

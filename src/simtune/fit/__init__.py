@@ -2,6 +2,7 @@
 
 from simtune.fit.bootstrap import FEW_EPISODES, MANY_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator
+from simtune.fit.lateness import Lateness, as_seen
 from simtune.fit.observed import Observed
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.output_error import Descent, OutputError, OutputErrorFit, ReplayStage
@@ -33,6 +34,7 @@ __all__ = [
     "FitConfig",
     "FitResult",
     "Guess",
+    "Lateness",
     "Observed",
     "OpenLoop",
     "OutputError",
@@ -47,6 +49,7 @@ __all__ = [
     "ShootingConfig",
     "Stage",
     "StateEstimator",
+    "as_seen",
     "correlations",
     "count_fit_steps",
     "fit_to_budget",

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics
 from simtune.fit.windows import Windows
 
@@ -20,7 +21,7 @@ class LinearizationPoint:
     """The states in which W windows begin and the parameters of all; and how steps go from here."""
 
     states: np.ndarray  # (W, nq + nv)
-    unit: np.ndarray  # (N,) parameters in unit coordinates
+    unit: np.ndarray  # (N,) parameters in unit coordinates; (N + 1,) with how late pictures are
     damping: np.ndarray  # (W,) of the states' steps (Levenberg and Marquardt)
     variance: float  # of the parameters between windows
     step_scale: float = 1.0  # share of a step in the parameters that is taken
@@ -47,30 +48,41 @@ class NormalEquations(NamedTuple):
 class WindowPlayer:
     """Plays windows in worlds of one simulator."""
 
-    def __init__(self, physics: Physics, prior_std: np.ndarray, fitted: np.ndarray):
-        """`prior_std`: (2 nv,) of first guesses at states; `fitted`: (P,) parameters' indices."""
-        self._physics, self._space = physics, physics.space
+    def __init__(
+        self,
+        physics: Physics,
+        prior_std: np.ndarray,
+        fitted: np.ndarray,
+        lateness: Lateness | None = None,
+    ):
+        """`prior_std`: (2 nv,) of first guesses at states; `fitted`: (P,) unknowns' indices.
+
+        With `lateness` a last coordinate comes after the parameters'.
+        """
+        self._physics, self._space, self._lateness = physics, physics.space, lateness
         self._prior_std, self._fitted = prior_std, fitted
 
     def play(
         self, windows: Windows, states: np.ndarray, units: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """From (G, W, nq + nv) initial states with (G, N) parameters.
+        """From (G, W, nq + nv) initial states with (G, N) unknowns that all windows share.
 
         (G, W, K, S) full states and (G, W, K, D) predictions.
         """
         groups, num_windows, size = states.shape
+        parameters = units if self._lateness is None else units[:, :-1]
         full_states, predicted = self._physics.play(
             states.reshape(-1, size),
-            np.repeat(units, num_windows, 0),
+            np.repeat(parameters, num_windows, 0),
             np.tile(windows.actions, (groups, 1, 1)),
             windows.left_behind(units).reshape(groups * num_windows, -1),
+            1 if self._lateness is None else self._lateness.predictions_per_step,
         )
-        shape = (groups, num_windows)
-        return (
-            full_states.reshape(*shape, *full_states.shape[1:]),
-            predicted.reshape(*shape, *predicted.shape[1:]),
-        )
+        full_states = full_states.reshape(groups, num_windows, *full_states.shape[1:])
+        predicted = predicted.reshape(groups, num_windows, *predicted.shape[1:])
+        if self._lateness is not None:
+            predicted = self._lateness.seen(predicted, units[:, -1:])
+        return full_states, predicted
 
     def differentiate(self, windows: Windows, point: LinearizationPoint) -> Slopes:
         """Predictions at the point, and their derivatives, in their units.

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from simtune.fit.lateness import Lateness
 from simtune.observation import AllEvidence
 from simtune.trajectory import delayed
 
@@ -16,6 +17,7 @@ class Observed:
     evidence: AllEvidence  # with leading axes (E, T + 1)
     actions: np.ndarray  # (E, T, A)
     frames: Sequence[np.ndarray] = ()  # E times (T + 1, H, W, 3) uint8, where appearance is fitted
+    lateness: Lateness | None = None  # of pictures, where it is not known
 
     def __len__(self) -> int:
         return len(self.actions)

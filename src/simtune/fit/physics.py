@@ -44,22 +44,25 @@ class Physics:
         units: np.ndarray,
         actions: np.ndarray,
         actuator_states: np.ndarray | None = None,
+        predictions_per_step: int = 1,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(n, T + 1, S) full states and (n, T + 1, D) predictions of n worlds.
+        """(n, T + 1, S) full states and (n, M, D) predictions of n worlds, M = T + 1 or more.
 
         They begin in (n, nq + nv) states, have (n, N) parameters in unit coordinates and play
         (n, T, A) actions. `actuator_states`: (n, S) of `replay_actuators`, where actions came
-        before. A world that diverges stays where it does. Raises OutOfTime; see `within`.
+        before. A world that diverges stays where it does. There are T times
+        `predictions_per_step` predictions after the first one. Raises OutOfTime; see `within`.
         """
         self._budget.check()
         starts = self._full_state if actuator_states is None else actuator_states
-        played = self.simulator.roll_out(
+        played = self.simulator.play(
             self.parameters.from_unit(units),
-            actions,
+            lambda t, _: actions[:, t],
+            actions.shape[1],
             self._rng,
-            self._observe,
-            self.space.with_positions_and_velocities(starts, states),
-            keep_diverged=True,
+            starts=self.space.with_positions_and_velocities(starts, states),
+            observe=self._observe,
+            observations_per_step=predictions_per_step,
         )
         return played.states, np.nan_to_num(played.observed, nan=_NOTHING_LIKE_IT)
 

@@ -9,6 +9,7 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.latency import clearly_best
+from simtune.fit.lateness import Lateness, as_seen
 from simtune.fit.observed import Observed
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.particles import Particles
@@ -105,10 +106,11 @@ class ReplayFit:
         motion, apart, short = self._fit_motion(to_fit, states[fitted], start, extend_horizon)
         unit = self.space.to_unit(start.parameters)
         unit[self._moving] = motion.unit
+        shown = as_seen(self._physics.simulator, short.full_states, short.late_steps)
         pictures = fit_window_pictures(
             self._physics,
             self._estimator.prior_std,
-            short,
+            replace(short, full_states=shown),
             to_fit,
             self.space.from_unit(unit),
             self._appearance,
@@ -116,7 +118,7 @@ class ReplayFit:
         )
         unit[self._appearance] = pictures.unit
         parameters = self.space.from_unit(unit)
-        test = self._shooting(self._moving[:0]).fit(
+        test = self._shooting(self._moving[:0], lateness=observed.lateness).fit(
             observed.episodes(held_out), states[held_out], parameters
         )
         std, correlation = self._claimed(start, motion, apart, pictures)
@@ -134,7 +136,8 @@ class ReplayFit:
             offsets,
             self._appearance[self._photometry.is_known[self._appearance]],
             pictures.responses,
-            held_out=kept if kept < num else None,
+            kept if kept < num else None,
+            self._physics.simulator.step_s * np.array([motion.late_steps, motion.late_std]),
         )
 
     def _claimed(
@@ -168,9 +171,15 @@ class ReplayFit:
             followed = self._follow(observed, fitted, start)
         return LinedUp(observed, latency_steps, offsets, *followed)
 
-    def _shooting(self, fitted: np.ndarray, config: ShootingConfig | None = None) -> Shooting:
+    def _shooting(
+        self,
+        fitted: np.ndarray,
+        config: ShootingConfig | None = None,
+        lateness: Lateness | None = None,
+    ) -> Shooting:
         config = config or self._config.shooting
-        return Shooting(self._physics, self._estimator.prior_std, fitted, config)
+        config = config.where_pictures_are_late() if lateness else config
+        return Shooting(self._physics, self._estimator.prior_std, fitted, config, lateness)
 
     def _follow(self, observed: Observed, fitted: slice, start: PointEstimate) -> Followed:
         """All episodes, and the parameters of the `fitted` ones."""
@@ -196,7 +205,8 @@ class ReplayFit:
         misled, and longer ones may be as well.
         The last one has the short windows' states: in a picture, things are nearer to these.
         """
-        shooting, unit = self._shooting(self._moving), self.space.to_unit(start.parameters)
+        shooting = self._shooting(self._moving, lateness=observed.lateness)
+        unit = self.space.to_unit(start.parameters)
         fits, aside = [], np.clip(start.std, *_SIDESTEP)
         for side in (-1, 1):
             begin = unit.copy()

@@ -1,7 +1,7 @@
 """What a fit starts from, what it finds, and how well it fits."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +45,8 @@ class FitResult:
     known: np.ndarray  # (K,) indices of the parameters that are known, and were not fitted
     responses: list[CameraResponse]  # of the cameras; none where pictures are the simulator's own
     held_out: int | None = None  # the episode that nothing was fitted to, but the misfit is of
+    # (2,) seconds by which pictures come late besides, and how unsure that is; 0: it is known
+    late_s: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     @property
     def is_moving(self) -> np.ndarray:

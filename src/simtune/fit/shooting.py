@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE
+from simtune.fit.lateness import Lateness
 from simtune.fit.linearization import LinearizationPoint
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
@@ -42,23 +43,36 @@ class ShootingFit:
     step: np.ndarray  # (W,) at which each window begins
     misfit: np.ndarray  # (W,) mean of −log likelihood of an observation
     distances: tuple[float, ...]  # each sensor's typical distance from what it is sure of
+    late_steps: float = 0.0  # by which pictures are late, where that is not known
+    late_std: float = 0.0  # of that
 
 
 class Shooting:
     """Fits parameters `fitted` (indices) of worlds to what was observed."""
 
     def __init__(
-        self, physics: Physics, prior_std: np.ndarray, fitted: np.ndarray, config: ShootingConfig
+        self,
+        physics: Physics,
+        prior_std: np.ndarray,
+        fitted: np.ndarray,
+        config: ShootingConfig,
+        lateness: Lateness | None = None,
     ):
-        """`prior_std`: (2 nv,) usual errors of first guesses at states."""
+        """`prior_std`: (2 nv,) usual errors of first guesses at states.
+
+        `lateness`: of what comes late by a time that is fitted, too.
+        """
         self._physics, self.config, self.fitted = physics, config, np.asarray(fitted)
-        self._step = ShootingStep(physics, prior_std, self.fitted)
+        self._on_time = np.full(int(lateness is not None), Lateness.unit(0.0))
+        last = len(physics.parameters) + np.arange(len(self._on_time))
+        unknown = np.concatenate([self.fitted, last]).astype(int)
+        self._step = ShootingStep(physics, prior_std, unknown, lateness)
         self._lags = [i for i in self.fitted if physics.parameters.parameters[i].is_lag]
 
     def fit(self, observed: Observed, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
         """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
-        unit = self._physics.parameters.to_unit(parameters)
-        replay = partial(self._physics.replay_actuators, observed.actions, states)
+        unit = self._begin(parameters)
+        replay = partial(self._replay_actuators, observed.actions, states)
         return self._fit(self._cut(observed, states, unit), unit, self.config.stages, replay)
 
     def extend_horizon(
@@ -68,7 +82,7 @@ class Shooting:
 
         The others, (N,) parameters, and states outside of the fit's windows, are as for `fit`.
         """
-        config, unit = self.config, self._physics.parameters.to_unit(parameters)
+        config, unit = self.config, self._begin(parameters)
         best = found = fit
         limit = np.median(best.misfit) + _AS_WELL
         for window in config.longer:
@@ -78,9 +92,10 @@ class Shooting:
             if is_known or window > observed.actions.shape[1]:
                 break
             unit[self.fitted] = found.unit
+            unit[len(self._physics.parameters) :] = Lateness.unit(found.late_steps)
             improved = self._improved(states, found)
             longer = self._cut(observed, improved, unit, window)
-            replay = partial(self._physics.replay_actuators, observed.actions, improved)
+            replay = partial(self._replay_actuators, observed.actions, improved)
             # Blurred at first: what ends far away after such a time is no outlier yet.
             count = config.longer_iterations
             stages = (Stage(window, count, _EXTENDED_BLUR), Stage(window, count))
@@ -98,16 +113,16 @@ class Shooting:
         By Fisher information where the (N,) parameters and the states, as in `fit`, are the true
         ones. The windows' initial states count as unknown, and FIRST_VARIANCE lies between windows.
         """
-        unit = self._physics.parameters.to_unit(parameters)
+        unit, num = self._begin(parameters), len(self.fitted)
         windows = self._cut(observed, states, unit)
         point = LinearizationPoint(
             windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE
         )
         information = self._step.information(windows, point)
-        eye = np.eye(len(self.fitted))
+        eye = np.eye(information.shape[-1])
         # As `combine` weighs windows: none tells more than the variance between them allows.
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
-        return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)
+        return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)[:num, :num]
 
     def _fit(
         self,
@@ -116,11 +131,12 @@ class Shooting:
         stages: tuple[Stage, ...],
         replay: Callable[[np.ndarray], np.ndarray],
     ) -> ShootingFit:
-        """From (N,) parameters in unit coordinates, for which `replay` is `replay_actuators`."""
+        """From unknowns in unit coordinates, for which `replay` is `_replay_actuators`."""
         windows, num = whole, len(whole.states)
         damping = np.full(num, _FIRST_DAMPING)
         point = LinearizationPoint(whole.states.copy(), unit, damping, FIRST_VARIANCE)
-        covariance = np.zeros((len(self.fitted),) * 2)
+        fitted, late = np.split(self._step.fitted, [len(self.fitted)])
+        covariance = np.zeros((len(self._step.fitted),) * 2)
         every = _DERIVED_EVERY_WITH_LAGS if self._lags else DERIVED_EVERY
         for stage in stages:
             windows = whole.first(stage.window)
@@ -139,13 +155,14 @@ class Shooting:
         full_states, predicted = player.play(windows, point.states[None], point.unit[None])
         evidence, num_frames = windows.evidence, predicted.shape[2]
         return ShootingFit(
-            point.unit[self.fitted],
-            covariance,
+            point.unit[fitted],
+            covariance[: len(fitted), : len(fitted)],
             full_states[0],
             windows.episode,
             windows.step,
             -evidence.log_likelihood(predicted[0]) / (num_frames * evidence.num_observations),
             evidence.distances(predicted[0]),
+            *Lateness.found(point.unit[late], covariance[len(fitted) :, len(fitted) :]),
         )
 
     def _with_lags(
@@ -169,9 +186,20 @@ class Shooting:
         """By default as long as the last stage's; whatever the length, as many steps in all."""
         usual = self.config.stages[-1].window
         steps = steps or usual
-        actuator_states = self._physics.replay_actuators(observed.actions, states, unit)
+        actuator_states = self._replay_actuators(observed.actions, states, unit)
         at_most = self.config.num_windows * usual
         return cut(observed, states, actuator_states, steps, max(1, at_most // steps))
+
+    def _begin(self, parameters: np.ndarray) -> np.ndarray:
+        """All that is shared by windows, in unit coordinates, for (N,) parameters."""
+        return np.concatenate([self._physics.parameters.to_unit(parameters), self._on_time])
+
+    def _replay_actuators(
+        self, actions: np.ndarray, states: np.ndarray, unit: np.ndarray
+    ) -> np.ndarray:
+        return self._physics.replay_actuators(
+            actions, states, unit[: len(self._physics.parameters)]
+        )
 
     def _improved(self, states: np.ndarray, fit: ShootingFit) -> np.ndarray:
         """(E, T + 1, nq + nv) states, those of a fit's windows as it has them."""

@@ -1,9 +1,10 @@
 """The settings of multiple shooting, and how much is played with them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 DERIVED_EVERY = 3  # iterations (the chord method): derivatives cost most, and change slowly
+_LATE_BLUR = 3.0
 _TRIED = 2  # worlds, with which it is seen whether a step is one for the better
 
 
@@ -20,6 +21,12 @@ class ShootingConfig:
     longer: tuple[int, ...] = (24, 48, 96)  # windows, where those do not tell enough
     longer_iterations: int = 5  # blurred, and as many that are not
     num_windows: int = 90  # at most; spread evenly. Of longer ones fewer: as many steps in all
+
+    def where_pictures_are_late(self) -> "ShootingConfig":
+        """By a time that is fitted, too: what stands out far is what tells of that at first."""
+        first, *between, last = self.stages
+        blurred = [Stage(last.window, stage.iterations, _LATE_BLUR) for stage in between]
+        return replace(self, stages=(first, *blurred, last))
 
     def steps_per_window(self, num_derived: int) -> int:
         """Steps that a fit plays of each of these windows, where it derives by so many worlds."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import combine, robust_weights
+from simtune.fit.lateness import Lateness
 from simtune.fit.linearization import (
     LinearizationPoint,
     NormalEquations,
@@ -34,13 +35,19 @@ class Stepped(NamedTuple):
 
 
 class ShootingStep:
-    """Steps in parameters `fitted` (indices) and in the windows' initial states."""
+    """Steps in unknowns `fitted` (indices) and in the windows' initial states."""
 
-    def __init__(self, physics: Physics, prior_std: np.ndarray, fitted: np.ndarray):
-        """`prior_std`: (2 nv,) usual errors of first guesses at states."""
-        self._space, self._fitted = physics.space, fitted
+    def __init__(
+        self,
+        physics: Physics,
+        prior_std: np.ndarray,
+        fitted: np.ndarray,
+        lateness: Lateness | None = None,
+    ):
+        """`prior_std`: (2 nv,) usual errors of first guesses at states; see `WindowPlayer`."""
+        self._space, self.fitted = physics.space, fitted
         self._prior_std = prior_std * _PRIOR
-        self.player = WindowPlayer(physics, self._prior_std, fitted)
+        self.player = WindowPlayer(physics, self._prior_std, fitted, lateness)
 
     def information(self, windows: Windows, point: LinearizationPoint) -> np.ndarray:
         """(W, P, P) that each window has of the parameters, where its state is unknown."""
@@ -84,10 +91,10 @@ class ShootingStep:
             point.variance,
             trust / (1 + point.damping),
         )
-        step = combined.step(point.unit[self._fitted], _LARGEST_STEP)  # (P,)
+        step = combined.step(point.unit[self.fitted], _LARGEST_STEP)  # (P,)
         unit = point.unit.copy()
-        unit[self._fitted] = np.clip(unit[self._fitted] + share * point.step_scale * step, 0, 1)
-        moved = self._move_states(point, equations, unit[self._fitted] - point.unit[self._fitted])
+        unit[self.fitted] = np.clip(unit[self.fitted] + share * point.step_scale * step, 0, 1)
+        moved = self._move_states(point, equations, unit[self.fitted] - point.unit[self.fitted])
         # Costs (2, W) with the parameters moved: with the states moved, too, and without
         _, predicted = self.player.play(
             windows, np.stack([moved, point.states]), np.stack([unit, unit])

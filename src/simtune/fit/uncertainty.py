@@ -13,6 +13,7 @@ from simtune.randomization import Distribution
 _WORTH_TELLING = 0.6  # correlation
 # Times as far off as the worst refit's: with few of them, the worst one is not very bad yet.
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
+_CLEARLY_LATE_STDS, _CLEARLY_LATE_S = 4.0, 1e-3  # more than both, pictures are said to be late
 
 _GO_ON = "Give it more minutes: the same command with a larger budget goes on from here."
 _HARDLY_JUDGED = (
@@ -84,7 +85,7 @@ def moves_otherwise(fit: FitResult, bootstrap: Bootstrap) -> bool:
 def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
     """Warnings for a user who would trust the estimates."""
     if not bootstrap.misfits:
-        return [_NOT_JUDGED, *latency_warning(fit.latency_steps)]
+        return [_NOT_JUDGED, *_late(fit)]
     warnings, num = [], len(bootstrap.misfits)
     if num == 1:
         warnings.append(_HARDLY_JUDGED)
@@ -103,7 +104,7 @@ def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
             "is not tuned is wrong (a length, a mass, the camera, a delay): trust no number "
             "before it is found."
         )
-    return warnings + latency_warning(fit.latency_steps)
+    return warnings + _late(fit)
 
 
 def held_out_misfit(fit: FitResult, bootstrap: Bootstrap) -> dict[str, Any]:
@@ -126,6 +127,18 @@ def held_out_misfit(fit: FitResult, bootstrap: Bootstrap) -> dict[str, Any]:
 def _or_none(distance: float) -> float | None:
     """JSON has no NaN."""
     return float(distance) if np.isfinite(distance) else None
+
+
+def _late(fit: FitResult) -> list[str]:
+    """How late actions take effect, and pictures come, where that is clear."""
+    warnings, (late_s, std) = latency_warning(fit.latency_steps), fit.late_s
+    if abs(late_s) > max(_CLEARLY_LATE_STDS * std, _CLEARLY_LATE_S):
+        when = "later" if late_s > 0 else "sooner"
+        warnings.append(
+            f"The pictures seem to come {1e3 * abs(late_s):.0f} ms {when} than the recordings say "
+            f"(± {1e3 * std:.1f} ms); the estimates allow for it."
+        )
+    return warnings
 
 
 def latency_warning(latency_steps: int) -> list[str]:

@@ -10,12 +10,14 @@ from simtune.budget import Budget
 from simtune.fit import (
     Bootstrap,
     FitResult,
+    Lateness,
     Observed,
     Photometry,
     Physics,
     PointEstimate,
     ReplayFit,
     StateEstimator,
+    as_seen,
     run_bootstrap,
 )
 from simtune.observation import AllEvidence, JointReadings
@@ -139,7 +141,17 @@ class FitStage:
         evidence = self._context.observation.evidence(tracks, readings)
         evidence = _blunted(evidence) if self._is_blunt else evidence
         actions = np.stack([t.actions for t in first]).astype(float)
-        return Observed(evidence, actions, [t.frames for t in first])  # views: there may be many
+        frames = [t.frames for t in first]  # views: there may be many
+        substeps = self._simulator.num_substeps
+        lateness = Lateness.of_pictures(evidence, substeps) if self._may_be_late else None
+        return Observed(evidence, actions, frames, lateness)
+
+    @property
+    def _may_be_late(self) -> bool:
+        """Whether pictures may, after actions, by a time that no parameter stands for."""
+        is_tuned = self._replay_fit.space.is_delay.any()
+        has_actions = self._simulator.num_actions > 0
+        return bool(self._context.observation.max_latency_steps and has_actions and not is_tuned)
 
     def fit(
         self,
@@ -182,7 +194,10 @@ class FitStage:
             rollouts = self._simulator.roll_out(worlds, played, rng, see)
             if len(rollouts) < len(actions):
                 return None
-            recorded = observation.record(self._simulator, rollouts, rng)
+            shown = as_seen(
+                self._simulator, rollouts.states, fit.late_s[0] / self._simulator.step_s
+            )
+            recorded = observation.record(self._simulator, replace(rollouts, states=shown), rng)
             detections = [self._model.detect(trajectory.frames) for trajectory in recorded]
             return replace(self.observed(recorded, detections), actions=actions)
 

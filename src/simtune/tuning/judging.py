@@ -198,6 +198,7 @@ def conclude(
         held_out=held_out_misfit(fit, bootstrap),
         start=fit.start.tolist(),
         latency_steps=fit.latency_steps,
+        pictures_late_s=(float(fit.late_s[0]), float(fit.late_s[1])),
         camera_responses=[its.to_json() for its in fit.responses] if len(fit.known) else [],
     )
     return estimate, curves

@@ -1,0 +1,104 @@
+"""Pictures that come late by a part of a step."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_fit import (  # noqa: F401
+    CARTPOLE,
+    MOVING,
+    SPACE,
+    observed_of,
+    played,
+    rough_states,
+    simulator,
+)
+
+from simtune.fit.lateness import Lateness, as_seen
+from simtune.fit.physics import Physics
+from simtune.fit.shooting import Shooting
+from simtune.fit.shooting_config import ShootingConfig
+from simtune.simulation import Rollouts
+
+SUBSTEPS = CARTPOLE.action_repeat
+
+
+@pytest.fixture(scope="module")
+def substeps(played) -> Rollouts:  # noqa: F811
+    """The same world, with actions as long, observed at every step of physics."""
+    keypoints, truth, rollouts = played
+    actions, rng = np.repeat(rollouts.actions, SUBSTEPS, 1), np.random.default_rng(1)
+    fine = replace(CARTPOLE, action_repeat=1).simulator(image_size=48)
+    worlds = np.repeat(truth[None], len(actions), 0)
+    return fine.roll_out(worlds, actions, rng, keypoints.observe, starts=rollouts.states[:, 0])
+
+
+@pytest.mark.parametrize("steps", [-0.7, 0.0, 0.4])
+@pytest.mark.parametrize("shares", [[0, 1], [0, 0.4, 1], [0, 0.25, 0.5, 0.75, 1]])
+def test_what_moves_by_a_parabola_is_seen_exactly_where_it_was(steps, shares):
+    lateness, count = Lateness(np.array([True, False]), np.array(shares)), 5
+    t = np.append((np.arange(count - 1.0)[:, None] + shares[:-1]).ravel(), count - 1)
+    power = min(2, len(shares) - 1)  # straight, where there is nothing between steps
+    there = np.stack([3 + 2 * t - t**power, t**3], -1)
+    seen = lateness.seen(there[None, None], np.full((1, 1), Lateness.unit(steps)))[0, 0]
+    late = np.arange(count) - steps
+    np.testing.assert_allclose(seen[:, 0], 3 + 2 * late - late**power, atol=1e-12)
+    np.testing.assert_array_equal(seen[:, 1], np.arange(count) ** 3, "not of what is read")
+    alone = there[:1]
+    np.testing.assert_array_equal(lateness.seen(alone, np.array(1.0)), alone, "a single frame")
+
+
+def test_steps_and_unit_coordinates_are_inverse():
+    assert Lateness.steps(np.array(Lateness.unit(0.3))) == pytest.approx(0.3)
+    assert Lateness.unit(0.0) == 0.5
+    assert Lateness.found(np.array([0.5]), np.array([[0.04]])) == pytest.approx((0.0, 0.3))
+    assert Lateness.found(np.zeros(0), np.zeros((0, 0))) == (0.0, 0.0)
+
+
+def test_a_fit_predicts_where_a_late_film_has_things(played, substeps):  # noqa: F811
+    """Read off where physics was some of its eight steps before, under the earlier action."""
+    evidence = observed_of(played[2], 0.1, 0, np.random.default_rng(0)).evidence
+    lateness = Lateness.of_pictures(evidence, SUBSTEPS)
+    np.testing.assert_allclose(lateness.shares, [0, 0.25, 0.5, 0.75, 1])
+    quarters = substeps.observed[:, :: SUBSTEPS // 4]
+    for substep in (-3, -1, 1, 3):
+        seen = lateness.seen(quarters, np.full(3, Lateness.unit(substep / SUBSTEPS)))[:, 1:-1]
+        there = substeps.observed[:, SUBSTEPS - substep :: SUBSTEPS][:, : seen.shape[1]]
+        # All but where the cart bumps into an end of its rail
+        off, on_time = (
+            np.quantile(np.abs(its - there), 0.98) for its in (seen, quarters[:, 4:-4:4])
+        )
+        assert off < 0.15 < 1 < on_time
+
+
+def test_things_are_drawn_where_late_pictures_show_them(simulator, played, substeps):  # noqa: F811
+    states = substeps.states[:, ::SUBSTEPS]
+    np.testing.assert_array_equal(as_seen(simulator, states, 0.0), states)
+    for substep in (-3, 3):
+        shown = as_seen(simulator, states, substep / SUBSTEPS)[:, 1:-1, 1:3]
+        there = substeps.states[:, SUBSTEPS - substep :: SUBSTEPS, 1:3][:, : shown.shape[1]]
+        off, on_time = (np.abs(its - there).max() for its in (shown, states[:, 1:-1, 1:3]))
+        assert off < 0.1 * on_time
+
+
+@pytest.mark.thorough
+def test_parameters_of_a_late_film_are_found_and_how_late_it_is(simulator, played, substeps):  # noqa: F811
+    keypoints, truth, rollouts = played
+    rng, late = np.random.default_rng(2), 2
+    at = np.maximum(np.arange(0, substeps.observed.shape[1], SUBSTEPS) - late, 0)
+    observed = observed_of(replace(rollouts, observed=substeps.observed[:, at]), 0.2, 0.0, rng)
+    start = truth.copy()
+    start[MOVING] *= [0.8, 1.25]
+    physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
+    guesses, config = np.array([0.1, 0.1, 0.5, 0.5]), ShootingConfig().where_pictures_are_late()
+    off = []
+    for lateness in (None, Lateness.of_pictures(observed.evidence, SUBSTEPS)):
+        shooting = Shooting(physics, guesses, MOVING, config, lateness)
+        found = shooting.fit(observed, rough_states(rollouts, rng), start)
+        off.append(np.abs(found.unit - SPACE.to_unit(truth)[MOVING]).max())
+        if lateness:
+            assert abs(found.late_steps - late / SUBSTEPS) < 0.08
+            assert 0 < found.late_std < 0.05
+        else:
+            assert found.late_steps == found.late_std == 0
+    assert off[1] < 0.5 * off[0]
