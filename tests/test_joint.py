@@ -47,7 +47,7 @@ SPACE = ParameterSpace(
             low=-5,
             high=5,
             scale="linear",
-            unit="m/s²",
+            unit="1",
         ),
     ]
 )
@@ -162,7 +162,7 @@ def test_covariance_is_that_of_the_normal_errors_that_the_curves_are_of():
 # --- what two show together -----------------------------------------------------------------
 
 
-def combined(mean, std, told: dict[str, float], correlation: float):
+def combined(mean, std, told: dict[str, float], correlation: float, space=SPACE):
     """The combinations of normal errors in range coordinates, of which two are correlated."""
     (names,) = told
     i, j = (SPACE.index(name) for name in names.split(", "))
@@ -170,7 +170,7 @@ def combined(mean, std, told: dict[str, float], correlation: float):
     matrix[i, j] = matrix[j, i] = correlation
     joint, estimate, _ = joint_of(mean, std, matrix)
     draws = joint.draw(40_000, np.random.default_rng(7))
-    return combinations(replace(estimate, correlations=told), SPACE, draws)
+    return combinations(replace(estimate, correlations=told), space, draws)
 
 
 def test_the_interval_of_a_ratio_by_hand():
@@ -200,6 +200,17 @@ def test_what_may_be_negative_has_a_difference_or_a_sum_on_linear_scales_only():
     (found,) = combined(middle, [0.05] * 4, {"red, push": -0.95}, -0.95)
     assert found.kind == "sum"
     assert combined(middle, [0.05] * 4, {"mass, push": 0.95}, 0.95) == []
+    metres = ParameterSpace([*SPACE.parameters[:3], replace(SPACE["push"], unit="m")])
+    assert combined(middle, [0.05] * 4, {"red, push": 0.95}, 0.95, metres) == []
+
+
+def test_no_power_is_told_of_a_place_nor_one_that_nobody_can_use():
+    middle = [0.5] * 4
+    height = replace(SPACE["push"], low=1, high=3, nominal=2, unit="m")  # never negative
+    space = ParameterSpace([*SPACE.parameters[:3], height])
+    assert combined(middle, [0.05] * 4, {"mass, push": -0.9}, -0.9, space) == []
+    std = [0.3, 0.02, 0.05, 0.05]  # mass · damping^15
+    assert combined(middle, std, {"mass, damping": -0.9}, -0.9) == []
 
 
 def test_of_two_colours_the_plain_ratio_is_told_however_unsure_either_is():

@@ -15,6 +15,7 @@ import pytest
 
 from simtune.comparison import overlay
 from simtune.errors import InputError
+from simtune.moving_parts import MovingParts
 from simtune.report import write_report
 from simtune.report.data import read_run
 from simtune.report.joint_plots import error_plot, reading_plot
@@ -337,6 +338,21 @@ def test_report_says_what_is_told_of_correlated_parameters(
 
     _edit(run_path / "result.json", correlate)
     assert said in _report(run_path)[1].text
+
+
+def test_report_says_how_far_off_each_moving_part_is_and_which_ends_farther(run_path):
+    film = np.zeros((10, 2, 2))
+    parts = MovingParts(("ball", "cup"), film, film + 3, film + np.array([[4], [0]]))
+    keypoints = {"step_s": 0.1, "keypoints": parts.to_json()}
+    write_json(run_path / "replay.json", keypoints)
+    _edit(run_path / "result.json", lambda r: r.update(moving_parts=parts.scores()))
+    html, page = _report(run_path)
+    assert "ball 4.24 px 5.66 px 0 s 0 s cup 4.24 px 0 px 0 s to the end" in page.text
+    assert "ball ends farther from the video after tuning than before" in page.text
+    assert html.count("how far off, before and after") == 2
+    write_json(run_path / "replay.json", keypoints | {"keypoints": {"parts": [3]}})
+    _edit(run_path / "result.json", lambda r: r.update(moving_parts={"ball": 3, "cup": {}}))
+    assert "how far off, before and after" not in _report(run_path)[0]
 
 
 def test_the_numbers_of_one_camera_pose_are_no_pairs(run_path):

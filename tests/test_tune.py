@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from other_keypoints import find_others
 
-from simtune import comparison, outcome, tuning
+from simtune import comparison, outcome, tuning, tuning_run
 from simtune.comparison import StartSearchConfig
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
@@ -304,8 +304,12 @@ def test_another_configuration_is_refused_in_the_same_folder(one_round, truth_fi
 
 @pytest.mark.thorough
 def test_a_run_whose_time_is_over_ends_after_one_round_and_goes_on_with_more(
-    one_round, tmp_path, quick
+    one_round, tmp_path, quick, monkeypatch
 ):
+    def interrupt_fitting(doing: str, done: float) -> None:
+        if doing.endswith("fitting"):
+            raise KeyboardInterrupt
+
     out = shutil.copytree(one_round, tmp_path / "run")
     first = read_json(out / "result.json")
     assert first["stopped"].startswith("the time is over")
@@ -314,8 +318,18 @@ def test_a_run_whose_time_is_over_ends_after_one_round_and_goes_on_with_more(
     again = tune(config_of(out, budget_minutes=1e-6), settings=quick)
     assert len(rounds_of(out)) == 1
     assert again["parameters"] == first["parameters"]
+    with monkeypatch.context() as patch:  # what is left is less than the last sitting's round took
+        patch.setattr(tuning_run, "_WORTHWHILE", 1e12)
+        tune(config_of(out, budget_minutes=1e3), settings=quick)
+    assert len(rounds_of(out)) == 1
+    with pytest.raises(KeyboardInterrupt):
+        tune(config_of(out), interrupt_fitting, quick)
+    assert (
+        read_json(out / "result.json")["parameters"] == first["parameters"]
+    )  # until there is more
     tune(config_of(out), settings=quick)
     assert len(rounds_of(out)) == 2
+    assert read_json(out / "result.json")["parameters"] != first["parameters"]
 
 
 @pytest.mark.thorough
@@ -583,7 +597,8 @@ def test_films_begin_where_the_fit_found_the_start_or_else_where_one_is_found(
     estimate = Estimate(parameters, SPACE.low, SPACE.high, ["weak"] * len(SPACE), {})
     for start, is_there in ((began[0].tolist(), True), (None, False)):
         found = dataclasses.replace(estimate, start=start)
-        comparison.write_comparison(tmp_path, simulator, film, parameters, found, 0, config)
+        late, at = comparison.line_up(simulator, film, found, 0, config)
+        comparison.write_comparison(tmp_path, simulator, late, at, (parameters, parameters))
         one, other = filmed[-2:]  # before and after
         np.testing.assert_array_equal(one, other)
         assert np.array_equal(one, began[0]) == is_there

@@ -29,30 +29,40 @@ class StartSearchConfig:
 _USUAL = StartSearchConfig()
 
 
+def line_up(
+    simulator: AnySimulator,
+    trajectory: Trajectory,
+    estimate: Estimate,
+    seed: int,
+    config: StartSearchConfig = _USUAL,
+) -> tuple[Trajectory, np.ndarray]:
+    """A real episode with its actions when they took effect, and the (S,) state it begins in.
+
+    It is the one that the estimate's start is of, if that has one.
+    """
+    late = replace(trajectory, actions=delayed(trajectory.actions, estimate.latency_steps))
+    if estimate.start is not None:
+        return late, np.array(estimate.start)
+    return late, find_start(simulator, late, estimate.mean, np.random.default_rng(seed), config)
+
+
 def write_comparison(
     folder: Path,
     simulator: AnySimulator,
     trajectory: Trajectory,
-    before: np.ndarray,
-    estimate: Estimate,
-    seed: int,
-    config: StartSearchConfig = _USUAL,
+    start: np.ndarray,
+    parameters: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """Write real.mp4, before.mp4, after.mp4, overlay.mp4 of one real episode.
+    """Write real.mp4, before.mp4, after.mp4, overlay.mp4 of one real episode from its `start` (S,).
 
-    It is the one that the estimate's start is of, if that has one. `before`: (N,) parameters.
+    `parameters`: (N,) before and after.
     """
-    late = replace(trajectory, actions=delayed(trajectory.actions, estimate.latency_steps))
-    rng, after = np.random.default_rng(seed), estimate.mean
-    start = None if estimate.start is None else np.array(estimate.start)
-    if start is None:  # nothing was fitted
-        start = find_start(simulator, late, after, rng, config)
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
-    for name, parameters in (("before", before), ("after", after)):
-        frames = film_from(simulator, late.actions, parameters, start)
-        write_video(folder / f"{name}.mp4", frames, fps)
-    write_video(folder / "overlay.mp4", overlay(trajectory.frames, frames), fps)
+    before, after = (film_from(simulator, trajectory.actions, its, start) for its in parameters)
+    write_video(folder / "before.mp4", before, fps)
+    write_video(folder / "after.mp4", after, fps)
+    write_video(folder / "overlay.mp4", overlay(trajectory.frames, after), fps)
 
 
 def overlay(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:

@@ -58,7 +58,6 @@ def tune(
         spent_s = begun_s + run.wall_s + ending_s
         budget = Budget(60 * config.budget_minutes - spent_s, report)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
-            run.folder.drop_result()  # of an earlier sitting: this one goes on
             began_s = time.monotonic()
             found = search.run_round(real, budget, run.tell_early)
             run.round_s = time.monotonic() - began_s

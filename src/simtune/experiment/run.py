@@ -10,10 +10,9 @@ import numpy as np
 
 from simtune import outcome
 from simtune.columns import cut
-from simtune.comparison import write_comparison
+from simtune.experiment.beside import write_beside
 from simtune.experiment.experiment import Experiment
 from simtune.progress import ReportProgress, silent
-from simtune.replayed import Tuned, replay
 from simtune.report import write_report
 from simtune.run import RunFolder
 from simtune.trajectory import Trajectory
@@ -38,7 +37,7 @@ class Run:
         )
         self.estimate = unsure(experiment.search.distribution, "not identifiable")
         self.num_rounds = 0  # of the search
-        self.round_s = 0.0  # that the last one took in this sitting
+        self.round_s = 0.0  # that the last one took
         self.step = 0  # simulated ones, in which logs count: all of `tune`, the policy's of `train`
         self._start_s = time.monotonic()
 
@@ -65,6 +64,7 @@ class Run:
         simulator = self.experiment.simulator
         simulator.num_steps, simulator.num_diverged = state["sim_steps"], state["num_diverged"]
         self.step, self.num_rounds = state["step"], state["rounds"]
+        self.round_s = state.get("round_s", 0.0)  # earlier versions stored none
         self.estimate = outcome.from_json(state["estimate"])
         self._start_s = time.monotonic() - state["wall_s"]
         return state
@@ -74,6 +74,7 @@ class Run:
         simulator = self.experiment.simulator
         state = self.experiment.state() | own
         state |= {"step": self.step, "rounds": self.num_rounds, "wall_s": self.wall_s}
+        state["round_s"] = self.round_s
         state |= {"sim_steps": simulator.num_steps, "num_diverged": simulator.num_diverged}
         state |= {"step_s": self.experiment.real.step_s, "estimate": outcome.to_json(self.estimate)}
         self.folder.save_checkpoint(self.experiment.tensors(), state)
@@ -117,34 +118,16 @@ class Run:
             metadata, experiment.space, experiment.start, self.estimate, experiment.truth, command
         )
         result["warnings"] = warnings + result["warnings"]
+        self.folder.write_curves(outcome.curves(self.estimate))
+        if real and experiment.search_name:
+            self._report("filming the comparison", 1.0)
+            result |= write_beside(experiment, self.folder, self.estimate, real)
+        # Last and at once: until then another sitting's result stays.
         if experiment.search_name:
             result |= self._write_posterior()
-        self.folder.write_curves(outcome.curves(self.estimate))
-        if real and experiment.search_name and real[0].readings:
-            result["sensors"] = self._write_replay(real)
-        if real and experiment.search_name and real[0].has_pictures:
-            self._report("filming the comparison", 1.0)
-            write_comparison(
-                self.folder.videos,
-                experiment.simulator,
-                real[0],  # the estimate's start is of this one
-                experiment.start,
-                self.estimate,
-                experiment.config.seed,
-                experiment.settings.comparison,
-            )
         self.folder.write_result(result)
         write_report(self.folder.path)
         return result
-
-    def _write_replay(self, real: list[Trajectory]) -> dict[str, Any]:
-        """Write replay.json, the first episode's curves; what result.json says of each reading."""
-        experiment = self.experiment
-        context, found = experiment.context, self.estimate
-        tuned = Tuned(found.mean, found.offsets, found.latency_steps)
-        replayed = replay(context.simulator, context.observation, real, context.start, tuned)
-        self.folder.write_replay(replayed.curves())
-        return replayed.scores()
 
     def _write_posterior(self) -> dict[str, Any]:
         """Write posterior.npz; what result.json says of it."""

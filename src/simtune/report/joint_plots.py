@@ -22,7 +22,7 @@ def reading_plot(run: RunData, label: str) -> Plot | None:
     if "measured" not in curves:
         return None
     title = f"{label}: measured, and simulated before and after, over time"
-    return _plot(run, curves, title, _unit(run, label))
+    return plot_over_time(run, curves, title, _unit(run, label))
 
 
 def error_plot(run: RunData, label: str) -> Plot | None:
@@ -36,7 +36,7 @@ def error_plot(run: RunData, label: str) -> Plot | None:
     small = bool(largest < _SMALL)
     left = {name: its * (1000 if small else 1) for name, its in left.items()}
     title = f"{label}: simulated − measured, before and after, over time"
-    return _plot(run, left, title, "m" * small + _unit(run, label), zero=True)
+    return plot_over_time(run, left, title, "m" * small + _unit(run, label), zero=True)
 
 
 def in_thousandths(value: object, unit: str) -> str:
@@ -46,9 +46,10 @@ def in_thousandths(value: object, unit: str) -> str:
     return f"{number(1000 * value)} m{unit}" if abs(value) < _SMALL else f"{number(value)} {unit}"
 
 
-def _plot(
+def plot_over_time(
     run: RunData, curves: dict[str, np.ndarray], title: str, unit: str, zero: bool = False
 ) -> Plot | None:
+    """Curves (T + 1,) by kind; `zero`: what is left of something, whose best is 0."""
     step_s = run.replay.get("step_s")
     known = np.concatenate(list(curves.values()))
     known = known[np.isfinite(known)]

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
 from simtune.errors import InputError
-from simtune.report import joint_plots, pair_plots, plots, rank_plots, trust, words
+from simtune.report import joint_plots, pair_plots, part_plots, plots, rank_plots, trust, words
 from simtune.report.data import POLICY_VIDEO, VIDEOS, RunData, read_run
 from simtune.run import write_atomically
 from simtune.tuning.range_update import RangeUpdateConfig
@@ -70,8 +70,11 @@ def _environment() -> Environment:
     environment.tests["finite"] = is_number
     drawn = (plots.estimate_plot, plots.survival_plot, rank_plots.rank_histogram)
     drawn += (rank_plots.rank_dots, pair_plots.pair_plot)
-    drawn += (joint_plots.reading_plot, joint_plots.error_plot)
-    environment.globals |= {f.__name__: f for f in drawn} | {"how": words.how}
+    drawn += (joint_plots.reading_plot, joint_plots.error_plot, part_plots.part_plot)
+    environment.globals |= {f.__name__: f for f in drawn} | {
+        "how": words.how,
+        "ends_farther": part_plots.ends_farther,
+    }
     return environment
 
 

@@ -150,11 +150,6 @@ class RunFolder:
         """Replace result.json."""
         write_json(self.path / "result.json", result)
 
-    def drop_result(self) -> None:
-        """Remove result.json and posterior.npz, where they are: the run goes on."""
-        for name in ("result.json", POSTERIOR):
-            (self.path / name).unlink(missing_ok=True)
-
     def write_curves(self, curves: Mapping[str, Mapping[str, Any]]) -> None:
         """Replace curves.json: {name: {"candidates": (n,), "prob_higher": (n,)}}."""
         write_json(self.path / "curves.json", curves)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import torch
 
 from simtune.budget import Budget
@@ -28,6 +29,9 @@ class FixedRange:
         self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
     ) -> Round:
         return Round(unsure(self.distribution, "not identifiable"), [], {})
+
+    def detect(self, frames: np.ndarray) -> None:
+        return None
 
     def tensors(self) -> dict[str, torch.Tensor]:
         return {}

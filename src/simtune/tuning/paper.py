@@ -185,6 +185,9 @@ class PaperSearch:
                     f"steps, got one of {len(trajectory)}"
                 )
 
+    def detect(self, frames: np.ndarray) -> None:
+        return None
+
     def tensors(self) -> dict[str, torch.Tensor]:
         """Weights, moments, and D_sp but its frames, which are drawn anew."""
         model = {f"model.{k}": v for k, v in self.model.state_dict().items()}

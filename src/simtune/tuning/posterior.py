@@ -12,6 +12,7 @@ A round is sequential neural posterior estimation with a truncated prior, and th
 import math
 from typing import Any
 
+import numpy as np
 import torch
 
 from simtune.budget import Budget
@@ -31,6 +32,7 @@ from simtune.tuning.rounds import Rounds, half_widths
 from simtune.tuning.search import Round, SearchContext, TellEarly, tell_nobody
 from simtune.tuning.told import Told
 from simtune.tuning.world_sampler import WorldSampler
+from simtune.vision.detector import Detections
 
 _READINGS_SHARE = 0.35  # of all the time, for what readings alone tell
 
@@ -143,6 +145,9 @@ class PosteriorSearch:
         if not budget.is_endless and math.isinf(self._full_s):
             self.needed_s(real)
         return self._rounds.plan(budget, self._full_s)
+
+    def detect(self, frames: np.ndarray) -> Detections:
+        return self.model.detect(frames)
 
     def tensors(self) -> dict[str, torch.Tensor]:
         parts = {"detector": self.model.detector, "posterior_net": self.model.posterior_net}

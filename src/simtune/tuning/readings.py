@@ -154,6 +154,9 @@ class ReadingsSearch:
         )
         return [Event("narrowed", name, float(low), float(high), why) for name, low, high in ends]
 
+    def detect(self, frames: np.ndarray) -> None:
+        return None
+
     def tensors(self) -> dict[str, torch.Tensor]:
         return {}
 

@@ -12,6 +12,7 @@ from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, Points
 from simtune.trajectory import Trajectory
+from simtune.vision.detector import Detections
 from simtune.vision.keypoints import Keypoints
 
 Verdict = Literal["identified", "weak", "not identifiable"]
@@ -124,6 +125,10 @@ class Search(Protocol):
         `budget` is that of all rounds that are still to come, not to be overrun by much.
         `tell_early` hears of an estimate that is there long before the round ends, if there is one.
         """
+        ...
+
+    def detect(self, frames: np.ndarray) -> Detections | None:
+        """Keypoints in (n, H, W, 3) frames; None where the search has no eye for them."""
         ...
 
     def tensors(self) -> dict[str, torch.Tensor]:

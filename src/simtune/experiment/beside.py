@@ -1,0 +1,55 @@
+"""What was observed beside the simulator, before and after: videos, moving parts, readings."""
+
+from typing import Any
+
+from simtune.comparison import line_up, write_comparison
+from simtune.experiment.experiment import Experiment
+from simtune.moving_parts import MovingParts, follow_parts
+from simtune.replayed import Replayed, Tuned, replay
+from simtune.run import RunFolder
+from simtune.simulation import Simulator
+from simtune.trajectory import Trajectory
+from simtune.tuning.search import Estimate
+from simtune.vision.keypoints import Keypoints
+
+
+def write_beside(
+    experiment: Experiment, folder: RunFolder, found: Estimate, real: list[Trajectory]
+) -> dict[str, Any]:
+    """Write videos and replay.json of the first real episode; what result.json says of them."""
+    said, curves = {}, {}
+    if real[0].readings:
+        replayed = _replay(experiment, found, real)
+        said["sensors"], curves = replayed.scores(), replayed.curves()
+    if real[0].has_pictures and (parts := _film(experiment, folder, found, real[0])):
+        said["moving_parts"] = parts.scores()
+        curves |= {"step_s": real[0].step_s, "keypoints": parts.to_json()}
+    if curves:
+        folder.write_replay(curves)
+    return said
+
+
+def _film(
+    experiment: Experiment, folder: RunFolder, found: Estimate, real: Trajectory
+) -> MovingParts | None:
+    """Write the videos of the episode that the estimate's start is of.
+
+    Returns what moves in them, where a detector tells that.
+    """
+    simulator, keypoints = experiment.simulator, experiment.keypoints
+    seed, config = experiment.config.seed, experiment.settings.comparison
+    late, start = line_up(simulator, real, found, seed, config)
+    parameters = experiment.start, found.mean
+    write_comparison(folder.videos, simulator, late, start, parameters)
+    detections = experiment.search.detect(real.frames)
+    if detections is None or not isinstance(keypoints, Keypoints) or not len(keypoints):
+        return None
+    assert isinstance(simulator, Simulator), "it has keypoints"
+    return follow_parts(simulator, keypoints, detections, late.actions, start, parameters)
+
+
+def _replay(experiment: Experiment, found: Estimate, real: list[Trajectory]) -> Replayed:
+    """Joint readings beside the simulator's."""
+    context = experiment.context
+    tuned = Tuned(found.mean, found.offsets, found.latency_steps)
+    return replay(context.simulator, context.observation, real, context.start, tuned)
