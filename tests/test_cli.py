@@ -349,7 +349,7 @@ def test_failures_exit_with_1_and_one_line(simtune, tmp_path, monkeypatch, error
         (
             "tune",
             0,
-            "before the first round was done: its 0 s are lost, and the same command",
+            "before there was anything to keep: its 0 s are lost, and the same command",
         ),
         ("tune", 1, "kept: 1 finished round; lost: the round in progress, 0 s; the same command"),
         ("train", 2, "and 50 steps of the policy's training; lost: the last 0 s; the same"),
@@ -373,6 +373,18 @@ def test_an_interrupted_command_exits_with_130_and_says_what_is_kept(
     assert (status, said, len(lines)) == (130, "", 1)
     assert words in err
     assert ("it ends with what there is" in err) == (command == "tune" and rounds > 0)
+
+
+def test_of_a_round_that_was_cut_off_the_detector_is_kept(simtune, tmp_path, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    with RunFolder.create(tmp_path / "out", {}) as run:
+        run.save_checkpoint({}, {"step": 50, "rounds": 0, "is_within": True})
+    monkeypatch.setattr("simtune.tuning_run.tune", interrupt)
+    _, _, err = simtune("tune", "cartpole", "--out", tmp_path / "out")
+    assert "kept: 0 finished rounds and the next one's detector; lost: what came after" in err
+    assert "it ends with what there is" not in err
 
 
 def test_what_is_lost_began_with_the_newest_checkpoint_or_the_command(

@@ -117,6 +117,32 @@ def test_resumed_search_repeats_a_straight_one_bit_for_bit(simulator, real, tiny
 
 
 @pytest.mark.thorough
+def test_a_round_that_was_cut_off_goes_on_with_its_detector_bit_for_bit(
+    simulator, real, tiny, monkeypatch
+):
+    saved = []
+    straight = start(simulator, tiny, seed=4)
+
+    def keep() -> None:
+        tensors = {k: v.clone() for k, v in straight.tensors().items()}
+        saved.append((tensors, json.loads(json.dumps(straight.state()))))
+
+    expected, events, metrics = straight.run_round(real, Budget(), keep=keep)
+    resumed = start(CARTPOLE.simulator(image_size=SIZE), tiny, seed=4)
+    ((tensors, state),) = saved
+    resumed.load(tensors, state)
+    assert resumed.num_rounds == 0
+    with monkeypatch.context() as patch:
+        patch.setattr(resumed.model, "train_detector", None)
+        again = resumed.run_round(real, Budget())
+    same_estimates(again.estimate, expected)
+    assert (again.events, again.metrics) == (events, metrics)
+    assert resumed.state() == straight.state()
+    for name, tensor in straight.tensors().items():
+        assert torch.equal(tensor, resumed.tensors()[name]), name
+
+
+@pytest.mark.thorough
 def test_seed_decides_the_estimate(simulator, real, tiny):
     one, other, another = (
         start(simulator, tiny, seed).run_round(real, Budget())[0] for seed in (1, 1, 2)

@@ -6,9 +6,10 @@ import time
 from typing import Any
 
 from simtune.budget import Budget
+from simtune.checking.promise import promises
 from simtune.config import TuneConfig
 from simtune.errors import InputError
-from simtune.experiment.experiment import build_experiment
+from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.progress import ReportProgress, silent
@@ -50,6 +51,7 @@ def tune(
         needed_s = search.needed_s(real)
         beside_s = time.monotonic() - began_s + ending_s
         _refuse_if_too_short(config.budget_minutes, beside_s, *needed_s)
+    promised = _promised(experiment)
     begun_s = time.monotonic() - began_s
     with Run(experiment, report) as run:
         run.resume()
@@ -59,13 +61,21 @@ def tune(
         budget = Budget(60 * config.budget_minutes - spent_s, report)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
             began_s = time.monotonic()
-            found = search.run_round(real, budget, run.tell_early)
+            found = search.run_round(real, budget, run.tell_early, run.save_within)
             run.round_s = time.monotonic() - began_s
             run.step = experiment.simulator.num_steps
             run.log_round(found, len(real))
             run.save()
         stopped = {"stopped": search.stop_reason or TIME_IS_OVER}
-        return run.finish(real, stopped, warnings, command)
+        return run.finish(real, stopped | promised, warnings, command)
+
+
+def _promised(experiment: Experiment) -> dict[str, Any]:
+    """What `simtune check` would say of these episodes, for result.json."""
+    if experiment.search_name != "posterior":  # others give no intervals
+        return {}
+    simulator, seen = experiment.simulator, experiment.context.observation
+    return {"check": promises(simulator, seen, experiment.recordings, experiment.config.seed)}
 
 
 def _refuse_if_too_short(minutes: float, beside_s: float, least_s: float, whole_s: float) -> None:

@@ -71,16 +71,18 @@ def _interrupted(command: Any, began_s: float) -> str:
     lost = duration(time.time() - max(began_s, kept_since(command.out) or 0.0))
     if not state:
         return (
-            f"interrupted before the first round was done: its {lost} are lost, and the same "
-            "command begins it anew"
+            f"interrupted before there was anything to keep: its {lost} are lost, and the same "
+            "command begins anew"
         )
     kept, on = counted(state["rounds"], "finished round"), ""
     if isinstance(command, TrainConfig):
         kept += f" and {counted(state['step'], 'step')} of the policy's training"
         lost = f"the last {lost}"
     else:
-        lost = f"the round in progress, {lost}"
-        on = "; with --budget-minutes 1 it ends with what there is"
+        is_within = state.get("is_within")
+        kept += " and the next one's detector" * bool(is_within)
+        lost = f"what came after, {lost}" if is_within else f"the round in progress, {lost}"
+        on = "; with --budget-minutes 1 it ends with what there is" * bool(state["rounds"])
     return f"interrupted; kept: {kept}; lost: {lost}; the same command goes on from there{on}"
 
 

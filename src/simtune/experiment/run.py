@@ -79,6 +79,10 @@ class Run:
         state |= {"step_s": self.experiment.real.step_s, "estimate": outcome.to_json(self.estimate)}
         self.folder.save_checkpoint(self.experiment.tensors(), state)
 
+    def save_within(self) -> None:
+        """Write a checkpoint of a round that is not over."""
+        self.save(is_within=True)
+
     def log(self, num_real: int, scalars: Mapping[str, float]) -> None:
         """A line of metrics.jsonl; `num_real` real episodes are known by now."""
         self.folder.log_metrics(self.step, num_real, self.wall_s, scalars)

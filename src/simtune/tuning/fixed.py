@@ -8,7 +8,7 @@ import torch
 from simtune.budget import Budget
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Round, TellEarly, tell_nobody, unsure
+from simtune.tuning.search import Keep, Round, TellEarly, keep_nothing, tell_nobody, unsure
 
 
 class FixedRange:
@@ -26,7 +26,11 @@ class FixedRange:
         return 0.0, 0.0
 
     def run_round(
-        self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
+        self,
+        real: list[Trajectory],
+        budget: Budget,
+        tell_early: TellEarly = tell_nobody,
+        keep: Keep = keep_nothing,
     ) -> Round:
         return Round(unsure(self.distribution, "not identifiable"), [], {})
 

@@ -20,7 +20,16 @@ from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Event, Round, SearchContext, TellEarly, tell_nobody, unsure
+from simtune.tuning.search import (
+    Event,
+    Keep,
+    Round,
+    SearchContext,
+    TellEarly,
+    keep_nothing,
+    tell_nobody,
+    unsure,
+)
 
 
 def shift_mean(
@@ -102,7 +111,11 @@ class PaperSearch:
         return 0.0, 0.0
 
     def run_round(
-        self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
+        self,
+        real: list[Trajectory],
+        budget: Budget,
+        tell_early: TellEarly = tell_nobody,
+        keep: Keep = keep_nothing,
     ) -> Round:
         """See `Search`. The first rounds only pretrain, and leave Ξ where it is."""
         self.check(real)

@@ -29,7 +29,14 @@ from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import update_range
 from simtune.tuning.rounds import Rounds, half_widths
-from simtune.tuning.search import Round, SearchContext, TellEarly, tell_nobody
+from simtune.tuning.search import (
+    Keep,
+    Round,
+    SearchContext,
+    TellEarly,
+    keep_nothing,
+    tell_nobody,
+)
 from simtune.tuning.told import Told
 from simtune.tuning.world_sampler import WorldSampler
 from simtune.vision.detector import Detections
@@ -69,6 +76,9 @@ class PosteriorSearch:
         )
         self._full_s = math.inf  # that a whole round takes, where time is limited
         self._least_s = 0.0  # that the smallest sound one takes
+        # Of a round that is not over, once its detector is trained: metrics, and where its worlds'
+        # generator was, since these are simulated again
+        self._learned: dict[str, Any] | None = None
         # What a round learnt beside the networks' weights; no checkpoint has it.
         self._told: Told | None = None  # by joint readings alone, before the first round
         self._judging: Judging | None = None
@@ -99,15 +109,23 @@ class PosteriorSearch:
         return self._least_s, self._full_s
 
     def run_round(
-        self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
+        self,
+        real: list[Trajectory],
+        budget: Budget,
+        tell_early: TellEarly = tell_nobody,
+        keep: Keep = keep_nothing,
     ) -> Round:
         """Simulate, train the detector and the posterior network, estimate, fit and judge."""
         learning = self._learning
         real = self._listen(real, budget)
         budget, may_be_last = self._plan(real, budget)
-        searched = self.distribution
+        searched, began = self.distribution, learning.worlds.rng.bit_generator.state
         worlds = learning.simulate(real, searched, budget)
-        metrics = learning.train_detector(worlds, searched, self.num_rounds, budget)
+        if self._learned is None:
+            metrics = learning.train_detector(worlds, searched, self.num_rounds, budget)
+            self._learned = {"metrics": metrics, "rng": began}
+            keep()
+        metrics = dict(self._learned["metrics"])
         held_out = learning.hold_out(real, searched, budget)
         worlds = worlds.without_frames()
         metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
@@ -124,6 +142,7 @@ class PosteriorSearch:
             curves, searched, self.first, self.config.range_update
         )
         self._rounds.end(half_widths(estimate, self.first))
+        self._learned = None
         return Round(estimate, events, metrics)
 
     def _listen(self, real: list[Trajectory], budget: Budget) -> list[Trajectory]:
@@ -155,8 +174,9 @@ class PosteriorSearch:
         return tensors | {"generator": self.model.generator.get_state()}
 
     def state(self) -> dict[str, Any]:
-        rng = self._learning.worlds.rng.bit_generator.state
-        return self._rounds.state() | {"distribution": self.distribution.state(), "rng": rng}
+        rng = (self._learned or {}).get("rng") or self._learning.worlds.rng.bit_generator.state
+        changing = {"distribution": self.distribution.state(), "rng": rng}
+        return self._rounds.state() | changing | {"learned": self._learned}
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         load_weights(self.model.detector, under("detector.", tensors), "detector")
@@ -165,3 +185,4 @@ class PosteriorSearch:
         self._rounds.load(state)
         self.distribution = self.distribution.with_state(state["distribution"])
         self._learning.worlds.rng.bit_generator.state = state["rng"]
+        self._learned = state.get("learned")  # earlier versions stored none

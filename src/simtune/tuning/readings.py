@@ -29,10 +29,12 @@ from simtune.tuning.readings_verdict import conclude
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (
     Event,
+    Keep,
     Round,
     SearchContext,
     TellEarly,
     at_most_weak,
+    keep_nothing,
     tell_nobody,
 )
 
@@ -89,7 +91,11 @@ class ReadingsSearch:
         return 2 * each_s, _WHOLE_SEARCH * each_s
 
     def run_round(
-        self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
+        self,
+        real: list[Trajectory],
+        budget: Budget,
+        tell_early: TellEarly = tell_nobody,
+        keep: Keep = keep_nothing,
     ) -> Round:
         """Fit, and judge."""
         readings, loop = self._look_at(real)

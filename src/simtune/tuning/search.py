@@ -55,6 +55,14 @@ def tell_nobody(early: Estimate) -> None:
     """A `TellEarly`."""
 
 
+# Called within a round, when much is learnt that a checkpoint would save
+Keep = Callable[[], None]
+
+
+def keep_nothing() -> None:
+    """A `Keep`."""
+
+
 def at_most_weak(verdicts: list[Verdict]) -> list[Verdict]:
     """None of them "identified"."""
     return ["weak" if verdict == "identified" else verdict for verdict in verdicts]
@@ -118,12 +126,17 @@ class Search(Protocol):
         ...
 
     def run_round(
-        self, real: list[Trajectory], budget: Budget, tell_early: TellEarly = tell_nobody
+        self,
+        real: list[Trajectory],
+        budget: Budget,
+        tell_early: TellEarly = tell_nobody,
+        keep: Keep = keep_nothing,
     ) -> Round:
         """Simulate in Ξ, train, ask the real trajectories, move Ξ: once.
 
         `budget` is that of all rounds that are still to come, not to be overrun by much.
         `tell_early` hears of an estimate that is there long before the round ends, if there is one.
+        `keep` is called where `state` and `tensors` hold what a round begun anew would go on with.
         """
         ...
 
