@@ -13,6 +13,7 @@ import pytest
 
 from simtune import cli
 from simtune.checking.conclusions import conclude
+from simtune.checking.promise import promises
 from simtune.checking.recording_warnings import warnings
 from simtune.fit.sensitivity import (
     WINDOW_STEPS,
@@ -443,3 +444,23 @@ def test_what_cannot_be_used(simtune, tmp_path, recorded, arguments, message):
     assert err.startswith("simtune: ")
     assert err.count("\n") == 1
     assert message in err
+
+
+def test_a_run_is_promised_what_check_says_and_twice_the_episodes_tell_twice_as_much(swinging):
+    actions = swinging.actions[0]
+    still = np.zeros((len(actions) + 1, 1, 1, 3), np.uint8)
+    four = [Trajectory(still, actions, 0.05)] * 4
+    promised, seen = {}, ObservationModel.of_simulator()
+    for real in (four, four * 2):
+        promised[len(real)] = promises(swinging.simulator, seen, real, 0)
+    said = swinging.conclude()["parameters"]
+    assert set(promised[4]) == set(said)
+    assert promised[4]["box_mass"]["verdict"] in ("shows clearly", "shows weakly")
+    assert "std_percent" not in promised[4]["arm_r"]
+    stds = [promised[num]["box_mass"]["std_percent"] for num in (4, 8)]
+    assert stds[0] / stds[1] == pytest.approx(np.sqrt(2), rel=0.03)
+    sensitivity = analyze(swinging.simulator, np.stack([actions] * 4), 0, seen)
+    checked = conclude(swinging.task.parameters, sensitivity)
+    assert promised[4]["damping"]["std_percent"] == pytest.approx(
+        checked["parameters"]["damping"]["std_percent"]
+    )

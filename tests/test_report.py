@@ -355,6 +355,39 @@ def test_report_says_how_far_off_each_moving_part_is_and_which_ends_farther(run_
     assert "how far off, before and after" not in _report(run_path)[0]
 
 
+def promise(run_path: Path, half: float, **changes) -> str:
+    """The page of a run whose ball_mass check told to 2 %, and which came out ±`half` percent."""
+
+    def say(result):
+        mass = result["parameters"]["ball_mass"]
+        mass |= {"low": 0.06, "high": 0.06 * np.exp(half / 50), "verdict": "weak"}
+        told = {"std_percent": 2 / 1.645, "verdict": "shows clearly", "note": ""}
+        result["check"] = {"ball_mass": told | changes, "cup_r": {"verdict": "shows clearly"}}
+
+    _edit(run_path / "result.json", say)
+    return _report(run_path)[1].text
+
+
+def test_report_shows_what_check_said_beside_what_came_out(run_path):
+    assert "ball_mass ±2.00 % ±3.00 % 1.5 more episodes" in promise(run_path, 3)
+    assert "Why some" not in promise(run_path, 3)
+    said = promise(run_path, 20, verdict="does not show")
+    assert "ball_mass ±2.00 % ±20.0 % 10.0 other motions: these hardly show it" in said
+    assert "Why some are much wider: There was time for only 3 known worlds" in said
+    said = promise(run_path, 20, note="together with cup_r: see below")
+    assert "motions that tell it from cup_r" in said
+    _edit(run_path / "result.json", lambda r: r.update(stopped=TIME_IS_OVER))
+    assert "ball_mass ±2.00 % ±20.0 % 10.0 more minutes" in promise(run_path, 20)
+    sensors = {"keypoints": {"unit": "px", "distance": 0.9, "known_worlds": [0.3, 0.2, 0.4]}}
+    held = {"episode": 8, "passed": False, "sensors": sensors}
+    _edit(run_path / "result.json", lambda r: r.update(held_out=held))
+    said = promise(run_path, 20)
+    assert "first find what the model lacks" in said
+    assert "3.0 times as far off as known worlds" in said
+    _edit(run_path / "result.json", lambda r: r.update(check={"ball_mass": 3}))
+    assert "What could be told" not in _report(run_path)[1].text
+
+
 def test_the_numbers_of_one_camera_pose_are_no_pairs(run_path):
     """They always go together; what else goes with one of them is named."""
 

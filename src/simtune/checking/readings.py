@@ -42,6 +42,13 @@ def read_episodes(
 ) -> ReadEpisodes:
     """The first `num` episodes. Raises InputError where one is unsound."""
     trajectories = [_trajectory(dataset, episode, observation) for episode in range(num)]
+    return look_at_servos(trajectories, simulator, observation)
+
+
+def look_at_servos(
+    trajectories: list[Trajectory], simulator: Simulator, observation: ObservationModel
+) -> ReadEpisodes:
+    """How joints of read episodes followed."""
     servos, found = {}, []
     sensors = joints_of(observation.sensors)
     labels, units = observation.reading_labels, units_of(sensors)

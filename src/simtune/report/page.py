@@ -10,7 +10,16 @@ from jinja2 import Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
 from simtune.errors import InputError
-from simtune.report import joint_plots, pair_plots, part_plots, plots, rank_plots, trust, words
+from simtune.report import (
+    joint_plots,
+    pair_plots,
+    part_plots,
+    plots,
+    promise,
+    rank_plots,
+    trust,
+    words,
+)
 from simtune.report.data import POLICY_VIDEO, VIDEOS, RunData, read_run
 from simtune.run import write_atomically
 from simtune.tuning.range_update import RangeUpdateConfig
@@ -43,6 +52,7 @@ def _page(run: RunData) -> str:
         policy_video=run.videos.get(POLICY_VIDEO),
         learning_curve=plots.learning_curve(run),
         ranks=trust.ranks(run),
+        promises=promise.compare(run),
         pairs=trust.pairs(run),
         poses=trust.poses(run),
         identified_share=RangeUpdateConfig.identified_share,
@@ -73,6 +83,7 @@ def _environment() -> Environment:
     drawn += (joint_plots.reading_plot, joint_plots.error_plot, part_plots.part_plot)
     environment.globals |= {f.__name__: f for f in drawn} | {
         "how": words.how,
+        "reasons": promise.reasons,
         "ends_farther": part_plots.ends_farther,
     }
     return environment
