@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from simtune.errors import InputError
+from simtune.moving_parts import MovingParts
 from simtune.recordings import write_video
 from simtune.report.rerun_file import write_rerun
 from simtune.run import write_json
@@ -22,7 +23,11 @@ def run(tmp_path) -> Path:
     frames = np.random.default_rng(0).integers(0, 255, (5, 32, 32, 3), np.uint8)
     write_video(folder / "videos" / "real.mp4", frames, 20.0)
     elbow = {"measured": [0.0, 0.1, None, 0.3], "after": [0.0, 0.1, 0.2, 0.3], "unit": "rad"}
-    write_json(folder / "replay.json", {"step_s": 0.05, "sensors": {"elbow": elbow}})
+    points = np.arange(12.0).reshape(3, 2, 2)
+    points[1, 0] = np.nan  # not seen
+    keypoints = MovingParts(("arm", "cup"), points, points + 1, points + 2).to_json()
+    replayed = {"step_s": 0.05, "sensors": {"elbow": elbow}, "keypoints": keypoints}
+    write_json(folder / "replay.json", replayed)
     parameter = {"mean": 2.0, "low": 1.0, "high": 3.0}
     result = {"task": "arm", "parameters": {"mass": parameter}, "sensors": {"elbow": {}}}
     write_json(folder / "result.json", result)
@@ -47,6 +52,11 @@ def test_videos_joints_and_estimates_go_on_their_timelines(run, tmp_path, monkey
     fake.RecordingStream = lambda name: stream
     fake.TimeColumn = lambda name, **times: (name, times)
     fake.Scalars = SimpleNamespace(columns=lambda scalars: scalars)
+    fake.Points2D = SimpleNamespace(
+        columns=lambda positions, labels: SimpleNamespace(
+            partition=lambda lengths: (positions, labels, lengths.tolist())
+        )
+    )
     fake.VideoFrameReference = SimpleNamespace(columns_nanos=lambda stamps: stamps)
     fake.AssetVideo = lambda contents, media_type: SimpleNamespace(
         contents=contents, read_frame_timestamps_nanos=lambda: stamps_ns
@@ -60,6 +70,12 @@ def test_videos_joints_and_estimates_go_on_their_timelines(run, tmp_path, monkey
     assert timeline == "time"
     np.testing.assert_allclose(times["duration"], [0, 0.05, 0.1, 0.15, 0.2])
     np.testing.assert_array_equal(stamps, stamps_ns)
+    (timeline, times), (positions, labels, lengths) = sent.pop("videos/real/keypoints")
+    np.testing.assert_allclose(times["duration"], [0, 0.05, 0.1])
+    assert (lengths, labels) == ([2, 1, 2], ["arm", "cup", "cup", "arm", "cup"])
+    np.testing.assert_array_equal(positions[2], [6.5, 7.5])
+    assert len(sent.pop("videos/before/keypoints")[1][0]) == 5
+    assert len(sent.pop("videos/after/keypoints")[1][0]) == 5
     (timeline, times), values = sent.pop("joints/elbow/measured")
     np.testing.assert_allclose(times["duration"], [0, 0.05, 0.1, 0.15])
     np.testing.assert_array_equal(values, [0, 0.1, np.nan, 0.3])
@@ -82,7 +98,12 @@ def test_the_viewers_own_package_reads_the_file(run, tmp_path):
     write_rerun(run, tmp_path / "run.rrd")
     command = [sys.executable, "-m", "rerun", "rrd", "stats", tmp_path / "run.rrd"]
     told = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
-    for place in ("videos/real: 2", "joints/elbow/measured: 1", "estimates/mass/mean: 1"):
+    for place in (
+        "videos/real: 2",
+        "videos/after/keypoints: 1",
+        "joints/elbow/measured: 1",
+        "estimates/mass/mean: 1",
+    ):
         assert f"/{place}" in told
     with pytest.raises(InputError, match="cannot write"):
         write_rerun(run, tmp_path / "none" / "run.rrd")

@@ -8,14 +8,17 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.report.data import VIDEOS, RunData, read_run
 from simtune.report.joint_plots import curves_of
+from simtune.report.part_plots import moving_parts
+from simtune.validate import is_number
 
 
 def write_rerun(run_folder: Path, path: Path) -> None:
     """Write `path`, NAME.rrd, of a run folder.
 
-    On the timeline `time`, seconds of an episode: videos/real, before, after and overlay, and of
-    joint readings joints/READING/measured, before and after. On `round`: estimates/PARAMETER/mean,
-    low and high. Raises InputError where rerun-sdk is missing, or for a damaged run.
+    On the timeline `time`, seconds of an episode: videos/real, before, after and overlay, with the
+    keypoints that were detected and the simulator's, and of joint readings joints/READING/measured,
+    before and after. On `round`: estimates/PARAMETER/mean, low and high.
+    Raises InputError where rerun-sdk is missing, or for a damaged run.
     """
     run = read_run(run_folder)
     try:
@@ -28,6 +31,7 @@ def write_rerun(run_folder: Path, path: Path) -> None:
     except Exception as error:  # rerun's own kind
         raise InputError(f"cannot write {path}: {error}") from None
     _send_videos(rerun, stream, run)
+    _send_keypoints(rerun, stream, run)
     for place, timeline, values in _curves(run):
         times = {("sequence" if timeline == "round" else "duration"): values[0]}
         stream.send_columns(
@@ -47,6 +51,23 @@ def _send_videos(rerun: Any, stream: Any, run: RunData) -> None:
             f"videos/{name}",
             indexes=[rerun.TimeColumn("time", duration=1e-9 * stamps_ns)],
             columns=rerun.VideoFrameReference.columns_nanos(stamps_ns),
+        )
+
+
+def _send_keypoints(rerun: Any, stream: Any, run: RunData) -> None:
+    parts, step_s = moving_parts(run), run.replay.get("step_s")
+    if parts is None or not is_number(step_s):
+        return
+    films = {"real": parts.detected, "before": parts.before, "after": parts.after}
+    for name, pixels in films.items():
+        seen = np.isfinite(pixels).all(-1)  # (T + 1, L)
+        labels = np.tile(parts.parts, (len(pixels), 1))[seen].tolist()
+        points = rerun.Points2D.columns(positions=pixels[seen] + 0.5, labels=labels)
+        times = rerun.TimeColumn("time", duration=step_s * np.arange(len(pixels)))
+        stream.send_columns(
+            f"videos/{name}/keypoints",
+            indexes=[times],
+            columns=points.partition(seen.sum(1)),
         )
 
 
