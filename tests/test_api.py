@@ -113,6 +113,24 @@ def test_a_plot_has_a_row_a_parameter(result, monkeypatch):
 
 
 @pytest.mark.thorough
+def test_curves_and_pairs_are_drawn_as_figures(result, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    names = ["pole_mass", "actuator_gain", "body_r"]
+    values, prob_higher = result.curves["pole_mass"]
+    curves = [ax for ax in result.plot_curves(names).axes if ax.get_visible()]
+    assert [ax.get_title() for ax in curves] == names
+    np.testing.assert_array_equal(curves[0].lines[0].get_xydata().T, [values, prob_higher])
+    assert curves[0].lines[1].get_xdata()[0] == result.parameters["pole_mass"].real
+    draws, axes = result.samples(500), result.plot_pairs(names).axes
+    assert [ax.get_visible() for ax in axes] == np.tri(3, dtype=bool).ravel().tolist()
+    drawn = axes[3].lines[0].get_xydata().T
+    np.testing.assert_array_equal(drawn, [draws["pole_mass"], draws["actuator_gain"]])
+    for plot in (result.plot_curves, result.plot_pairs):
+        with pytest.raises(ValueError, match="no parameter 'pole_mas'"):
+            plot(["pole_mas"])
+
+
+@pytest.mark.thorough
 def test_pandas_gets_a_row_a_parameter_or_is_named_as_missing(result, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match="pip install pandas"):

@@ -21,13 +21,8 @@ def plot_estimates(result: "Result", names: Sequence[str] | None, ax: "Axes | No
 
     Raises InputError for a run without a search, and UnknownName.
     """
-    if not (covariance := result.content.get("covariance")):
-        raise InputError(f"{result.path} has no estimates to plot: nothing was searched for there")
-    coordinates = {c["name"]: c for c in covariance["coordinates"]}
-    chosen = list(coordinates) if names is None else list(names)
-    for name in chosen:
-        if name not in coordinates:
-            raise UnknownName("parameter", name, str(result.path), coordinates)
+    chosen = chosen_names(result, names)
+    coordinates = {c["name"]: c for c in result.content["covariance"]["coordinates"]}
     ax = ax or _new_axes(len(chosen))
     for row, name in enumerate(chosen):
         _draw(ax, row, coordinates[name], result)
@@ -37,6 +32,17 @@ def plot_estimates(result: "Result", names: Sequence[str] | None, ax: "Axes | No
     ax.set_xticks([0, 1], ["low bound", "high bound"])
     ax.set_title(f"{result.task}: estimates, 90 % intervals")
     return ax
+
+
+def chosen_names(result: "Result", names: Sequence[str] | None) -> list[str]:
+    """All parameters, or `names`. Raises InputError for a run without a search, and UnknownName."""
+    if not result.content.get("covariance"):
+        raise InputError(f"{result.path} has no estimates to plot: nothing was searched for there")
+    chosen = list(result.parameters) if names is None else list(names)
+    for name in chosen:
+        if name not in result.parameters:
+            raise UnknownName("parameter", name, str(result.path), result.parameters)
+    return chosen
 
 
 def _draw(ax: "Axes", row: int, coordinate: dict[str, Any], result: "Result") -> None:

@@ -22,6 +22,7 @@ from simtune.tasks import with_model
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-not-found]
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 class CheckResult(dict[str, Any]):
@@ -153,6 +154,26 @@ class Result:
         from simtune.api.plot import plot_estimates
 
         return plot_estimates(self, names, ax)
+
+    def plot_curves(self, names: Sequence[str] | None = None) -> "Figure":
+        """P(truth > value) of each parameter, with its 90 % interval: a matplotlib figure."""
+        from simtune.api.plot_figures import plot_curves
+
+        return plot_curves(self, names)
+
+    def plot_pairs(self, names: Sequence[str] | None = None) -> "Figure":
+        """Draws of the joint posterior, each two parameters against each other: a figure."""
+        from simtune.api.plot_figures import plot_pairs
+
+        return plot_pairs(self, names)
+
+    @property
+    def curves(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """{name: (values (C,), P(truth > value) (C,))}: survival curves of the posterior."""
+        return {
+            name: (np.array(curve["candidates"]), np.array(curve["prob_higher"]))
+            for name, curve in self._run.curves.items()
+        }
 
     def __repr__(self) -> str:
         head = f"simtune.Result of {self.task}, {self.path}"
