@@ -384,6 +384,12 @@ def test_report_shows_what_check_said_beside_what_came_out(run_path):
     said = promise(run_path, 20)
     assert "first find what the model lacks" in said
     assert "3.0 times as far off as known worlds" in said
+    facts = {"held_out": {}, "recordings": {"folder": "mine"}}
+    wide = {"interval_share": 0.3, "verdict": "weak"}
+    _edit(run_path / "result.json", lambda r: r.update(facts))
+    _edit(run_path / "result.json", lambda r: r["parameters"]["cup_r"].update(wide))
+    assert "cup_r seen in pictures – – a known colour" in promise(run_path, 1)
+    assert "and this one errs less" in promise(run_path, 1)
     _edit(run_path / "result.json", lambda r: r.update(check={"ball_mass": 3}))
     assert "What could be told" not in _report(run_path)[1].text
 

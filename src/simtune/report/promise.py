@@ -100,6 +100,9 @@ def _help(run: RunData, facts: dict[str, Any], its: dict[str, Any], times: float
     if isinstance(note, str) and note.startswith("together with "):
         others = note.removeprefix("together with ").partition(":")[0]
         return f"motions that tell it from {others}"
+    is_motion = "std" in its or "std_percent" in its
+    if not is_motion and run.object("recordings") and not run.result.get("camera_responses"):
+        return "a known colour: --known-colour"
     if its.get("verdict") == "does not show":
         return "other motions: these hardly show it"
     is_hardly_judged = _num_refits(run) < _FEW_REFITS and run.has_pictures
