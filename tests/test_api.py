@@ -181,8 +181,10 @@ def test_the_page_lists_the_public_names_and_no_others():
         for name in re.findall(r"`(\w+)", cell)
     }
     assert listed == {name for name in vars(simtune.Result) if not name.startswith("_")}
-    (code,) = re.findall(r"```python\n(.*?)```", page, re.S)
-    compile(code, "python.md", "exec")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.S)
+    assert blocks
+    for code in blocks:
+        compile(code, "python.md", "exec")
 
 
 def test_train_takes_the_options_of_its_command(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 from test_recording_kinds import FPS, NUM_STEPS, actions, assert_whole, grey, message, shown
 
 import simtune
-from simtune.api.arrays import write_arrays
+from simtune.api.arrays import film_once, write_arrays
 from simtune.config import RealConfig
 from simtune.errors import InputError
 from simtune.footage import Footage
@@ -122,6 +122,8 @@ def test_check_takes_arrays():
     found = simtune.check("cartpole", real=real)
     assert found["recordings"]["episodes"] == 1
     assert "folder of arrays" in str(found)
+    filmed = simtune.check("cartpole", real=lambda i: real[i], episodes=1)
+    assert filmed["parameters"] == found["parameters"]
 
 
 @pytest.mark.thorough
@@ -141,3 +143,16 @@ def test_a_run_of_arrays_keeps_them_and_goes_on_with_the_same(quickly, tmp_path,
         real[0]["frames"] = 255 - real[0]["frames"]
         with pytest.raises(ValueError, match=r"holds a run with other recordings than \S+: give"):
             tune(real=real)
+
+
+def test_what_a_robots_function_films_is_filmed_once(tmp_path):
+    asked = []
+
+    def record(i: int) -> dict:
+        asked.append(i)
+        return episode()
+
+    first, again = (film_once(record, 3, tmp_path) for _ in range(2))
+    assert asked == [0, 1, 2]
+    assert first == again
+    assert open_dataset(first, num_actions=3).num_episodes == 3

@@ -1,7 +1,7 @@
 """Recordings that are in memory, put where a run finds them again when it goes on."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from tempfile import mkdtemp
@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from simtune.errors import InputError
 
 Episode = Mapping[str, ArrayLike]
-RealLike = str | PathLike[str] | Sequence[Episode]
+Record = Callable[[int], Episode]  # films an episode, counted from 0
+RealLike = str | PathLike[str] | Sequence[Episode] | Record
 
 
 def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
@@ -38,6 +39,15 @@ def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
             np.savez(unfinished / f"episode_{i}.npz", **episode)
         unfinished.rename(out)
     return out
+
+
+def film_once(record: Record, num: int, folder: Path) -> Path:
+    """Write `num` episodes of a robot, say, as `write_arrays` does; returns where they are.
+
+    What was filmed into `folder` is not filmed again: a run goes on with its own recordings.
+    """
+    filmed = sorted(path.parent for path in folder.glob("[!.]*/episode_0.npz"))
+    return filmed[0] if filmed else write_arrays([record(i) for i in range(num)], folder)
 
 
 def _arrays(i: int, episode: Episode) -> dict[str, Any]:

@@ -12,11 +12,11 @@ from dataclasses import fields
 from os import PathLike, fspath
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from simtune import tasks
 from simtune.algorithm import train as carry_out_training
-from simtune.api.arrays import RealLike, write_arrays
+from simtune.api.arrays import RealLike, Record, film_once, write_arrays
 from simtune.api.result import CheckResult, Result
 from simtune.checking import check as carry_out_check
 from simtune.config import CheckConfig, TrainConfig, TuneConfig
@@ -29,6 +29,7 @@ from simtune.tuning_run import tune as carry_out_tuning
 
 TaskLike = str | PathLike[str] | AnyTask
 _Config = TypeVar("_Config", CheckConfig, TuneConfig, TrainConfig)
+_FILMED = 5  # episodes, unless a number is asked for
 _PATHS = ("out", "pictures", "real_parameters", "robot")
 
 
@@ -54,7 +55,8 @@ def check(
     docs/commands/check.md. The result is a dict, and shows itself as the command's table.
     """
     with _in_python(), _progress(progress) as report, TemporaryDirectory() as folder:
-        config = _config(CheckConfig, task, options | {"real": _recordings(real, Path(folder))})
+        recordings = _recordings(real, Path(folder), options.get("episodes"))
+        config = _config(CheckConfig, task, options | {"real": recordings})
         return CheckResult(carry_out_check(config, report))
 
 
@@ -73,14 +75,15 @@ def tune(
     """Find the parameters of a real world from video, actions and joint readings.
 
     `real`: recordings, a path or a list of dicts of arrays (docs/recordings.md), which are written
-    into `out`; or "pseudo", a simulated world to try with. `out`: the run's folder; the same call
+    into `out`; a function of an episode's number that films such a dict, called once each; or
+    "pseudo", a simulated world to try with. `out`: the run's folder; the same call
     goes on with a run that was interrupted. `budget_minutes`: wall time at most. `precision`: when
     to stop before, such as "1%". Other options: docs/commands/tune.md.
     """
     options |= {"out": out, "real_episodes": real_episodes, "seed": seed}
     options |= {"budget_minutes": budget_minutes, "precision": precision}
     with _in_python(), _progress(progress, 60 * budget_minutes) as report:
-        options["real"] = _recordings_of_run(real, Path(out))
+        options["real"] = _recordings_of_run(real, Path(out), real_episodes)
         carry_out_tuning(_config(TuneConfig, task, options), report)
     return load(out)
 
@@ -104,7 +107,7 @@ def train(
     """
     options |= {"out": out, "method": method, "seed": seed, "policy_steps": policy_steps}
     with _in_python(), _progress(progress) as report:
-        options["real"] = _recordings_of_run(real, Path(out))
+        options["real"] = _recordings_of_run(real, Path(out), options.get("real_episodes"))
         carry_out_training(_config(TrainConfig, task, options), report)
     return load(out)
 
@@ -114,14 +117,18 @@ def load(run: str | PathLike[str]) -> Result:
     return Result(read_finished(Path(run)))
 
 
-def _recordings_of_run(real: RealLike, out: Path) -> str | PathLike[str]:
+def _recordings_of_run(real: RealLike, out: Path, num: int | None) -> str | PathLike[str]:
     stored_config(out)  # refuses what cannot be a run's folder, before arrays are written
-    return _recordings(real, out / FILMED)
+    return _recordings(real, out / FILMED, num)
 
 
-def _recordings(real: Any, folder: Path) -> Any:
-    """Where recordings are: arrays are written into `folder`."""
-    return real if real is None or isinstance(real, str | PathLike) else write_arrays(real, folder)
+def _recordings(real: Any, folder: Path, num: int | None) -> Any:
+    """Where recordings are: arrays, and `num` episodes that are filmed, are written to `folder`."""
+    if real is None or isinstance(real, str | PathLike):
+        return real
+    if callable(real):
+        return film_once(cast(Record, real), num or _FILMED, folder)
+    return write_arrays(real, folder)
 
 
 def _config(kind: type[_Config], task: TaskLike, options: dict[str, Any]) -> _Config:
