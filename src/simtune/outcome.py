@@ -90,7 +90,7 @@ def result(
         entry["low"], entry["high"] = float(estimate.low[i]), float(estimate.high[i])
         entry["verdict"], entry["interval_share"] = estimate.verdict[i], float(share[i])
     content: dict[str, Any] = {**metadata, "parameters": parameters}
-    content |= {key: getattr(estimate, key) for key in _IN_RESULT}
+    content |= plain({key: getattr(estimate, key) for key in _IN_RESULT})
     if command is not None:
         content["command"] = command
     if truth is not None:
