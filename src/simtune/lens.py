@@ -17,6 +17,7 @@ from simtune.errors import InputError
 _OPENCV = np.diag([1.0, -1.0, -1.0])  # its axes in a camera's of MuJoCo
 _NEAR_ENOUGH = 1e-9  # of a direction, that is found by iterating
 _ITERATIONS = 200
+_SQUARE, _MIDDLE_PX = 1e-3, 0.5  # pixels as wide as high; the middle, as near as one can see
 _FEWEST_POINTS, _POINTS_PER_PIXEL = 2, 2  # of each new pixel; of each old one, along an axis
 
 
@@ -47,6 +48,19 @@ class Lens:
         """One without distortion. `fovy_deg`: vertical field of view."""
         focal = float(focal_px(height, fovy_deg))
         return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether the whole picture is a pinhole's that looks at its middle."""
+        middle = (self.width - 1) / 2, (self.height - 1) / 2
+        away = max(abs(self.cx - middle[0]), abs(self.cy - middle[1]))
+        is_square = math.isclose(self.fx, self.fy, rel_tol=_SQUARE)
+        return not any(self.distortion) and is_square and away <= _MIDDLE_PX
+
+    @property
+    def whole_fovy_deg(self) -> float:
+        """Vertical field of view of the whole picture; a pinhole's."""
+        return math.degrees(2 * math.atan(self.height / 2 / self.fy))
 
     def distort(self, points: np.ndarray) -> np.ndarray:
         """(..., 2) directions (x, y) to where a picture without pixels would show them."""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from simtune.config import RecordConfig
@@ -11,6 +12,7 @@ from simtune.errors import InputError
 from simtune.evaluate import load_trained
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment
+from simtune.lens import Lens
 from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import observed, read_parameters
@@ -43,11 +45,11 @@ def record(
     parameters = read_parameters(config.parameters, task.parameters)
     trained = _trained(config.policy, task, settings)
     size = config.image_size
-    simulator = task.simulator(
+    simulator = filming_whole(task).simulator(
         image_size=size,
         step_s=trained.environment.simulator.step_s if trained else None,
         renderer=config.renderer,
-        views=[View(f.camera, (config.width or size) / size) for f in task.cameras],
+        views=[View(f.camera, _aspect(config, f.lens)) for f in task.cameras],
         # OpenGL is there to look unlike the simulator, so it draws all that it can.
         quality=OPENGL_DM_CONTROL,
     )
@@ -68,6 +70,37 @@ def record(
         widths=_widths(task, simulator),
     )
     return config.out
+
+
+def _aspect(config: RecordConfig, lens: Lens | None) -> float:
+    """Width over height; a lens knows its own."""
+    if lens and config.width is None:
+        return lens.width / lens.height
+    return (config.width or config.image_size) / config.image_size
+
+
+def filming_whole(task: Task) -> Task:
+    """The same task, filmed by cameras that see whole pictures, not regions of them alone.
+
+    So whoever reads them looks at the region, once. Raises InputError for a lens that distorts or
+    looks aside: pictures are drawn through pinholes.
+    """
+    lenses = {footage.camera: footage.lens for footage in task.cameras if footage.lens}
+    for name, lens in lenses.items():
+        if not lens.is_pinhole:
+            raise InputError(
+                f"camera {name} of {task.name} has a lens, and pictures are drawn without one: "
+                "record with a copy of the tuning file without intrinsics, distortion, calibration"
+            )
+
+    def load_spec() -> mujoco.MjSpec:
+        spec = task.load_spec()
+        for name, lens in lenses.items():
+            its = spec.camera(name)
+            its.quat, its.fovy = lens.from_region(its.quat), lens.whole_fovy_deg
+        return spec
+
+    return replace(task, load_spec=load_spec) if lenses else task
 
 
 def _widths(task: Task, simulator: Simulator) -> dict[str, int] | None:
