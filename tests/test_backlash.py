@@ -38,6 +38,7 @@ SCENE = """
 HEAD = 'model = "scene.xml"\ncontrol_timestep_s = 0.02\n'
 SENSOR = '[[sensors]]\nname = "s"\njoints = "elbow"\n'
 TABLE = '[[backlash]]\njoint = "elbow"\nplay = 0.04\n'
+SLIDE = '[[backlash]]\njoint = "wrist"\narmature = 1\n' + SENSOR
 PLAY = """
 [[parameters]]
 name = "play"
@@ -124,6 +125,7 @@ def test_a_hinge_at_another_place_of_the_body_is_no_play(place: str, expected: t
         (SENSOR + "behind_backlash = true\n" + MASS, 6, "none of the joints has one: declare"),
         (TABLE.replace("elbow", "wrst") + PLAY, 4, "no joint 'wrst' in the model; did you mean"),
         (TABLE + "armature = 0\n" + PLAY, 6, "its rotor, which has no inertia: give it an arma"),
+        (SLIDE, 4, "'wrist' is a slide, which has no usual play: give play, in m"),
         (TABLE.replace("0.04", "0") + PLAY, 5, "play must be a finite number above 0, got 0"),
         (TABLE + TABLE + PLAY, 7, "there is a joint 'elbow_backlash' already"),
     ],

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from simtune.checking.play import find_play, through_play
 from simtune.checking.servo_doubts import doubts
+from simtune.checking.servo_table import servo_lines
 from simtune.checking.servos import Servo, delayed_by, filtered_by, fit_servo, noise_of
 
 STEP_S = 0.02
@@ -94,6 +96,39 @@ def test_nothing_is_told_of_a_command_that_never_changes():
     nothing = [np.full(101, np.nan)]
     assert isinstance(fit_servo(commands(1, 100), nothing, STEP_S), Servo)
     assert said_of(commands(1, 100), nothing) == []
+
+
+@pytest.mark.parametrize("width", [0.01, 0.03])
+@pytest.mark.parametrize("follow", [lambda c: delayed_by(filtered_by(c, 4), 2), lambda c: c])
+def test_a_play_is_told_from_a_lag(width, follow):
+    asked = commands()
+    for its, is_there in ((0.0, False), (width, True)):
+        read = [reads(through_play(follow(c), its), 0.001) for c in asked]
+        servo = fit_servo(asked, read, STEP_S)
+        play = find_play(servo, asked, read, STEP_S)
+        assert play.is_clear(servo.noise) == is_there
+        assert play.width == pytest.approx(its, rel=0.2, abs=2e-3)
+
+
+def test_what_is_behind_a_play_rests_until_the_motor_has_crossed_it():
+    moved = through_play(np.array([0.0, 1, 3, 2, 1, 0]), 2.0)
+    assert moved.tolist() == [0, 0, 2, 2, 2, 1]
+
+
+@pytest.mark.parametrize("spoil", [lambda y: 0.85 * y - 0.1, lambda y: np.minimum(y, 0.5)])
+def test_a_soft_servo_and_a_stop_are_no_play(spoil):
+    asked = commands()
+    read = [reads(spoil(delayed_by(filtered_by(c, 4), 2)), 0.001) for c in asked]
+    servo = fit_servo(asked, read, STEP_S)
+    assert not find_play(servo, asked, read, STEP_S).is_clear(servo.noise)
+
+
+def test_a_table_says_which_joints_stay_behind():
+    servo = dict.fromkeys(Servo.__annotations__, 0.1)
+    servos = {n: servo | {"unit": "rad", "play": w} for n, w in (("elbow", 0.03), ("wrist", None))}
+    said = servo_lines(servos)
+    assert "Behind to both sides, from end to end: elbow by 0.03 rad." in said
+    assert not any("Behind" in line for line in servo_lines({"wrist": servos["wrist"]}))
 
 
 # --- what no model explains -----------------------------------------------------------------

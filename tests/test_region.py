@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from simtune.config import RecordConfig
+from simtune.errors import InputError
+from simtune.record import _aspect, filming_whole
 from simtune.simulation import Simulator
 from simtune.tasks import Task
 from simtune.views import View
@@ -39,6 +42,7 @@ BARREL = (
     "intrinsics = { fx = 260, fy = 260, cx = 160, cy = 118, width = 320, height = 240 }\n"
     "distortion = [-0.2, 0.03, 0.001, -0.002, 0]"
 )
+POSED_LENS = POSED.rpartition("\n")[0] + "\n" + BARREL
 LENS_REGION = "region = { left = 60, top = 40, right = 200, bottom = 145 }"
 HIGH, WIDE, SIZE = 240, 320, 30
 
@@ -76,6 +80,22 @@ def test_what_is_read_of_a_region_is_what_its_camera_sees(scene, load, camera):
     assert np.ptp(expected, (0, 1)).max() > 60  # there is something to see
     elsewhere = task.cameras[0].fit(np.roll(whole, 6, 1), (height, width))
     assert np.abs(elsewhere - expected).mean() > 1.5 * difference.mean()
+
+
+@pytest.mark.parametrize("camera", [POSED, 'camera = "above"', 'camera = "wrist"'])
+def test_what_is_filmed_of_a_region_is_the_whole_picture(scene, load, camera):
+    """So that whoever reads the film looks at the region once, and not at a region of it."""
+    whole = drawn(load(TUNING.format(camera=camera)), SIZE, WIDE / HIGH)
+    task = filming_whole(load(TUNING.format(camera=f"{camera}\n{REGION}")))
+    filmed = drawn(task, SIZE, WIDE / HIGH).astype(int)
+    assert np.abs(filmed - whole).mean() < 0.5
+    config = RecordConfig(task="scene.toml", out=scene / "out", image_size=SIZE)
+    assert _aspect(config, task.cameras[0].lens) == pytest.approx(WIDE / HIGH)
+
+
+def test_a_lens_is_not_filmed_through(scene, load):
+    with pytest.raises(InputError, match="has a lens, and pictures are drawn without one"):
+        filming_whole(load(TUNING.format(camera=f"{POSED_LENS}\n{LENS_REGION}")))
 
 
 def test_a_region_behind_a_lens_has_the_directions_of_its_pixels(scene, load):

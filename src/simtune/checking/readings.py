@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.checking.play import find_play
 from simtune.checking.servo_commands import commands_of, servos_of
 from simtune.checking.servo_doubts import doubts
 from simtune.checking.servos import Servo, fit_servo
@@ -49,7 +50,7 @@ def look_at_servos(
     trajectories: list[Trajectory], simulator: Simulator, observation: ObservationModel
 ) -> ReadEpisodes:
     """How joints of read episodes followed."""
-    servos, found = {}, []
+    servos, plays, found = dict[str, Servo](), dict[str, float | None](), list[str]()
     sensors = joints_of(observation.sensors)
     labels, units = observation.reading_labels, units_of(sensors)
     followed = servos_of(simulator, sensors)
@@ -61,10 +62,12 @@ def look_at_servos(
         asked = [its.targets(c) for c in commands]
         measured = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
         servo = fit_servo(asked, measured, simulator.step_s)
-        servos[labels[column]] = servo
-        found += doubts(labels[column], units[column], asked, measured, servo, simulator.step_s)
+        label, unit = labels[column], units[column]
+        play = find_play(servo, asked, measured, simulator.step_s)
+        servos[label], plays[label] = servo, play.width if play.is_clear(servo.noise) else None
+        found += doubts(label, unit, asked, measured, servo, simulator.step_s)
     facts = {
-        label: plain({"unit": units[labels.index(label)], **asdict(servo)})
+        label: plain({"unit": units[labels.index(label)], **asdict(servo), "play": plays[label]})
         for label, servo in servos.items()
     }
     return ReadEpisodes(trajectories, servos, facts, found)

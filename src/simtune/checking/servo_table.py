@@ -10,12 +10,22 @@ _LEGEND = (
     "so late;",
     "left: root mean square of the rest, and with a first-order lag instead of some of the delay.",
 )
+_PLAY = (
+    "Dry friction leaves that (kind friction_loss, twice the friction by kp), and so does play",
+    "between the motor and what is measured ([[backlash]], kind backlash).",
+)
 
 
 def servo_lines(servos: dict[str, dict[str, Any]]) -> list[str]:
     """A line a joint, in its unit, but for those too small: in thousandths of it."""
     rows = [_HEAD, *(_cells(name, s) for name, s in servos.items())]
-    return [*aligned(rows, left=(0, len(_HEAD) - 1)), "", *_LEGEND]
+    return [*aligned(rows, left=(0, len(_HEAD) - 1)), "", *_LEGEND, *_behind(servos)]
+
+
+def _behind(servos: dict[str, dict[str, Any]]) -> list[str]:
+    """Which joints stay behind whichever way they come, and what to declare."""
+    found = [f"{n} by {s['play']:.2g} {s['unit']}" for n, s in servos.items() if s["play"]]
+    return [f"Behind to both sides, from end to end: {', '.join(found)}.", *_PLAY] * bool(found)
 
 
 def _cells(name: str, servo: dict[str, Any]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from simtune.parameters.fields import HINGE_OR_SLIDE
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
-_USUAL_RAD = 0.01  # half a degree or so: a hobby servo's
+_USUAL_RAD = 0.01  # half a degree or so: a hobby servo's; of slides nothing is usual
 _HARD = 2.0  # timesteps: the shortest time constant of a limit that MuJoCo takes
 _IMPEDANCE = (0.95, 0.99, 1e-3, 0.5, 2.0)  # of stops: harder ones rattle where rotors are light
 
@@ -51,7 +51,7 @@ def _add(entry: TomlTable, spec: mujoco.MjSpec, model: mujoco.MjModel, name: str
             "armature",
         )
     driven.armature = armature
-    play = entry.number("play", _USUAL_RAD, above=0)
+    play = _play(entry, model, index, name)
     spec.body(model.body(body).name).add_joint(
         name=play_name,
         type=driven.type,
@@ -65,6 +65,16 @@ def _add(entry: TomlTable, spec: mujoco.MjSpec, model: mujoco.MjModel, name: str
     )
 
 
+def _play(entry: TomlTable, model: mujoco.MjModel, joint: int, name: str) -> float:
+    """From end to end, rad or m."""
+    if "play" not in entry and not _is_hinge(model, joint):
+        raise entry.error(f"{name!r} is a slide, which has no usual play: give play, in m", "joint")
+    return entry.number("play", _USUAL_RAD, above=0)
+
+
+def _is_hinge(model: mujoco.MjModel, joint: int) -> bool:
+    return bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE)
+
+
 def _per_radian(spec: mujoco.MjSpec, model: mujoco.MjModel, joint: int) -> float:
-    is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
-    return 180 / np.pi if spec.compiler.degree and is_hinge else 1.0
+    return 180 / np.pi if spec.compiler.degree and _is_hinge(model, joint) else 1.0

@@ -1,0 +1,74 @@
+"""How far a joint stays behind whichever way it comes: play of gears, or dry friction.
+
+Both leave the same: what is read rests at a reversal until its command has gone on by the play. By
+a servo of stiffness kp with dry friction f that is 2 f / kp.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.checking.servos import Episodes, Servo, predict
+
+_WIDTHS, _FINER, _TIMES = 8, 3, 3  # looked at first, and then around the best one
+_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the lag's delay, that are looked at
+_WIDEST = 0.25  # of how far the joint is commanded
+_BETTER = 0.85  # times what is left without a play, at most, or it is not worth a word
+_NOISES = 3.0  # times the readings' noise: a smaller play is none
+
+
+class Play(NamedTuple):
+    """Between what a lagging servo would do, and what is read; in the sensor's unit."""
+
+    width: float  # from end to end
+    rms: float  # what is left with it
+    rms_without: float  # ... with a play of 0, all else alike
+
+    def is_clear(self, noise: float) -> bool:
+        """Whether it explains more than noise does."""
+        return self.width > _NOISES * noise and self.rms < _BETTER * self.rms_without
+
+
+def find_play(servo: Servo, commands: Episodes, measured: Episodes, step_s: float) -> Play:
+    """Of a joint's (T,) commands and (T + 1,) readings; NaN where its command tells nothing."""
+    if not np.isfinite(servo.filtered_rms):
+        return Play(np.nan, np.nan, np.nan)
+    # A lag that was fitted alone is too long: it makes up for some of the play.
+    lags = (replace(servo, filtered_lag_s=share * servo.filtered_lag_s) for share in _SHARES)
+    plays = [_behind(predict(its, commands, step_s), measured, servo.commanded) for its in lags]
+    best = min(plays, key=lambda play: play.rms)
+    return best._replace(rms_without=min(play.rms_without for play in plays))
+
+
+def _behind(followed: Episodes, measured: Episodes, commanded: float) -> Play:
+    """Of what a servo without a play would do, and (T + 1,) readings."""
+    speed = np.concatenate([np.gradient(x) for x in followed])
+    read = np.concatenate([y[: len(x)] for x, y in zip(followed, measured, strict=True)])
+    known = np.isfinite(read)
+
+    def left(width: float) -> float:
+        """The lag may be another one, and the servo soft: speed and scale are fitted along."""
+        moved = np.concatenate([through_play(x, width) for x in followed])
+        columns = np.stack([np.ones_like(moved), moved, speed], 1)[known]
+        best = np.linalg.lstsq(columns, read[known], rcond=None)[0]
+        return float(np.std(read[known] - columns @ best))
+
+    widths = np.linspace(0, _WIDEST * commanded, _WIDTHS + 1)
+    spacing, without = widths[1], left(0.0)
+    for _ in range(_TIMES):
+        best = widths[int(np.argmin([left(float(w)) for w in widths]))]
+        spacing /= _FINER
+        widths = best + spacing * np.arange(-_FINER + 1, _FINER)
+        widths = widths[widths >= 0]
+    best = float(widths[int(np.argmin([left(float(w)) for w in widths]))])
+    return Play(best, left(best), without)
+
+
+def through_play(motor: np.ndarray, width: float) -> np.ndarray:
+    """(T,) what a motor at (T,) moves through a play; it begins in the middle of it."""
+    moved, at = np.empty(len(motor)), float(motor[0])
+    for t, angle in enumerate(motor.tolist()):
+        at = min(max(at, angle - width / 2), angle + width / 2)
+        moved[t] = at
+    return moved
