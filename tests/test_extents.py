@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simtune.checking.extents import extents_px, small
+from simtune.checking.extents import extents_px, small, unclear_of
 from simtune.checking.table import _extents
 from simtune.views import View
 
@@ -46,10 +46,25 @@ def test_extents_are_across_what_moves(folder, load, size):
     assert found == pytest.approx({"plate": size / 16, "turned": size / 32}, rel=0.02)
 
 
-def test_only_where_all_is_small_something_is_said():
-    assert small({}, 64) == []
-    assert small({"arm": 9.0, "finger": 1.0}, 64) == []
-    (said,) = small({"bob": 2.6, "rod": 0.5}, 64)
+def test_where_all_is_small_something_is_said():
+    assert small({}, 64, {}) == []
+    assert small({"arm": 9.0, "finger": 1.0}, 64, {}) == []
+    (said,) = small({"bob": 2.6, "rod": 0.5}, 64, {"rod": ["rod_mass"]})
     assert _extents({"bob": 2.61, "rod": 0.5}, 64).endswith("pixels of 64: bob 2.6, rod 0.5")
     assert _extents({"bob": 0.0, "rod": 2.0}, 64).endswith(": rod 2.0, bob mostly out of sight")
     assert "bob, is 2.6 of 64 pixels across. --image-size 128 would show 5" in said
+
+
+def test_what_shows_little_and_is_small_is_said():
+    unclear = {"box": ["box_mass", "box_friction"], "arm": ["arm_mass"], "hidden": ["lid"]}
+    (said,) = small({"arm": 9.0, "box": 2.0, "hidden": 0.0}, 64, unclear)
+    assert said.startswith("box_mass, box_friction: box is 2.0 of 64 pixels across. --image-size")
+    assert small({"arm": 9.0, "box": 5.0}, 64, unclear) == []
+
+
+def test_parameters_are_of_their_bodies(folder, load):
+    (folder / "scene.xml").write_text(SCENE)
+    colour = '[[parameters]]\nname = "c"\nkind = "colour"\nobjects = "turned"\n'
+    simulator = load(TUNING + colour).simulator(image_size=16, views=[View("front")])
+    verdicts = {"mass": "clear", "c_r": "weak", "c_g": "clear", "c_b": "weak"}
+    assert unclear_of(simulator, verdicts, "clear") == {"turned": ["c_r", "c_b"]}

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.checking.conclusions import conclude
-from simtune.checking.extents import extents_px, small
+from simtune.checking.conclusions import CLEAR, conclude
+from simtune.checking.extents import extents_px, small, unclear_of
 from simtune.checking.film import compare
 from simtune.checking.film_picture import Shown, draw_film, new_file
 from simtune.checking.library import MOST_STEPS, make_libraries
@@ -65,11 +65,14 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     worlds = np.tile(task.parameters.nominal, (len(actions), 1))
     states = simulator.roll_out(worlds, actions, np.random.default_rng((config.seed, 5))).states
     facts["warnings"] += joints_at_limits(simulator, states)
+    concluded = conclude(task.parameters, information)
     if seen.cameras:
+        verdicts = {name: its["verdict"] for name, its in concluded["parameters"].items()}
         facts["extents_px"] = extents_px(simulator, states)
-        facts["warnings"] += small(facts["extents_px"], image_size)
+        unclear = unclear_of(simulator, verdicts, CLEAR)
+        facts["warnings"] += small(facts["extents_px"], image_size, unclear)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
-    return plain(facts | conclude(task.parameters, information))
+    return plain(facts | concluded)
 
 
 def _of_recordings(

@@ -9,6 +9,7 @@ from simtune.parameters import ParameterSpace
 from simtune.tuning.range_update import RangeUpdateConfig
 
 Shows = Literal["shows clearly", "shows weakly", "does not show"]
+CLEAR: Shows = "shows clearly"
 
 _INTERVAL = 2 * 1.645  # standard deviations: the central 90 % of a normal distribution
 _TOGETHER = 0.8  # correlation from which on two errors are rather one: (1 + r) / (1 − r) is 9
@@ -47,7 +48,7 @@ def _shows(share: float) -> Shows:
     """
     limits = RangeUpdateConfig()
     if share <= limits.identified_share:
-        return "shows clearly"
+        return CLEAR
     return "shows weakly" if share <= limits.weak_share else "does not show"
 
 
@@ -99,7 +100,7 @@ def _pair(
     names = [space.names[i], space.names[j]]
     correlation = float(information.correlation[i, j])
     combination = _combination(space, information, i, j)
-    both = shows[i] == shows[j] == "shows clearly"
+    both = shows[i] == shows[j] == CLEAR
     best = "told better together than alone" if both else "told together only"
     return {
         "parameters": names,

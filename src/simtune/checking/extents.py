@@ -1,16 +1,20 @@
 """How large what moves is in pictures: a few pixels tell a detector little."""
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from itertools import product
 
+import mujoco
 import numpy as np
 
+from simtune.parameters import Parameter
 from simtune.simulation import Simulator
 from simtune.vision.keypoints import Keypoints, candidate_keypoints, is_drawn
 
 _STEPS, _EPISODES = 12, 4  # that are looked at, at most
 _FEW_PX, _ENOUGH_PX = 3.5, 5.0  # across: what is found within .2 pixels or so is known to 5 %
+_OUT_OF_SIGHT_PX = 0.05
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box
 
 
@@ -38,17 +42,56 @@ def extents_px(simulator: Simulator, states: np.ndarray) -> dict[str, float]:
     return found
 
 
-def small(extents: dict[str, float], image_size: int) -> list[str]:
-    """A warning where even the largest of what moves is small."""
-    if not extents or max(extents.values()) >= _FEW_PX:
+def small(
+    extents: dict[str, float], image_size: int, unclear: Mapping[str, Collection[str]]
+) -> list[str]:
+    """Warnings where even the largest of what moves is small, or what a parameter is of.
+
+    `unclear`: {body: parameters of it that do not show clearly}.
+    """
+    if not extents:
         return []
-    name = max(extents, key=lambda its: extents[its])
-    larger = 8 * math.ceil(_ENOUGH_PX / max(extents[name], 0.1) * image_size / 8)
+    largest = max(extents, key=lambda its: extents[its])
+    if extents[largest] < _FEW_PX:
+        its = f"what moves is small: the largest, {largest}, is"
+        return [_few_pixels(its, extents[largest], image_size)]
     return [
-        f"what moves is small: the largest, {name}, is {extents[name]:.1f} of {image_size} pixels "
+        _few_pixels(f"{', '.join(names)}: {body} is", extents[body], image_size)
+        for body, names in unclear.items()
+        if _OUT_OF_SIGHT_PX < extents.get(body, 0.0) < _FEW_PX
+    ]
+
+
+def _few_pixels(what_is: str, pixels: float, image_size: int) -> str:
+    larger = 8 * math.ceil(_ENOUGH_PX / max(pixels, 0.1) * image_size / 8)
+    return (
+        f"{what_is} {pixels:.1f} of {image_size} pixels "
         f"across. --image-size {larger} would show {_ENOUGH_PX:g}, if the recordings have as many; "
         "or look at a region of them alone, [camera] region = ..."
-    ]
+    )
+
+
+def unclear_of(
+    simulator: Simulator, verdicts: Mapping[str, str], clear: str
+) -> dict[str, list[str]]:
+    """{body: parameters of it, or of its geoms, whose verdict is not `clear`}."""
+    found: dict[str, list[str]] = {}
+    for parameter in simulator.space.parameters:
+        if verdicts[parameter.name] == clear:
+            continue
+        for body in _bodies(simulator.model, parameter):
+            found.setdefault(body, []).append(parameter.name)
+    return found
+
+
+def _bodies(model: mujoco.MjModel, parameter: Parameter) -> list[str]:
+    """By name, as `extents_px` has them; none for what is of no body."""
+    prefix = parameter.field_info.prefix
+    if prefix not in ("body", "geom"):
+        return []
+    ids = [getattr(model, prefix)(name).id for name in parameter.objects]
+    bodies = model.body_weldid[ids if prefix == "body" else model.geom_bodyid[ids]]
+    return sorted({model.body(body).name or f"body {body}" for body in bodies.tolist()})
 
 
 def _corners(simulator: Simulator) -> Keypoints:
