@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
 from simtune.simulation import Simulator
@@ -18,14 +17,14 @@ from simtune.simulation import Simulator
 _SIDES = ("left", "right")
 _JOINTS = 6  # of an arm
 _WAIST, _SHOULDER, _ELBOW = 0, 1, 2
-_ATTEMPTS, _SMOOTH_STEPS = 3, 9
+_ATTEMPTS = 3
 # Of a push, in shares of its time: the arm turns, goes down, waits, pushes, stays, and goes home.
 _TURNED, _DOWN, _READY, _UP = 0.25, 0.5, 0.55, 0.85
 _PUSHED = (0.60, 0.63)
 _POWER = 1.5  # of time, as which a push proceeds: it is quickest when it ends
 _BEFORE_RAD, _BEYOND_RAD = (0.16, 0.22), (0.0, 0.05)  # of the waist, from where the box is
 _REACH_M, _BESIDE_M = (0.42, 0.56), 0.012  # from the arm's base; of the hand, from the box
-_HEIGHT_M = 0.014  # of the hand: the fingers' ends are lower by 6 mm
+_HEIGHT_M = 0.018  # of the hand: the fingers' ends are lower by 6 mm
 _WOBBLE_RAD, _WOBBLE_HZ = (0.05, 0.15), (0.4, 1.6)
 
 
@@ -65,17 +64,18 @@ class Operator:
         self, side: int, steps: int, start: np.ndarray, before: np.ndarray, state: np.ndarray
     ) -> np.ndarray:
         """(steps, A) commands to go on with after those `before`, which lead to `state`."""
-        arm = _JOINTS * side
+        arm, low = _JOINTS * side, _lowered(steps)
         wanted = self._wanted(side, steps, self._positions(state)[-7:-5])
-        low = np.abs(wanted[:, arm + _ELBOW] - self._home[arm + _ELBOW]) > 1e-3
-        wanted += self._wobble(steps) * self._is_idle(arm, low)
+        shaking = np.ones_like(wanted)
+        shaking[:, arm : arm + _JOINTS] = 1 - low[:, None]  # a low hand would hit the table
+        wanted += shaking * self._wobble(steps)
         commands = wanted.copy()
         for _ in range(_ATTEMPTS):
             played = self._play(start, np.concatenate([before, commands]))
             reached = self._positions(played[len(before) : -1])
             for joint in (arm + _SHOULDER, arm + _ELBOW):
-                lacks = uniform_filter1d(wanted[:, joint] - reached[:, joint], _SMOOTH_STEPS)
-                commands[:, joint] += lacks * low
+                lacks = wanted[:, joint] - reached[:, joint]
+                commands[:, joint] += low * lacks[low == 1].mean()
         return commands
 
     def _wanted(self, side: int, steps: int, box: np.ndarray) -> np.ndarray:
@@ -90,14 +90,12 @@ class Operator:
         share, pushed = np.linspace(0, 1, steps), rng.uniform(*_PUSHED)
         angles = np.tile(home, (steps, 1))
         angles[:, arm] += (begin - home[arm]) * _eased(share, 0, _TURNED)
-        angles[:, arm] += (end - begin) * np.clip((share - _READY) / (pushed - _READY), 0, 1) ** (
-            _POWER
-        )
+        done = np.clip((share - _READY) / (pushed - _READY), 0, 1)
+        angles[:, arm] += (end - begin) * done**_POWER
         angles[:, arm] += (home[arm] - end) * _eased(share, _UP, 1)
-        is_low = np.minimum(_eased(share, _TURNED, _DOWN), 1 - _eased(share, _UP, 1))
         low = self._reach(_SIDES[side], float(reach))
         for joint, angle in zip((arm + _SHOULDER, arm + _ELBOW), low, strict=True):
-            angles[:, joint] += (angle - home[joint]) * is_low
+            angles[:, joint] += (angle - home[joint]) * _lowered(steps)
         return angles
 
     def _wobble(self, steps: int) -> np.ndarray:
@@ -107,12 +105,6 @@ class Operator:
         phase = self.rng.uniform(0, 2 * np.pi, len(self._home))
         seconds = np.arange(steps)[:, None] * self.step_s
         return size * np.sin(2 * np.pi * hertz * seconds + phase)
-
-    def _is_idle(self, arm: int, low: np.ndarray) -> np.ndarray:
-        """(steps, A) bool: which joints may wobble; those that hold a low hand would miss."""
-        idle = np.ones((len(low), len(self._home)), bool)
-        idle[:, arm : arm + 3] = ~low[:, None]
-        return idle
 
     @property
     def _home(self) -> np.ndarray:
@@ -145,6 +137,12 @@ class Operator:
             return [np.hypot(x, y) - reach_m, z - _HEIGHT_M]
 
         return least_squares(away, model.key_qpos[0][first : first + 2]).x
+
+
+def _lowered(steps: int) -> np.ndarray:
+    """(steps,) how far the hand is down, from 0 to 1."""
+    share = np.linspace(0, 1, steps)
+    return np.minimum(_eased(share, _TURNED, _DOWN), 1 - _eased(share, _UP, 1))
 
 
 def _eased(share: np.ndarray, begin: float, end: float) -> np.ndarray:
