@@ -16,7 +16,7 @@ from simtune.trajectory import Trajectory
 from two_arms.pushes import Operator
 
 _FACTOR = 2.0  # a parameter of motion is as many times too high or too low at most
-_COLOURS = (0.25, 1.0)
+_COLOURS = (0.15, 0.55)  # brighter ones are white under the scene's lights: no film tells them
 _OFFSET_RAD = 0.02  # of an encoder, at most
 _DELAY_STEPS = 1  # by which the arms follow late
 _PIXELS = 480  # of a real camera
