@@ -40,6 +40,7 @@ class Run:
         self.round_s = 0.0  # that the last one took
         self.step = 0  # simulated ones, in which logs count: all of `tune`, the policy's of `train`
         self._start_s = time.monotonic()
+        self._counts = self._simulated()  # when the round in progress began
 
     def __enter__(self) -> "Run":
         return self
@@ -67,21 +68,28 @@ class Run:
         self.round_s = state.get("round_s", 0.0)  # earlier versions stored none
         self.estimate = outcome.from_json(state["estimate"])
         self._start_s = time.monotonic() - state["wall_s"]
+        self._counts = self._simulated()
         return state
 
     def save(self, **own: Any) -> None:
         """Write a checkpoint; `own`: JSON that the caller wants back from `resume`."""
-        simulator = self.experiment.simulator
-        state = self.experiment.state() | own
-        state |= {"step": self.step, "rounds": self.num_rounds, "wall_s": self.wall_s}
-        state["round_s"] = self.round_s
-        state |= {"sim_steps": simulator.num_steps, "num_diverged": simulator.num_diverged}
-        state |= {"step_s": self.experiment.real.step_s, "estimate": outcome.to_json(self.estimate)}
-        self.folder.save_checkpoint(self.experiment.tensors(), state)
+        self._counts = self._simulated()
+        self._save(own)
 
     def save_within(self) -> None:
-        """Write a checkpoint of a round that is not over."""
-        self.save(is_within=True)
+        """Write a checkpoint of a round that is not over, and whose worlds are simulated again."""
+        self._save({"is_within": True})
+
+    def _save(self, own: dict[str, Any]) -> None:
+        state = self.experiment.state() | own | self._counts
+        state |= {"step": self.step, "rounds": self.num_rounds, "wall_s": self.wall_s}
+        state |= {"round_s": self.round_s, "step_s": self.experiment.real.step_s}
+        state |= {"estimate": outcome.to_json(self.estimate)}
+        self.folder.save_checkpoint(self.experiment.tensors(), state)
+
+    def _simulated(self) -> dict[str, int]:
+        simulator = self.experiment.simulator
+        return {"sim_steps": simulator.num_steps, "num_diverged": simulator.num_diverged}
 
     def log(self, num_real: int, scalars: Mapping[str, float]) -> None:
         """A line of metrics.jsonl; `num_real` real episodes are known by now."""
@@ -142,7 +150,7 @@ class Run:
 
     def _metadata(self, num_real: int) -> dict[str, Any]:
         """What result.json says of how its figures came about."""
-        experiment, simulator = self.experiment, self.experiment.simulator
+        experiment = self.experiment
         metadata = {
             "task": experiment.task.name,
             "method": "regression" if experiment.search_name == "regression" else "autotune",
@@ -151,8 +159,7 @@ class Run:
             "real": experiment.config.real,
             "real_episodes": num_real,
             "step_s": experiment.real.step_s,
-            "sim_steps": simulator.num_steps,
-            "num_diverged": simulator.num_diverged,
+            **self._simulated(),
             "wall_s": round(self.wall_s, 1),
         }
         recordings = experiment.real.facts
