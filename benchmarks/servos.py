@@ -110,7 +110,7 @@ def _left(
 ) -> dict[str, np.ndarray]:
     """{predictor: (rows, D) squared errors in new episodes}."""
     context, (sensor, *_) = experiment.context, experiment.context.observation.sensors
-    tuned = Tuned(found.mean, found.offsets, found.latency_steps)
+    tuned = Tuned(found.mean, found.offsets, found.latency_steps, found.readings_late_s[0])
     replayed: Replayed = replay(context.simulator, context.observation, new, context.start, tuned)
     its = np.isfinite(replayed.measured).all(-1)
     squares = {

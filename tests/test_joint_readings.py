@@ -10,7 +10,13 @@ from simtune.fit.residuals import correlation_times
 from simtune.fit.shooting import Shooting
 from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.slopes import Groups, Slopes, agreed
-from simtune.observation import AllEvidence, JointReadings, JointSensor, ObservationModel
+from simtune.observation import (
+    AllEvidence,
+    JointReadings,
+    JointSensor,
+    ObservationModel,
+    read_later,
+)
 from simtune.randomization import Distribution
 from simtune.simulation import random_actions
 from simtune.vision.keypoints import find_keypoints
@@ -39,6 +45,16 @@ def test_readings_are_brought_to_units_and_to_the_frames_moments():
     there = sensor_of(factor=np.full(2, 2.0), shift=np.ones(2), offset=np.array([0.1, 0.2]))
     values = np.array([[0.3, 0.4]])
     np.testing.assert_allclose(there.from_recorded(there.to_recorded(values), 0.1), values)
+
+
+def test_what_is_late_is_read_off_a_curve_but_across_gaps_off_a_line():
+    turn = np.sin(0.3 * np.arange(20.0))
+    gap = np.where(np.arange(20) == 9, np.nan, turn)
+    later = read_later(np.stack([turn, gap], -1), 0.4)
+    np.testing.assert_allclose(later[:19, 0], np.sin(0.3 * np.arange(0.4, 19)), atol=5e-4)
+    assert np.isnan(later[-1]).all()
+    assert np.isfinite(later[:, 1]).sum() == 17
+    assert later[3, 1] == pytest.approx(0.6 * turn[3] + 0.4 * turn[4])
 
 
 def test_student_weights_and_gaps_by_hand():

@@ -16,8 +16,9 @@ from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import OpenLoop, Readings
 from simtune.fit.differences import Where, differentiate
 from simtune.record import record
+from simtune.replayed import Tuned, replay
 from simtune.simulation import Simulator
-from simtune.trajectory import Trajectory, delayed
+from simtune.trajectory import Trajectory
 from simtune.tuning_run import tune
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
@@ -113,22 +114,41 @@ def test_an_offset_of_an_encoder_is_found_and_harms_nothing(arm: Path, truth: Pa
     assert np.abs(found.mean / experiment.space.from_dict(TRUTH) - 1).max() < 0.1
 
 
+LATE = """
+[[parameters]]
+name = "delay"
+kind = "delay"
+objects = ["shoulder", "elbow"]
+high = 0.5
+"""
+
+
 @pytest.mark.thorough
-def test_a_delay_that_nobody_declared_is_found(arm: Path, truth: Path, tmp_path: Path):
-    experiment = pseudo(arm, truth, tmp_path / "run")
+def test_a_delay_that_nobody_declared_is_found_between_steps_too(truth: Path, tmp_path: Path):
+    (tmp_path / "real").mkdir()
+    late, its_truth = write_arm(tmp_path / "real", TUNE + LATE), tmp_path / "truth.json"
+    its_truth.write_text(json.dumps({**TRUTH, "delay": 3.4 * 0.05}))
+    real = pseudo(late, its_truth, tmp_path / "late").recordings
+    experiment = pseudo(write_arm(tmp_path), truth, tmp_path / "run")
     observation = replace(experiment.context.observation, max_latency_steps=2)
-    search = type(experiment.search)(replace(experiment.context, observation=observation))
-    # What the robot did, it was told three steps earlier than the recording says
-    real = [replace(t, actions=_earlier(t.actions, 3)) for t in experiment.recordings]
-    found = search.run_round(real, Budget()).estimate
-    assert found.latency_steps == 3
-    assert "3 steps later" in " ".join(found.warnings)
-
-
-def _earlier(actions: np.ndarray, steps: int) -> np.ndarray:
-    shifted = np.concatenate([actions[steps:], np.repeat(actions[-1:], steps, 0)])
-    assert np.array_equal(delayed(shifted, steps)[steps:], actions[steps:])
-    return shifted
+    context = replace(experiment.context, observation=observation)
+    found = type(experiment.search)(context).run_round(real, Budget()).estimate
+    late_s = 0.05 * found.latency_steps + found.readings_late_s[0]
+    assert late_s == pytest.approx(3.4 * 0.05, abs=1e-3)
+    assert np.abs(found.mean / experiment.space.from_dict(TRUTH) - 1).max() < 0.05
+    assert f"{found.latency_steps} steps later" in found.warnings[0]
+    assert "readings seem to come" in found.warnings[1]
+    # And so it is replayed; without what is left of a step it would be ten times as far off
+    left = [
+        replay(context.simulator, observation, real, context.start, tuned)
+        for tuned in (
+            Tuned(found.mean, found.offsets, found.latency_steps, found.readings_late_s[0]),
+            Tuned(found.mean, found.offsets, found.latency_steps),
+        )
+    ]
+    of_late, of_others = (np.sqrt(np.mean((its.after - its.measured) ** 2)) for its in left)
+    assert of_late < 0.0025
+    assert of_others > 5 * of_late
 
 
 @pytest.mark.thorough

@@ -35,7 +35,8 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     start, mean = (np.array([parameters[n][k] for n in space.names]) for k in ("initial", "mean"))
     offsets = {name: facts["offset"] for name, facts in run.result["sensors"].items()}
     simulator = task.simulator(image_size=_SMALLEST_PX, step_s=real.step_s, views=())
-    tuned = Tuned(mean, offsets, run.result.get("latency_steps", 0))
+    late, late_s = run.result["latency_steps"], run.result["readings_late_s"][0]
+    tuned = Tuned(mean, offsets, late, late_s)
     scores = replay(simulator, real.observation, trajectories, start, tuned).scores()
     kept = ("unit", "rms_before", "rms")
     sensors = {name: {key: facts[key] for key in kept} for name, facts in scores.items()}

@@ -19,7 +19,7 @@ from simtune.tuning.search import Estimate, Search
 
 # Of an estimate, beside its numbers
 _IN_RESULT = ("correlations", "ranks", "held_out", "warnings", "latency_steps", "pictures_late_s")
-_IN_RESULT += ("camera_responses",)
+_IN_RESULT += ("readings_late_s", "camera_responses")
 _NAME_CONTENT = ("real", "real_parameters")  # options whose content is known later
 _ARRAYS = ("mean", "low", "high")
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.fit import OpenLoop, Readings, replay_whole
+from simtune.fit import Lateness, OpenLoop, Readings, replay_whole
 from simtune.observation import ObservationModel, units_of
 from simtune.run.files import plain
 from simtune.simulation import AnySimulator
@@ -50,7 +50,8 @@ class Tuned(NamedTuple):
 
     mean: np.ndarray  # (N,)
     offsets: Mapping[str, float]  # by what a reading is called
-    latency_steps: int
+    latency_steps: int = 0
+    late_s: float = 0.0  # by which readings come late besides
 
 
 def replay(
@@ -67,7 +68,8 @@ def replay(
     offsets = np.array([tuned.offsets.get(label, 0.0) for label in labels])
     before = replay_whole(loop, readings, space.to_unit(start), np.zeros(len(labels)))
     late = readings.delayed(tuned.latency_steps)
-    after = replay_whole(loop, late, space.to_unit(tuned.mean), offsets)
+    unit = np.append(space.to_unit(tuned.mean), Lateness.unit(tuned.late_s / simulator.step_s))
+    after = replay_whole(loop.with_lateness(), late, unit, offsets)
     return Replayed(
         labels, units_of(joints), offsets, simulator.step_s, readings.values, before, after
     )

@@ -51,5 +51,5 @@ def _film(
 def _replay(experiment: Experiment, found: Estimate, real: list[Trajectory]) -> Replayed:
     """Joint readings beside the simulator's."""
     context = experiment.context
-    tuned = Tuned(found.mean, found.offsets, found.latency_steps)
+    tuned = Tuned(found.mean, found.offsets, found.latency_steps, found.readings_late_s[0])
     return replay(context.simulator, context.observation, real, context.start, tuned)

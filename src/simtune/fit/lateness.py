@@ -1,8 +1,8 @@
-"""How late pictures come, by less than a step: one more unknown of a fit.
+"""How late pictures or readings come, by less than a step: one more unknown of a fit.
 
-A camera's exposure, its driver and the clocks of recordings add milliseconds that nobody knows, and
-a few of them look like a softer servo. Whole steps are found before (`latency`); what is left is
-fitted together with the parameters, so that they are no surer than it allows.
+A camera's exposure, a bus, drivers and the clocks of recordings add milliseconds that nobody
+knows, and a few of them look like a softer servo. Whole steps are found before (`latency`); what is
+left is fitted together with the parameters, so that they are no surer than it allows.
 """
 
 from dataclasses import dataclass
@@ -29,10 +29,13 @@ class Lateness:
 
         `num_substeps`: of physics in a step.
         """
-        parts, num = evidence.parts, min(_PREDICTIONS_PER_STEP, num_substeps)
-        of_each = (np.full(len(p.scale), not isinstance(p, JointReadings)) for p in parts)
-        shares = np.linspace(0, num_substeps, num + 1).round() / num_substeps
-        return cls(np.concatenate(list(of_each)), shares)
+        of_each = [np.full(len(p.scale), not isinstance(p, JointReadings)) for p in evidence.parts]
+        return cls(np.concatenate(of_each), _shares(num_substeps))
+
+    @classmethod
+    def of_readings(cls, num_readings: int, num_substeps: int) -> "Lateness":
+        """Where all of D readings may come late, after the actions that they answer."""
+        return cls(np.ones(num_readings, bool), _shares(num_substeps))
 
     @property
     def predictions_per_step(self) -> int:
@@ -89,6 +92,11 @@ class Lateness:
                 for left, right, one, other in ends
             ]
         return values[0]
+
+
+def _shares(num_substeps: int) -> np.ndarray:
+    num = min(_PREDICTIONS_PER_STEP, num_substeps)
+    return np.linspace(0, num_substeps, num + 1).round() / num_substeps
 
 
 def as_seen(simulator: Simulator, full_states: np.ndarray, late_steps: float) -> np.ndarray:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, Stretches, filled, velocities
 from simtune.observation import JointSensor, ObservationModel, joints_of
@@ -28,10 +29,14 @@ class OpenLoop:
         sensors: Sequence[JointSensor],
         fitted: np.ndarray,
         unseen: tuple[str, ...] = (),
+        lateness: Lateness | None = None,
     ):
-        """`fitted`: (P,) indices of the parameters to derive by; `unseen`: see `of`."""
+        """`fitted`: (P,) indices of the parameters to derive by; `unseen`: see `of`.
+
+        With `lateness`, by which readings are late, a last coordinate comes after the parameters'.
+        """
         self.physics, self.sensors, self.fitted = physics, tuple(sensors), fitted
-        self.unseen = unseen
+        self.unseen, self.lateness = unseen, lateness
         ends = np.cumsum([0, *(sensor.size for sensor in sensors)]).tolist()
         self.num_readings = ends[-1]  # D
         # Each sensor with its part of the readings
@@ -73,7 +78,13 @@ class OpenLoop:
 
     def by_starts_alone(self) -> "OpenLoop":
         """The same, derived by no parameter."""
-        return OpenLoop(self.physics, self.sensors, self.fitted[:0], self.unseen)
+        return OpenLoop(self.physics, self.sensors, self.fitted[:0], self.unseen, self.lateness)
+
+    def with_lateness(self) -> "OpenLoop":
+        """The same, with readings that are late by a last unknown."""
+        lateness = Lateness.of_readings(self.num_readings, self.physics.simulator.num_substeps)
+        fitted = np.append(self.fitted, len(self.physics.parameters))
+        return OpenLoop(self.physics, self.sensors, fitted, self.unseen, lateness)
 
     def moved(self, states: np.ndarray, shift: np.ndarray, start_std: np.ndarray) -> np.ndarray:
         """(W, nq + nv) starts that are (W, S) times what is unknown of them, (S,), elsewhere."""
@@ -87,10 +98,11 @@ class OpenLoop:
                 std[np.searchsorted(self._places, sensor.places)] = noise[columns]
         return np.concatenate([std, _VELOCITY_ERROR * std / self.physics.simulator.step_s])
 
-    def states(self, values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    def states(self, values: np.ndarray, offsets: np.ndarray, unit: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) as (E, T + 1, D) readings with their (D,) offsets say.
 
-        What no sensor measures is as at the start of a simulated episode.
+        `unit`: (N,), of which only a lateness counts. What no sensor measures is as at the start of
+        a simulated episode.
         """
         states = np.tile(self.physics.some_state, (*values.shape[:2], 1))
         read, nq = filled(values) - offsets, self.physics.space.nq
@@ -103,14 +115,22 @@ class OpenLoop:
             states[..., sensor.places] = its
             dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
             states[..., nq + dofs] = velocities(its) / self.physics.simulator.step_s
-        return states
+        return states if self.lateness is None else self._go_on(states, unit[-1:])
+
+    def _go_on(self, states: np.ndarray, late: np.ndarray) -> np.ndarray:
+        """(E, T + 1, nq + nv) of states that were read late by (1,) `late`: as they are by then."""
+        space, steps = self.physics.space, Lateness.steps(late)
+        velocities, ahead = states[..., space.nq :], np.zeros((*states.shape[:-1], 2 * space.nv))
+        ahead[..., : space.nv] = steps * self.physics.simulator.step_s * velocities
+        ahead[..., space.nv :] = steps * np.gradient(velocities, axis=1)
+        return space.move(states, ahead)
 
     def cut(
         self, readings: Readings, unit: np.ndarray, offsets: np.ndarray, steps: int, at_most: int
     ) -> Stretches:
         """Stretches of `steps` steps, at most so many, evenly spread; `unit`: (N,)."""
-        states = self.states(readings.values, offsets)
-        left = self.physics.replay_actuators(readings.actions, states, unit)
+        states = self.states(readings.values, offsets, unit)
+        left = self.physics.replay_actuators(readings.actions, states, self._parameters(unit))
         num_steps = readings.actions.shape[1]
         length = min(steps, num_steps)
         starts = np.arange(0, num_steps - length + 1, length)
@@ -136,17 +156,22 @@ class OpenLoop:
 
         From (G, W, nq + nv) starts, in worlds of (G, N) parameters in unit coordinates.
         """
-        groups, num, size = states.shape
+        (groups, num, size), lateness = states.shape, self.lateness
         full_states, predicted = self.physics.play(
             states.reshape(-1, size),
-            np.repeat(units, num, 0),
+            np.repeat(self._parameters(units), num, 0),
             np.tile(stretches.actions, (groups, 1, 1)),
             np.tile(stretches.actuator_states, (groups, 1)),
+            1 if lateness is None else lateness.predictions_per_step,
         )
-        shape = (groups, num)
-        return predicted.reshape(*shape, *predicted.shape[1:]), full_states[:, 0].reshape(
-            *shape, -1
-        )
+        predicted = predicted.reshape(groups, num, *predicted.shape[1:])
+        if lateness is not None:
+            predicted = lateness.seen(predicted, units[:, -1:])
+        return predicted, full_states[:, 0].reshape(groups, num, -1)
+
+    def _parameters(self, units: np.ndarray) -> np.ndarray:
+        """(..., N) of coordinates that may hold a lateness, too."""
+        return units[..., : len(self.physics.parameters)]
 
 
 def _measured(sensors: Sequence[JointSensor]) -> list[int]:

@@ -22,6 +22,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit.differences import differentiate, refresh
+from simtune.fit.lateness import Lateness
 from simtune.fit.normal_equations import jackknife
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.readings import Readings
@@ -79,6 +80,7 @@ class OutputErrorFit:
     noise: np.ndarray  # (D,) root mean square of what is left
     correlation_steps: np.ndarray  # (D,) how long what is left goes on
     start: np.ndarray  # (S,) full state in which the first stretch begins
+    late_steps: tuple[float, float]  # by which readings are late, and how sure that is
 
 
 class OutputError:
@@ -86,7 +88,7 @@ class OutputError:
 
     def __init__(self, loop: OpenLoop, finds_offset: np.ndarray, prior: np.ndarray):
         """`finds_offset`: (D,) bool; `prior`: (N,) first guess, in unit coordinates."""
-        self._loop, self._finds_offset, self._prior = loop, finds_offset, prior
+        self._loop, self._finds_offset, self.prior = loop, finds_offset, prior
         self.sensors = loop.sensors
 
     def descend(
@@ -106,7 +108,7 @@ class OutputError:
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
         noise = spread(played[0] + begin.offsets - stretches.values)
         start_std = near.objective.start_std if near else loop.start_std(noise)
-        objective = ReplayCost(loop, stretches, start_std, self._finds_offset, self._prior)
+        objective = ReplayCost(loop, stretches, start_std, self._finds_offset, self.prior)
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
         return self._go_on(begun, stage.iterations, budget)
 
@@ -152,13 +154,16 @@ class OutputError:
         scatter = jackknife(equations, information)[:num]
         std = np.sqrt(np.diag(covariance))[:num]
         wider = np.maximum(scatter / std, 1.0)
+        covariance = covariance[:num, :num] * np.outer(wider, wider)
+        own, size = num - (self._loop.lateness is not None), len(self._loop.physics.parameters)
         return OutputErrorFit(
-            point.unit,
-            covariance[:num, :num] * np.outer(wider, wider),
+            point.unit[:size],
+            covariance[:own, :own],
             point.offsets,
             noise,
             times,
             objective.play(point)[1][0],
+            Lateness.found(point.unit[size:], covariance[own:, own:]),
         )
 
 

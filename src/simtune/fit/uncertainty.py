@@ -131,14 +131,7 @@ def _or_none(distance: float) -> float | None:
 
 def _late(fit: FitResult) -> list[str]:
     """How late actions take effect, and pictures come, where that is clear."""
-    warnings, (late_s, std) = latency_warning(fit.latency_steps), fit.late_s
-    if abs(late_s) > max(_CLEARLY_LATE_STDS * std, _CLEARLY_LATE_S):
-        when = "later" if late_s > 0 else "sooner"
-        warnings.append(
-            f"The pictures seem to come {1e3 * abs(late_s):.0f} ms {when} than the recordings say "
-            f"(± {1e3 * std:.1f} ms); the estimates allow for it."
-        )
-    return warnings
+    return latency_warning(fit.latency_steps) + lateness_warning("pictures", *fit.late_s)
 
 
 def latency_warning(latency_steps: int) -> list[str]:
@@ -149,4 +142,15 @@ def latency_warning(latency_steps: int) -> list[str]:
     return [
         f"The actions seem to take effect {steps} later than the recordings say; the "
         "estimates allow for it."
+    ]
+
+
+def lateness_warning(what: str, late_s: float, std: float) -> list[str]:
+    """One where pictures or readings clearly come late; `std`: of how much."""
+    if abs(late_s) <= max(_CLEARLY_LATE_STDS * std, _CLEARLY_LATE_S):
+        return []
+    when = "later" if late_s > 0 else "sooner"
+    return [
+        f"The {what} seem to come {1e3 * abs(late_s):.0f} ms {when} than the recordings say "
+        f"(± {1e3 * std:.1f} ms); the estimates allow for it."
     ]

@@ -12,6 +12,7 @@ from simtune.observation.joints import (
     declared_noise,
     finds_offset,
     joints_of,
+    read_later,
     units_of,
     usual_noise,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "declared_noise",
     "finds_offset",
     "joints_of",
+    "read_later",
     "units_of",
     "usual_noise",
 ]

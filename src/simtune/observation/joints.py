@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from simtune.observation.joint_readings import JointReadings
 
@@ -64,12 +65,7 @@ class JointSensor:
         `recorded`: (T + 1, D) as they were written, one a step of `step_s` seconds.
         """
         readings = (recorded - self.shift) / self.factor - self._known_offset
-        if not self.latency_s:
-            return readings
-        frames = np.arange(len(readings))
-        late = frames + self.latency_s / step_s
-        shifted = [np.interp(late, frames, column, right=np.nan) for column in readings.T]
-        return np.stack(shifted, -1)
+        return read_later(readings, self.latency_s / step_s) if self.latency_s else readings
 
     def to_recorded(self, readings: np.ndarray) -> np.ndarray:
         """(..., D) the inverse, but for a latency."""
@@ -90,6 +86,24 @@ class JointSensor:
         return JointReadings.of(
             self.name, self.unit, readings, self.noise_or_usual, self.finds_offsets
         )
+
+
+def read_later(values: np.ndarray, steps: float) -> np.ndarray:
+    """(T, D) what is read so many steps later, or earlier; NaN where nothing was.
+
+    A straight line would cut corners by more than an encoder's noise: at 20 rad/s² and 20 rows a
+    second by 6 mrad. Across gaps there is nothing better.
+    """
+    rows = np.arange(len(values))
+    at, columns = rows + steps, []
+    for column in values.T:
+        if np.isfinite(column).all() and len(rows) > 1:
+            curve = CubicSpline(rows, column)
+            inside = (at >= 0) & (at <= rows[-1])
+            columns.append(np.where(inside, curve(at), np.nan))
+        else:
+            columns.append(np.interp(at, rows, column, left=np.nan, right=np.nan))
+    return np.stack(columns, -1)
 
 
 def joints_of(sensors: Iterable[object]) -> tuple[JointSensor, ...]:

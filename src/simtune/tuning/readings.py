@@ -4,7 +4,8 @@ What takes networks with video is done by the readings themselves: they say wher
 begins. A single round is all there is:
 
     far      short stretches, from several first guesses: nearly linear, so nothing gets stuck
-    late     by how many steps actions take effect late, if no parameter says so
+    late     by how many steps actions take effect late, if no parameter says so; what is left of
+             it, less than a step, is fitted along
     whole    open-loop replay of whole episodes, which is what has to be right
     again    from other starts, until two end at what is best: contacts and limits make it rough
     judge    how sure that is, and what the model cannot explain
@@ -19,7 +20,7 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.fit import OpenLoop, OutputError, Readings
+from simtune.fit import Lateness, OpenLoop, OutputError, Readings
 from simtune.observation import finds_offset
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
@@ -82,7 +83,7 @@ class ReadingsSearch:
     def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
         """Seconds: for a step or two over whole episodes, and for all."""
         readings, loop = self._look_at(real)
-        unit = self._first_guess
+        unit = self._begin(loop)
         stretches = loop.cut(readings, unit, np.zeros(loop.num_readings), 10**9, 10**9)
         began_s = time.monotonic()
         loop.play(stretches, stretches.states[None], unit[None])
@@ -100,13 +101,15 @@ class ReadingsSearch:
         """Fit, and judge."""
         readings, loop = self._look_at(real)
         seen = self._context.observation
-        fit = OutputError(loop, finds_offset(loop.sensors), self._first_guess)
+        fit = OutputError(loop, finds_offset(loop.sensors), self._begin(loop))
         found, late = self._find(fit, readings, budget)
         budget.report("judging how sure that is", 0.9)
         judged = fit.judge(found.best, budget)
         is_explained = not unexplained(judged.noise, loop.sensors).any()
         self.is_trusted = found.is_sure and bool(is_explained) and not loop.unseen
-        estimate, self.distribution = conclude(judged, found, self.first, seen, late)
+        estimate, self.distribution = conclude(
+            judged, found, self.first, seen, late, self._simulator.step_s
+        )
         if loop.unseen:
             warning = _UNSEEN.format(", ".join(loop.unseen))
             estimate = replace(
@@ -124,12 +127,12 @@ class ReadingsSearch:
     def _find(self, fit: OutputError, readings: Readings, budget: Budget) -> tuple[Found, int]:
         """The best of several fits, and by how many steps actions take effect late."""
         space, step_s, seed = self.first.space, self._simulator.step_s, self._context.seed
-        low, high = (
-            np.where(space.is_appearance, self._first_guess, space.to_unit(end))
-            for end in (self.first.low, self.first.high)
-        )
+        begin, (low, high) = fit.prior, (fit.prior.copy(), fit.prior.copy())
+        moving = np.flatnonzero(~space.is_appearance)
+        for end, its in ((low, self.first.low), (high, self.first.high)):
+            end[moving] = space.to_unit(its)[moving]
         fits = ReadingsFits(fit, readings, step_s, (low, high), self.config.horizons, seed)
-        guesses, late = fits.begin(self._first_guess), 0
+        guesses, late = fits.begin(begin), 0
         if self._may_be_late:
             part = budget.part(budget.seconds_left / 4, (0.0, 0.1))
             guesses[0], late = fits.how_late(guesses[0], part)
@@ -138,19 +141,20 @@ class ReadingsSearch:
         part = budget.part((1 - _JUDGING) * budget.seconds_left, (0.4, 0.9))
         return fits.until_found_twice(ended, late, part), late
 
-    @property
-    def _first_guess(self) -> np.ndarray:
-        """(N,) in unit coordinates."""
-        return self.first.space.to_unit(self._context.start)
+    def _begin(self, loop: OpenLoop) -> np.ndarray:
+        """(N,) first guess in unit coordinates; readings that may be late are on time."""
+        on_time = [] if loop.lateness is None else [Lateness.unit(0.0)]
+        return np.append(self.first.space.to_unit(self._context.start), on_time)
 
     @property
     def _may_be_late(self) -> bool:
-        """Whether actions may take effect late without a parameter that says so."""
+        """Whether actions may take effect late, or readings come late, and no parameter says so."""
         most = self._context.observation.max_latency_steps
         return bool(most) and not self._simulator.space.is_delay.any()
 
     def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoop]:
         loop = OpenLoop.of(self._simulator, self._context.observation, self._context.start)
+        loop = loop.with_lateness() if self._may_be_late else loop
         return Readings.of(real, loop.sensors), loop
 
     def _events(self) -> list[Event]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from simtune.fit import OutputErrorFit
 from simtune.fit.result import block_correlation
-from simtune.fit.uncertainty import latency_warning, tell_apart
+from simtune.fit.uncertainty import latency_warning, lateness_warning, tell_apart
 from simtune.observation import ObservationModel, joints_of
 from simtune.randomization import Distribution
 from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_curves
@@ -40,11 +40,13 @@ def conclude(
     first: Distribution,
     observation: ObservationModel,
     late: int,
+    step_s: float,
 ) -> tuple[Estimate, Distribution]:
     """The estimate, and the part of the `first` range that its curves are drawn in.
 
     `late`: steps by which actions were found to take effect late.
     """
+    late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
     space, fitted = first.space, np.flatnonzero(~first.space.is_appearance)
     std = np.full(len(space), _UNKNOWN_STD)
     std[fitted] = np.hypot(np.sqrt(np.diag(judged.covariance)), found.apart)
@@ -64,9 +66,14 @@ def conclude(
         verdict=read.verdict if found.is_sure else at_most_weak(read.verdict),
         correlation=correlation,
         correlations=tell_apart(correlation, space),
-        warnings=_warnings(judged, found, first, observation, late),
+        warnings=[
+            *latency_warning(late),
+            *lateness_warning("readings", *late_s),
+            *_warnings(judged, found, first, observation),
+        ],
         start=judged.start.tolist(),
         latency_steps=late,
+        readings_late_s=late_s,
         offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),
     )
     return estimate, seen
@@ -77,9 +84,8 @@ def _warnings(
     found: Found,
     first: Distribution,
     observation: ObservationModel,
-    late: int,
 ) -> list[str]:
-    warnings = latency_warning(late)
+    warnings = []
     if not found.is_whole:
         warnings.append(_BY_STRETCHES)
     if not found.is_sure:

@@ -41,6 +41,7 @@ class Estimate:
     latency_steps: int = 0  # by which the actions seem to take effect late
     # Seconds by which pictures seem to come late besides, and the standard deviation of that
     pictures_late_s: tuple[float, float] = (0.0, 0.0)
+    readings_late_s: tuple[float, float] = (0.0, 0.0)  # the same, of joint readings
     # {reading: measured − simulated, of what was fitted to readings alone}
     offsets: dict[str, float] = field(default_factory=dict)
     # Gain, gamma and offset of each camera, where a known colour tells them

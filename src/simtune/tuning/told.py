@@ -13,7 +13,7 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.fit import OpenLoop, PointEstimate
 from simtune.fit.uncertainty import tell_apart
-from simtune.observation import joints_of
+from simtune.observation import joints_of, read_later
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
@@ -33,7 +33,9 @@ class Told:
         self._estimate, self._seen, self._is_trusted = estimate, distribution, is_trusted
         identified = np.array([verdict == "identified" for verdict in estimate.verdict])
         self.is_held = identified & is_trusted  # (N,)
-        self.latency_steps = estimate.latency_steps if self.is_held.any() else 0
+        is_any = bool(self.is_held.any())
+        self.latency_steps = estimate.latency_steps if is_any else 0
+        self.late_s = estimate.readings_late_s if is_any else (0.0, 0.0)  # and how sure that is
 
     @classmethod
     def by_readings(
@@ -61,9 +63,18 @@ class Told:
         return searched.with_interval(np.clip(searched.mean, low, high), low, high)
 
     def late(self, real: list[Trajectory]) -> list[Trajectory]:
-        """The same, with actions when they took effect."""
-        steps = self.latency_steps
-        return [replace(t, actions=delayed(t.actions, steps)) for t in real] if steps else real
+        """The same, with actions when they took effect, and what was read when it was so."""
+        steps, late_s = self.latency_steps, self.late_s[0]
+        if not steps and not late_s:
+            return real
+        return [
+            replace(
+                t,
+                actions=delayed(t.actions, steps),
+                readings={n: read_later(its, late_s / t.step_s) for n, its in t.readings.items()},
+            )
+            for t in real
+        ]
 
     def start(self, guess: PointEstimate) -> PointEstimate:
         """Where a fit begins: what is held, where readings have it."""
@@ -82,7 +93,9 @@ class Told:
         mixed = _mixed(own, its, estimate)
         together = {} if mixed.correlation is None else tell_apart(mixed.correlation, space)
         late = estimate.latency_steps + self.latency_steps
-        return replace(mixed, correlations=together, latency_steps=late)
+        return replace(
+            mixed, correlations=together, latency_steps=late, readings_late_s=self.late_s
+        )
 
 
 def _mixed(own: np.ndarray, its: Estimate, other: Estimate) -> Estimate:
