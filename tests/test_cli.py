@@ -567,7 +567,7 @@ def test_tasks_and_recordings_in_json(simtune, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["cart_pendulum", "phone_pendulum", "bouncing_ball", "unitree_g1", "aloha"]
+    "name", ["cart_pendulum", "phone_pendulum", "bouncing_ball", "servos", "unitree_g1", "aloha"]
 )
 def test_every_example_can_be_copied_once(simtune, tmp_path, name):
     """What the help names is what there is."""

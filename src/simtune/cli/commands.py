@@ -30,7 +30,7 @@ class ExampleCommand(Prints):
     """Copy an example to try and to change: a tuning file, its model, perhaps recordings."""
 
     name: Annotated[Positional[str], arg(metavar="NAME")]
-    """cart_pendulum, phone_pendulum, bouncing_ball, unitree_g1 or aloha."""
+    """cart_pendulum, phone_pendulum, bouncing_ball, servos, unitree_g1 or aloha."""
     out: Path = Path("examples")
     """The folder to copy it into, as OUT/NAME."""
 

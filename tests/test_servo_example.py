@@ -1,0 +1,36 @@
+"""examples/servos: every kind that makes a servo, checked, and found again from its encoders."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simtune.budget import Budget
+from simtune.checking import check
+from simtune.config import CheckConfig, TuneConfig
+from simtune.experiment.experiment import build_experiment
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "servos"
+ALMOST = 0.005  # rad: a share of an angle near zero means little
+
+
+@pytest.mark.slow
+def test_check_has_a_line_of_each_kind():
+    report = check(CheckConfig(task=str(EXAMPLE / "tune.toml"), episodes=3))
+    assert sorted(report["parameters"]) == sorted(json.loads((EXAMPLE / "truth.json").read_text()))
+    assert {its["verdict"] for its in report["parameters"].values()} == {"shows clearly"}
+
+
+@pytest.mark.slow
+def test_each_kind_is_found_again(tmp_path: Path):
+    config = TuneConfig(
+        task=str(EXAMPLE / "tune.toml"), out=tmp_path, real_episodes=4, seed=0,
+        real_parameters=EXAMPLE / "truth.json",
+    )  # fmt: skip
+    experiment = build_experiment(config)
+    found = experiment.search.run_round(experiment.recordings, Budget()).estimate
+    truth = experiment.space.from_dict(json.loads((EXAMPLE / "truth.json").read_text()))
+    assert np.all(np.abs(found.mean - truth) < np.maximum(0.05 * truth, ALMOST))
+    assert ((found.low <= truth) & (truth <= found.high)).sum() >= 9
+    assert found.verdict.count("identified") >= 9
