@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ import torch
 from simtune.budget import Budget
 from simtune.errors import InputError
 from simtune.networks import PixelEncoder, positional_encoding, predicting
-from simtune.observation import ObservationModel
+from simtune.observation import JointSensor, ObservationModel
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel, count_votes
 from simtune.search_param_model.windows import Windows, split
@@ -55,7 +56,8 @@ class FakeSimulator(Simulator):
 
     can_start_anywhere = True
 
-    def __init__(self):
+    def __init__(self, is_dark: bool = False):
+        self.is_dark = is_dark  # whether a sensor alone tells the first parameter
         self.space = SPACE
         self.image_size = SIZE
         self.num_steps = 0
@@ -64,16 +66,18 @@ class FakeSimulator(Simulator):
     can_start_anywhere = True
     action_mapping = SimpleNamespace(range=np.array([[-4.0, 2.0], [-1.0, 1.0]]))
 
-    def roll_out(self, parameters, actions, rng) -> Rollouts:
+    def roll_out(self, parameters, actions, rng, observe=None) -> Rollouts:
         n, num_steps, _ = actions.shape
         self.played.extend(actions)
         self.num_steps += n * num_steps
         states, lengths = rng.normal(size=(n, num_steps + 1, 1)), np.full(n, num_steps)
-        observed = np.empty((n, num_steps + 1, 0))
+        observed = 20 + np.repeat(SPACE.to_unit(parameters)[:, None, :1], num_steps + 1, 1)
+        observed = observed[..., : int(self.is_dark)]
         return Rollouts(parameters, states, actions, lengths, observed, np.arange(n))
 
     def render(self, states, parameters, stray=None) -> np.ndarray:
         left, right = SPACE.to_unit(parameters).T
+        left = 0 * left if self.is_dark else left
         frames = np.empty((len(states), SIZE, SIZE, 3))
         frames[:, :, : SIZE // 2] = left[:, None, None, None]
         frames[:, :, SIZE // 2 :] = right[:, None, None, None]
@@ -82,29 +86,41 @@ class FakeSimulator(Simulator):
 
 
 def a_search(
-    simulator: Simulator | None = None,
+    simulator: FakeSimulator | None = None,
     start: np.ndarray = SPACE.nominal,
     config: PaperConfig = SMALL,
     seed: int = 0,
     method: Method = "paper",
 ) -> PaperSearch:
+    simulator = simulator or FakeSimulator()
     context = SearchContext(
-        simulator=simulator or FakeSimulator(),
+        simulator=simulator,
         keypoints=Points(np.zeros(0, int), SIZE),
         start=start,
-        observation=ObservationModel.of_simulator(),
+        observation=observed_of(simulator),
         seed=seed,
     )
     return PaperSearch(context, config, method=method)
 
 
-def real_of(parameters: np.ndarray, num: int = 2) -> list[Trajectory]:
+def observed_of(simulator: FakeSimulator) -> ObservationModel:
+    encoder = JointSensor(
+        name="encoder", columns=("a",), joints=("a",), places=np.zeros(1, int),
+        factor=np.ones(1), shift=np.zeros(1), noise=0.01,
+    )  # fmt: skip
+    return ObservationModel.of_simulator((encoder,) if simulator.is_dark else ())
+
+
+def real_of(parameters: np.ndarray, num: int = 2, is_dark: bool = False) -> list[Trajectory]:
     rng = np.random.default_rng(7)
-    simulator = FakeSimulator()
+    simulator = FakeSimulator(is_dark)
     actions = rng.uniform(-1, 1, (num, 14, 2)).astype(np.float32)
     rollouts = simulator.roll_out(np.tile(parameters, (num, 1)), actions, rng)
-    frames = simulator.film(rollouts)
-    return [Trajectory(f, a, 0.1) for f, a in zip(frames, actions, strict=True)]
+    frames, read = simulator.film(rollouts), rollouts.observed
+    return [
+        Trajectory(f, a, 0.1, readings={"encoder": r} if is_dark else {})
+        for f, a, r in zip(frames, actions, read, strict=True)
+    ]
 
 
 def some_windows(num: int, config: PaperConfig = SMALL) -> Windows:
@@ -112,7 +128,9 @@ def some_windows(num: int, config: PaperConfig = SMALL) -> Windows:
     frames = rng.integers(256, size=(num, config.window, config.crop_size, config.crop_size, 3))
     actions = rng.uniform(-1, 1, (num, config.window, 2))
     return Windows(
-        torch.as_tensor(frames, dtype=torch.uint8), torch.as_tensor(actions, dtype=torch.float32)
+        torch.as_tensor(frames, dtype=torch.uint8),
+        torch.as_tensor(actions, dtype=torch.float32),
+        torch.empty(num, config.window, 0),
     )
 
 
@@ -243,6 +261,26 @@ def test_paper_search_finds_the_truth_of_a_tiny_world(method):
     assert np.isfinite(list(scalars.values())).all()
     # Episodes of 12 steps, five at a time: twice before the first round, and in each
     assert simulator.num_steps == 12 * 5 * (2 + 9)
+
+
+@pytest.mark.thorough
+def test_what_only_a_sensor_tells_is_found_beside_the_pictures():
+    truth, start = np.array([0.4, 1.0]), np.array([0.8, 0.5])
+    search, real = a_search(FakeSimulator(is_dark=True), start), real_of(truth, is_dark=True)
+    gap = real[0].readings["encoder"].copy()
+    gap[3] = np.nan
+    real[0] = replace(real[0], readings={"encoder": gap})
+    for _ in range(9):
+        estimate, _, _ = search.run_round(real, Budget())
+    np.testing.assert_array_less(np.abs(np.log(estimate.mean / truth)), np.log(2) / 2)
+    # What it was scaled by goes along, as nothing else says it
+    again = a_search(FakeSimulator(is_dark=True), start)
+    again.load(search.tensors(), search.state())
+    assert again.model.get_buffer("usual_reading").item() == pytest.approx(20.7, abs=0.3)
+    candidate = np.array([0.6, 1.0])
+    np.testing.assert_array_equal(
+        again.model.prob_higher(real, candidate), search.model.prob_higher(real, candidate)
+    )
 
 
 def test_pretraining_leaves_the_mean_where_it_is():

@@ -357,9 +357,11 @@ def test_rollouts_become_episodes_without_rewards():
     of_all = (np.full(2, STEPS), np.empty((2, STEPS + 1, 0)), np.arange(2))
     rollouts = Rollouts(rng.uniform(size=(2, 2)), states, actions, *of_all)
     frames = np.zeros((2, STEPS + 1, SIZE, SIZE, 3), np.uint8)
-    episodes = Episodes.unrewarded(rollouts, np.array([4.0, 1.0]), frames)
+    episodes = Episodes.unrewarded(
+        rollouts, np.array([4.0, 1.0]), frames, np.ones((2, STEPS + 1, 3))
+    )
     np.testing.assert_array_equal(episodes.actions * [4.0, 1.0], actions)
-    assert episodes.states.shape == (2, STEPS + 1, 0)
+    assert episodes.states.shape == (2, STEPS + 1, 3)
     assert not episodes.rewards.any()
     assert not episodes.terminated.any()
     assert episodes.lengths.tolist() == [STEPS, STEPS]

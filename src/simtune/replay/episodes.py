@@ -64,17 +64,21 @@ class Episodes:
 
     @classmethod
     def unrewarded(
-        cls, rollouts: Rollouts, action_scale: np.ndarray, frames: np.ndarray
+        cls,
+        rollouts: Rollouts,
+        action_scale: np.ndarray,
+        frames: np.ndarray,
+        readings: np.ndarray,
     ) -> "Episodes":
-        """Filmed rollouts, for an SPM: rewards are 0, and states unknown.
+        """Filmed rollouts, for an SPM: rewards are 0, and of states no more is known than was read.
 
-        `action_scale` (A,) is the largest magnitude of each action.
+        `action_scale` (A,) is the largest magnitude of each action; `readings` (n, T + 1, R).
         """
         n, num_steps, _ = rollouts.actions.shape
         return cls(
             parameters=rollouts.parameters,
             full_states=rollouts.states,
-            states=np.empty((n, num_steps + 1, 0), np.float32),
+            states=readings.astype(np.float32),
             actions=rollouts.actions / action_scale,
             rewards=np.zeros((n, num_steps), np.float32),
             lengths=np.full(n, num_steps),

@@ -25,6 +25,7 @@ from simtune.search_param_model.windows import Windows, split
 from simtune.trajectory import Trajectory
 
 Method = Literal["paper", "regression"]
+_LEAST_SPREAD = 1e-6  # of a reading that never changes
 _CHUNK = 64  # windows encoded at once in predictions: bounds the memory of long recordings
 
 
@@ -74,13 +75,17 @@ class PaperSearchParamModel(nn.Module):
         space: ParameterSpace,
         action_scale: np.ndarray,  # (A,) largest magnitude of each action, brought to 1
         method: Method = "paper",
+        num_readings: int = 0,
     ):
+        """`num_readings`: of sensors, that are looked at beside each frame (the end of Sec. V)."""
         super().__init__()
         self.config = config
         self.space = space
         self.register_buffer("action_scale", torch.as_tensor(action_scale, dtype=torch.float32))
         self.encoder = PixelEncoder(3 * config.window, config.crop_size)
-        num_features = 50 + config.window * len(action_scale)
+        self.register_buffer("usual_reading", torch.zeros(num_readings))
+        self.register_buffer("reading_spread", torch.ones(num_readings))
+        num_features = 50 + config.window * (len(action_scale) + num_readings)
         if method == "paper":
             num_features += len(space) * (2 * config.octaves + 1)
         hidden = config.hidden_size
@@ -89,6 +94,12 @@ class PaperSearchParamModel(nn.Module):
     @property
     def device(self) -> torch.device:
         return self.get_buffer("action_scale").device
+
+    def scale_readings(self, readings: np.ndarray) -> None:
+        """By (n, T, R) such as will come: each is brought to a mean of 0 and a spread of 1."""
+        mean, spread = readings.mean((0, 1)), np.maximum(readings.std((0, 1)), _LEAST_SPREAD)
+        self.get_buffer("usual_reading").copy_(torch.as_tensor(mean))
+        self.get_buffer("reading_spread").copy_(torch.as_tensor(spread))
 
     def forward(self, windows: Windows, candidates: np.ndarray | None = None) -> torch.Tensor:
         """Logits (B, C, N) for (C, N) candidates in their units; (B, N) coordinates without.
@@ -144,15 +155,16 @@ class PaperSearchParamModel(nn.Module):
         for trajectory in trajectories:
             windows = split(trajectory, self.config.window, self.config.crop_size)
             chunks = [slice(i, i + _CHUNK) for i in range(0, len(windows), _CHUNK)]
-            parts = [Windows(windows.frames[c], windows.actions[c]) for c in chunks]
-            yield torch.cat([self(part, candidates).cpu() for part in parts])
+            yield torch.cat([self(windows.take(c), candidates).cpu() for c in chunks])
 
     def _context(self, windows: Windows) -> torch.Tensor:
-        """(B, 50 + W·A) what a window shows and what was done in it."""
+        """(B, 50 + W·(A + R)) what a window shows, what was done in it and what was read."""
         frames = torch.as_tensor(windows.frames).to(self.device)
         actions = torch.as_tensor(windows.actions, dtype=torch.float32).to(self.device)
         scaled = (actions / self.get_buffer("action_scale")).flatten(1)
-        return torch.cat([self.encoder(frames), scaled], 1)
+        read = windows.readings.to(self.device) - self.get_buffer("usual_reading")
+        read = torch.nan_to_num(read / self.get_buffer("reading_spread")).flatten(1)
+        return torch.cat([self.encoder(frames), scaled, read], 1)
 
 
 def count_votes(probabilities: np.ndarray, unsure: tuple[float, float]) -> np.ndarray:

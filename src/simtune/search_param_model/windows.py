@@ -15,9 +15,13 @@ class Windows:
 
     frames: torch.Tensor  # (B, W, H, W', 3) uint8
     actions: torch.Tensor  # (B, W, A) float32, in the units of the action space
+    readings: torch.Tensor  # (B, W, R) float32 of sensors; NaN where nothing was read
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    def take(self, which: slice) -> "Windows":
+        return Windows(self.frames[which], self.actions[which], self.readings[which])
 
 
 def split(trajectory: Trajectory, length: int, size: int) -> Windows:
@@ -33,9 +37,12 @@ def split(trajectory: Trajectory, length: int, size: int) -> Windows:
     top, left = (height - size) // 2, (width - size) // 2
     frames = trajectory.frames[:steps, top : top + size, left : left + size]
     actions = trajectory.actions[:steps].astype(np.float32)
+    every = [its[:steps] for its in trajectory.readings.values()]
+    readings = np.hstack([np.empty((steps, 0)), *every]).astype(np.float32)
     return Windows(
         torch.as_tensor(frames.reshape(num_windows, length, size, size, 3)),
         torch.as_tensor(actions.reshape(num_windows, length, -1)),
+        torch.as_tensor(readings.reshape(num_windows, length, readings.shape[1])),
     )
 
 
@@ -67,5 +74,6 @@ class SpmBuffer:
             store.frames[e, t : t + length, y : y + size, x : x + size] for e, t, (y, x) in places
         ]
         actions = torch.stack([store.actions[e, t : t + length] for e, t, _ in places])
-        windows = Windows(torch.stack(frames), actions * self._action_scale)
+        readings = torch.stack([store.states[e, t : t + length] for e, t, _ in places])
+        windows = Windows(torch.stack(frames), actions * self._action_scale, readings)
         return windows, store.parameters[episodes].numpy()

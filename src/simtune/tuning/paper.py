@@ -62,6 +62,8 @@ def _lowest(space: ParameterSpace) -> np.ndarray:
 class PaperSearch:
     """Collect in Ξ, train q_φ, ask it about the real trajectories, step (search="paper").
 
+    What sensors read is looked at beside the pictures ("any state information accessible in both
+    simulation and reality can also be concatenated", Sec. V).
     It gives directions and no intervals: `low` and `high` of its estimates are the range that
     is searched, ξ_mean·(1 ± range_spm), and each verdict is "weak".
     Real trajectories have to be filmed at the simulator's image size; simulated worlds play
@@ -88,7 +90,7 @@ class PaperSearch:
                 "low below 0 cannot have; use search='posterior'"
             )
         self.num_moves = 0
-        self._simulator = simulator
+        self._simulator, self._observation = simulator, context.observation
         self._rng = np.random.default_rng(context.seed)
         self.distribution = self._around(context.start)
         scale = simulator.action_scale
@@ -97,7 +99,9 @@ class PaperSearch:
         )
         self._buffer = SpmBuffer(self._store, scale)
         with seeded(int(self._rng.integers(2**62))):
-            self.model = PaperSearchParamModel(config, space, scale, method).to(context.device)
+            self.model = PaperSearchParamModel(
+                config, space, scale, method, len(context.observation.reading_labels)
+            ).to(context.device)
         self._optimizer = torch.optim.Adam(
             self.model.parameters(), config.learning_rate, (config.beta1, 0.999)
         )
@@ -138,11 +142,17 @@ class PaperSearch:
         chosen = self._rng.integers(len(real), size=num)
         actions = np.stack([real[i].actions[np.arange(steps) % len(real[i])] for i in chosen])
         parameters = self.distribution.sample(num, self._rng)
-        rollouts = self._simulator.roll_out(parameters, actions, self._rng)
+        rollouts = self._simulator.roll_out(
+            parameters, actions, self._rng, self._observation.observe_beside()
+        )
         if not len(rollouts):
             raise RuntimeError("every simulated world diverged; check the timestep and the bounds")
         scale, frames = self._simulator.action_scale, self._simulator.film(rollouts)
-        self._store.add(Episodes.unrewarded(rollouts, scale, frames))
+        measured = self._observation.readings(rollouts.observed, self._rng)
+        readings = np.concatenate([rollouts.observed[..., :0], *measured.values()], -1)
+        if not self._store.num_added:
+            self.model.scale_readings(readings)
+        self._store.add(Episodes.unrewarded(rollouts, scale, frames, readings))
 
     def _train(self, num_updates: int, budget: Budget) -> float:
         """Updates of q_φ, at least one; returns their mean loss."""
