@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from servo_arm import write_arm
 from test_fit import MOVING, SPACE, observed_of, rough_states, simulator  # noqa: F401
 
+from simtune.errors import InputError
 from simtune.fit import Observed, Physics
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.residuals import correlation_times
@@ -19,6 +21,7 @@ from simtune.observation import (
 )
 from simtune.randomization import Distribution
 from simtune.simulation import random_actions
+from simtune.tasks import load_task
 from simtune.vision.keypoints import find_keypoints
 
 
@@ -145,3 +148,17 @@ def test_a_change_counts_by_how_well_another_one_agrees():
     first, middle, last = 100 * rng.normal(size=(3, *smooth.shape))
     left = agreed(smooth + middle - first, smooth + last - middle)
     assert np.sqrt(np.square(left).mean()) < 0.2 * 100
+
+
+@pytest.mark.parametrize(("unit", "low", "high"), [("percent", 0, 100), ("-100..100", -100, 100)])
+def test_shares_of_a_joints_range(tmp_path, unit, low, high):
+    """The arm's joints go from -2 to 2 rad."""
+    toml = write_arm(tmp_path)
+    toml.write_text(toml.read_text().replace("noise = 0.002", f'unit = "{unit}"\nnoise = 1'))
+    (sensor,) = load_task(str(toml)).sensors
+    recorded = np.array([[low, high], [(low + high) / 2, low]], float)
+    np.testing.assert_allclose(sensor.from_recorded(recorded, 0.1), [[-2, 2], [0, -2]], atol=1e-12)
+    assert sensor.noise == pytest.approx(4 / (high - low))
+    toml.write_text(toml.read_text().replace("noise = 1", 'quantity = "velocity"'))
+    with pytest.raises(InputError, match=f"tune.toml:1.*: {unit} is of a joint's range"):
+        load_task(str(toml))

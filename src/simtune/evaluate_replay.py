@@ -35,7 +35,7 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     start, mean = (np.array([parameters[n][k] for n in space.names]) for k in ("initial", "mean"))
     offsets = {name: facts["offset"] for name, facts in run.result["sensors"].items()}
     simulator = task.simulator(image_size=_SMALLEST_PX, step_s=real.step_s, views=())
-    late, late_s = run.result["latency_steps"], run.result["readings_late_s"][0]
+    late, (late_s, _) = (run.result[key] for key in ("latency_steps", "readings_late_s"))
     tuned = Tuned(mean, offsets, late, late_s)
     scores = replay(simulator, real.observation, trajectories, start, tuned).scores()
     kept = ("unit", "rms_before", "rms")

@@ -21,6 +21,8 @@ _UNITS = {
     "mm": 1000.0,
 }
 _TURNS = ("rad", "deg")
+# From one end of a joint's range to the other: LeRobot has both
+_OF_RANGE = {"percent": (0.0, 100.0), "-100..100": (-100.0, 100.0)}
 _KINDS = ("cameras", "joints")
 
 
@@ -99,11 +101,11 @@ def _recorded_per_unit(
     entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, is_velocity: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """(D,) what joints' rad or m are multiplied by in a recording, and what is added."""
-    unit = entry.choice("unit", (*_UNITS, "percent"), _own_unit(model, ids))
-    if unit == "percent":
+    unit = entry.choice("unit", (*_UNITS, *_OF_RANGE), _own_unit(model, ids))
+    if unit in _OF_RANGE:
         if is_velocity:
-            raise entry.error("percent are of a joint's range: no unit of a velocity", "unit")
-        return _percent(entry, model, ids)
+            raise entry.error(f"{unit} is of a joint's range: no unit of a velocity", "unit")
+        return _of_range(entry, model, ids, unit)
     is_odd = (model.jnt_type[ids] == _HINGE) != (unit in _TURNS)
     if is_odd.any():
         odd = model.joint(int(ids[is_odd.argmax()])).name
@@ -118,15 +120,16 @@ def _joint(entry: TomlTable, model: mujoco.MjModel, name: str) -> int:
     return index
 
 
-def _percent(
-    entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray
+def _of_range(
+    entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, unit: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What a joint's position is multiplied by, and what is added: 0 to 100 over its range."""
+    """What a joint's position is multiplied by, and what is added: the unit over its range."""
     if len(set(model.jnt_type[ids].tolist())) > 1:
         raise entry.error("give hinges and slides sensors of their own", "joints")
     low, high = model.jnt_range[ids].T
     if not np.all(model.jnt_limited[ids]):
         name = model.joint(int(ids[np.argmin(model.jnt_limited[ids])])).name
-        raise entry.error(f"{name} has no range in the model for percent to be of", "unit")
-    factor = 100 / (high - low)
-    return factor, -low * factor
+        raise entry.error(f"{name} has no range in the model for {unit} to be of", "unit")
+    first, last = _OF_RANGE[unit]
+    factor = (last - first) / (high - low)
+    return factor, first - low * factor
