@@ -47,7 +47,9 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
 def test_derivatives_of_many_unknowns_at_once_are_those_one_by_one(arm: SimpleNamespace):
     noise, zero = np.full(2, 0.002), np.zeros(2)
     stretches = arm.loop.cut(arm.readings, arm.truth, zero, 20, 4)
-    there = Where(stretches, stretches.states, arm.truth, arm.loop.start_std(noise))
+    there = Where(
+        stretches, stretches.states, arm.truth, arm.loop.start_std(noise, stretches.values)
+    )
     near = there._replace(unit=arm.truth - 0.02)
     of_all = differentiate(arm.loop, there)
 

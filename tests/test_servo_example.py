@@ -10,6 +10,7 @@ from simtune.budget import Budget
 from simtune.checking import check
 from simtune.config import CheckConfig, TuneConfig
 from simtune.experiment.experiment import build_experiment
+from simtune.replayed import Tuned, replay
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "servos"
 ALMOST = 0.005  # rad: a share of an angle near zero means little
@@ -34,3 +35,20 @@ def test_each_kind_is_found_again(tmp_path: Path):
     assert np.all(np.abs(found.mean - truth) < np.maximum(0.05 * truth, ALMOST))
     assert ((found.low <= truth) & (truth <= found.high)).sum() >= 9
     assert found.verdict.count("identified") >= 9
+
+
+@pytest.mark.thorough
+def test_a_replay_of_the_truth_leaves_nothing_but_noise(tmp_path: Path):
+    """Also of episodes that begin with a jerk, faster than readings tell a velocity."""
+    truth = EXAMPLE / "truth.json"
+    config = TuneConfig(
+        task=str(EXAMPLE / "tune.toml"), out=tmp_path, real_episodes=6, real_parameters=truth
+    )
+    its = build_experiment(config)
+    context, values = its.context, its.space.from_dict(json.loads(truth.read_text()))
+    played = replay(
+        context.simulator, context.observation, its.recordings, context.start, Tuned(values, {})
+    )
+    assert [score["rms"] for score in played.scores().values()] == pytest.approx(
+        [0.001] * 3, rel=0.1
+    )

@@ -83,7 +83,7 @@ def test_two_that_do_the_same_are_not_told_apart_by_their_own_curvature(tmp_path
     readings = Readings.of(experiment.recordings, loop.sensors)
     unit, whole = experiment.space.to_unit(context.start), readings.actions.shape[1]
     stretches = loop.cut(readings, unit, np.zeros(2), whole, 9)
-    start_std = loop.start_std(np.full(2, 0.002))
+    start_std = loop.start_std(np.full(2, 0.002), stretches.values)
     of_kv, of_damping = names.index("shoulder_kv"), names.index("damping")
     share = context.start[of_kv] / context.start[of_damping]  # both scales are logarithmic
 

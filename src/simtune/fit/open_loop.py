@@ -90,13 +90,19 @@ class OpenLoop:
         """(W, nq + nv) starts that are (W, S) times what is unknown of them, (S,), elsewhere."""
         return self.physics.space.move(states, (shift * start_std) @ self.start_tangents)
 
-    def start_std(self, noise: np.ndarray) -> np.ndarray:
-        """(S,) what is unknown of a start, where readings have the noise (D,)."""
-        std = np.zeros(len(self._places))
+    def start_std(self, noise: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """(S,) what is unknown of a start, where (W, K + 1, D) readings have the noise (D,).
+
+        A servo that jerks turns faster within a step than the parabola through readings says.
+        """
+        std, bends = np.zeros((2, len(self._places)))
+        bend = np.sqrt(np.nanmean(np.square(np.diff(filled(values), 2, axis=1)), (0, 1)))
         for sensor, columns in self._columns:
             if not sensor.is_velocity:
-                std[np.searchsorted(self._places, sensor.places)] = noise[columns]
-        return np.concatenate([std, _VELOCITY_ERROR * std / self.physics.simulator.step_s])
+                places = np.searchsorted(self._places, sensor.places)
+                std[places], bends[places] = noise[columns], bend[columns]
+        step_s = self.physics.simulator.step_s
+        return np.concatenate([std, np.hypot(_VELOCITY_ERROR * std, bends) / step_s])
 
     def states(self, values: np.ndarray, offsets: np.ndarray, unit: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) as (E, T + 1, D) readings with their (D,) offsets say.

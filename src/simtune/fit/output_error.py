@@ -107,7 +107,7 @@ class OutputError:
         stretches = loop.cut(readings, begin.unit, begin.offsets, steps, stage.at_most)
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
         noise = spread(played[0] + begin.offsets - stretches.values)
-        start_std = near.objective.start_std if near else loop.start_std(noise)
+        start_std = near.objective.start_std if near else loop.start_std(noise, stretches.values)
         objective = ReplayCost(loop, stretches, start_std, self._finds_offset, self.prior)
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
         return self._go_on(begun, stage.iterations, budget)

@@ -104,7 +104,7 @@ class ReplayedReadings:
     def _information(self, noise: np.ndarray) -> np.ndarray:
         """(N, N); what offsets and where episodes start would explain as well is taken out."""
         stretches, loop, num = self._stretches, self._loop, len(self._unit)
-        start_std = loop.start_std(usual_noise(loop.sensors))
+        start_std = loop.start_std(usual_noise(loop.sensors), stretches.values)
         where = Where(stretches, stretches.states, self._unit, start_std)
         slopes = differentiate(loop, where)
         nothing_left = 0 * stretches.values  # NaN where nothing was read

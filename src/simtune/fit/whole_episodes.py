@@ -29,7 +29,7 @@ def _begin(loop: OpenLoop, whole: Stretches, unit: np.ndarray, offsets: np.ndarr
     """(W, nq + nv) starts that explain the first few readings best (Gauss-Newton)."""
     loop = loop.by_starts_alone()
     first, noise = whole.first(_FIRST), usual_noise(loop.sensors)
-    start_std, states = loop.start_std(noise), first.states
+    start_std, states = loop.start_std(noise, first.values), first.states
     shift, no_offset = np.zeros((len(states), len(start_std))), np.zeros(len(noise), bool)
     for _ in range(_ITERATIONS):
         slopes = differentiate(loop, Where(first, states, unit, start_std))
