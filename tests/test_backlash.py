@@ -164,5 +164,5 @@ def test_a_play_is_found_again(tmp_path: Path, is_behind: bool):
     assert ((found.low <= real) & (real <= found.high)).all()
     assert found.mean[2] == pytest.approx(0.03, rel=0.1)
     half_width = np.log(found.high[2] / found.low[2]) / 2
-    assert (half_width < 0.15) == is_behind
+    assert (half_width < 0.07) == is_behind
     assert is_behind or found.verdict[2] == "weak"
