@@ -1,8 +1,9 @@
 """Estimates of many experiments combined: sums by hand."""
 
 import numpy as np
+import pytest
 
-from simtune.fit.combine import FIRST_VARIANCE, Combined, combine
+from simtune.fit.combine import COMMON_STD, FIRST_VARIANCE, Combined, combine
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tasks import load_task
@@ -44,6 +45,30 @@ def test_experiments_that_know_one_combination_precisely_give_finite_covariance(
     combined = combine(information, slope, FIRST_VARIANCE, np.ones(6))
     assert np.abs(combined.step(MIDDLE[:7], 1.0)).max() < 1e-3
     assert np.isfinite(combined.covariance).all()
+
+
+def test_errors_that_all_have_in_common_do_not_average_out():
+    """Independent: generalised least squares, where the common error is part of the covariance."""
+    rng = np.random.default_rng(0)
+    num, noise, away = 200, 0.05, 2 * COMMON_STD
+    by_parameter, by_common = rng.normal(1, 0.3, num), rng.normal(1, 0.1, num)
+    seen = 0.01 * by_parameter + away * by_common + noise * rng.normal(size=num)
+    design = np.stack([by_parameter, by_common], 1) / noise
+    covariance = noise**2 * np.eye(num) + COMMON_STD**2 * np.outer(by_common, by_common)
+    weight = np.linalg.solve(covariance, by_parameter)
+    best, variance = weight @ seen / (weight @ by_parameter), 1 / (weight @ by_parameter)
+
+    information = design[:, :, None] * design[:, None]
+    point = np.zeros(2)  # a parameter and a common error
+    for _ in range(30):
+        slope = design * (design @ point - seen / noise)[:, None]
+        combined = combine(information, slope, 1e-12, np.ones(num), point[1:])
+        point += np.linalg.solve(combined.information, -combined.slope)
+    assert point[0] == pytest.approx(best, abs=0.2 * np.sqrt(variance))
+    # A Student's weights make normal experiments seem a little surer.
+    assert variance / 3 < combined.covariance[0, 0] < 1.5 * variance
+    alone = combine(information[:, :1, :1], slope[:, :1], 1e-12, np.ones(num))
+    assert alone.covariance[0, 0] < variance / 10, "as if they were independent"
 
 
 def test_single_experiment_is_no_surer_than_it_claims():

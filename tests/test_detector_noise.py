@@ -50,6 +50,23 @@ def test_a_few_pictures_tell_one_noise():
     assert noise.std_px == pytest.approx(1.48 + 0.05)
 
 
+def test_what_errors_of_a_world_have_in_common_is_told_from_chance():
+    rng = np.random.default_rng(0)
+    truth, common = rng.uniform(10, 50, (300, 40, 2, 2)), np.array([[0.5, 0.0], [0.2, 1.0]])
+    right = truth + common * rng.normal(size=(300, 1, 2, 2)) + 0.4 * rng.normal(size=truth.shape)
+    unseen = rng.random(truth.shape[:-1]) < 0.2
+    candidates = np.stack([np.where(unseen[..., None], right + 20, right)] * 2, 2)
+    found = detected(candidates, np.zeros(candidates.shape))
+    found = [
+        its._replace(probability=np.where(far[:, None], 0.1, its.probability))
+        for its, far in zip(found, unseen, strict=True)
+    ]
+    noise = DetectorNoise.measured(found, truth)
+    np.testing.assert_allclose(noise.common_px, common, atol=0.06, rtol=0.1)
+    tracks = KeypointTracks.of_detections(found[:1], (64, 64), noise)
+    np.testing.assert_allclose(tracks.common_std, noise.common_px.ravel())
+
+
 def test_a_keypoint_counts_as_its_own_noise_says():
     """Hand arithmetic: twice as noisy as usual is a quarter of the information."""
     candidates = np.full((1, 1, 2, 2, 2), 10.0)

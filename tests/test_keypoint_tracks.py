@@ -106,7 +106,7 @@ def test_tracks_of_detections_are_never_entirely_sure():
         Detections(its[:, 0], its, known, np.zeros(its.shape), np.zeros((7, 0)))
         for its, known in zip(candidates, probability, strict=True)
     ]
-    noise = DetectorNoise(np.zeros((3, 1)), np.array([[1.0], [2.0], [3.0]]))
+    noise = DetectorNoise(np.zeros((3, 1)), np.array([[1.0], [2.0], [3.0]]), np.zeros((3, 2)))
     tracks = KeypointTracks.of_detections(episodes, (64, 64), noise)
     np.testing.assert_array_equal(tracks.candidates, candidates)
     np.testing.assert_allclose(tracks.probability, 0.99 * probability)

@@ -43,6 +43,10 @@ class NormalEvidence:
         return np.full(self.readings.shape[-1], self.std)
 
     @property
+    def common_std(self) -> np.ndarray:
+        return np.zeros(self.readings.shape[-1])
+
+    @property
     def num_observations(self) -> int:
         return self.readings.shape[-1]
 

@@ -15,6 +15,8 @@ _SMALLEST_VARIANCE, _LARGEST_VARIANCE = 4e-3**2, 0.08**2  # between experiments
 FIRST_VARIANCE = 0.02**2
 _VARIANCE_STEP, _FEWEST_INFORMATIVE = 1.5, 4  # by which it follows what they show
 _CHI2_MEDIAN = 0.6  # over its degrees of freedom, or near it, for a few of them
+COMMON_STD = 0.1  # of errors that all have in common, as these unknowns have them
+_NOTHING = np.zeros(0)
 _RIDGE = 1e-6  # of information: what nothing is known of can still be inverted
 # Of steps (Levenberg, 1944): each moves as if parameters were known within a tenth of their range.
 _DAMPING = 0.1**-2
@@ -22,15 +24,15 @@ _DAMPING = 0.1**-2
 
 @dataclass(frozen=True)
 class Combined:
-    """What experiments say together of P unknowns: parameters' unit coordinates come first."""
+    """What experiments say together of P parameters' unit coordinates, and Q common errors."""
 
-    slope: np.ndarray  # (P,) of −log likelihood
-    information: np.ndarray  # (P, P) its second derivative
-    covariance: np.ndarray  # (P, P) of the parameters
+    slope: np.ndarray  # (P + Q,) of −log likelihood
+    information: np.ndarray  # (P + Q, P + Q) its second derivative
+    covariance: np.ndarray  # (P, P) of the parameters, whatever errors are in common
     variance: float  # between experiments
 
     def step(self, unit: np.ndarray, largest: float) -> np.ndarray:
-        """(P,) damped Newton step from (V,) `unit`, none of which moves by more than `largest`."""
+        """(P + Q,) damped Newton step from (P,) `unit`, which moves by no more than `largest`."""
         damped = self.information + _DAMPING * np.eye(len(self.slope))
         return step_within_bounds(damped, self.slope, unit, largest)
 
@@ -63,9 +65,13 @@ def newton_within(
 
 
 def combine(
-    information: np.ndarray, slope: np.ndarray, variance: float, trust: np.ndarray
+    information: np.ndarray,
+    slope: np.ndarray,
+    variance: float,
+    trust: np.ndarray,
+    common: np.ndarray = _NOTHING,
 ) -> Combined:
-    """What W experiments say together of P parameters.
+    """What W experiments say together of P parameters, and of Q errors that they have in common.
 
     `information` I (W, P, P) and `slope` g (W, P) are the second and first derivatives of each
     one's −log likelihood, `variance` τ² is that between them, `trust` (W,) how much each counts.
@@ -77,33 +83,48 @@ def combine(
     The covariance is the robust one, from how the experiments scatter (White 1980); what they
     claim to know counts where they are few. The variance of the result is nearer to what they
     show.
+
+    Of `common`, (Q,) values whose slopes come last, each is normal with standard deviation
+    COMMON_STD, the same in all experiments (τ = 0). Their prior is one more experiment.
     """
-    eye = np.eye(slope.shape[1])
-    if not len(eye):
-        return Combined(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)), variance)
-    shrink = np.linalg.inv(eye + variance * information)  # (W, P, P)
-    spread = information + variance * information @ information
-    # One that knows only a combination, and that very well, leaves no number to divide by else.
-    spread += (1e-9 + 1e-12 * np.trace(spread, axis1=1, axis2=2))[:, None, None] * eye
-    surprise = np.einsum("wp,wp->w", slope, np.linalg.solve(spread, slope[..., None])[..., 0])
-    surprise /= len(eye)
+    num, size = slope.shape[1] - len(common), slope.shape[1]
+    if not num:
+        return Combined(np.zeros(size), np.eye(size), np.zeros((0, 0)), variance)
+    eye, is_parameter = np.eye(size), np.arange(size) < num
+    between = variance * is_parameter  # (P + Q,)
+    prior = np.where(is_parameter, 0.0, COMMON_STD**-2)
+    surprise = _surprise(information[:, :num, :num], slope[:, :num], variance)
     count = trust * (_STUDENT + 1) / (_STUDENT + surprise)  # (W,)
-    weighted = np.einsum("w,wpq,wqr->wpr", count, information, shrink)
+    shrink = np.linalg.inv(eye + between[:, None] * information)  # (W, P + Q, P + Q)
+    weighted = count[:, None, None] * (information @ shrink)
     slopes = count[:, None] * np.einsum("wqp,wq->wp", shrink, slope)
-    inverse = np.linalg.inv(weighted.sum(0) + _RIDGE * eye)
-    deviations = slopes - weighted @ (inverse @ slopes.sum(0))
-    freedom = max(0, len(slope) - len(eye))
+    total = slopes.sum(0) + prior * np.concatenate([np.zeros(num), common])
+    whole = weighted.sum(0) + np.diag(prior)
+    inverse = np.linalg.inv(whole + _RIDGE * eye)
+    deviations = slopes - weighted @ (inverse @ total)
+    freedom = max(0, len(slope) - num)
     few = len(slope) / max(1, freedom)
-    covariance = few * inverse @ (deviations.T @ deviations) @ inverse + _RIDGE * inverse
+    scatter = few * deviations.T @ deviations + np.diag(prior)
+    covariance = inverse @ scatter @ inverse + _RIDGE * inverse
     # One alone scatters by nothing; it is no surer than it claims.
-    claimed = np.linalg.inv(np.einsum("w,wpq->pq", count, information) + _RIDGE * eye)
-    covariance += claimed / (1 + freedom)
-    informative = np.trace(information, axis1=1, axis2=2) * variance > 1
+    claimed = np.einsum("w,wpq->pq", count, information) + np.diag(prior) + _RIDGE * eye
+    covariance += np.linalg.inv(claimed) / (1 + freedom)
+    informative = np.trace(information[:, :num, :num], axis1=1, axis2=2) * variance > 1
     if informative.sum() >= _FEWEST_INFORMATIVE:
         too_small = np.median(surprise[informative]) > _CHI2_MEDIAN
         variance *= _VARIANCE_STEP if too_small else 1 / _VARIANCE_STEP
     variance = float(np.clip(variance, _SMALLEST_VARIANCE, _LARGEST_VARIANCE))
-    return Combined(slopes.sum(0), weighted.sum(0), covariance, variance)
+    return Combined(total, whole, covariance[:num, :num], variance)
+
+
+def _surprise(information: np.ndarray, slope: np.ndarray, variance: float) -> np.ndarray:
+    """(W,) squares of what estimates are off, a parameter, by what experiments and τ allow."""
+    spread = information + variance * information @ information
+    # One that knows only a combination, and that very well, leaves no number to divide by else.
+    ridge = 1e-9 + 1e-12 * np.trace(spread, axis1=1, axis2=2)
+    spread += ridge[:, None, None] * np.eye(slope.shape[1])
+    solved = np.linalg.solve(spread, slope[..., None])[..., 0]
+    return np.einsum("wp,wp->w", slope, solved) / slope.shape[1]
 
 
 def robust_weights(cost: np.ndarray) -> np.ndarray:

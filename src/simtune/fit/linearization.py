@@ -3,11 +3,12 @@
 Derivatives are finite differences, for which all changed worlds run at once.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from simtune.fit.common_errors import directions
 from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics
 from simtune.fit.windows import Windows
@@ -25,6 +26,8 @@ class LinearizationPoint:
     damping: np.ndarray  # (W,) of the states' steps (Levenberg and Marquardt)
     variance: float  # of the parameters between windows
     step_scale: float = 1.0  # share of a step in the parameters that is taken
+    # (Q,) errors, see `common_errors`; (0,): none yet
+    common: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 class Slopes(NamedTuple):
@@ -36,13 +39,13 @@ class Slopes(NamedTuple):
 
 
 class NormalEquations(NamedTuple):
-    """Of W windows with 2 nv unknown initial states each and P shared parameters."""
+    """Of W windows with 2 nv unknown initial states each, P parameters and Q common errors."""
 
     hessian: np.ndarray  # (W, 2 nv, 2 nv) H, in the states
-    cross: np.ndarray  # (W, 2 nv, P) C, in states and parameters
+    cross: np.ndarray  # (W, 2 nv, P + Q) C, in states and what windows share
     gradient: np.ndarray  # (W, 2 nv) g, of the states
-    information: np.ndarray  # (W, P, P) B − Cᵀ H⁻¹ C, what is left to know the parameters by
-    parameter_gradient: np.ndarray  # (W, P) b − Cᵀ H⁻¹ g
+    information: np.ndarray  # (W, P + Q, P + Q) B − Cᵀ H⁻¹ C, what is left to know these by
+    shared_gradient: np.ndarray  # (W, P + Q) b − Cᵀ H⁻¹ g
 
 
 class WindowPlayer:
@@ -122,8 +125,8 @@ class WindowPlayer:
         `slopes`: predictions at the point, and derivatives there or near by. `pull`: (W, 2 nv) how
         far the states are from their first guesses, in terms of `prior`, (2 nv,), which is how
         much these are trusted.
-        With residuals r, weights w and noise σ of the evidence, J = ∂r/∂(states), K = ∂r/∂(unit),
-        W = diag(w), S = diag(prior):
+        With residuals r, weights w and noise σ of the evidence, J = ∂r/∂(states), K = ∂r/∂(unit,
+        common), W = diag(w), S = diag(prior):
 
             H = Jᵀ W J + S⁻²     C = Jᵀ W K     B = Kᵀ W K
             g = Jᵀ W r + S⁻¹ pull               b = Kᵀ W r
@@ -131,20 +134,23 @@ class WindowPlayer:
         and the states are eliminated by the Schur complement of H.
         """
         predicted, by_state, by_parameter = slopes
+        by_common = directions(windows.evidence)[None, :, None]  # (1, Q, 1, D)
+        shape = len(predicted), by_common.shape[1], *predicted.shape[1:]
+        by_shared = np.concatenate([by_parameter, np.broadcast_to(by_common, shape)], 1)
         residual, weight = windows.evidence.linearize(predicted, blur)
         scale, num = blur * windows.evidence.scale, len(residual)
         r, w = residual.reshape(num, -1), weight.reshape(num, -1)  # (W, M = K · D)
         num_residuals = r.shape[1]
         jacobian = (by_state / scale).reshape(*by_state.shape[:2], num_residuals)  # (W, 2 nv, M)
-        sensitivity = (by_parameter / scale).reshape(
-            *by_parameter.shape[:2], num_residuals
-        )  # (W, P, M)
+        sensitivity = (by_shared / scale).reshape(
+            *by_shared.shape[:2], num_residuals
+        )  # (W, P + Q, M)
         hessian = np.einsum("wsm,wm,wtm->wst", jacobian, w, jacobian, optimize=True)
         hessian += np.diag(prior**-2)
         cross = np.einsum("wsm,wm,wpm->wsp", jacobian, w, sensitivity, optimize=True)
-        information = np.einsum("wpm,wm,wqm->wpq", sensitivity, w, sensitivity)
+        information = np.einsum("wpm,wm,wqm->wpq", sensitivity, w, sensitivity, optimize=True)
         gradient = np.einsum("wsm,wm,wm->ws", jacobian, w, r) + pull / prior
-        parameter_gradient = np.einsum("wpm,wm,wm->wp", sensitivity, w, r)
+        shared_gradient = np.einsum("wpm,wm,wm->wp", sensitivity, w, r)
         # Undamped: a window whose states cannot move would seem to know the parameters well.
         follow = np.linalg.solve(hessian + 1e-6 * diagonal(hessian), cross)  # H⁻¹ C
         equations = NormalEquations(
@@ -152,7 +158,7 @@ class WindowPlayer:
             cross,
             gradient,
             information - cross.swapaxes(1, 2) @ follow,
-            parameter_gradient - np.einsum("wsp,ws->wp", follow, gradient),
+            shared_gradient - np.einsum("wsp,ws->wp", follow, gradient),
         )
         return equations, -windows.evidence.log_likelihood(predicted, blur)
 

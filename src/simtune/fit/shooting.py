@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE
+from simtune.fit.common_errors import directions
 from simtune.fit.lateness import Lateness
 from simtune.fit.linearization import LinearizationPoint
 from simtune.fit.observed import Observed
@@ -154,6 +155,8 @@ class Shooting:
         player = self._step.player
         full_states, predicted = player.play(windows, point.states[None], point.unit[None])
         evidence, num_frames = windows.evidence, predicted.shape[2]
+        if len(point.common):
+            predicted = predicted + point.common @ directions(evidence)
         return ShootingFit(
             point.unit[fitted],
             covariance[: len(fitted), : len(fitted)],

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.fit.combine import combine, robust_weights
+from simtune.fit.combine import COMMON_STD, combine, robust_weights
+from simtune.fit.common_errors import directions
 from simtune.fit.lateness import Lateness
 from simtune.fit.linearization import (
     LinearizationPoint,
@@ -50,11 +51,15 @@ class ShootingStep:
         self.player = WindowPlayer(physics, self._prior_std, fitted, lateness)
 
     def information(self, windows: Windows, point: LinearizationPoint) -> np.ndarray:
-        """(W, P, P) that each window has of the parameters, where its state is unknown."""
+        """(W, P, P) that each window has of the parameters, where its state is unknown.
+
+        And were its errors independent.
+        """
         pull = np.zeros((len(windows.states), len(self._prior_std)))
         slopes = self.player.differentiate(windows, point)
         equations, _ = self.player.linearize(windows, slopes, pull, self._prior_std, 1.0)
-        return equations.information
+        num = len(self.fitted)
+        return equations.information[:, :num, :num]
 
     def take(
         self,
@@ -66,11 +71,12 @@ class ShootingStep:
     ) -> Stepped:
         """One step from `point`, of which the parameters go a `share`.
 
-        Over the W windows' initial states x_w and the parameters θ that all share, it minimises
+        Over the W windows' initial states x_w and what all share, θ, it minimises
 
             Σ_w −log p(observed_w | x_w, θ) + ½ ‖S⁻¹ (x_w ⊖ x̄_w)‖²
 
-        with x̄_w the first guess and S = diag(prior). Near the point (`linearize`) that is
+        with x̄_w the first guess and S = diag(prior). θ has the parameters and the errors that all
+        have in common, with a prior of their own. Near the point (`linearize`) that is
 
             [H_w   C_w] [δx_w]     [g_w]
             [C_wᵀ  B_w] [δθ  ] = − [b_w]
@@ -83,41 +89,48 @@ class ShootingStep:
         """
         prior = self._prior_std * (_LAST_PRIOR if blur <= 1 else 1.0)
         pull = self._pull(point.states, windows, prior)  # (W, 2 nv)
-        equations, cost = self.player.linearize(windows, slopes, pull, prior, blur)
+        by_common, num = directions(windows.evidence), len(self.fitted)
+        common = point.common if len(point.common) else np.zeros(len(by_common))
+        seen = slopes._replace(predicted=slopes.predicted + common @ by_common)
+        equations, cost = self.player.linearize(windows, seen, pull, prior, blur)
         trust = robust_weights(cost)  # (W,)
         combined = combine(
             equations.information,
-            equations.parameter_gradient,
+            equations.shared_gradient,
             point.variance,
             trust / (1 + point.damping),
+            common,
         )
-        step = combined.step(point.unit[self.fitted], _LARGEST_STEP)  # (P,)
-        unit = point.unit.copy()
-        unit[self.fitted] = np.clip(unit[self.fitted] + share * point.step_scale * step, 0, 1)
-        moved = self._move_states(point, equations, unit[self.fitted] - point.unit[self.fitted])
+        step = combined.step(point.unit[self.fitted], _LARGEST_STEP)  # (P + Q,)
+        step *= share * point.step_scale
+        unit, found = point.unit.copy(), common + step[num:]
+        unit[self.fitted] = np.clip(unit[self.fitted] + step[:num], 0, 1)
+        change = np.concatenate([unit[self.fitted] - point.unit[self.fitted], step[num:]])
+        moved = self._move_states(point, equations, change)
         # Costs (2, W) with the parameters moved: with the states moved, too, and without
         _, predicted = self.player.play(
             windows, np.stack([moved, point.states]), np.stack([unit, unit])
         )
         pulls = np.stack([self._pull(moved, windows, prior), pull])
-        costs = -windows.evidence.log_likelihood(predicted, blur)
+        costs = -windows.evidence.log_likelihood(predicted + found @ by_common, blur)
         costs += 0.5 * np.square(pulls).sum(-1)
         before = cost + 0.5 * np.square(pull).sum(-1)
-        if trust @ costs.min(0) > trust @ before:  # too far for a straight line
+        rise = 0.5 * (found @ found - common @ common) / COMMON_STD**2
+        if trust @ costs.min(0) + rise > trust @ before:  # too far for a straight line
             shorter = replace(point, step_scale=point.step_scale / 4)
             return Stepped(shorter, combined.covariance, slopes.predicted)
         better = costs[0] < costs[1]
         states = np.where(better[:, None], moved, point.states)
         damping = np.where(better, point.damping / 4, point.damping * 8).clip(*_DAMPING)
         step_scale = min(1.0, 2 * point.step_scale)
-        after = LinearizationPoint(states, unit, damping, combined.variance, step_scale)
+        after = LinearizationPoint(states, unit, damping, combined.variance, step_scale, found)
         its = np.where(better[:, None, None], predicted[0], predicted[1])
         return Stepped(after, combined.covariance, its)
 
     def _move_states(
         self, point: LinearizationPoint, equations: NormalEquations, change: np.ndarray
     ) -> np.ndarray:
-        """(W, nq + nv) states after the best step when the parameters change by (P,)."""
+        """(W, nq + nv) states after the best step when what is shared changes by (P + Q,)."""
         hessian = equations.hessian
         damped = hessian + point.damping[:, None, None] * diagonal(hessian)
         gradient = equations.gradient + equations.cross @ change

@@ -32,6 +32,11 @@ class Evidence(Protocol):
         ...
 
     @property
+    def common_std(self) -> np.ndarray:
+        """(D,) of what all errors of a world have in common, as predictions have it; 0: nothing."""
+        ...
+
+    @property
     def num_observations(self) -> int:
         """Independent observations in a frame, over which likelihoods are averaged."""
         ...
@@ -70,6 +75,10 @@ class AllEvidence:
     @property
     def scale(self) -> np.ndarray:
         return np.concatenate([part.scale for part in self.parts])
+
+    @property
+    def common_std(self) -> np.ndarray:
+        return np.concatenate([part.common_std for part in self.parts])
 
     @property
     def num_observations(self) -> int:

@@ -34,6 +34,11 @@ class JointReadings:
         return np.full(self.values.shape[-1], self.noise)
 
     @property
+    def common_std(self) -> np.ndarray:
+        """(D,) none: an encoder's offset is found before, or known."""
+        return np.zeros(self.values.shape[-1])
+
+    @property
     def num_observations(self) -> int:
         return self.values.shape[-1]
 

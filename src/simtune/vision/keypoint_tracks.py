@@ -29,6 +29,7 @@ class KeypointTracks:
     shape: tuple[int, int]  # (height, width) of pictures
     # (..., K, 2, L, 2) information of each coordinate, by that of the usual noise; or 1 for all
     information: np.ndarray | float = 1.0
+    common_px: np.ndarray | float = 0.0  # (L, 2) by which a world's are usually all off alike
 
     name, unit = "keypoints", "px"
 
@@ -44,11 +45,15 @@ class KeypointTracks:
         probability = _SUREST * np.stack([found.probability for found in episodes])
         own_px = noise(np.stack([found.spread for found in episodes]))
         information = np.square(noise.usual_px[:, None] / own_px)
-        return cls(candidates, probability, noise.usual_px, shape, information)
+        return cls(candidates, probability, noise.usual_px, shape, information, noise.common_px)
 
     @property
     def scale(self) -> np.ndarray:
         return np.repeat(self.noise_px, 2)
+
+    @property
+    def common_std(self) -> np.ndarray:
+        return np.broadcast_to(self.common_px, (len(self.noise_px), 2)).ravel()
 
     @property
     def num_observations(self) -> int:
