@@ -24,6 +24,7 @@ from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.vision.image_noise import ImageNoise
 from simtune.vision.noisy_cameras import NoisyCameras
+from simtune.vision.smoothing import with_smooth_chroma
 
 STEPS = 12
 SIZE = 32
@@ -250,16 +251,31 @@ def test_noisy_cameras_do_to_tensors_what_the_noise_says():
     seen = (NoisyCameras.draw(ImageNoise(), 500, generator)(pictures) + 1) / 2
     level = seen.mean((2, 3))
     assert float(level.mean()) == pytest.approx(0.5, abs=0.01)
-    expected = np.hypot(np.hypot(0.06, 0.02) * 0.5, 0.02)
+    # Of .5: brightness and tint, offset, and an exponent (.5^γ changes by .5 ln .5 of it)
+    expected = np.linalg.norm([0.03, 0.01, 0.01, 0.5 * np.log(2) * 0.05])
     assert float(level.std(0).mean()) == pytest.approx(expected, rel=0.15)
     assert float(seen.std((2, 3)).mean()) == pytest.approx(0.025 / 2, rel=0.15)
     dot = torch.full((1, 3, 5, 5), -1.0)
     dot[:, :, 2, 2] = 1.0
-    none = ImageNoise(gain=0, tint=0, offset=0, noise=0)
+    none = ImageNoise(gain=0, tint=0, offset=0, gamma=0, noise=0)
     still = NoisyCameras.draw(none, 1, generator)
     blur, found = float(still.blur), (still(dot) + 1) / 2
     assert float(found[0, 0, 2, 2]) == pytest.approx(1 - blur + blur / 4, abs=1e-5)
     assert float(found[0, 0, 2, 3]) == pytest.approx(blur / 8, abs=1e-5)
+
+
+def test_noisy_cameras_smooth_colours_as_videos_do():
+    generator, none = (
+        torch.Generator().manual_seed(1),
+        ImageNoise(gain=0, tint=0, offset=0, gamma=0, noise=0),
+    )
+    camera = NoisyCameras.draw(none, 1, generator)._replace(blur=torch.zeros(1, 1, 1, 1))
+    drawn = np.random.default_rng(0).random((7, 7, 3), np.float32)
+    seen = (camera(torch.tensor(2 * drawn - 1).permute(2, 0, 1)[None]) + 1) / 2
+    share = float(camera.blur_of_chroma)
+    assert 0 < share < 1
+    expected = (1 - share) * drawn + share * with_smooth_chroma(drawn)
+    np.testing.assert_allclose(seen[0].permute(1, 2, 0), expected.clip(0, 1), atol=1e-5)
 
 
 @pytest.mark.thorough

@@ -6,6 +6,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.agents.agent import Observation
+from simtune.observation import ObservationModel
 from simtune.real.gap import RealityGap
 from simtune.replay import Episodes
 from simtune.simulation import FrameStacker, Rollouts, Simulator, acting_late, scale_actions
@@ -31,17 +32,19 @@ class Environment:
         *,
         gap: RealityGap | None = None,
         most_late: int = 0,
+        observation: ObservationModel | None = None,
     ):
         """`keypoints`: whose pixels filmed episodes hold besides. Raises ValueError: no reward.
 
         Behind a `gap` a policy sees what its camera delivers. `most_late`: steps by which actions
         may be late; so many of the latest ones belong to the state, since they are still to come.
+        `observation`: of the real world that policies are for: rooms may have stray light there.
         """
         if task.reward is None:
             raise ValueError(f"{task.name} has no reward, so no policy can be trained in it")
         self.task, self.simulator, self._reward = task, simulator, task.reward
         self.num_stacked, self.keypoints = num_stacked, keypoints
-        self.gap, self.most_late = gap, most_late
+        self.gap, self.most_late, self._observation = gap, most_late, observation
         self._space, joint = simulator.state_space, simulator.model.joint
         self._free = [joint(name).qposadr[0] for name in task.free_joints]
         self._turning = [joint(name).qposadr[0] for name in task.symmetric_hinges]
@@ -89,7 +92,10 @@ class Environment:
         stacker = None
         if film:
             camera = self.gap.camera(simulator.step_s, rng) if self.gap else None
-            stacker = FrameStacker(simulator, parameters, num_steps, self.num_stacked, camera)
+            seen = self._observation
+            stray = seen.stray_light(len(parameters), rng) if seen else None
+            size = num_steps, self.num_stacked
+            stacker = FrameStacker(simulator, parameters, *size, camera, stray)
         keypoints = self.keypoints if film else None
         actions = np.empty((len(parameters), num_steps, simulator.num_actions), np.float32)
 

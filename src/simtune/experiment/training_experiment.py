@@ -128,7 +128,14 @@ def build_training(
     assert isinstance(world.keypoints, Keypoints)
     most_late = 0 if world.space.is_delay.any() else world.real.observation.max_latency_steps
     stacked = schedule.num_stacked
-    environment = Environment(task, world.simulator, stacked, world.keypoints, most_late=most_late)
+    environment = Environment(
+        task,
+        world.simulator,
+        stacked,
+        world.keypoints,
+        most_late=most_late,
+        observation=world.real.observation,
+    )
     gap = RealityGap.of(config, schedule.image_size)
     scored_in = environment
     if gap:

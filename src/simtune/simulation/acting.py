@@ -8,6 +8,7 @@ import numpy as np
 
 from simtune.simulation.actions import ActionSpace
 from simtune.simulation.any_simulator import Act, AnySimulator
+from simtune.simulation.stray_light import StrayLight
 
 # (n, K, H, W, 3) uint8, the latest frames of n worlds, to (n, A) actions in [−1, 1]
 PixelPolicy = Callable[[np.ndarray], np.ndarray]
@@ -32,14 +33,15 @@ class FrameStacker:
         num_steps: int,
         num_stacked: int,
         camera: LiveCamera | None = None,
+        stray: StrayLight | None = None,
     ):
-        """`camera`: None: pictures are seen as they are drawn."""
+        """`camera`: None: pictures are seen as they are drawn. `stray`: of the n worlds."""
         height, width = simulator.shape
         if camera:
             height, width = camera.image_size, camera.image_size * width // height
         self._film = camera.film if camera else None
         self.frames = np.empty((len(parameters), num_steps + 1, height, width, 3), np.uint8)
-        self._simulator, self._parameters = simulator, parameters
+        self._simulator, self._parameters, self._stray = simulator, parameters, stray
         self._offsets = np.arange(1 - num_stacked, 1)
 
     def draw(self, t: int, states: np.ndarray) -> np.ndarray:
@@ -47,7 +49,7 @@ class FrameStacker:
 
         Before an episode's first frame that one is repeated.
         """
-        drawn = self._simulator.render(states, self._parameters)
+        drawn = self._simulator.render(states, self._parameters, self._stray)
         self.frames[:, t] = self._film(drawn) if self._film else drawn
         return self.frames[:, np.maximum(t + self._offsets, 0)]
 

@@ -5,20 +5,23 @@ from typing import NamedTuple
 import torch
 
 from simtune.vision.image_noise import ImageNoise
+from simtune.vision.smoothing import LUMA
 
 
 class NoisyCameras(NamedTuple):
     """What (n, C, 1, 1) cameras do to pictures; a single one films any number of them."""
 
+    gamma: torch.Tensor
     gain: torch.Tensor
     offset: torch.Tensor  # of the full scale
     noise: torch.Tensor
     blur: torch.Tensor
+    blur_of_chroma: torch.Tensor  # see `with_smooth_chroma`
     generator: torch.Generator  # of the noise, which is other in each picture
 
     @classmethod
     def draw(cls, like: ImageNoise, num: int, generator: torch.Generator) -> "NoisyCameras":
-        """As many cameras, each with a gain, tint, offset, blur and noise of its own."""
+        """As many cameras, each with a gamma, gain, tint, offset, blur and noise of its own."""
 
         def normal(channels: int) -> torch.Tensor:
             size = (num, channels, 1, 1)
@@ -28,19 +31,29 @@ class NoisyCameras(NamedTuple):
             return torch.rand(num, 1, 1, 1, generator=generator, device=generator.device)
 
         return cls(
+            gamma=(like.gamma * normal(1)).exp(),
             gain=(like.gain * normal(1) + like.tint * normal(3)).exp(),
             offset=like.offset * normal(1),
             noise=like.noise * uniform(),
             blur=uniform(),
+            blur_of_chroma=uniform(),
             generator=generator,
         )
 
     def __call__(self, pictures: torch.Tensor) -> torch.Tensor:
         """(B, 3, H, W) in [−1, 1], as drawn, to the same as recorded; B = n, or n = 1."""
-        smooth = pictures
-        for axis in (2, 3):
-            smooth = (smooth.roll(1, axis) + 2 * smooth + smooth.roll(-1, axis)) / 4
-        drawn = (pictures.lerp(smooth, self.blur) + 1) / 2
+        levels = ((pictures + 1) / 2) ** self.gamma
+        drawn = levels.lerp(_smoothed(levels), self.blur)
+        luma = (drawn * drawn.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
+        chroma = drawn - luma
+        drawn = luma + chroma.lerp(_smoothed(_smoothed(chroma)), self.blur_of_chroma)
         noise = torch.randn(drawn.shape, generator=self.generator, device=drawn.device)
         seen = drawn * self.gain + self.offset + self.noise * noise
         return seen.clamp(0, 1) * 2 - 1
+
+
+def _smoothed(pictures: torch.Tensor) -> torch.Tensor:
+    """(B, C, H, W), each pixel half of itself and half of its neighbours."""
+    for axis in (2, 3):
+        pictures = (pictures.roll(1, axis) + 2 * pictures + pictures.roll(-1, axis)) / 4
+    return pictures

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-_LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # of R, G and B (ITU-R BT.601)
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # of R, G and B (ITU-R BT.601)
 
 
 def smoothed(pictures: np.ndarray) -> np.ndarray:
@@ -18,7 +18,7 @@ def with_smooth_chroma(pictures: np.ndarray, passes: int = 2) -> np.ndarray:
     Videos keep chroma at half the resolution (4:2:0), so what is a few pixels wide looks greyer.
     Smoothed by more than that, pictures that went through a video are as those that did not.
     """
-    luma = (pictures @ _LUMA)[..., None]
+    luma = (pictures @ LUMA)[..., None]
     chroma = pictures - luma
     for _ in range(passes):
         chroma = smoothed(chroma)
