@@ -82,9 +82,7 @@ def test_what_mujoco_cannot_write_is_said_in_a_line(scene, tmp_path, monkeypatch
 
     run, _ = a_run(tmp_path / "run", str(scene))
     monkeypatch.setattr(mujoco.MjSpec, "copy_back", refuse)
-    with pytest.raises(
-        InputError, match="cannot write the tuned model as MJCF: Error: no word for"
-    ):
+    with pytest.raises(InputError, match="cannot write the model as MJCF: Error: no word for"):
         export(ExportConfig(run_folder=run, out=tmp_path / "out"))
 
 

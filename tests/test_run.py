@@ -149,9 +149,14 @@ def test_a_run_keeps_its_sources_and_says_which_of_them_differ_wherever_they_lie
     RunFolder.create(path, asked, files).close()  # what it was made with stays
     assert (path / "sources/home/parts/link.obj").read_text() == "parts/link.obj"
     shutil.copytree(home, moved)
+    RunFolder.create(path, asked | {"task": str(moved / "arm/tune.toml")}, files).close()
+    stored = read_json(path / "config.json")  # went on with files elsewhere: its own are found
+    assert source_of(path, stored, stored["config"]["task"]).startswith(str(path / "sources"))
     (moved / "arm/scene.xml").unlink()
     now = {"task": str(moved / "arm/tune.toml"), "task_content": "5a"}
-    says = r"another content of (\S+)/arm/scene.xml and \1/parts/link.obj \(its own: "
+    says = (
+        r"holds a run with another content of (\S+)/arm/scene.xml and \1/parts/link.obj \(its own: "
+    )
     with pytest.raises(InputError, match=says):
         check_asked(path, now)
     with pytest.raises(

@@ -15,6 +15,7 @@ from simtune.experiment.settings import Settings
 from simtune.progress import ReportProgress, silent
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.folder import kept_state
+from simtune.tasks import AnyTask
 
 log = logging.getLogger(__name__)
 # For videos and the report: as long as it took to begin, within these. A busy machine that films
@@ -31,16 +32,17 @@ def tune(
     settings: Settings | None = None,
     *,
     command: str | None = None,
+    task: AnyTask | None = None,
 ) -> dict[str, Any]:
     """Find the parameters of a real world; returns the content of result.json.
 
     A run that was interrupted goes on where its last round ended. `command`: what the user typed,
-    to be stored.
+    to be stored. `task`: what `config.task` names, where that is loaded already, or no file.
     Raises InputError for what cannot be used, with nothing written, and RuntimeError for what
     fails on the way.
     """
     began_s = time.monotonic()
-    experiment = build_experiment(config, report, settings)
+    experiment = build_experiment(config, report, settings, task)
     built_s = time.monotonic() - began_s  # filming the real world, say
     ending_s = min(max(_AT_THE_END_S[0], built_s), _AT_THE_END_S[1])
     warnings = experiment.warnings(experiment.recordings)

@@ -6,7 +6,7 @@ RuntimeError. Nothing is printed unless `progress` asks for it.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
 from os import PathLike, fspath
@@ -14,9 +14,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar, cast
 
-from simtune import tasks
 from simtune.algorithm import train as carry_out_training
 from simtune.api.arrays import RealLike, Record, film_once, write_arrays
+from simtune.api.declared import declare
 from simtune.api.result import CheckResult, Result
 from simtune.checking import check as carry_out_check
 from simtune.config import CheckConfig, TrainConfig, TuneConfig
@@ -24,22 +24,24 @@ from simtune.errors import InputError, UnknownName
 from simtune.progress import ProgressBar, ReportProgress, silent
 from simtune.report.data import read_finished
 from simtune.run.config import FILMED, stored_config
-from simtune.tasks import AnyTask
+from simtune.tasks import IN_PYTHON, AnyTask, load_any_task, with_model
 from simtune.tuning_run import tune as carry_out_tuning
 
-TaskLike = str | PathLike[str] | AnyTask
+TaskLike = str | PathLike[str] | Mapping[str, Any] | AnyTask
 _Config = TypeVar("_Config", CheckConfig, TuneConfig, TrainConfig)
 _FILMED = 5  # episodes, unless a number is asked for
 _PATHS = ("out", "pictures", "real_parameters", "robot")
 
 
-def load_task(task: str | PathLike[str]) -> AnyTask:
-    """A built-in task by its name, or the one that a tuning file declares.
+def load_task(task: str | PathLike[str] | Mapping[str, Any]) -> AnyTask:
+    """A built-in task by its name, or the one that a tuning file declares, or a dict with its keys.
 
-    It has a `name`, `parameters` (each with name, nominal, low, high, unit) and `load_model()`.
-    Raises ValueError "FILE:LINE: what is wrong".
+    In a dict `model` may be a `mujoco.MjSpec`, and `environment` a gymnasium.Env, or a class or
+    function that makes one. A task has a `name`, `parameters` (each with name, nominal, low, high,
+    unit) and `load_model()`.
+    Raises ValueError "FILE:LINE: what is wrong", of a dict "task['parameters'][0]: ...".
     """
-    return tasks.load_any_task(fspath(task))
+    return declare(task) if isinstance(task, Mapping) else load_any_task(fspath(task))
 
 
 def check(
@@ -55,8 +57,9 @@ def check(
     docs/commands/check.md. The result is a dict, and shows itself as the command's table.
     """
     with _in_python(), _progress(progress) as report, TemporaryDirectory() as folder:
+        task = _known(task)
         recordings = _recordings(real, Path(folder), options.get("episodes"))
-        config = _config(CheckConfig, task, options | {"real": recordings})
+        config = _config(CheckConfig, with_model(task), options | {"real": recordings})
         return CheckResult(carry_out_check(config, report))
 
 
@@ -83,8 +86,9 @@ def tune(
     options |= {"out": out, "real_episodes": real_episodes, "seed": seed}
     options |= {"budget_minutes": budget_minutes, "precision": precision}
     with _in_python(), _progress(progress, 60 * budget_minutes) as report:
+        task = _known(task)
         options["real"] = _recordings_of_run(real, Path(out), real_episodes)
-        carry_out_tuning(_config(TuneConfig, task, options), report)
+        carry_out_tuning(_config(TuneConfig, task, options), report, task=task)
     return load(out)
 
 
@@ -107,6 +111,7 @@ def train(
     """
     options |= {"out": out, "method": method, "seed": seed, "policy_steps": policy_steps}
     with _in_python(), _progress(progress) as report:
+        task = with_model(_known(task))
         options["real"] = _recordings_of_run(real, Path(out), options.get("real_episodes"))
         carry_out_training(_config(TrainConfig, task, options), report)
     return load(out)
@@ -131,7 +136,7 @@ def _recordings(real: Any, folder: Path, num: int | None) -> Any:
     return write_arrays(real, folder)
 
 
-def _config(kind: type[_Config], task: TaskLike, options: dict[str, Any]) -> _Config:
+def _config(kind: type[_Config], task: AnyTask, options: dict[str, Any]) -> _Config:
     """A command's options, checked. Raises InputError."""
     known = [field.name for field in fields(kind)]
     for name in options:
@@ -139,7 +144,7 @@ def _config(kind: type[_Config], task: TaskLike, options: dict[str, Any]) -> _Co
             command = kind.__name__.removesuffix("Config").lower()
             raise UnknownName("option", name, f"simtune.{command}", known)
     paths = (*_PATHS, *["real"] * (kind is CheckConfig))
-    given: dict[str, Any] = {"task": _source(task)}
+    given: dict[str, Any] = {"task": task.source}
     for name, value in options.items():
         given[name] = fspath(value) if isinstance(value, PathLike) else value
         if name in paths and value is not None:
@@ -149,16 +154,18 @@ def _config(kind: type[_Config], task: TaskLike, options: dict[str, Any]) -> _Co
     return config
 
 
-def _source(task: TaskLike) -> str:
-    """What finds a task again once its run goes on, or is exported."""
-    if isinstance(task, str | PathLike):
-        return fspath(task)
-    if not task.source or tasks.load_any_task(task.source).content_hash != task.content_hash:
+def _known(task: TaskLike) -> AnyTask:
+    """A task that its source finds again once a run goes on, or is exported."""
+    if isinstance(task, str | PathLike | Mapping):
+        return load_task(task)
+    if task.source.startswith(IN_PYTHON):
+        return task
+    if not task.source or load_any_task(task.source).content_hash != task.content_hash:
         raise InputError(
             f"the task {task.name!r} is not as {task.source or 'any file'} declares it: change the "
             "tuning file instead, and give its path, or what simtune.load_task makes of it"
         )
-    return task.source
+    return task
 
 
 @contextmanager

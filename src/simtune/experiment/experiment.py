@@ -113,15 +113,19 @@ class Experiment(World):
 
 
 def build_experiment(
-    config: TuneConfig, report: ReportProgress = silent, settings: Settings | None = None
+    config: TuneConfig,
+    report: ReportProgress = silent,
+    settings: Settings | None = None,
+    task: AnyTask | None = None,
 ) -> Experiment:
-    """What `tune` works with.
+    """What `tune` works with; `task`: what `config.task` names, where that is loaded already.
 
     A robot films into `config.out`; nothing else is written. Raises InputError for what cannot be
     used.
     """
     config.check()
-    task, settings, name = load_any_task(config.task), settings or Settings(), config.search
+    task, settings = task or load_any_task(config.task), settings or Settings()
+    name = config.search
     if config.known_colour:
         task = with_known_colours(with_model(task), config.known_colour)
     if name != "posterior":

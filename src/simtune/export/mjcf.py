@@ -12,6 +12,7 @@ import numpy as np
 from simtune.errors import InputError, one_line
 from simtune.export.inferred import write_down_inferred
 from simtune.parameters import ModelWriter, field_of, rows_of
+from simtune.parameters.fields import FIELDS
 from simtune.run import write_atomically
 from simtune.simulation import count_substeps
 from simtune.tasks import Task
@@ -50,19 +51,33 @@ def write_mjcf(
         spec.copy_back(model)
     for kind, name, attribute, value in not_copied(writer, model):
         setattr(getattr(spec, kind)(name), attribute, value)
+    _compare(_write(spec, folder), model, {*writer.written, *_INFERRED})
+
+
+def write_spec(spec: mujoco.MjSpec, folder: Path) -> None:
+    """FOLDER/model.xml of a spec as it is, and copies of its files, as `write_mjcf` does it."""
+    spec = spec.copy()
+    with _mujocos_errors():
+        model = spec.compile()
+    fields = {name for name in FIELDS if not name.startswith("environment.")}
+    _compare(_write(spec, folder), model, fields)
+
+
+def _write(spec: mujoco.MjSpec, folder: Path) -> mujoco.MjModel:
+    """What can be read again from FOLDER/model.xml."""
     copied: dict[Path, str] = {}
     for owner, where, name in _files(spec):
         name = PurePath(name).name if spec.strippath else name
         source = Path(spec.modelfiledir or "") / where / name
         if source not in copied:
-            copied[source] = _copy(source, folder / _ASSETS, len(copied))
+            held = spec.assets.get(name)
+            copied[source] = _copy(source, folder / _ASSETS, len(copied), held)
         owner.file = copied[source]
     spec.meshdir = spec.texturedir = _ASSETS if copied else ""
     spec.modelfiledir = str(folder)  # writing looks at the files once more
     with _mujocos_errors():
         write_atomically(folder / "model.xml", spec.to_xml().encode())
-        reloaded = mujoco.MjModel.from_xml_path(str(folder / "model.xml"))
-    _compare(reloaded, model, writer)
+        return mujoco.MjModel.from_xml_path(str(folder / "model.xml"))
 
 
 @contextmanager
@@ -71,9 +86,7 @@ def _mujocos_errors() -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise InputError(
-            f"MuJoCo cannot write the tuned model as MJCF: {one_line(error)}"
-        ) from error
+        raise InputError(f"MuJoCo cannot write the model as MJCF: {one_line(error)}") from error
 
 
 def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:
@@ -92,11 +105,11 @@ def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str
             yield kind, name, attribute, value
 
 
-def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, writer: ModelWriter) -> None:
+def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, fields: set[str]) -> None:
     """MJCF need not have a word for every field of a model."""
-    for field in sorted({*writer.written, *_INFERRED}):
+    for field in sorted(fields):
         before, after = map(field_of(field).read, (model, reloaded))
-        if not np.allclose(before, after, rtol=1e-4, atol=1e-6):
+        if before.shape != after.shape or not np.allclose(before, after, rtol=1e-4, atol=1e-6):
             raise RuntimeError(f"MuJoCo writes no {field} into MJCF, so it cannot be exported")
 
 
@@ -111,14 +124,20 @@ def _files(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
                 yield owner, where, owner.file
 
 
-def _copy(source: Path, folder: Path, number: int) -> str:
-    """The name of the copy, which is the source's own unless that is taken."""
+def _copy(source: Path, folder: Path, number: int, held: bytes | None) -> str:
+    """The name of the copy, which is the source's own unless that is taken.
+
+    `held`: its content, where it is no file.
+    """
     folder.mkdir(exist_ok=True)
     name = PurePath(source).name
     if (folder / name).exists():
         name = f"{number}_{name}"
     try:
-        shutil.copyfile(source, folder / name)
+        if held is None:
+            shutil.copyfile(source, folder / name)
+        else:
+            (folder / name).write_bytes(held)
     except OSError as error:
         raise InputError(f"cannot copy {source}, which the model needs: {error.strerror}") from None
     return name

@@ -101,6 +101,7 @@ def _other_contents(
         said = "another content of the task, as this version of simtune or MuJoCo reads it"
         if files:
             said = f"another content of {' and '.join(files)} (its own: {path / SOURCES})"
+            words["task"] = ""  # the same, elsewhere
         elif "task" in differing:
             said = ""
         words |= dict.fromkeys(tasks, said)

@@ -36,7 +36,7 @@ from simtune.run.files import (
     write_atomically,
     write_json,
 )
-from simtune.run.sources import keep_sources
+from simtune.run.sources import keep_sources, named_sources
 from simtune.trajectory import Trajectory
 
 POSTERIOR = "posterior.npz"
@@ -95,6 +95,7 @@ class RunFolder:
             changed = [f"{k} {before.get(k)} → {v}" for k, v in now.items() if before.get(k) != v]
             log.warning("%s goes on with other versions: %s", self.path, ", ".join(changed))
         created = (stored or {}).get("created") or datetime.now(UTC).isoformat(timespec="seconds")
+        config |= named_sources(stored or {})
         content = {"config": config, "versions": now, "created": created, "sources": root}
         write_json(self.path / "config.json", content)
 

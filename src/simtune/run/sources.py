@@ -39,6 +39,12 @@ def source_of(run: Path, stored: Mapping[str, Any], file: str) -> str:
     return str(copy) if copy.is_file() else file
 
 
+def named_sources(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """Options as the run's copies are called by, though it may go on with files elsewhere."""
+    config = stored["config"] if stored.get("sources") else {}
+    return {key: config[key] for key in ("task", "real_parameters") if key in config}
+
+
 def changed_sources(run: Path, stored: Mapping[str, Any], task: str) -> list[str]:
     """Which files of a tuning file `task`, that may have moved, are not as the run's copies are."""
     kept = Path(source_of(run, stored, str(stored["config"].get("task"))))

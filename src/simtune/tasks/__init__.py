@@ -1,18 +1,19 @@
 """The built-in tasks by name; add one by a file here and a line in TASKS. Users' own are files."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from simtune.errors import InputError, UnknownName
 from simtune.tasks import ball_in_cup, cabinet_slide, cartpole, cheetah, finger, rope_peg, walker
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.known_colours import known_values, with_known_colours
 from simtune.tasks.task import Task
-from simtune.tasks.tuning_file import load_tuning_file, named_files
+from simtune.tasks.tuning_file import TomlTable, load_tuning_file, named_files, read_task
 
 AnyTask = Task | EnvironmentTask
+IN_PYTHON = "in Python: "  # before the names of tasks that no file holds
 
 TASKS: dict[str, Callable[[], Task]] = {
     "ball_in_cup": ball_in_cup.catch,
@@ -55,6 +56,11 @@ def before_one_camera(task: _Any) -> _Any:
 
 def load_any_task(name: str) -> AnyTask:
     """The same, of a model or of an environment."""
+    if name.startswith(IN_PYTHON):
+        raise InputError(
+            f"the environment of {name.removeprefix(IN_PYTHON)!r} was an object in Python: no file "
+            "holds it"
+        )
     if name.endswith(".toml"):
         path = Path(name).resolve()
         task = load_tuning_file(Path(name))
@@ -68,7 +74,19 @@ def load_any_task(name: str) -> AnyTask:
     return replace(TASKS[name](), source=name)
 
 
+def read_declared(values: Mapping[str, Any]) -> AnyTask:
+    """The task of a dict that has a tuning file's keys.
+
+    A model may be a spec, and an environment what makes one, which no later command finds again.
+    Raises InputError "task['parameters'][0]: what is wrong".
+    """
+    task = read_task(TomlTable(dict(values), Path.cwd() / "task.toml"))
+    is_object = not isinstance(values.get("environment", ""), str)
+    return replace(task, source=f"{IN_PYTHON}{task.name}") if is_object else task
+
+
 __all__ = [
+    "IN_PYTHON",
     "TASKS",
     "AnyTask",
     "EnvironmentTask",
@@ -77,6 +95,8 @@ __all__ = [
     "known_values",
     "load_any_task",
     "load_task",
+    "named_files",
+    "read_declared",
     "with_known_colours",
     "with_model",
 ]

@@ -1,5 +1,7 @@
 """`environment = ...` in a tuning file: a gymnasium environment instead of a model."""
 
+import inspect
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -16,23 +18,42 @@ _PARAMETER_KEYS = ("name", "nominal", "low", "high", "scale", "unit", "shows_in"
 def read_environment_task(file: TomlTable) -> EnvironmentTask:
     """The task that a file declares. Raises InputError "FILE:LINE: ..."."""
     file.allow(*_KEYS)
-    path, named = file.file, file.text("environment")
-    make, source = partial(_registered, named), ""
+    path = file.file
     with file.at("environment"):
-        if is_in_file(named):  # FILE.py:NAME is called, anything else is an id of gymnasium's
-            make, source = load_user_code(path.parent, named)
+        named, make, source = _environment(file)
     entries = file.tables("parameters")
     if not entries:
         raise file.error("nothing to tune: declare parameters, each after a line [[parameters]]")
     return EnvironmentTask(
         name=file.text("name", usual_name(path)),
         description=file.text("description", f"{named}, of {path.name}"),
-        declared=file.content() + source,
+        declared=file.content(without="environment") + named + source,
         make=make,
         parameters=ParameterSpace([_read(entry) for entry in entries], where=path.name),
         step_s=file.number("control_timestep_s", above=0),
         episode_steps=file.whole("episode_steps", 200),
     )
+
+
+def _environment(file: TomlTable) -> tuple[str, Callable[[], Any], str]:
+    """What it is called, what makes it, and its source text as far as there is one."""
+    if isinstance(given := file.value("environment"), str):
+        named = file.text("environment")
+        if is_in_file(named):  # FILE.py:NAME is called, anything else is an id of gymnasium's
+            return named, *load_user_code(file.file.parent, named)
+        return named, partial(_registered, named), ""
+    is_made = hasattr(given, "reset") and not isinstance(given, type)
+    if not is_made and not callable(given):
+        raise InputError(
+            f"expected a gymnasium.Env, or a class or function that makes one, got {given!r:.60}"
+        )
+    kind = type(given) if is_made else given
+    named = f"{getattr(kind, '__module__', '')}.{getattr(kind, '__qualname__', '')}"
+    try:
+        source = inspect.getsource(kind)
+    except (OSError, TypeError):  # typed into a prompt, or a partial
+        source = ""
+    return named, (lambda: given) if is_made else given, source
 
 
 def _read(entry: TomlTable) -> Parameter:

@@ -9,11 +9,11 @@ from simtune.tasks.tuning_file.actions import read_actions, read_columns
 from simtune.tasks.tuning_file.camera import read_cameras
 from simtune.tasks.tuning_file.environment import read_environment_task
 from simtune.tasks.tuning_file.initial_state import read_initial_state
-from simtune.tasks.tuning_file.model import read_model
+from simtune.tasks.tuning_file.model import model_name, read_model
 from simtune.tasks.tuning_file.parameters import read_known_colours, read_parameters
 from simtune.tasks.tuning_file.policy import read_policy
 from simtune.tasks.tuning_file.sensors import read_sensors
-from simtune.tasks.tuning_file.toml_table import read_toml, usual_name
+from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml, usual_name
 
 _KEYS = ("model", "name", "description", "camera", "cameras", "control_timestep_s", "action_repeat")
 _KEYS += ("episode_steps", "fixed_joints", "fixed_pose", "actuators", "actions", "initial_state")
@@ -22,12 +22,16 @@ _MOST_SUBSTEPS = 2000
 
 
 def load_tuning_file(path: Path) -> Task | EnvironmentTask:
-    """The task that a TOML file declares, of a model or of an environment.
+    """The task that a TOML file declares. Raises as `read_task` does."""
+    return read_task(read_toml(path))
+
+
+def read_task(file: TomlTable) -> Task | EnvironmentTask:
+    """The task that a file, or a dict with the same keys, declares: of a model or an environment.
 
     Raises InputError "FILE:LINE: ..." for whatever is wrong with the file, or does not go with the
     model that it names.
     """
-    file = read_toml(path)
     if "environment" in file:
         return read_environment_task(file)
     file.allow(*_KEYS)
@@ -50,8 +54,8 @@ def load_tuning_file(path: Path) -> Task | EnvironmentTask:
     map_actions = read_actions(actions, model)
     parameters = read_parameters(file, load_spec(), [f.camera for f in footage], step_s)
     return Task(
-        name=file.text("name", usual_name(path)),
-        description=file.text("description", f"{file.text('model')}, of {path.name}"),
+        name=file.text("name", usual_name(file.file)),
+        description=file.text("description", f"{model_name(file)}, of {file.file.name}"),
         declared=file.content(without="policy") + "".join(f.content() for f in footage),
         load_spec=load_spec,
         parameters=parameters,

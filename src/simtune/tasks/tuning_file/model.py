@@ -19,14 +19,8 @@ def read_model(file: TomlTable) -> mujoco.MjSpec:
 
     Raises InputError for what is wrong with it, or with what the file changes.
     """
-    path = file.file.parent / file.text("model")
-    if not path.is_file():
-        raise file.error(f"there is no model file {path}", "model")
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        why = _why(error, [path.parent])
-        raise file.error(f"MuJoCo cannot read {path}: {why}", "model") from None
+    path = file.file.parent / model_name(file)
+    spec = file.value("model").copy() if _is_spec(file) else _read(file, path)
     try:
         _find_packages(spec, path)
         name_all(spec)
@@ -39,8 +33,29 @@ def read_model(file: TomlTable) -> mujoco.MjSpec:
     except ValueError as error:
         folders = [path.parent / folder for folder in ("", spec.meshdir, spec.texturedir)]
         why = _why(error, folders)
-        raise file.error(f"MuJoCo cannot compile {file.text('model')}: {why}", "model") from None
+        raise file.error(f"MuJoCo cannot compile {model_name(file)}: {why}", "model") from None
     return spec
+
+
+def model_name(file: TomlTable) -> str:
+    """The model's file, or the name of a spec that a dict has instead. Raises InputError."""
+    if "model" in file and isinstance(file.value("model"), mujoco.MjModel):
+        raise file.error("a compiled MjModel: give the mujoco.MjSpec, or the file", "model")
+    return file.value("model").modelname if _is_spec(file) else file.text("model")
+
+
+def _is_spec(file: TomlTable) -> bool:
+    return "model" in file and isinstance(file.value("model"), mujoco.MjSpec)
+
+
+def _read(file: TomlTable, path: Path) -> mujoco.MjSpec:
+    if not path.is_file():
+        raise file.error(f"there is no model file {path}", "model")
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        why = _why(error, [path.parent])
+        raise file.error(f"MuJoCo cannot read {path}: {why}", "model") from None
 
 
 def _find_packages(spec: mujoco.MjSpec, model: Path) -> None:

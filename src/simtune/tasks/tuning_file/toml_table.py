@@ -1,4 +1,7 @@
-"""A TOML file read with care: what is wrong is said with its line and the nearest valid name."""
+"""A TOML file read with care: what is wrong is said with its line and the nearest valid name.
+
+A dict that has the keys of such a file is read alike.
+"""
 
 import difflib
 import json
@@ -47,11 +50,17 @@ class LocatedError(InputError):
 class TomlTable:
     """A table of a file. What is asked of it raises InputError "FILE:LINE: what is wrong".
 
+    Of a dict in Python, which has no `lines`, that is "task['parameters'][0]: what is wrong".
+
     A key that is asked for without a default has to be there.
     """
 
     def __init__(
-        self, values: dict[str, Any], file: Path, lines: dict[KeyPath, int], path: KeyPath = ()
+        self,
+        values: dict[str, Any],
+        file: Path,
+        lines: dict[KeyPath, int] | None = None,
+        path: KeyPath = (),
     ):
         self._values, self.file, self._lines, self._path = values, file, lines, path
 
@@ -77,6 +86,8 @@ class TomlTable:
     def where(self, key: str | None = None) -> str:
         """FILE:LINE of a key, or of the table."""
         path = self._path if key is None else (*self._path, key)
+        if self._lines is None:
+            return "".join(["task", *(f"[{part!r}]" for part in path)])
         return f"{self.file}:{line_of(path, self._lines)}"
 
     def error(self, message: object, key: str | None = None) -> LocatedError:
