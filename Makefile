@@ -14,9 +14,11 @@ PYTHON ?= $(shell for python in python3.11 python3 python3.12 python3.13; do \
 export OMP_WAIT_POLICY ?= PASSIVE
 
 # Two processes of one thread each; a test file's own fixtures are made once by each of them.
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist worksteal
+TWO := -m pytest --numprocesses 2 --dist worksteal
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python $(TWO)
+QUICK := -m "not slow and not gpu and not thorough"
 
-.PHONY: install demo docs evidence test test-quick check test-all bench dist
+.PHONY: install demo docs evidence test test-quick test-lowest check test-all bench dist
 
 install: $(READY)
 
@@ -45,10 +47,22 @@ evidence: $(READY)
 
 # Without those of about a second and more; `make test` before a change is handed on.
 test-quick: $(READY)
-	$(PYTEST) -m "not slow and not gpu and not thorough"
+	$(PYTEST) $(QUICK)
 
 test: $(READY)
 	$(PYTEST) -m "not slow and not gpu"
+
+# The quick tests with the lowest versions that pyproject.toml allows. Some gigabytes, since CUDA comes
+# with older torch.
+LOWEST := .venv-lowest
+test-lowest: $(READY)
+	$(BIN)/python -m pip install --quiet --group lowest
+	$(PYTHON) -m venv --clear --without-pip $(LOWEST)
+	$(BIN)/uv pip compile --quiet --resolution lowest-direct --python $(LOWEST)/bin/python \
+		--all-extras --group dev --output-file $(LOWEST)/lowest.txt pyproject.toml
+	$(BIN)/uv pip install --quiet --python $(LOWEST)/bin/python --requirement $(LOWEST)/lowest.txt
+	$(BIN)/uv pip install --quiet --python $(LOWEST)/bin/python --no-deps --editable .
+	OMP_NUM_THREADS=1 $(LOWEST)/bin/python $(TWO) $(QUICK)
 
 check: $(READY)
 	$(BIN)/ruff check

@@ -177,7 +177,7 @@ def test_colours_of_thin_things_survive_a_video_once_chroma_is_smoothed(tmp_path
         return ground + np.linalg.lstsq(slopes.T, see(filmed - ground).ravel(), rcond=None)[0]
 
     raw, smooth = (np.abs(explained(see) - colour) for see in (np.array, with_smooth_chroma))
-    assert (raw > 7).all()  # greyer
+    assert (raw > 4).all()  # greyer
     assert (smooth < 0.5 * raw).all()
 
 

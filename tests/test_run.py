@@ -4,6 +4,7 @@ import json
 import math
 import os
 import shutil
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ def test_config_is_written_with_versions(path):
     assert stored["config"] == CONFIG
     names = {"simtune", "python", "mujoco", "mujoco_warp", "torch", "platform"}
     assert set(stored["versions"]) == names
-    assert stored["versions"]["torch"] == torch.__version__
+    assert stored["versions"]["torch"] == version("torch")
 
 
 def test_metrics_and_events(path):
@@ -192,7 +193,7 @@ def test_other_versions_are_reported(path, caplog):
     stored["versions"]["torch"] = "1.0"
     write_json(path / "config.json", stored)
     _create(path).close()
-    assert f"torch 1.0 → {torch.__version__}" in caplog.text
+    assert f"torch 1.0 → {version('torch')}" in caplog.text
 
 
 def test_one_process_at_a_time(path):

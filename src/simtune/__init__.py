@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
 __all__ = ["Result", "check", "load", "load_task", "train", "tune"]
 
 if TYPE_CHECKING:
@@ -11,11 +10,23 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     """The public names; torch and MuJoCo, which take seconds, are loaded with the first of them."""
+    if name == "__version__":
+        return _version()
     if name not in __all__:
         raise AttributeError(f"module 'simtune' has no attribute {name!r}")
     from simtune import api
 
     return getattr(api, name)
+
+
+def _version() -> str:
+    """As it was installed: by git's tags (docs/python.md)."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("simtune")
+    except PackageNotFoundError:  # a folder on Python's path
+        return "unknown"
 
 
 def __dir__() -> list[str]:
