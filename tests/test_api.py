@@ -187,6 +187,16 @@ def test_the_page_lists_the_public_names_and_no_others():
         compile(code, "python.md", "exec")
 
 
+def test_nothing_private_is_imported_in_any_example_or_page():
+    root = Path(__file__).parents[1]
+    files = [root / "README.md", *(root / "docs").rglob("*.md"), *(root / "docs").glob("*.ipynb")]
+    files += [f for end in ("py", "md", "toml") for f in (root / "examples").rglob(f"*.{end}")]
+    texts = {file: file.read_text() for file in files if ".venv" not in str(file)}
+    assert sum("import simtune" in text for text in texts.values()) >= 3
+    private = re.compile(r"(?:from|import) simtune\.|from simtune import _|simtune\._")
+    assert [file for file, text in texts.items() if private.search(text)] == []
+
+
 def test_train_takes_the_options_of_its_command(tmp_path, monkeypatch):
     given = []
     monkeypatch.setattr("simtune.api.commands.carry_out_training", lambda *a: given.append(a[0]))
