@@ -71,6 +71,24 @@ def test_errors_that_all_have_in_common_do_not_average_out():
     assert alone.covariance[0, 0] < variance / 10, "as if they were independent"
 
 
+def test_scatter_allows_for_the_common_errors_that_were_found_from_it():
+    """What is claimed is how far estimates are off, also of few experiments with many errors."""
+    rng, num, num_common = np.random.default_rng(0), 20, 10
+    off, claimed = [], []
+    for _ in range(200):
+        by_parameter = rng.normal(1, 0.3, (num, 1))
+        design = 30 * np.concatenate([by_parameter, rng.normal(size=(num, num_common))], 1)
+        noise, point = rng.normal(size=num), np.zeros(1 + num_common)
+        information = design[:, :, None] * design[:, None]
+        for _ in range(10):
+            slope = design * (design @ point - noise)[:, None]
+            combined = combine(information, slope, 1e-12, np.ones(num), point[1:])
+            point += np.linalg.solve(combined.information, -combined.slope)
+        off.append(point[0])
+        claimed.append(combined.covariance[0, 0])
+    assert np.sqrt(np.mean(claimed)) == pytest.approx(np.std(off), rel=0.2)
+
+
 def test_single_experiment_is_no_surer_than_it_claims():
     claimed = 0.02**2
     covariance = combine(

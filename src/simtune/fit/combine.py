@@ -102,7 +102,10 @@ def combine(
     whole = weighted.sum(0) + np.diag(prior)
     inverse = np.linalg.inv(whole + _RIDGE * eye)
     deviations = slopes - weighted @ (inverse @ total)
-    freedom = max(0, len(slope) - num)
+    # What is found from data takes freedom from them: of common errors, as far as data say more
+    # of these than their prior does.
+    found = num + len(common) - (prior * np.diag(inverse)).sum()
+    freedom = max(0.0, len(slope) - found)
     few = len(slope) / max(1, freedom)
     scatter = few * deviations.T @ deviations + np.diag(prior)
     covariance = inverse @ scatter @ inverse + _RIDGE * inverse
