@@ -1,64 +1,93 @@
-"""Estimates in matplotlib."""
+"""Estimates, their curves and their pairs in matplotlib."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simtune.errors import InputError, UnknownName
+from simtune.api.estimate import Estimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from simtune.api.result import Result
+    from matplotlib.figure import Figure
 
 _COLOURS = {"identified": "tab:green", "weak": "tab:orange", "not identifiable": "tab:gray"}
-_ROW_INCHES = 0.3
+_ROW_INCHES, _PANEL_INCHES, _ACROSS = 0.3, 2.2, 4
 
 
-def plot_estimates(result: "Result", names: Sequence[str] | None, ax: "Axes | None") -> "Axes":
+def plot_estimates(
+    estimates: Sequence[Estimate],
+    coordinates: Mapping[str, Mapping[str, Any]],
+    title: str,
+    ax: "Axes | None",
+) -> "Axes":
     """A row a parameter, from its low bound to its high one, along its scale.
 
-    Raises InputError for a run without a search, and UnknownName.
+    `coordinates`: scale, low and high of each parameter, by name.
     """
-    chosen = chosen_names(result, names)
-    coordinates = {c["name"]: c for c in result.content["covariance"]["coordinates"]}
-    ax = ax or _new_axes(len(chosen))
-    for row, name in enumerate(chosen):
-        _draw(ax, row, coordinates[name], result)
-    ax.set_yticks(range(len(chosen)), chosen)
+    ax = ax or _rows(len(estimates))
+    for row, its in enumerate(estimates):
+        _draw_row(ax, row, its, coordinates[its.name])
+    ax.set_yticks(range(len(estimates)), [its.name for its in estimates])
     ax.invert_yaxis()
     ax.set_xlim(-0.02, 1.02)
     ax.set_xticks([0, 1], ["low bound", "high bound"])
-    ax.set_title(f"{result.task}: estimates, 90 % intervals")
+    ax.set_title(title)
     return ax
 
 
-def chosen_names(result: "Result", names: Sequence[str] | None) -> list[str]:
-    """All parameters, or `names`. Raises InputError for a run without a search, and UnknownName."""
-    if not result.content.get("covariance"):
-        raise InputError(f"{result.path} has no estimates to plot: nothing was searched for there")
-    chosen = list(result.parameters) if names is None else list(names)
-    for name in chosen:
-        if name not in result.parameters:
-            raise UnknownName("parameter", name, str(result.path), result.parameters)
-    return chosen
+def plot_curves(
+    estimates: Sequence[Estimate], curves: Mapping[str, tuple[np.ndarray, np.ndarray]]
+) -> "Figure":
+    """`curves`: candidates (C,) and P(truth > candidate) (C,) of each parameter, by name."""
+    rows = -(-len(estimates) // _ACROSS)
+    figure, axes = _grid(rows, min(len(estimates), _ACROSS), sharey=True)
+    for ax, its in zip(axes.flat, estimates, strict=False):
+        ax.axvspan(its.low, its.high, color="tab:blue", alpha=0.15)
+        ax.plot(*curves[its.name], color="tab:blue")
+        if its.real is not None:
+            ax.axvline(its.real, color="tab:red", linestyle="--")
+        ax.set_title(its.name, fontsize="small")
+    for ax in list(axes.flat)[len(estimates) :]:
+        ax.set_visible(False)
+    figure.supylabel("P(truth > value)")
+    return figure
 
 
-def _draw(ax: "Axes", row: int, coordinate: dict[str, Any], result: "Result") -> None:
-    found = result.parameters[coordinate["name"]]
-    low, mean, high, initial = (
-        _unit(coordinate, value) for value in (found.low, found.mean, found.high, found.initial)
-    )
-    colour = _COLOURS.get(found.verdict, "tab:gray")
+def plot_pairs(estimates: Sequence[Estimate], draws: Mapping[str, np.ndarray]) -> "Figure":
+    """`draws`: (S,) of the joint posterior, of each parameter, by name."""
+    last = len(estimates) - 1
+    figure, axes = _grid(len(estimates), len(estimates), sharex="col")
+    for i, j in np.ndindex(axes.shape):
+        ax, x, y = axes[i, j], estimates[j], estimates[i]
+        if j > i:
+            ax.set_visible(False)
+        elif i == j:
+            ax.hist(draws[x.name], bins=30, color="tab:blue", alpha=0.6)
+            ax.set_yticks([])
+        else:
+            ax.plot(draws[x.name], draws[y.name], ".", markersize=2, alpha=0.5)
+            if x.real is not None and y.real is not None:
+                ax.plot(x.real, y.real, "x", color="tab:red")
+        if i == last:
+            ax.set_xlabel(x.name)
+        if j == 0 and i:
+            ax.set_ylabel(y.name)
+    return figure
+
+
+def _draw_row(ax: "Axes", row: int, its: Estimate, coordinate: Mapping[str, Any]) -> None:
+    values = (its.low, its.mean, its.high, its.initial)
+    low, mean, high, initial = (_unit(coordinate, value) for value in values)
+    colour = _COLOURS.get(its.verdict, "tab:gray")
     ax.plot([low, high], [row, row], color=colour, linewidth=4, alpha=0.5)
     ax.plot(mean, row, "o", color=colour)
     ax.plot(initial, row, "|", color="black", markersize=10)
-    if found.real is not None:
-        ax.plot(_unit(coordinate, found.real), row, "x", color="tab:red")
+    if its.real is not None:
+        ax.plot(_unit(coordinate, its.real), row, "x", color="tab:red")
 
 
-def _unit(coordinate: dict[str, Any], value: float) -> float:
+def _unit(coordinate: Mapping[str, Any], value: float) -> float:
     """0 at the low bound, 1 at the high one."""
     low, high = coordinate["low"], coordinate["high"]
     if coordinate["scale"] == "log":
@@ -66,11 +95,22 @@ def _unit(coordinate: dict[str, Any], value: float) -> float:
     return float((value - low) / (high - low))
 
 
-def _new_axes(rows: int) -> "Axes":
+def _rows(num: int) -> "Axes":
+    size = (6, 1 + _ROW_INCHES * num)
+    return _pyplot().subplots(figsize=size, layout="constrained")[1]
+
+
+def _grid(rows: int, columns: int, **shared: Any) -> tuple["Figure", Any]:
+    """A figure, and its (rows, columns) axes."""
+    size = (_PANEL_INCHES * columns, _PANEL_INCHES * rows)
+    return _pyplot().subplots(
+        rows, columns, figsize=size, layout="constrained", squeeze=False, **shared
+    )
+
+
+def _pyplot() -> Any:
     try:
         from matplotlib import pyplot
     except ImportError:
-        raise ImportError("plot needs matplotlib: pip install matplotlib") from None
-    figure, ax = pyplot.subplots(figsize=(6, 1 + _ROW_INCHES * rows), layout="constrained")
-    del figure
-    return ax
+        raise ImportError("plots need matplotlib: pip install matplotlib") from None
+    return pyplot

@@ -1,7 +1,7 @@
 """What a run found, as an object."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -11,9 +11,11 @@ import mujoco
 import numpy as np
 
 from simtune.api import table
+from simtune.api.estimate import Estimate
+from simtune.api.plot import plot_curves, plot_estimates, plot_pairs
 from simtune.checking import table as check_lines
 from simtune.config import ExportConfig
-from simtune.errors import InputError
+from simtune.errors import InputError, UnknownName
 from simtune.export import draw_samples, export, tuned_model
 from simtune.names import ExportFormat
 from simtune.report.data import RunData
@@ -24,29 +26,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_PLOTTED_DRAWS = 500  # more only blacken the plot
+
 
 class CheckResult(dict[str, Any]):
     """What `simtune.check` found: a dict of JSON that shows itself as a table."""
 
     def __repr__(self) -> str:
         return "\n".join(check_lines(self))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Estimate:
-    """What a run says of a parameter; all numbers are in its unit."""
-
-    name: str
-    unit: str  # "1": a pure number; "×": a factor on the nominal values
-    nominal: float  # in the model as it was
-    initial: float  # where the search began
-    mean: float  # the estimate
-    low: float  # ends of the 90 % interval
-    high: float
-    interval_share: float | None  # the interval's part of the range that was searched first
-    verdict: str  # by that part: identified, weak, not identifiable
-    real: float | None  # the truth, of a pseudo-real world
-    percent_error: float | None
 
 
 class Result:
@@ -78,11 +65,7 @@ class Result:
     @cached_property
     def parameters(self) -> dict[str, Estimate]:
         """Each parameter's estimate, by name, in the order that arrays have."""
-        names = [field.name for field in fields(Estimate)]
-        return {
-            name: Estimate(**{key: ({"name": name} | facts).get(key) for key in names})  # type: ignore[arg-type]
-            for name, facts in self._run.parameters.items()
-        }
+        return {name: Estimate.read(name, its) for name, its in self._run.parameters.items()}
 
     @property
     def covariance(self) -> np.ndarray:
@@ -151,21 +134,29 @@ class Result:
 
         Relative to the bounds, along each parameter's scale. `ax`: an axes of yours.
         """
-        from simtune.api.plot import plot_estimates
-
-        return plot_estimates(self, names, ax)
+        title = f"{self.task}: estimates, 90 % intervals"
+        chosen = self._chosen(names)
+        coordinates = {its["name"]: its for its in self.content["covariance"]["coordinates"]}
+        return plot_estimates(chosen, coordinates, title, ax)
 
     def plot_curves(self, names: Sequence[str] | None = None) -> "Figure":
         """P(truth > value) of each parameter, with its 90 % interval: a matplotlib figure."""
-        from simtune.api.plot_figures import plot_curves
-
-        return plot_curves(self, names)
+        return plot_curves(self._chosen(names), self.curves)
 
     def plot_pairs(self, names: Sequence[str] | None = None) -> "Figure":
         """Draws of the joint posterior, each two parameters against each other: a figure."""
-        from simtune.api.plot_figures import plot_pairs
+        return plot_pairs(self._chosen(names), self.samples(_PLOTTED_DRAWS))
 
-        return plot_pairs(self, names)
+    def _chosen(self, names: Sequence[str] | None) -> list[Estimate]:
+        """All, or those of `names`. Raises InputError without a search, and UnknownName."""
+        if not self.content.get("covariance"):
+            raise InputError(
+                f"{self.path} has no estimates to plot: nothing was searched for there"
+            )
+        for name in names or ():
+            if name not in self.parameters:
+                raise UnknownName("parameter", name, str(self.path), self.parameters)
+        return [self.parameters[name] for name in names or self.parameters]
 
     @property
     def curves(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:

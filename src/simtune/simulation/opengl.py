@@ -12,7 +12,7 @@ import numpy as np
 
 from simtune.errors import InputError
 from simtune.parameters import ModelWriter, ParameterSpace
-from simtune.simulation.renderer import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.opengl_quality import OPENGL_FAST, OpenGLQuality
 from simtune.simulation.stray_light import StrayLight
 
 _HEADLESS = {"egl": "EGL", "osmesa": "OSMesa"}  # libraries of the backends without a display

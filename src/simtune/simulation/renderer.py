@@ -1,6 +1,5 @@
 """Draw worlds: one interface, two renderers."""
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import mujoco
@@ -9,22 +8,8 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.names import RendererName
 from simtune.parameters import ParameterSpace
+from simtune.simulation.opengl_quality import OPENGL_FAST, OpenGLQuality
 from simtune.simulation.stray_light import StrayLight
-
-
-@dataclass(frozen=True)
-class OpenGLQuality:
-    """What OpenGL draws beyond lit, textured surfaces; each costs time without a GPU."""
-
-    shadow_map_px: int = 0  # side of the shadow map; 0 draws no shadows
-    multisamples: int = 0  # of a pixel, against jagged edges; 0 is one
-    reflections: bool = False
-    skybox: bool = True
-
-
-OPENGL_FAST = OpenGLQuality()
-# As dm_control draws: a camera that does not look like the simulator.
-OPENGL_DM_CONTROL = OpenGLQuality(shadow_map_px=4096, multisamples=4, reflections=True)
 
 
 class Renderer(Protocol):
