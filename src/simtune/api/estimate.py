@@ -24,5 +24,6 @@ class Estimate:
     @classmethod
     def read(cls, name: str, facts: Mapping[str, Any]) -> "Estimate":
         """From what result.json says of it; what is not there is None."""
-        known: dict[str, Any] = {**facts, "name": name}
-        return cls(**{field.name: known.get(field.name) for field in fields(cls)})
+        names = [field.name for field in fields(cls)]
+        known: dict[str, Any] = dict.fromkeys(names) | {**facts, "name": name}
+        return cls(**{key: known[key] for key in names})
