@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class OpenGLQuality:
     """What OpenGL draws beyond lit, textured surfaces; each costs time without a GPU."""
 
-    shadow_map_px: int = 0  # side of the shadow map; 0 draws no shadows
+    shadow_map_px: int = 0  # side of the shadow map, at most; 0 draws no shadows
     multisamples: int = 0  # of a pixel, against jagged edges; 0 is one
     reflections: bool = False
     skybox: bool = True
