@@ -1,4 +1,4 @@
-"""Physics and pictures fitted to what was observed: from a rough estimate to the last per cent."""
+"""Fits of physics and appearance to observations: refine a rough estimate to about one per cent."""
 
 from simtune.fit.bootstrap import FEW_EPISODES, MANY_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator

@@ -1,8 +1,8 @@
-"""Parametric bootstrap: how far a fit can be trusted is measured, not assumed.
+"""Parametric bootstrap: measures how far a fit can be trusted.
 
-Simulated worlds near the estimate are filmed and fitted just as the real one (Efron 1979). Such
-refits say how large errors are in terms of what a fit thinks of itself, and how well videos fit
-that the simulator did make.
+Simulated worlds near the estimate are filmed and fitted exactly as the real one (Efron 1979). These
+refits show how large errors are relative to the standard deviations that fits claim, and how large
+a misfit is when the simulator is right.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,44 +16,44 @@ from simtune.fit.observed import Observed
 from simtune.fit.replay_fit import ReplayFit
 from simtune.fit.result import FitResult, Misfit, PointEstimate
 
-_UNKNOWN_INFLATION = 3.0  # of standard deviations, where there are no refits
-# Before any refit, a fit of what moves is taken to be off by so much, in unit coordinates, or by
-# so large a share of what it began with, if that is less; and that counts like two refits.
+_UNKNOWN_INFLATION = 3.0  # factor on standard deviations if there are no refits
+# Prior of the standard deviation a fit claims for a moving parameter: this, in unit coordinates, or
+# this share of the fit's initial one if that is less. It counts like two refits.
 _USUAL_STD, _USUAL_SHARE, _USUAL_COUNT = 0.005, 0.4, 2.0
-_POOLED_COUNT = 3.0  # all parameters of a kind count like three refits of each
-# Before any refit errors are taken to be so many times what fits claim, and that counts like two
-# of them: the first few may all be lucky.
+_POOLED_COUNT = 3.0  # the pooled variance of a kind counts like three refits of each parameter
+# Prior of the ratio of errors to claimed standard deviations. It counts like two refits, since the
+# first few refits may all be lucky.
 _EXPECTED, _EXPECTED_COUNT = {"moving": 1.0, "appearance": 1.0}, 2.0
-_USUAL = 0.85  # share of errors that are taken to be no accident
+_USUAL = 0.85  # quantile of the errors that gives their scale: outliers lie above
 _FEWEST_FOR_BIAS = 3  # refits
-_FARTHEST = 3.0  # standard deviations: one that went astray says nothing of all
-_SMALLEST_STD = 0.01  # of known worlds around the estimate, in unit coordinates
-FEW_EPISODES = 3  # of a refit, at least: enough to compare errors with what a fit thinks of itself
-MANY_EPISODES = 5  # at most: windows are no more for more of them
-# A refit that is worse by this factor went astray where the real world's fit did not.
+_FARTHEST = 3.0  # standard deviations at which errors are clipped: an outlier proves no bias
+_SMALLEST_STD = 0.01  # of the refitted worlds around the estimate, in unit coordinates
+FEW_EPISODES = 3  # of a refit at least: enough to compare errors with claimed std
+MANY_EPISODES = 5  # at most: a fit uses no more windows if there are more episodes
+# A refit whose misfit is larger than the real fit's by this factor has failed to converge.
 _ASTRAY = 1.5
-_MARGIN = 0.002  # truths keep this far from the bounds
+_MARGIN = 0.002  # distance of true parameters from the bounds, in unit coordinates
 
-# (N,) parameters and the actions' latency, steps, to what would be observed of that world; None
-# where its physics diverges
+# Maps (N,) parameters and the latency of actions, in steps, to observations of that world; to None
+# if its physics diverges
 Synthesize = Callable[[np.ndarray, int], Observed | None]
 
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """What K refits of known worlds showed."""
+    """Results of K refits of known worlds."""
 
-    errors: np.ndarray  # (K, N) in terms of each fit's own standard deviations
-    is_moving: np.ndarray  # (N,) bool: the others are appearance, which is easier to find
-    misfits: list[Misfit] = field(default_factory=list)  # also of fits whose errors say nothing
-    # (N,) standard deviations that fits like these claim; None: as the one that is asked about
+    errors: np.ndarray  # (K, N) divided by the standard deviations that each fit claims
+    is_moving: np.ndarray  # (N,) bool; the others are appearance, which is easier to find
+    misfits: list[Misfit] = field(default_factory=list)  # failed fits included
+    # (N,) standard deviations that such fits usually claim; None: use the ones asked about
     usual_std: np.ndarray | None = None
-    # (K,) indices of parameters that are known: that refits do not miss these says nothing
+    # (K,) indices of known parameters: they are not fitted, so their errors of 0 mean nothing
     known: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
     @classmethod
     def none(cls, fit: FitResult) -> "Bootstrap":
-        """Of a fit that no refit has judged."""
+        """For a fit without refits."""
         nothing = np.zeros((0, len(fit.std)))
         usual_std = _usual_std(nothing, fit, fit.rough_std[None])
         return cls(nothing, fit.is_moving, [], usual_std, fit.known)
@@ -61,28 +61,28 @@ class Bootstrap:
     def believed(self, std: np.ndarray) -> np.ndarray:
         """(N,) standard deviations for those that a fit claims, before `inflation`.
 
-        How far apart a fit's two sides end says most of what it claims, and that is a single draw:
-        sides that are both off may well meet, and sides that are both right end apart where one
-        did not arrive. So it counts half, and half what such fits usually claim. Where there
-        are no others, the larger one.
+        A claim depends mostly on how far apart the fit's two sides end, which is a single draw: two
+        wrong sides may meet, and two good ones differ if one has not converged. So the result is
+        the geometric mean of the claim and of what such fits usually claim; without refits, the
+        larger.
         """
         return std if self.usual_std is None else _believed(std, self.usual_std, len(self.errors))
 
     def bias(self) -> np.ndarray:
-        """(N,) by how much fits like these are too high, in terms of what they claim.
+        """(N,) bias of such fits, in units of the standard deviations they claim.
 
-        It is to be taken off the estimate (Efron 1979): the mean error of the refits, as far as
-        that stands out from chance.
+        Subtract it from the estimate (Efron 1979). It is the mean error of the refits, shrunk by
+        how much of it may be chance.
         """
         return _bias_and_inflation(self.errors, self._kinds)[0]
 
     def inflation(self) -> np.ndarray:
-        """(N,) factors by which standard deviations have to be multiplied, once `bias` is off."""
+        """(N,) factors on standard deviations, to be applied once `bias` is subtracted."""
         return _bias_and_inflation(self.errors, self._kinds)[1]
 
     @property
     def _kinds(self) -> dict[str, np.ndarray]:
-        """(N,) bool of those that are alike in how much refits can tell."""
+        """(N,) bool for each kind of fitted parameter; refits of one kind are pooled."""
         is_fitted = ~np.isin(np.arange(len(self.is_moving)), self.known)
         return {"moving": self.is_moving & is_fitted, "appearance": ~self.is_moving & is_fitted}
 
@@ -90,17 +90,17 @@ class Bootstrap:
         """(K, N) probability, by each refit, of being below its truth: uniform if intervals hold.
 
         These are the ranks of simulation-based calibration (Talts et al. 2018, arXiv:1804.06788).
-        Each is judged by what the others alone say; so few show gross errors only.
+        Each refit is judged by the others (leave one out); few refits show gross errors only.
         """
         others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
-        each = [_bias_and_inflation(its, self._kinds) for its in others]
-        bias, factors = np.reshape(each, (-1, 2, self.errors.shape[1])).swapaxes(0, 1)
+        left_out = [_bias_and_inflation(remaining, self._kinds) for remaining in others]
+        bias, factors = np.reshape(left_out, (-1, 2, self.errors.shape[1])).swapaxes(0, 1)
         return ndtr((bias - self.errors) / factors)
 
     def motion_ratios(self, misfit: Misfit) -> list[float]:
-        """Of each sensor, a misfit over the largest of the refits'; see `_ratio`."""
+        """Each sensor's misfit divided by the largest one among the refits; see `_ratio`."""
         known = zip(*(m.motion for m in self.misfits), strict=True)
-        ratios = [_ratio(v, its) for v, its in zip(misfit.motion, known, strict=False)]
+        ratios = [_ratio(v, refits) for v, refits in zip(misfit.motion, known, strict=False)]
         return ratios or [0.0] * len(misfit.motion)
 
     def picture_ratio(self, misfit: Misfit) -> float:
@@ -117,17 +117,17 @@ def run_bootstrap(
     extend_horizon: bool = True,
     budget: Budget | None = None,
 ) -> Bootstrap:
-    """Fit `num` worlds near `fit` as the real one was fitted; fewer where `budget` is over before.
+    """Fit `num` worlds near `fit` as the real one was fitted; fewer if `budget` runs out.
 
-    One that raises OutOfTime is left out, and is the last.
-    `start` is where the real one's fit began; `extend_horizon`: see `ReplayFit.fit`.
+    A refit that raises OutOfTime is dropped and ends the bootstrap. `start`: where the real world's
+    fit began; `extend_horizon`: see `ReplayFit.fit`.
     """
     budget = budget or Budget()
     space = replay_fit.space
     unit, smallest = space.to_unit(fit.parameters), np.maximum(start.std, _SMALLEST_STD)
-    # Not farther away than was known before: what the fit leaves open may fill the whole space.
+    # At most the prior's std: where the fit says nothing, worlds would fill the whole space.
     std = np.clip(2 * fit.std, _SMALLEST_STD, smallest)
-    # As far as the real one's fit had to go: what begins near the truth ends there easily.
+    # At least as far as the real fit moved: a fit that starts near the truth converges easily.
     away = np.maximum(start.std, np.abs(unit - space.to_unit(start.parameters)))
     errors, stds, misfits, astray, rough = [], [], [], [], [fit.rough_std]
     for number in range(num):
@@ -151,8 +151,8 @@ def run_bootstrap(
         rough.append(refit.rough_std)
         # Either may be NaN.
         pairs = zip(refit.misfit.motion, fit.misfit.motion, strict=True)
-        astray.append(any(its > _ASTRAY * real for its, real in pairs))
-    # Where all of them went astray, the real one may well have: then they do count.
+        astray.append(any(refitted > _ASTRAY * real for refitted, real in pairs))
+    # If all failed to converge, the real fit may have as well: keep them.
     kept = ~np.array(astray, bool) | np.all(astray)
     shape = (-1, len(unit))
     off, std = np.array(errors).reshape(shape)[kept], np.array(stds).reshape(shape)[kept]
@@ -162,10 +162,10 @@ def run_bootstrap(
 
 
 def _usual_std(std: np.ndarray, fit: FitResult, rough: np.ndarray) -> np.ndarray:
-    """(N,) geometric mean of what (K, N) refits and the real fit claim: a few claim far too much.
+    """(N,) geometric mean of the claims of (K, N) refits and the real fit, robust to large ones.
 
-    The fewer they are the more counts, of what moves, what is known without them: `rough`,
-    (K + 1, N) of where they began.
+    Moving parameters have a prior, which counts more the fewer refits there are. `rough`:
+    (K + 1, N) standard deviations with which the fits began.
     """
     expected = np.minimum(_USUAL_STD, _USUAL_SHARE * np.sqrt(np.square(rough).mean(0)))
     expected = np.maximum(expected, 1e-9)
@@ -182,9 +182,9 @@ def _believed(std: np.ndarray, usual_std: np.ndarray, num_refits: int) -> np.nda
 
 
 def _ratio(value: float, known) -> float:
-    """A misfit over the largest of the known ones; an unknown one (NaN) is infinite.
+    """A misfit divided by the largest of the known ones; infinite if it is NaN.
 
-    Unless all known ones are likewise, or there are none: then nothing can be compared.
+    0 if all known ones are NaN or there are none: then nothing can be compared.
     """
     finite = [k for k in known if not np.isnan(k)]
     if not finite:
@@ -193,10 +193,10 @@ def _ratio(value: float, known) -> float:
 
 
 def _bias(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) mean of (K, N) errors, shrunk towards none by how unsure it is, and its variance.
+    """(N,) mean of (K, N) errors, shrunk towards 0 by its uncertainty, and its variance.
 
-    With the mean m and its variance v, m (1 − v / m²) where that is no less than none (James and
-    Stein 1961). That errors scatter by as much as is claimed counts like two of them.
+    With mean m and its variance v: m (1 − v / m²), or 0 if that is negative (James and Stein 1961).
+    v has a prior, errors as large as claimed, which counts like two of them.
     """
     count = len(errors)
     if count < _FEWEST_FOR_BIAS:
@@ -211,12 +211,12 @@ def _bias(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _bias_and_inflation(
     errors: np.ndarray, kinds: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) each, for (K, N) errors in terms of their standard deviations.
+    """(N,) each, for (K, N) errors divided by the standard deviations claimed.
 
     `kinds`: (N,) bool of each kind.
 
-    Few refits say little of a single parameter: it leans on all of its kind. What they say is
-    not sure itself, so 90 % intervals are as wide as Student's.
+    Few refits say little about a single parameter, so its variance is pooled with that of its kind.
+    This variance is uncertain itself, so 90 % intervals are as wide as Student's t.
     """
     factors, count = np.full(errors.shape[1], _UNKNOWN_INFLATION), len(errors)
     bias, variance = _bias(errors)
@@ -226,12 +226,12 @@ def _bias_and_inflation(
     for kind, of_kind in kinds.items():
         if not of_kind.any():
             continue
-        its = np.abs(errors[:, of_kind])  # (K, G)
-        # A single refit that went astray is no reason to widen everything.
-        usual = float(np.quantile(its, _USUAL)) / ndtri((1 + _USUAL) / 2)
+        sizes = np.abs(errors[:, of_kind])  # (K, G)
+        # A quantile: one failed refit must not widen all intervals.
+        usual = float(np.quantile(sizes, _USUAL)) / ndtri((1 + _USUAL) / 2)
         pooled = count * usual**2 + _EXPECTED_COUNT * _EXPECTED[kind] ** 2
         pooled /= count + _EXPECTED_COUNT
-        square = np.square(np.minimum(its, 3 * np.sqrt(pooled))).sum(0) + _POOLED_COUNT * pooled
+        square = np.square(np.minimum(sizes, 3 * np.sqrt(pooled))).sum(0) + _POOLED_COUNT * pooled
         unsure = stdtrit(count + _POOLED_COUNT, 0.95) / ndtri(0.95)
         spread = square / (count + _POOLED_COUNT) + variance[of_kind]
         factors[of_kind] = unsure * np.sqrt(spread)

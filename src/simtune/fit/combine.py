@@ -1,38 +1,38 @@
-"""Many small experiments to one estimate: a random-effects meta-analysis.
+"""Combines many small experiments into one estimate: a random-effects meta-analysis.
 
-Windows of a motion, or pictures, each tell something of the same parameters, and disagree by more
-than their own noise explains: a detector's errors go with each other, contacts are not smooth. So
-each counts by the variance of its own estimate plus the variance between them (DerSimonian and
-Laird 1986). This also keeps a single chaotic window from outweighing all others.
+Windows of a motion, or pictures, each inform about the same parameters, and disagree by more than
+their noise explains: detector errors are correlated, contacts are not smooth. So each is weighted
+by the variance of its own estimate plus the variance between experiments
+(DerSimonian and Laird 1986). This also keeps a single chaotic window from outweighing all others.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-_STUDENT = 4.0  # degrees of freedom by which experiments that stand out count less
+_STUDENT = 4.0  # degrees of freedom of the Student weights that reduce outliers
 _SMALLEST_VARIANCE, _LARGEST_VARIANCE = 4e-3**2, 0.08**2  # between experiments
 FIRST_VARIANCE = 0.02**2
-_VARIANCE_STEP, _FEWEST_INFORMATIVE = 1.5, 4  # by which it follows what they show
-_CHI2_MEDIAN = 0.6  # over its degrees of freedom, or near it, for a few of them
-COMMON_STD = 0.1  # of errors that all have in common, as these unknowns have them
+_VARIANCE_STEP, _FEWEST_INFORMATIVE = 1.5, 4  # factor of an update; experiments it needs
+_CHI2_MEDIAN = 0.6  # approximate median of χ² / degrees of freedom, for few of them
+COMMON_STD = 0.1  # prior standard deviation of common errors, in their own scaled coordinates
 _NOTHING = np.zeros(0)
-_RIDGE = 1e-6  # of information: what nothing is known of can still be inverted
-# Of steps (Levenberg, 1944): each moves as if parameters were known within a tenth of their range.
+_RIDGE = 1e-6  # of information: keeps it invertible where nothing is known
+# Damping of steps (Levenberg 1944), as if parameters were known within a tenth of their range.
 _DAMPING = 0.1**-2
 
 
 @dataclass(frozen=True)
 class Combined:
-    """What experiments say together of P parameters' unit coordinates, and Q common errors."""
+    """Joint result of all experiments on P parameters' unit coordinates and Q common errors."""
 
-    slope: np.ndarray  # (P + Q,) of −log likelihood
-    information: np.ndarray  # (P + Q, P + Q) its second derivative
-    covariance: np.ndarray  # (P, P) of the parameters, whatever errors are in common
+    slope: np.ndarray  # (P + Q,) gradient of −log likelihood
+    information: np.ndarray  # (P + Q, P + Q) its Hessian
+    covariance: np.ndarray  # (P, P) of the parameters, with common errors marginalised
     variance: float  # between experiments
 
     def step(self, unit: np.ndarray, largest: float) -> np.ndarray:
-        """(P + Q,) damped Newton step from (P,) `unit`, which moves by no more than `largest`."""
+        """(P + Q,) damped Newton step from (P,) `unit`; no coordinate moves more than `largest`."""
         damped = self.information + _DAMPING * np.eye(len(self.slope))
         return step_within_bounds(damped, self.slope, unit, largest)
 
@@ -40,7 +40,7 @@ class Combined:
 def step_within_bounds(
     damped: np.ndarray, slope: np.ndarray, unit: np.ndarray, largest: float
 ) -> np.ndarray:
-    """(P + Q,) that of `newton_within`, shortened so that no unit coordinate moves farther."""
+    """(P + Q,) `newton_within`, scaled so that no unit coordinate moves more than `largest`."""
     change = newton_within(damped, slope, unit, (0.0, 1.0))
     return change * (largest / np.abs(change[: len(unit)]).max(initial=largest))
 
@@ -48,17 +48,17 @@ def step_within_bounds(
 def newton_within(
     hessian: np.ndarray, slope: np.ndarray, unit: np.ndarray, bounds: tuple[float, float]
 ) -> np.ndarray:
-    """(P + Q,) Newton step of P unit coordinates; Q others come after them, without bounds.
+    """(P + Q,) Newton step of P bounded unit coordinates, followed by Q unbounded unknowns.
 
-    What stands at a bound, or beyond, and is drawn farther stays there, and the others step as is
-    best then. Others may end beyond.
+    A coordinate at or beyond a bound that would move outwards is held, and the step is solved again
+    for the free ones (active set). The result may still cross other bounds.
     """
     (low, high), num, free = bounds, len(unit), np.ones(len(slope), bool)
     while True:
         change = np.zeros(len(slope))
         change[free] = -np.linalg.solve(hessian[np.ix_(free, free)], slope[free])
-        its = change[:num]
-        beyond = (unit <= low) & (its < 0) | (unit >= high) & (its > 0)
+        bounded = change[:num]
+        beyond = (unit <= low) & (bounded < 0) | (unit >= high) & (bounded > 0)
         if not beyond.any():
             return change
         free[:num] &= ~beyond
@@ -71,21 +71,21 @@ def combine(
     trust: np.ndarray,
     common: np.ndarray = _NOTHING,
 ) -> Combined:
-    """What W experiments say together of P parameters, and of Q errors that they have in common.
+    """Combine W experiments on P parameters and on Q errors that are common to all of them.
 
     `information` I (W, P, P) and `slope` g (W, P) are the second and first derivatives of each
-    one's −log likelihood, `variance` τ² is that between them, `trust` (W,) how much each counts.
-    Experiment w alone would estimate −I_w⁻¹ g_w, with variance I_w⁻¹ + τ². So, with weights c_w
-    that are Student's,
+    experiment's −log likelihood, `variance` τ² is that between experiments, `trust` (W,) are
+    weights. Experiment w alone would estimate −I_w⁻¹ g_w, with variance I_w⁻¹ + τ². So, with
+    weights c_w = trust times Student's,
 
         information = Σ_w c_w I_w (1 + τ² I_w)⁻¹      slope = Σ_w c_w (1 + τ² I_w)⁻ᵀ g_w
 
-    The covariance is the robust one, from how the experiments scatter (White 1980); what they
-    claim to know counts where they are few. The variance of the result is nearer to what they
-    show.
+    The covariance is the sandwich estimator, from the experiments' scatter (White 1980); what they
+    claim counts if they are few. The variance returned is τ² after a step towards what they show.
 
-    Of `common`, (Q,) values whose slopes come last, each is normal with standard deviation
-    COMMON_STD, the same in all experiments (τ = 0). Their prior is one more experiment.
+    `common`: (Q,) common errors, whose slopes come last. Each has a normal prior with standard
+    deviation COMMON_STD and is the same in all experiments (τ = 0); the prior is one more
+    experiment.
     """
     num, size = slope.shape[1] - len(common), slope.shape[1]
     if not num:
@@ -102,14 +102,14 @@ def combine(
     whole = weighted.sum(0) + np.diag(prior)
     inverse = np.linalg.inv(whole + _RIDGE * eye)
     deviations = slopes - weighted @ (inverse @ total)
-    # What is found from data takes freedom from them: of common errors, as far as data say more
-    # of these than their prior does.
+    # Degrees of freedom used by the fit; a common error uses the share that its data, not its
+    # prior, determines.
     found = num + len(common) - (prior * np.diag(inverse)).sum()
     freedom = max(0.0, len(slope) - found)
     few = len(slope) / max(1, freedom)
     scatter = few * deviations.T @ deviations + np.diag(prior)
     covariance = inverse @ scatter @ inverse + _RIDGE * inverse
-    # One alone scatters by nothing; it is no surer than it claims.
+    # Few experiments hardly scatter: add the variance that they claim.
     claimed = np.einsum("w,wpq->pq", count, information) + np.diag(prior) + _RIDGE * eye
     covariance += np.linalg.inv(claimed) / (1 + freedom)
     informative = np.trace(information[:, :num, :num], axis1=1, axis2=2) * variance > 1
@@ -121,9 +121,9 @@ def combine(
 
 
 def _surprise(information: np.ndarray, slope: np.ndarray, variance: float) -> np.ndarray:
-    """(W,) squares of what estimates are off, a parameter, by what experiments and τ allow."""
+    """(W,) squared Mahalanobis distance per parameter of each estimate from 0, with τ² included."""
     spread = information + variance * information @ information
-    # One that knows only a combination, and that very well, leaves no number to divide by else.
+    # Rank-deficient information, however large, must leave an invertible matrix.
     ridge = 1e-9 + 1e-12 * np.trace(spread, axis1=1, axis2=2)
     spread += ridge[:, None, None] * np.eye(slope.shape[1])
     solved = np.linalg.solve(spread, slope[..., None])[..., 0]
@@ -131,9 +131,9 @@ def _surprise(information: np.ndarray, slope: np.ndarray, variance: float) -> np
 
 
 def robust_weights(cost: np.ndarray) -> np.ndarray:
-    """(W,) how much experiments of such costs count: little, if far worse explained than others.
+    """(W,) weights of experiments by their costs: small if far worse explained than the others.
 
-    Compared with the better half: the worse one may be lost altogether.
+    The scale comes from the better half, since the worse half may be lost altogether.
     """
     low, middle = np.quantile(cost, [0.25, 0.5])
     return 1 / (1 + np.maximum(0, (cost - low) / (3 * (middle - low) + 1e-9)) ** 4)

@@ -1,8 +1,8 @@
-"""What all errors of a film have in common: unknowns of a fit, beside its parameters.
+"""Errors that are common to all pictures of a film: unknowns of a fit, beside the parameters.
 
-A detector puts what it hardly sees where that usually is, in every picture of a film alike. That
-looks like a longer rope. As constants that are unknown, yet small (`Evidence.common_std`), such
-errors no longer pass for the parameters, and these are no surer than the errors allow.
+A detector that hardly sees a keypoint puts it where it usually is, in every picture alike, which
+looks like a longer rope. So a fit has a constant error per prediction as an unknown with a small
+prior (`Evidence.common_std`): it no longer biases parameters, and their covariance allows for it.
 """
 
 import numpy as np
@@ -12,9 +12,9 @@ from simtune.observation import AllEvidence
 
 
 def directions(evidence: AllEvidence) -> np.ndarray:
-    """(Q, D) by what predictions change with each unknown, of standard deviation COMMON_STD."""
+    """(Q, D) derivatives of predictions by unknowns of prior standard deviation COMMON_STD."""
     std = evidence.common_std
     unknown = np.flatnonzero(std)
-    found = np.zeros((len(unknown), len(std)))
-    found[np.arange(len(unknown)), unknown] = std[unknown] / COMMON_STD
-    return found
+    by_unknown = np.zeros((len(unknown), len(std)))
+    by_unknown[np.arange(len(unknown)), unknown] = std[unknown] / COMMON_STD
+    return by_unknown

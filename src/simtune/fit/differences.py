@@ -1,4 +1,4 @@
-"""How predictions change with parameters and starts: finite differences, all worlds at once."""
+"""Derivatives of predictions by parameters and initial states: finite differences, in one batch."""
 
 from typing import NamedTuple
 
@@ -9,26 +9,26 @@ from simtune.fit.readings import Stretches
 from simtune.fit.slopes import Groups, Slopes, agreed
 
 _UNIT_DELTA = 5e-3
-_STATE_DELTA = 0.05  # of what is unknown of a state
+_STATE_DELTA = 0.05  # in units of `start_std`
 
 
 class Where(NamedTuple):
-    """Where it is derived: W stretches, S unknowns of each start, N parameters."""
+    """Where derivatives are taken: W stretches, S unknowns of each initial state, N parameters."""
 
     stretches: Stretches
-    states: np.ndarray  # (W, nq + nv) in which they begin
+    states: np.ndarray  # (W, nq + nv) initial states
     unit: np.ndarray  # (N,) in unit coordinates
-    start_std: np.ndarray  # (S,) what is unknown of a start, in terms of which it is derived
+    start_std: np.ndarray  # (S,) prior std of an initial state: the units of its unknowns
 
 
 def differentiate(loop: OpenLoop, where: Where, one_sided: bool = False) -> Slopes:
-    """By each parameter and start, by central differences.
+    """Derivatives by each parameter and initial state, by central differences.
 
-    Of two parameters that do the same, such as a servo's kv and its joint's damping, one-sided
-    ones would seem to tell which is which, by their own curvature. And after a contact the
-    least change may throw a motion elsewhere: a derivative is noise then, and would be taken
-    for a reading that tells much. So derivatives count by how well those to both sides agree.
-    `one_sided`: to be quicker, and a little wrong, where nothing can touch.
+    One-sided differences would seem to separate parameters with the same effect, such as a servo's
+    kv and its joint's damping, by their curvature. After a contact the least change may throw a
+    motion elsewhere; such a derivative is noise, but looks very informative. So derivatives are
+    shrunk by how well both sides agree. `one_sided`: faster and slightly wrong, used where nothing
+    can touch.
     """
     delta = _deltas(loop, where.unit)
     number = np.arange(len(delta))
@@ -41,31 +41,31 @@ def differentiate(loop: OpenLoop, where: Where, one_sided: bool = False) -> Slop
 
 
 def refresh(loop: OpenLoop, where: Where, slopes: Slopes, groups: Groups) -> Slopes:
-    """By few worlds: of each group a reading's main derivative anew; others as they were near by.
+    """Update derivatives with few worlds: only each reading's main derivative in every group.
 
-    One-sided where nothing can touch.
+    The others keep their values from a point near by. One-sided where nothing can touch.
     """
     delta, num = _deltas(loop, where.unit), len(loop.fitted)
     here, there, others = _changed(loop, where, delta, groups.number, one_sided=True)
-    every = np.concatenate([slopes.by_parameter, slopes.by_start], 1).swapaxes(0, 1)  # (U, W, …)
+    derived = np.concatenate([slopes.by_parameter, slopes.by_start], 1).swapaxes(0, 1)  # (U, W, …)
     is_main = np.zeros((len(delta), loop.num_readings), bool)  # (U, D)
     anew = np.flatnonzero(groups.number >= 0)
     number = groups.number[anew]
     is_main[anew] = groups.owner[number] == anew[:, None]
-    # What the others of a group change is taken from what it changed in all
-    by_others = np.where(is_main[:, None, None], 0.0, every * delta[:, None, None, None])
+    # Subtract the (old) effect of the other unknowns in each group
+    by_others = np.where(is_main[:, None, None], 0.0, derived * delta[:, None, None, None])
     of_group = groups.number == np.arange(len(groups.owner))[:, None]  # (G, U)
     side = np.tensordot(of_group.astype(float), by_others, 1)
     there, twice = there - side, len(others)
     there[:twice] = agreed(there[:twice], others - side[:twice])
     changed = there[number] / delta[anew, None, None, None]
-    every[anew] = np.where(is_main[anew, None, None], changed, every[anew])
-    new = every.swapaxes(0, 1)
+    derived[anew] = np.where(is_main[anew, None, None], changed, derived[anew])
+    new = derived.swapaxes(0, 1)
     return Slopes(here, new[:, :num], new[:, num:])
 
 
 def _deltas(loop: OpenLoop, unit: np.ndarray) -> np.ndarray:
-    """(U,) by how much unknowns are changed: inward, where they have bounds."""
+    """(U,) step of each unknown; of a bounded one, inward."""
     of_parameters = np.where(unit[loop.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
     return np.concatenate([of_parameters, np.full(len(loop.start_tangents), _STATE_DELTA)])
 
@@ -73,23 +73,23 @@ def _deltas(loop: OpenLoop, unit: np.ndarray) -> np.ndarray:
 def _changed(
     loop: OpenLoop, where: Where, delta: np.ndarray, number: np.ndarray, one_sided: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What is predicted, and by how much else with unknowns changed, those of a `number` at once.
+    """Predictions, and their changes when all unknowns with the same group `number` change at once.
 
-    Those of -1 are not changed. (W, K + 1, D); (G, W, K + 1, D); and of the first B of them, in
-    which parameters change, (B, W, K + 1, D) as seen from the other side. B is 0 if `one_sided`,
-    unless something may touch.
+    Unknowns of number −1 stay. Returns (W, K + 1, D) predictions; (G, W, K + 1, D) changes; and,
+    for the first B groups, which change parameters, (B, W, K + 1, D) changes seen from the other
+    side. B is 0 if `one_sided`, unless something may touch.
     """
     num_groups, num_fitted, unit = number.max() + 1, len(loop.fitted), where.unit
     units = np.repeat(unit[None], num_groups, 0)
     (chosen,) = np.nonzero(number >= 0)
-    its, starts = chosen[chosen < num_fitted], chosen[chosen >= num_fitted]
-    np.add.at(units, (number[its], loop.fitted[its]), delta[its])
+    parameters, starts = chosen[chosen < num_fitted], chosen[chosen >= num_fitted]
+    np.add.at(units, (number[parameters], loop.fitted[parameters]), delta[parameters])
     tangents = np.zeros((num_groups, loop.start_tangents.shape[1]))
     change = (delta[num_fitted:] * where.start_std)[:, None] * loop.start_tangents
     np.add.at(tangents, number[starts], change[starts - num_fitted])
     twice = 0 if one_sided and not loop.may_touch else number[:num_fitted].max(initial=-1) + 1
     back = 2 * unit - units[:twice]
-    # At a bound there is no other side: twice as far, then
+    # At a bound there is no other side: step twice as far instead
     is_inside = np.all((back >= 0) & (back <= 1), axis=1)
     side = np.where(is_inside, -1, 2)[:, None]
     units = np.concatenate([unit[None], units, unit + side * (units[:twice] - unit)])

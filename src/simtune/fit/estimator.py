@@ -1,4 +1,4 @@
-"""A first guess at the states behind what was observed: a small network over time."""
+"""First guess at the states behind observations: a small convolutional network over time."""
 
 import numpy as np
 import torch
@@ -14,16 +14,16 @@ _CHANNELS = 96
 _DILATIONS = (1, 2, 4)  # with kernels of 5: 14 frames to either side
 _CROP, _BATCH, _LEARNING_RATE = 48, 48, 3e-3
 _LINEAR_ERRORS = 0.2  # standard deviations from which errors count linearly (Huber 1964)
-_TRAINED_SHARE = 0.8  # of the episodes; the rest tells how far estimates are off
+_TRAINED_SHARE = 0.8  # of the episodes; the others measure the errors
 
 
 class StateEstimator:
-    """From observations to a state at every frame; exact only where they fix the state."""
+    """Maps observations to a state at every frame; exact only where they determine the state."""
 
     def __init__(self, space: StateSpace, action_scale: np.ndarray, network: "_Network"):
         self._space, self._action_scale = space, np.asarray(action_scale)
         self._network = network
-        self.prior_std = np.ones(space.num_tangent)  # of its errors, robustly, one a tangent
+        self.prior_std = np.ones(space.num_tangent)  # robust std of its errors, one per tangent
 
     @classmethod
     def train(
@@ -35,9 +35,9 @@ class StateEstimator:
         seed: int,
         clock: TrainingClock,
     ) -> "StateEstimator":
-        """An estimator that was trained on (E, T + 1, nq + nv) true states behind `observed`.
+        """Train an estimator on the (E, T + 1, nq + nv) true states behind `observed`.
 
-        A part of the episodes is kept to measure how far its estimates are off.
+        A part of the episodes is held out to measure its errors.
         """
         generator = torch.Generator().manual_seed(seed)
         num_trained = max(1, int(len(states) * _TRAINED_SHARE))
@@ -75,7 +75,7 @@ class StateEstimator:
 
 
 def _inputs(observed: Observed, action_scale: np.ndarray) -> torch.Tensor:
-    """(E, F, T + 1): what was observed, and the action that follows each frame."""
+    """(E, F, T + 1): observations, and the action that follows each frame."""
     last = np.zeros_like(observed.actions[:, :1])
     actions = np.concatenate([observed.actions, last], 1) / action_scale
     inputs = np.concatenate([observed.evidence.features, actions], -1)
@@ -88,7 +88,7 @@ class _Network(nn.Module):
     def __init__(self, num_in: int, mean: np.ndarray, std: np.ndarray):
         super().__init__()
         c = _CHANNELS
-        self._mean, self._std = mean, std  # (F,) of features as they are
+        self._mean, self._std = mean, std  # (F,) of the unnormalised features
         self.first = nn.Conv1d(num_in, c, 1)
         self.layers = nn.ModuleList(
             [nn.Conv1d(c, c, 5, padding=2 * d, dilation=d) for d in _DILATIONS]
@@ -102,5 +102,5 @@ class _Network(nn.Module):
         return self.last(x)
 
     def features(self, inputs: torch.Tensor) -> np.ndarray:
-        """(B, T, F) as they are."""
+        """(B, T, F) unnormalised."""
         return self(inputs).transpose(1, 2).double().numpy() * self._std + self._mean

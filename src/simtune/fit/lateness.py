@@ -1,8 +1,8 @@
 """How late pictures or readings come, by less than a step: one more unknown of a fit.
 
-A camera's exposure, a bus, drivers and the clocks of recordings add milliseconds that nobody
-knows, and a few of them look like a softer servo. Whole steps are found before (`latency`); what is
-left is fitted together with the parameters, so that they are no surer than it allows.
+Camera exposure, buses, drivers and recording clocks add unknown milliseconds; a few of them look
+like a softer servo. Whole steps are found before (`latency`). The rest is fitted together with the
+parameters, so that their uncertainty allows for it.
 """
 
 from dataclasses import dataclass
@@ -12,29 +12,29 @@ import numpy as np
 from simtune.observation import AllEvidence, JointReadings
 from simtune.simulation import Simulator
 
-_MOST_STEPS = 0.75  # later, or sooner
-_PREDICTIONS_PER_STEP = 4  # where physics has as many: a wheel may turn far in a step
+_MOST_STEPS = 0.75  # largest lateness, either way
+_PREDICTIONS_PER_STEP = 4  # if there are as many substeps: a wheel may turn far in a step
 
 
 @dataclass(frozen=True)
 class Lateness:
-    """Which predictions, of D, come late all by the same time."""
+    """Which of D predictions are late, all by the same time."""
 
     is_late: np.ndarray  # (D,) bool
-    shares: np.ndarray  # (n + 1,) of a step at which it is predicted; its begin and end are two
+    shares: np.ndarray  # (n + 1,) times of the predictions as shares of a step, with 0 and 1
 
     @classmethod
     def of_pictures(cls, evidence: AllEvidence, num_substeps: int) -> "Lateness":
-        """Where the pictures of all cameras may come late, but no sensor's readings do.
+        """All pictures may be late, by the same time; sensor readings are not.
 
-        `num_substeps`: of physics in a step.
+        `num_substeps`: physics substeps per step.
         """
-        of_each = [np.full(len(p.scale), not isinstance(p, JointReadings)) for p in evidence.parts]
-        return cls(np.concatenate(of_each), _shares(num_substeps))
+        is_late = [np.full(len(p.scale), not isinstance(p, JointReadings)) for p in evidence.parts]
+        return cls(np.concatenate(is_late), _shares(num_substeps))
 
     @classmethod
     def of_readings(cls, num_readings: int, num_substeps: int) -> "Lateness":
-        """Where all of D readings may come late, after the actions that they answer."""
+        """All D readings may be late, relative to the actions."""
         return cls(np.ones(num_readings, bool), _shares(num_substeps))
 
     @property
@@ -43,7 +43,7 @@ class Lateness:
 
     @staticmethod
     def steps(unit: np.ndarray) -> np.ndarray:
-        """Of unit coordinates, as the unknown has them."""
+        """Lateness in steps, from the unit coordinate in which it is fitted."""
         return (2 * unit - 1) * _MOST_STEPS
 
     @staticmethod
@@ -53,18 +53,18 @@ class Lateness:
 
     @classmethod
     def found(cls, unit: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
-        """Steps, and their standard deviation, of a fit's (1,) unknown; (0,): nothing is late."""
+        """Steps and their standard deviation, from a fit's (1,) unknown; 0 if there is none."""
         if not len(unit):
             return 0.0, 0.0
         late, above = cls.steps(unit[0]), cls.steps(unit[0] + np.sqrt(covariance[0, 0]))
         return float(late), float(above - late)
 
     def seen(self, predicted: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        """(..., K, D) what is seen at K steps of what comes so late by (...) `unit`.
+        """(..., K, D) observations at K steps when the late ones are late by (...) `unit`.
 
-        `predicted`: (..., 1 + (K − 1) n, D), n of each step. Actions change at steps, so there the
-        motion has kinks; within a step it is smooth. So y(t − d) is read off the parabola through
-        the nearest predictions of the step that t − d lies in, or of the first or last one.
+        `predicted`: (..., 1 + (K − 1) n, D), n per step. The motion has kinks at steps, where
+        actions change, and is smooth between. So y(t − d) is interpolated by a parabola through the
+        nearest predictions of the step that contains t − d (clamped to the first and last step).
         """
         num = self.predictions_per_step
         seen = predicted[..., ::num, :].copy()
@@ -81,10 +81,10 @@ class Lateness:
     def _within(
         self, predicted: np.ndarray, step: np.ndarray, late: np.ndarray, points: np.ndarray
     ) -> np.ndarray:
-        """(..., K, L) of what is late, each by those `points` of its `step`, (K,); by Neville."""
-        its, shares = predicted[..., self.is_late], self.shares[points]
-        since = (np.arange(len(step)) - step)[:, None] - late  # the step began
-        values = [its[..., self.predictions_per_step * step + point, :] for point in points]
+        """(..., K, L) late predictions, interpolated from `points` of `step` (K,) (Neville)."""
+        late_ones, shares = predicted[..., self.is_late], self.shares[points]
+        since = (np.arange(len(step)) - step)[:, None] - late  # since the step began
+        values = [late_ones[..., self.predictions_per_step * step + point, :] for point in points]
         for order in range(1, len(points)):
             ends = zip(shares, shares[order:], values, values[1:], strict=False)
             values = [
@@ -100,9 +100,9 @@ def _shares(num_substeps: int) -> np.ndarray:
 
 
 def as_seen(simulator: Simulator, full_states: np.ndarray, late_steps: float) -> np.ndarray:
-    """(..., K, S) full states of K steps as pictures show them that come so late.
+    """(..., K, S) full states of K steps as pictures show them that are late by `late_steps`.
 
-    With velocities v, a step's change of them Δv, and its length h, positions are then nearly
+    With velocities v, their change Δv in a step, and step length h, positions are approximately
 
         q(t − d) = q_t − d h v_t + ½ d² h Δv
     """

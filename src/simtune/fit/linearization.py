@@ -1,6 +1,6 @@
-"""Windows replayed near a point: their normal equations, and the initial states out of them.
+"""Linearises windows around a point: normal equations, with the initial states eliminated.
 
-Derivatives are finite differences, for which all changed worlds run at once.
+Derivatives are finite differences; all perturbed worlds run in one batch.
 """
 
 from dataclasses import dataclass, field
@@ -19,19 +19,19 @@ _UNIT_DELTA = 0.5  # of the standard deviation between windows
 
 @dataclass(frozen=True)
 class LinearizationPoint:
-    """The states in which W windows begin and the parameters of all; and how steps go from here."""
+    """Initial states of W windows, the shared parameters, and the settings of the next step."""
 
     states: np.ndarray  # (W, nq + nv)
-    unit: np.ndarray  # (N,) parameters in unit coordinates; (N + 1,) with how late pictures are
-    damping: np.ndarray  # (W,) of the states' steps (Levenberg and Marquardt)
+    unit: np.ndarray  # (N,) parameters in unit coordinates; (N + 1,) with the lateness of pictures
+    damping: np.ndarray  # (W,) Levenberg-Marquardt damping of the states' steps
     variance: float  # of the parameters between windows
-    step_scale: float = 1.0  # share of a step in the parameters that is taken
-    # (Q,) errors, see `common_errors`; (0,): none yet
+    step_scale: float = 1.0  # share of a parameter step that is taken
+    # (Q,) common errors, see `common_errors`; (0,): none yet
     common: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 class Slopes(NamedTuple):
-    """What W windows predict at a point, and how that changes with what is unknown."""
+    """Predictions of W windows at a point, and their derivatives."""
 
     predicted: np.ndarray  # (W, K, D)
     by_state: np.ndarray  # (W, 2 nv, K, D)
@@ -39,12 +39,12 @@ class Slopes(NamedTuple):
 
 
 class NormalEquations(NamedTuple):
-    """Of W windows with 2 nv unknown initial states each, P parameters and Q common errors."""
+    """Of W windows with 2 nv unknowns of the initial state each, P parameters, Q common errors."""
 
-    hessian: np.ndarray  # (W, 2 nv, 2 nv) H, in the states
-    cross: np.ndarray  # (W, 2 nv, P + Q) C, in states and what windows share
+    hessian: np.ndarray  # (W, 2 nv, 2 nv) H, of the states
+    cross: np.ndarray  # (W, 2 nv, P + Q) C, states by shared unknowns
     gradient: np.ndarray  # (W, 2 nv) g, of the states
-    information: np.ndarray  # (W, P + Q, P + Q) B − Cᵀ H⁻¹ C, what is left to know these by
+    information: np.ndarray  # (W, P + Q, P + Q) B − Cᵀ H⁻¹ C, of the shared unknowns
     shared_gradient: np.ndarray  # (W, P + Q) b − Cᵀ H⁻¹ g
 
 
@@ -58,9 +58,9 @@ class WindowPlayer:
         fitted: np.ndarray,
         lateness: Lateness | None = None,
     ):
-        """`prior_std`: (2 nv,) of first guesses at states; `fitted`: (P,) unknowns' indices.
+        """`prior_std`: (2 nv,) of first guesses at states; `fitted`: (P,) indices of the unknowns.
 
-        With `lateness` a last coordinate comes after the parameters'.
+        With `lateness` one more coordinate follows the parameters.
         """
         self._physics, self._space, self._lateness = physics, physics.space, lateness
         self._prior_std, self._fitted = prior_std, fitted
@@ -68,9 +68,9 @@ class WindowPlayer:
     def play(
         self, windows: Windows, states: np.ndarray, units: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """From (G, W, nq + nv) initial states with (G, N) unknowns that all windows share.
+        """Play from (G, W, nq + nv) initial states, with (G, N) unknowns shared by all windows.
 
-        (G, W, K, S) full states and (G, W, K, D) predictions.
+        Returns (G, W, K, S) full states and (G, W, K, D) predictions.
         """
         groups, num_windows, size = states.shape
         parameters = units if self._lateness is None else units[:, :-1]
@@ -88,11 +88,11 @@ class WindowPlayer:
         return full_states, predicted
 
     def differentiate(self, windows: Windows, point: LinearizationPoint) -> Slopes:
-        """Predictions at the point, and their derivatives, in their units.
+        """Predictions at the point, and their derivatives, in the unknowns' units.
 
-        Contacts make the motion rough, and slopes across a rough patch are huge and random: a
-        regression on such slopes comes to a halt where it began. So they are taken over as much
-        as windows disagree on the parameters, and from both sides.
+        Contacts make the motion rough: slopes across a small step are huge and random, and a fit
+        that uses them stops where it began. So central differences span as much as windows disagree
+        on the parameters.
         """
         num_states, num_fitted = self._space.num_tangent, len(self._fitted)
         delta = np.maximum(_STATE_DELTA * self._prior_std, _SMALLEST_DELTA)
@@ -122,11 +122,10 @@ class WindowPlayer:
     ) -> tuple[NormalEquations, np.ndarray]:
         """Normal equations, and the windows' (W,) costs −log p(observed | states, parameters).
 
-        `slopes`: predictions at the point, and derivatives there or near by. `pull`: (W, 2 nv) how
-        far the states are from their first guesses, in terms of `prior`, (2 nv,), which is how
-        much these are trusted.
-        With residuals r, weights w and noise σ of the evidence, J = ∂r/∂(states), K = ∂r/∂(unit,
-        common), W = diag(w), S = diag(prior):
+        `slopes`: predictions at the point, and derivatives there or near by. `pull`: (W, 2 nv)
+        deviation of the states from their first guesses, divided by `prior`, (2 nv,), the standard
+        deviation of these guesses. With residuals r, weights w and noise σ of the evidence,
+        J = ∂r/∂(states), K = ∂r/∂(unit, common), W = diag(w), S = diag(prior):
 
             H = Jᵀ W J + S⁻²     C = Jᵀ W K     B = Kᵀ W K
             g = Jᵀ W r + S⁻¹ pull               b = Kᵀ W r
@@ -151,7 +150,7 @@ class WindowPlayer:
         information = np.einsum("wpm,wm,wqm->wpq", sensitivity, w, sensitivity, optimize=True)
         gradient = np.einsum("wsm,wm,wm->ws", jacobian, w, r) + pull / prior
         shared_gradient = np.einsum("wpm,wm,wm->wp", sensitivity, w, r)
-        # Undamped: a window whose states cannot move would seem to know the parameters well.
+        # Undamped: a window with damped, fixed states would seem to know the parameters well.
         follow = np.linalg.solve(hessian + 1e-6 * diagonal(hessian), cross)  # H⁻¹ C
         equations = NormalEquations(
             hessian,
@@ -164,5 +163,5 @@ class WindowPlayer:
 
 
 def diagonal(matrices: np.ndarray) -> np.ndarray:
-    """(W, S, S) with all but the diagonals zero."""
+    """(W, S, S) with all off-diagonal entries zero."""
     return np.einsum("wss->ws", matrices)[:, None] * np.eye(matrices.shape[1])

@@ -1,4 +1,4 @@
-"""What stretches of episodes say together of parameters and offsets, wherever they begin."""
+"""Normal equations of parameters and offsets from stretches whose initial states are unknown."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from simtune.fit.slopes import Slopes
 
 
 class NormalEquations(NamedTuple):
-    """Of W stretches: of each one's start, and of all that they share, with the start taken out."""
+    """Of W stretches: each one's initial state, and the shared unknowns with that eliminated."""
 
     hessian: np.ndarray  # (W, S, S)
     cross: np.ndarray  # (W, S, P + offsets)
@@ -19,7 +19,7 @@ class NormalEquations(NamedTuple):
     slope: np.ndarray  # (W, P + offsets)
 
     def promised(self, information: np.ndarray, slope: np.ndarray) -> float:
-        """By how much the cost falls in a whole step, were all linear; of all, with a prior."""
+        """Decrease of the cost in a full linear step; arguments: sums over all, with the prior."""
         of_shared = slope @ np.linalg.solve(information, slope)
         own = np.linalg.solve(self.hessian, self.gradient[..., None])[..., 0]
         return float(of_shared + (self.gradient * own).sum()) / 2
@@ -32,10 +32,10 @@ def normal_equations(
     finds_offset: np.ndarray,
     shift: np.ndarray | float = 0.0,
 ) -> NormalEquations:
-    """Of (W, K + 1, D) residuals, NaN where nothing was read, with noise (D,).
+    """From (W, K + 1, D) residuals, NaN where nothing was read, with noise (D,).
 
-    With A_x, A_θ derivatives of r / σ by starts and by (θ, b), V the weights of Huber's ρ, and the
-    starts `shift` (W, S) away from where the readings have them:
+    With A_x, A_θ the derivatives of r / σ by initial states and by (θ, b), V Huber's weights, and
+    initial states `shift` (W, S) away from those that the readings give:
 
         H = A_x V A_xᵀ + 1    C = A_x V A_θᵀ    B = A_θ V A_θᵀ
 
@@ -63,9 +63,9 @@ def normal_equations(
 def jackknife(equations: NormalEquations, information: np.ndarray) -> np.ndarray:
     """(P + offsets,) standard deviations, by leaving out each stretch in turn (Tukey 1958).
 
-    One step of Newton from the solution of all: θ₍₋w₎ − θ = (I − I_w)⁻¹ g_w. It sees what differs
-    from episode to episode, such as what the hand carries. Of few it is unsure itself, so 90 %
-    intervals are as wide as Student's. `information`: of all, with a prior.
+    Each takes one Newton step from the full solution: θ₍₋w₎ − θ = (I − I_w)⁻¹ g_w. This captures
+    differences between episodes, such as the load in the hand. With few stretches it is uncertain
+    itself, so 90 % intervals are as wide as Student's t. `information`: of all, with the prior.
     """
     left = information - equations.information  # (W, P, P)
     moved = np.linalg.solve(left, equations.slope[..., None])[..., 0]

@@ -1,4 +1,4 @@
-"""What was observed of several episodes, and done in them: what a fit explains."""
+"""Observations and actions of several episodes: the data of a fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +16,8 @@ class Observed:
 
     evidence: AllEvidence  # with leading axes (E, T + 1)
     actions: np.ndarray  # (E, T, A)
-    frames: Sequence[np.ndarray] = ()  # E times (T + 1, H, W, 3) uint8, where appearance is fitted
-    lateness: Lateness | None = None  # of pictures, where it is not known
+    frames: Sequence[np.ndarray] = ()  # E times (T + 1, H, W, 3) uint8, if appearance is fitted
+    lateness: Lateness | None = None  # of pictures, if it is unknown
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -31,5 +31,5 @@ class Observed:
         )
 
     def delayed(self, steps: int) -> "Observed":
-        """The same, had the actions come so much later."""
+        """The same episodes with the actions delayed by `steps`."""
         return replace(self, actions=delayed(self.actions, steps))

@@ -1,7 +1,7 @@
-"""What encoders show more than the truth: pictures say where joints really are.
+"""Constant offsets of encoders, found from pictures, which show where joints really are.
 
-A first, quick fit leans on what was detected in the pictures, since readings count as if they were
-far noisier. What is left of them then, in the median, is their offset.
+A first, quick fit relies on detections in the pictures, since readings count as if far noisier. The
+median residual of the readings is then their offset.
 """
 
 from dataclasses import replace
@@ -14,11 +14,11 @@ from simtune.fit.physics import Physics
 from simtune.fit.shooting import ShootingFit
 from simtune.observation import AllEvidence, JointReadings
 
-_LOOSE = 300.0  # times the noise: an offset of a good part of that does not draw the fit
+_LOOSE = 300.0  # factor on the noise: offsets then hardly bias the fit
 
 
 def has_unknown_offsets(observed: Observed) -> bool:
-    """Whether there are any, and something else to find them by."""
+    """Whether any offset is unknown, and there is other evidence to find it by."""
     parts = observed.evidence.parts
     return any(map(_is_unknown, parts)) and not all(
         isinstance(part, JointReadings) for part in parts
@@ -26,7 +26,7 @@ def has_unknown_offsets(observed: Observed) -> bool:
 
 
 def loosened(observed: Observed) -> Observed:
-    """With readings that count little."""
+    """Observations whose readings with unknown offsets count little."""
     parts = (
         replace(part, noise=_LOOSE * part.noise) if _is_unknown(part) else part
         for part in observed.evidence.parts
@@ -37,9 +37,9 @@ def loosened(observed: Observed) -> Observed:
 def without_offsets(
     observed: Observed, physics: Physics, fit: ShootingFit, parameters: np.ndarray
 ) -> tuple[Observed, np.ndarray]:
-    """The same without their offsets, and these, (D,) over all readings of joints.
+    """Observations with offsets subtracted, and the offsets, (D,) over all joint readings.
 
-    `fit`: of the `loosened` ones, in a world of (N,) parameters.
+    `fit`: of the `loosened` observations, in a world of (N,) parameters.
     """
     full_states = fit.full_states  # (W, K, S)
     at = fit.episode[:, None], fit.step[:, None] + np.arange(full_states.shape[1])
@@ -52,8 +52,8 @@ def without_offsets(
         if isinstance(part, JointReadings):
             found = np.zeros(len(part.scale))
             if part.finds_offset:
-                left = part.values[at] - predicted[..., start:end]
-                found = np.nan_to_num(np.nanmedian(left.reshape(-1, len(found)), 0))
+                residuals = part.values[at] - predicted[..., start:end]
+                found = np.nan_to_num(np.nanmedian(residuals.reshape(-1, len(found)), 0))
             part = replace(part, values=part.values - found)
             offsets.append(found)
         parts.append(part)

@@ -1,7 +1,7 @@
 """Stretches of episodes, played open loop in simulated worlds.
 
-Only readings are looked at, never pictures. An episode may be cut into stretches, each of which
-begins anew: a short one is nearly linear in what is unknown, a whole one is what has to be right.
+Only readings are used, never pictures. An episode may be cut into stretches with an initial state
+each: a short stretch is nearly linear in the unknowns, the whole episode is what counts in the end.
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,9 @@ from simtune.fit.readings import Readings, Stretches, filled, velocities
 from simtune.observation import JointSensor, ObservationModel, joints_of
 from simtune.simulation import AnySimulator, Simulator
 
-_VELOCITY_ERROR = 3.0  # of a start's, in noise a step
+_VELOCITY_ERROR = 3.0  # std of an initial velocity, in position noise per step
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
-_FAR_AWAY = 1e3  # in terms of the model's extent
+_FAR_AWAY = 1e3  # in units of the model's extent
 
 
 class OpenLoop:
@@ -31,22 +31,22 @@ class OpenLoop:
         unseen: tuple[str, ...] = (),
         lateness: Lateness | None = None,
     ):
-        """`fitted`: (P,) indices of the parameters to derive by; `unseen`: see `of`.
+        """`fitted`: (P,) indices of the parameters to differentiate by; `unseen`: see `of`.
 
-        With `lateness`, by which readings are late, a last coordinate comes after the parameters'.
+        With `lateness` of the readings one more coordinate follows the parameters.
         """
         self.physics, self.sensors, self.fitted = physics, tuple(sensors), fitted
         self.unseen, self.lateness = unseen, lateness
         ends = np.cumsum([0, *(sensor.size for sensor in sensors)]).tolist()
         self.num_readings = ends[-1]  # D
-        # Each sensor with its part of the readings
+        # Each sensor with its columns of the readings
         self._columns = list(zip(self.sensors, map(slice, ends, ends[1:]), strict=True))
-        # (S, nq + nv) changes of a start: of each measured position, and of its velocity
+        # (S, nq + nv) directions of an initial state: each measured position, then its velocity
         places, space = _measured(sensors), physics.space
         tangents = np.zeros((2 * len(places), space.num_tangent))
         model, self._places = physics.simulator.model, np.array(places, int)
         no_contacts = mujoco.mjtDisableBit.mjDSBL_CONTACT.value
-        self.may_touch = not model.opt.disableflags & no_contacts  # whether anything may
+        self.may_touch = not model.opt.disableflags & no_contacts  # whether contacts are possible
         self._dofs = np.array([model.jnt_dofadr[list(model.jnt_qposadr).index(p)] for p in places])
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
@@ -56,11 +56,11 @@ class OpenLoop:
     def of(
         cls, simulator: AnySimulator, observation: ObservationModel, start: np.ndarray
     ) -> "OpenLoop":
-        """Replays readings in a simulator; `start`: (N,) parameters of a world to begin with.
+        """Replays readings in a simulator; `start`: (N,) parameters of an initial world.
 
-        What no sensor measures is, and stays, as a simulated episode of that world begins; but
-        objects that lie anywhere are put where nothing touches them. Derived is by parameters that
-        move something. `unseen` are joints that begin anywhere, where no sensor looks.
+        Positions that no sensor measures begin as in a simulated episode of that world; but objects
+        that begin anywhere are put where nothing touches them. Derivatives are by parameters that
+        affect motion. `unseen`: joints that begin anywhere and that no sensor measures.
         """
         assert isinstance(simulator, Simulator), "sensors measure a model's joints"
         still, rng = np.zeros((2, 1, simulator.num_actions)), np.random.default_rng(0)
@@ -77,23 +77,23 @@ class OpenLoop:
         return cls(physics, sensors, np.flatnonzero(~simulator.space.is_appearance), unseen)
 
     def by_starts_alone(self) -> "OpenLoop":
-        """The same, derived by no parameter."""
+        """The same with derivatives by initial states only."""
         return OpenLoop(self.physics, self.sensors, self.fitted[:0], self.unseen, self.lateness)
 
     def with_lateness(self) -> "OpenLoop":
-        """The same, with readings that are late by a last unknown."""
+        """The same with the lateness of readings as one more unknown, the last."""
         lateness = Lateness.of_readings(self.num_readings, self.physics.simulator.num_substeps)
         fitted = np.append(self.fitted, len(self.physics.parameters))
         return OpenLoop(self.physics, self.sensors, fitted, self.unseen, lateness)
 
     def moved(self, states: np.ndarray, shift: np.ndarray, start_std: np.ndarray) -> np.ndarray:
-        """(W, nq + nv) starts that are (W, S) times what is unknown of them, (S,), elsewhere."""
+        """(W, nq + nv) initial states, moved by `shift` (W, S) times `start_std` (S,)."""
         return self.physics.space.move(states, (shift * start_std) @ self.start_tangents)
 
     def start_std(self, noise: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """(S,) what is unknown of a start, where (W, K + 1, D) readings have the noise (D,).
+        """(S,) prior std of an initial state, for (W, K + 1, D) readings with noise (D,).
 
-        A servo that jerks turns faster within a step than the parabola through readings says.
+        A jerking servo turns faster within a step than the parabola through its readings says.
         """
         std, bends = np.zeros((2, len(self._places)))
         bend = np.sqrt(np.nanmean(np.square(np.diff(filled(values), 2, axis=1)), (0, 1)))
@@ -105,26 +105,26 @@ class OpenLoop:
         return np.concatenate([std, np.hypot(_VELOCITY_ERROR * std, bends) / step_s])
 
     def states(self, values: np.ndarray, offsets: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        """(E, T + 1, nq + nv) as (E, T + 1, D) readings with their (D,) offsets say.
+        """(E, T + 1, nq + nv) states from (E, T + 1, D) readings with offsets (D,).
 
-        `unit`: (N,), of which only a lateness counts. What no sensor measures is as at the start of
-        a simulated episode.
+        `unit`: (N,), of which only a lateness is used. Unmeasured positions are those at the start
+        of a simulated episode.
         """
         states = np.tile(self.physics.some_state, (*values.shape[:2], 1))
         read, nq = filled(values) - offsets, self.physics.space.nq
-        # Measured velocities last: they count more than changes of positions
-        for sensor, columns in sorted(self._columns, key=lambda its: its[0].is_velocity):
-            its = read[..., columns]
+        # Measured velocities last: they take precedence over differentiated positions
+        for sensor, columns in sorted(self._columns, key=lambda part: part[0].is_velocity):
+            joint_values = read[..., columns]
             if sensor.is_velocity:
-                states[..., nq + sensor.places] = its
+                states[..., nq + sensor.places] = joint_values
                 continue
-            states[..., sensor.places] = its
+            states[..., sensor.places] = joint_values
             dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
-            states[..., nq + dofs] = velocities(its) / self.physics.simulator.step_s
+            states[..., nq + dofs] = velocities(joint_values) / self.physics.simulator.step_s
         return states if self.lateness is None else self._go_on(states, unit[-1:])
 
     def _go_on(self, states: np.ndarray, late: np.ndarray) -> np.ndarray:
-        """(E, T + 1, nq + nv) of states that were read late by (1,) `late`: as they are by then."""
+        """(E, T + 1, nq + nv) states that were read late by (1,) `late`, extrapolated."""
         space, steps = self.physics.space, Lateness.steps(late)
         velocities, ahead = states[..., space.nq :], np.zeros((*states.shape[:-1], 2 * space.nv))
         ahead[..., : space.nv] = steps * self.physics.simulator.step_s * velocities
@@ -134,7 +134,7 @@ class OpenLoop:
     def cut(
         self, readings: Readings, unit: np.ndarray, offsets: np.ndarray, steps: int, at_most: int
     ) -> Stretches:
-        """Stretches of `steps` steps, at most so many, evenly spread; `unit`: (N,)."""
+        """At most `at_most` stretches of `steps` steps, spread evenly; `unit`: (N,)."""
         states = self.states(readings.values, offsets, unit)
         left = self.physics.replay_actuators(readings.actions, states, self._parameters(unit))
         num_steps = readings.actions.shape[1]
@@ -160,7 +160,7 @@ class OpenLoop:
     ) -> tuple[np.ndarray, np.ndarray]:
         """(G, W, K + 1, D) predictions and (G, W, S) first full states.
 
-        From (G, W, nq + nv) starts, in worlds of (G, N) parameters in unit coordinates.
+        From (G, W, nq + nv) initial states, in worlds of (G, N) parameters in unit coordinates.
         """
         (groups, num, size), lateness = states.shape, self.lateness
         full_states, predicted = self.physics.play(
@@ -176,31 +176,31 @@ class OpenLoop:
         return predicted, full_states[:, 0].reshape(groups, num, -1)
 
     def _parameters(self, units: np.ndarray) -> np.ndarray:
-        """(..., N) of coordinates that may hold a lateness, too."""
+        """(..., N) parameters from coordinates that may end with a lateness."""
         return units[..., : len(self.physics.parameters)]
 
 
 def _measured(sensors: Sequence[JointSensor]) -> list[int]:
-    """Where positions are that some sensor reads, ascending."""
+    """Indices of the positions that some sensor reads, ascending."""
     return sorted({int(p) for s in sensors if not s.is_velocity for p in s.places})
 
 
 def _unseen(model: mujoco.MjModel, differs: np.ndarray, measured: list[int]) -> tuple[str, ...]:
-    """Joints of which a position (nq,) differs from episode to episode, and none is measured.
+    """Unmeasured joints whose position (nq,) differs between episodes.
 
-    But for objects that lie anywhere, as `_loose` has them.
+    Without the free objects of `_loose`.
     """
     differs = differs.copy()
     differs[measured] = False
     for place in _loose(model):
         differs[place : place + 7] = False
     ends = [*model.jnt_qposadr[1:], model.nq]
-    its = enumerate(zip(model.jnt_qposadr, ends, strict=True))
-    return tuple(model.joint(j).name for j, (start, end) in its if differs[start:end].any())
+    joints = enumerate(zip(model.jnt_qposadr, ends, strict=True))
+    return tuple(model.joint(j).name for j, (start, end) in joints if differs[start:end].any())
 
 
 def _loose(model: mujoco.MjModel) -> list[int]:
-    """Where positions of free bodies begin that are alone: no joints, nothing that holds them."""
+    """First positions of free bodies in trees of their own; none with tendons or constraints."""
     if model.ntendon or model.neq:
         return []
     alone = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=model.nbody) == 1

@@ -1,18 +1,18 @@
-"""Output error: the simulator replays whole episodes, until its sensors would read what was read.
+"""Output-error fit: parameters with which an open-loop replay predicts the readings.
 
-The prediction is never corrected by later readings (Ljung 1999, System Identification, Sec. 3.2
-and 7.2), so what is minimised is what open-loop replay is judged by. Over parameters θ, offsets b
-of the sensors and the starts x_w of W stretches it is
+Later readings never correct the replay (Ljung 1999, System Identification, Sec. 3.2 and 7.2), so
+the fit minimises what open-loop replay is judged by. Over parameters θ, offsets b of the sensors
+and the initial states x_w of W stretches, the cost is
 
     Σ_w Σ_t Σ_d ρ(r_wtd / σ_d) + ½ Σ_w ‖x_w ⊖ x̄_w‖²_S + ½ ‖θ − θ̄‖²_Π
     r_wtd = h_d(x_w(t; θ)) + b_d − y_wtd
 
-with Huber's ρ, starts x̄_w from the readings themselves, and a weak prior Π around the first guess.
-σ_d is what is left of each reading, and found along: a joint counts by how well the simulator can
-explain it. Gauss-Newton with Levenberg's damping; starts go out by the Schur complement.
+with Huber's ρ, initial states x̄_w from the readings, and a weak prior Π around the first guess.
+σ_d is the rms residual of each reading, re-estimated in each step: a joint counts by how well it
+can be explained. Gauss-Newton, with Levenberg's damping and initial states eliminated (Schur).
 
-No simulator is a robot, so what is left is no white noise: it goes on for a second. Each residual
-counts as 1/τ_d of a measurement, with τ_d its integrated autocorrelation time.
+No simulator is exact, so residuals are correlated, for about a second. Each counts as 1/τ_d of a
+measurement, with τ_d its integrated autocorrelation time.
 """
 
 from dataclasses import dataclass, replace
@@ -32,55 +32,55 @@ from simtune.fit.slopes import Groups, Slopes
 
 _FIRST_DAMPING = 1e-2
 _DAMPING = (1e-4, 1e6)
-_TRIED = 7  # steps, each with more damping, before it is over
-_ENOUGH = 1e-4  # share of the cost, that a step has to gain for another one to follow
-_FEWEST = 2.0  # effective observations of a reading
-_MORE_ITERATIONS = 5  # with all derivatives anew
+_TRIED = 7  # steps, each with more damping, before the descent ends
+_ENOUGH = 1e-4  # share of the cost that a step must gain for another one to follow
+_FEWEST = 2.0  # effective observations per reading
+_MORE_ITERATIONS = 5  # with all derivatives computed anew
 
 
 class ReplayStage(NamedTuple):
-    steps: int  # of a stretch; 0: all of an episode
+    steps: int  # of a stretch; 0: the whole episode
     iterations: int
-    at_most: int  # stretches
+    at_most: int  # number of stretches
 
 
 @dataclass(frozen=True)
 class Descent:
-    """Where Gauss-Newton stands or ended, and what it knows of derivatives there."""
+    """Where Gauss-Newton is or ended, with the last derivatives."""
 
     objective: ReplayCost
     point: Point
-    noise: np.ndarray  # (D,) root mean square of what is left
+    noise: np.ndarray  # (D,) root mean square of the residuals
     slopes: Slopes | None = None
 
     @property
     def unit(self) -> np.ndarray:
-        """(N,) parameters in unit coordinates, those not fitted as they were."""
+        """(N,) parameters in unit coordinates; those not fitted are unchanged."""
         return self.point.unit
 
     @property
     def guess(self) -> Guess:
-        """Where another one may begin."""
+        """Start of another descent."""
         return Guess(self.point.unit, self.point.offsets)
 
     @property
     def cost(self) -> float:
-        """Mean logarithm of what is left, over all that was read: lower is better."""
+        """Mean logarithm of the residuals' rms over all readings: lower is better."""
         known = np.isfinite(self.objective.stretches.values).sum((0, 1))
         return float(np.average(np.log(self.noise), weights=known))
 
 
 @dataclass(frozen=True)
 class OutputErrorFit:
-    """What was found, and how sure that is; P parameters, D readings."""
+    """Estimate and uncertainty; P parameters, D readings."""
 
-    unit: np.ndarray  # (N,) parameters in unit coordinates, those not fitted as they were
+    unit: np.ndarray  # (N,) parameters in unit coordinates; those not fitted are unchanged
     covariance: np.ndarray  # (P, P) in unit coordinates
     offsets: np.ndarray  # (D,) measured − simulated
-    noise: np.ndarray  # (D,) root mean square of what is left
-    correlation_steps: np.ndarray  # (D,) how long what is left goes on
-    start: np.ndarray  # (S,) full state in which the first stretch begins
-    late_steps: tuple[float, float]  # by which readings are late, and how sure that is
+    noise: np.ndarray  # (D,) root mean square of the residuals
+    correlation_steps: np.ndarray  # (D,) integrated autocorrelation time of the residuals
+    start: np.ndarray  # (S,) full state at the start of the first stretch
+    late_steps: tuple[float, float]  # lateness of readings, and its standard deviation
 
 
 class OutputError:
@@ -99,9 +99,9 @@ class OutputError:
         budget: Budget,
         near: Descent | None = None,
     ) -> Descent:
-        """From a first guess; `budget` ends it early.
+        """Descend from a first guess; `budget` may end it early.
 
-        `near`: a descent of the same stage, whose derivatives will do to begin with.
+        `near`: a descent of the same stage, whose derivatives are used at first.
         """
         loop, steps = self._loop, stage.steps or readings.actions.shape[1]
         stretches = loop.cut(readings, begin.unit, begin.offsets, steps, stage.at_most)
@@ -112,26 +112,26 @@ class OutputError:
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
         return self._go_on(begun, stage.iterations, budget)
 
-    def _go_on(self, its: Descent, iterations: int, budget: Budget) -> Descent:
-        """Derivatives are taken of many unknowns at once where some are known near by."""
+    def _go_on(self, descent: Descent, iterations: int, budget: Budget) -> Descent:
+        """Iterate; if derivatives near by are known, refresh them by groups of unknowns."""
         damping, loop = _FIRST_DAMPING, self._loop
-        groups = Groups.of(its.slopes, its.noise) if its.slopes else None
+        groups = Groups.of(descent.slopes, descent.noise) if descent.slopes else None
         for _ in range(iterations):
             if budget.is_over:
                 break
-            where = its.objective.where(its.point)
-            if its.slopes is None or groups is None:
+            where = descent.objective.where(descent.point)
+            if descent.slopes is None or groups is None:
                 slopes = differentiate(loop, where, one_sided=True)
-                groups = Groups.of(slopes, its.noise)
+                groups = Groups.of(slopes, descent.noise)
             else:
-                slopes = refresh(loop, where, its.slopes, groups)
-            its, damping, is_over = _stepped(replace(its, slopes=slopes), damping)
+                slopes = refresh(loop, where, descent.slopes, groups)
+            descent, damping, is_over = _stepped(replace(descent, slopes=slopes), damping)
             if is_over:
                 break
-        return its
+        return descent
 
     def judge(self, ended: Descent, budget: Budget) -> OutputErrorFit:
-        """How sure it is, by all derivatives anew; it goes on where these lead farther down."""
+        """Uncertainty from full derivatives; if these lead farther down, descend first."""
         slopes = differentiate(self._loop, ended.objective.where(ended.point))
         further, _, is_over = _stepped(replace(ended, slopes=slopes), _FIRST_DAMPING)
         if is_over or budget.is_over:
@@ -140,12 +140,12 @@ class OutputError:
         return self._conclude(ended, differentiate(self._loop, ended.objective.where(ended.point)))
 
     def _conclude(self, ended: Descent, slopes: Slopes) -> OutputErrorFit:
-        """How sure the parameters are, as if each residual counted as 1/τ of a measurement."""
+        """Estimate with its covariance, each residual counting as 1/τ of a measurement."""
         objective, point, num = ended.objective, ended.point, len(self._loop.fitted)
         residuals = objective.residuals(point, slopes.predicted)
         noise, times = spread(residuals), correlation_times(residuals)
         count = np.maximum(np.isfinite(residuals).sum((0, 1)) / times, _FEWEST)
-        # Each column pays for its own offset and for its share of the parameters
+        # Degrees of freedom of each column: its own offset and its share of the parameters
         spent = self._finds_offset + num / len(noise)
         unsure = np.sqrt(times * count / np.maximum(count - spent, count / 4))
         equations = objective.equations(point, slopes, noise * unsure)
@@ -167,21 +167,21 @@ class OutputError:
         )
 
 
-def _stepped(its: Descent, damping: float) -> tuple[Descent, float, bool]:
-    """After a step of Gauss-Newton; its damping, and whether it gains too little to go on."""
-    objective, slopes, noise = its.objective, its.slopes, its.noise
+def _stepped(start: Descent, damping: float) -> tuple[Descent, float, bool]:
+    """One Gauss-Newton step; the next damping, and whether the gain is too small to go on."""
+    objective, slopes, noise = start.objective, start.slopes, start.noise
     assert slopes is not None
-    equations = objective.equations(its.point, slopes, noise)
-    shared = objective.with_prior(equations, its.point.unit)
-    before = objective.cost(its.point, objective.residuals(its.point, slopes.predicted), noise)
+    equations = objective.equations(start.point, slopes, noise)
+    shared = objective.with_prior(equations, start.point.unit)
+    before = objective.cost(start.point, objective.residuals(start.point, slopes.predicted), noise)
     if equations.promised(*shared) < _ENOUGH * before:
-        return its, damping, True
+        return start, damping, True
     for _ in range(_TRIED):
-        point = objective.step(its.point, equations, damping)
+        point = objective.step(start.point, equations, damping)
         residuals = objective.residuals(point, objective.play(point)[0])
         gain = before - objective.cost(point, residuals, noise)
         damping = float(np.clip(damping * (0.2 if gain > 0 else 8), *_DAMPING))
         if gain > 0:
             is_over = gain < _ENOUGH * before
-            return replace(its, point=point, noise=spread(residuals)), damping, is_over
-    return its, damping, True
+            return replace(start, point=point, noise=spread(residuals)), damping, is_over
+    return start, damping, True

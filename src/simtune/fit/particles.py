@@ -1,8 +1,8 @@
-"""Many simulated motions at once follow what was observed; the likely ones go on.
+"""A particle filter of states and parameters together (Gordon, Salmond and Smith 1993).
 
-A particle filter (Gordon, Salmond and Smith 1993) of states and parameters together. What single
-pictures leave open, a left leg that may be the right one, the motion decides after a while: until
-then both go on. Gradients, as in `shooting`, never leave the first of the two.
+Many simulated motions follow the observations, and likely ones are resampled. A single picture may
+be ambiguous (a left leg or the right one) until the motion decides; until then both hypotheses
+survive. Gradient methods, as in `shooting`, never leave the first one.
 """
 
 from dataclasses import dataclass, field
@@ -12,34 +12,34 @@ import numpy as np
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 
-_TEMPER = 0.3  # the detector's errors in neighbouring frames and keypoints go together
-_FRESH = 0.2  # share that begins anew from the first guess, should all others have gone astray
-_FRESH_PENALTY = 2.0  # of their log likelihood
-_STATE_JITTER = 0.1  # in terms of the first guess's usual errors
-_UNIT_JITTER = 0.005  # of parameters, in unit coordinates, each time
-_FEWEST = 0.5  # share of particles that still count below which they are chosen anew
+_TEMPER = 0.3  # exponent of the likelihood: errors of nearby frames and keypoints are correlated
+_FRESH = 0.2  # share restarted from the first guess, in case all others are lost
+_FRESH_PENALTY = 2.0  # subtracted from their log weight
+_STATE_JITTER = 0.1  # in units of the first guess's usual errors
+_UNIT_JITTER = 0.005  # of parameters in unit coordinates, at each resampling
+_FEWEST = 0.5  # effective sample size, as a share of all, below which particles are resampled
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParticleConfig:
-    num: int = 64  # of each episode, at most
-    steps: int = 1  # between choices
-    look_ahead: int = 12  # steps after which a state is what the likeliest motion came from
+    num: int = 64  # per episode, at most
+    steps: int = 1  # between resamplings
+    look_ahead: int = 12  # steps: a state is an ancestor of the likeliest one this much later
 
 
 @dataclass(frozen=True)
 class Followed:
-    """What particles found in E episodes."""
+    """Result of the particle filter for E episodes."""
 
     states: np.ndarray  # (E, T + 1, nq + nv)
-    unit: np.ndarray  # (E, P) means over the episodes' second halves, in unit coordinates
+    unit: np.ndarray  # (E, P) means over each episode's second half, in unit coordinates
 
 
 @dataclass
 class _History:
     states: list[np.ndarray] = field(default_factory=list)  # (E, K, steps, nq + nv) of a segment
-    parent: list[np.ndarray] = field(default_factory=list)  # (E, K) in the segment before
-    best: list[np.ndarray] = field(default_factory=list)  # (E,) of a segment, at its end
+    parent: list[np.ndarray] = field(default_factory=list)  # (E, K) indices in the previous segment
+    best: list[np.ndarray] = field(default_factory=list)  # (E,) likeliest at a segment's end
     unit: list[np.ndarray] = field(default_factory=list)  # (E, P) means
 
 
@@ -56,7 +56,7 @@ class Particles:
     def follow(
         self, observed: Observed, states: np.ndarray, unit: np.ndarray, unit_std: np.ndarray
     ) -> Followed:
-        """From guesses at the (E, T + 1, nq + nv) states and the (N,) parameters, and their std."""
+        """From guesses at (E, T + 1, nq + nv) states and (N,) parameters, with the latter's std."""
         rng, config, history = np.random.default_rng(0), self._config, _History()
         num_episodes, num_steps, _ = observed.actions.shape
         actuator_states = self._physics.replay_actuators(observed.actions, states, unit)
@@ -85,7 +85,7 @@ class Particles:
         return Followed(self._path(history), np.mean(history.unit[half:], 0))
 
     def _fresh(self, states: np.ndarray, num: int, rng: np.random.Generator) -> np.ndarray:
-        """(E, num, nq + nv) around first guesses (E, nq + nv)."""
+        """(E, num, nq + nv) draws around first guesses (E, nq + nv)."""
         around = np.repeat(states[:, None], num, 1)
         errors = rng.normal(size=(*around.shape[:2], self._space.num_tangent))
         return self._space.move(around, errors * self._prior_std)
@@ -98,7 +98,7 @@ class Particles:
         actions: np.ndarray,
         actuator_states: np.ndarray,
     ):
-        """States (E, K, steps + 1, nq + nv) and predictions of what happens next."""
+        """(E, K, steps + 1, nq + nv) states and predictions of the next steps."""
         num_episodes, num, size = states.shape
         worlds = np.repeat(unit[None], num_episodes * num, 0)
         worlds[:, self._fitted] = units.reshape(len(worlds), -1)
@@ -113,7 +113,7 @@ class Particles:
         return played, predicted.reshape(*shape, -1)
 
     def _choose(self, states, units, weight, share, guesses, rng: np.random.Generator):
-        """Where few are left that count: the likely ones again, a little different."""
+        """Resample, with jitter, where the effective sample size is small."""
         num = weight.shape[1]
         states, units, weight = states.copy(), units.copy(), weight.copy()
         parent = np.tile(np.arange(num), (len(weight), 1))
@@ -121,7 +121,7 @@ class Particles:
         for episode in np.flatnonzero(1 / np.square(share).sum(1) < _FEWEST * num):
             at = (rng.uniform() + np.arange(num)) / num
             chosen = np.searchsorted(np.cumsum(share[episode]), at).clip(0, num - 1)
-            rng.shuffle(chosen)  # any of them may have to make room
+            rng.shuffle(chosen)  # the first ones are replaced by fresh particles below
             errors = rng.normal(size=(num, self._space.num_tangent)) * self._prior_std
             states[episode] = self._space.move(states[episode, chosen], _STATE_JITTER * errors)
             states[episode, :num_fresh] = self._fresh(guesses[episode][None], num_fresh, rng)[0]
@@ -133,7 +133,7 @@ class Particles:
         return states, units, weight, parent
 
     def _path(self, history: _History) -> np.ndarray:
-        """(E, T + 1, nq + nv): each segment as the one looks whose motion was the best later on."""
+        """(E, T + 1, nq + nv): in each segment, the ancestor of the best particle later on."""
         episodes = np.arange(len(history.best[0]))
         ahead, last = -(-self._config.look_ahead // self._config.steps), len(history.best) - 1
         path = []

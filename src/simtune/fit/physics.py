@@ -1,4 +1,4 @@
-"""Physics as a fit asks for it: states and parameters in, states and predictions out."""
+"""Physics for fits: states and parameters in, states and predictions out."""
 
 import copy
 from collections.abc import Callable
@@ -10,11 +10,11 @@ from simtune.budget import Budget
 from simtune.simulation import Simulator
 from simtune.simulation.states import StateSpace
 
-_NOTHING_LIKE_IT = -1e3  # what a world that diverged predicts, in any unit
+_NOTHING_LIKE_IT = -1e3  # what a diverged world predicts, in any unit
 
 
 class Physics:
-    """One simulator, its states as positions and velocities, its parameters as unit coordinates."""
+    """One simulator, with states as positions and velocities and parameters as unit coordinates."""
 
     def __init__(
         self,
@@ -24,16 +24,16 @@ class Physics:
     ):
         """`observe(batch)`, (n, D): what the sensors would measure.
 
-        `full_state`: (S,) any state (mjSTATE_INTEGRATION). What is neither position, nor velocity,
-        nor left behind by actions is taken from it.
+        `full_state`: (S,) any state (mjSTATE_INTEGRATION), which supplies everything except
+        positions, velocities and what actions leave behind.
         """
         self.simulator, self._observe, self._full_state = simulator, observe, full_state
         self.space, self.parameters = StateSpace(simulator.model), simulator.space
-        self._rng = np.random.default_rng(0)  # starts are given, or make no difference
+        self._rng = np.random.default_rng(0)  # starts are given, or do not matter
         self._budget = Budget()
 
     def within(self, budget: Budget) -> "Physics":
-        """The same, of which nothing is played once `budget` is over: `play` raises OutOfTime."""
+        """The same, but `play` raises OutOfTime once `budget` is over."""
         physics = copy.copy(self)
         physics._budget = budget
         return physics
@@ -49,8 +49,8 @@ class Physics:
         """(n, T + 1, S) full states and (n, M, D) predictions of n worlds, M = T + 1 or more.
 
         They begin in (n, nq + nv) states, have (n, N) parameters in unit coordinates and play
-        (n, T, A) actions. `actuator_states`: (n, S) of `replay_actuators`, where actions came
-        before. A world that diverges stays where it does. There are T times
+        (n, T, A) actions. `actuator_states`: (n, S) of `replay_actuators`, if there were earlier
+        actions. A world that diverges keeps its last state. There are T times
         `predictions_per_step` predictions after the first one. Raises OutOfTime; see `within`.
         """
         self._budget.check()
@@ -75,11 +75,11 @@ class Physics:
     def replay_actuators(
         self, actions: np.ndarray, states: np.ndarray, unit: np.ndarray
     ) -> np.ndarray:
-        """(E, T + 1, S) full states with all that (E, T, A) actions leave behind but the motion.
+        """(E, T + 1, S) full states with all that (E, T, A) actions leave behind except the motion.
 
-        Controls that are still to come, of an actuator with a delay, and how far filters and
-        muscles have followed, in worlds of the (N,) parameters in unit coordinates. Where actions
-        are relative, that depends on the motion, too: on a guess at the (E, T + 1, nq + nv) states.
+        That is delayed controls, and the states of filters and muscles, in worlds of the (N,)
+        parameters in unit coordinates. If actions are relative, they also depend on the motion, for
+        which (E, T + 1, nq + nv) guesses at the states are used.
         """
         num_episodes, num_steps, _ = actions.shape
         model, simulator = self.simulator.model, self.simulator

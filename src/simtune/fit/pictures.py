@@ -1,9 +1,9 @@
-"""Colours and light fitted to the pixels themselves, once it is known where everything is.
+"""Fits colours and light to pixels, once the motion says where everything is.
 
-The detector's estimates are good to a few hundredths. Drawing the fitted states and comparing
-pixels is good to a few thousandths, where the simulator draws as the real world looks. A state that
-is a fifth of a pixel off shades what is round otherwise, by a hundredth or so in all colours alike;
-so each picture's pose is unknown as well, as far as the motion leaves it open.
+The detector's estimates are good to a few hundredths; comparing rendered pixels is good to a few
+thousandths, if the simulator draws as the real world looks. A state that is a fifth of a pixel off
+shades round bodies differently, by about a hundredth in all colours alike. So each picture's pose
+is an unknown too, as far as the motion leaves it open.
 """
 
 from dataclasses import dataclass
@@ -16,38 +16,38 @@ from simtune.fit.response import CameraResponse, Told, told_by_known
 from simtune.simulation import Simulator
 from simtune.vision.image_noise import ImageNoise
 
-_ROBUST = 3.0  # noise levels from which a pixel counts less: edges, what is not modelled
+_ROBUST = 3.0  # noise levels from which a pixel counts less: edges, unmodelled things
 _SMALLEST_NOISE = 1.0 / 255
-_FIRST_NOISE = 0.1  # at least, then half as much each time: a colour far off is no outlier yet
+_FIRST_NOISE = 0.1  # at least, halved in each iteration: a colour far off is no outlier yet
 _LARGEST_STEP = 0.2
 _ROUNDING = 1 / 255 / 12**0.5  # standard deviation
-_SQUARE_PX = 4  # neighbouring pixels tell the same: 4 × 4 of them count as one
-_OTHERS = 0.3  # of what a pixel would be if all of it were white: what else it may show
-_RIDGE = 1e-6  # of information: what no picture shows
-_MOST_BLUR = 2.0  # of chroma: of a video whose pixels are not averaged any more it is about 1
+_SQUARE_PX = 4  # neighbouring pixels are correlated: a square of 4 × 4 counts as one
+_OTHERS = 0.3  # largest share of other colours in a pixel, relative to it being all white
+_RIDGE = 1e-6  # of information, for what no picture shows
+_MOST_BLUR = 2.0  # of chroma; about 1 for a video of pixels that are not averaged afterwards
 _DERIVED_EVERY = 2  # iterations: derivatives cost most, and change slowly
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pictures:
-    """M pictures to fit to, and what is known of them."""
+    """M pictures to fit, and prior knowledge about them."""
 
     frames: np.ndarray  # (M, H, W, 3) uint8
     full_states: np.ndarray  # (M, S)
-    # (M, D, 2 nv) changes of each picture's state, of one standard deviation, that may be wrong
+    # (M, D, 2 nv) possible errors of each picture's state, one standard deviation each
     poses: np.ndarray | None = None
-    # What is usual of the cameras; None: pictures are the simulator's own
+    # Prior of the cameras; None: pictures are the simulator's own
     camera_noise: ImageNoise | None = None
 
 
 @dataclass(frozen=True)
 class PictureFit:
-    """What a fit found, in unit coordinates of the parameters that pictures tell."""
+    """Result, in unit coordinates of the V visible parameters."""
 
     unit: np.ndarray  # (V,)
-    covariance: np.ndarray  # (V, V); 0 of what is known
-    noise: float  # of a pixel, robustly, of the full scale
-    responses: list[CameraResponse]  # one a camera; none where pictures are the simulator's own
+    covariance: np.ndarray  # (V, V); 0 for known parameters
+    noise: float  # robust noise of a pixel, of the full scale
+    responses: list[CameraResponse]  # one per camera; none if pictures are the simulator's own
     chroma_blur: np.ndarray  # (C,) see `PictureScene`; likewise
 
 
@@ -59,14 +59,14 @@ def fit_pictures(
     is_known: np.ndarray | None = None,
     iterations: int = 12,
 ) -> PictureFit:
-    """Fit the parameters that pictures tell, (V,) indices `shown`, and the cameras' responses.
+    """Fit the visible parameters, (V,) indices `shown`, and the cameras' responses.
 
-    `parameters`: (N,) to start from; the others keep their values, and so do those of `shown` that
-    are known, (V,) bool.
+    `parameters`: (N,) initial values; those not in `shown` are kept, and so are the known ones
+    among `shown`, `is_known` (V,) bool.
 
-    Responses are fitted where known colours show, and nowhere else: highlights would tell a gain
-    from a colour as well, if only the simulator drew them as they are. How unsure a response is
-    makes colours unsure, and pixels of these say nothing of it (a cut posterior: Plummer 2015).
+    Responses are fitted only to known colours: highlights would also separate gain from colour, if
+    only the simulator drew them correctly. The uncertainty of a response propagates to colours, but
+    unknown colours do not inform the response (a cut posterior: Plummer 2015).
     """
     known = np.zeros(len(shown), bool) if is_known is None else is_known
     fit = _Fit(simulator, pictures, simulator.space.to_unit(parameters), shown, known)
@@ -76,7 +76,7 @@ def fit_pictures(
 
 
 class _Fit:
-    """Gauss and Newton's steps of colours, of what cameras and videos make of them, of poses."""
+    """Gauss-Newton steps of colours, camera responses, video blur and poses."""
 
     def __init__(self, simulator, pictures: Pictures, unit, shown, known):
         self._unit, self._shown, self._known = unit, shown, known
@@ -94,13 +94,13 @@ class _Fit:
             self._slopes = scene.derive(self._unit, drawn)
         slopes, residual = self._slopes, drawn - self._real
         noise = _noise(residual, slopes.shown, max(_SMALLEST_NOISE, _FIRST_NOISE / 2**number))
-        usually = 1 / (1 + np.square(residual / (_ROBUST * noise))) ** 2
-        usually[scene.is_overexposed(self._frames, noise)] = 0
-        cameras = self._see_known(drawn, residual, usually)
+        robust = 1 / (1 + np.square(residual / (_ROBUST * noise))) ** 2
+        robust[scene.is_overexposed(self._frames, noise)] = 0
+        cameras = self._see_known(drawn, residual, robust)
         trust = robust_weights(np.minimum(np.square(residual / noise), 9).mean(1))
-        every = np.concatenate([slopes.shown[~self._known], slopes.chroma, slopes.response])
-        weight = usually / noise**2 / _SQUARE_PX**2
-        information, slope, follow = _without_poses(every, slopes.pose, weight, residual, scene)
+        unknowns = np.concatenate([slopes.shown[~self._known], slopes.chroma, slopes.response])
+        weight = robust / noise**2 / _SQUARE_PX**2
+        information, slope, follow = _without_poses(unknowns, slopes.pose, weight, residual, scene)
         few, num = len(self._fitted), len(self._fitted) + len(scene.chroma_blur)
         colours = combine(information[:, :num, :num], slope[:, :num], self._variance, trust)
         leads = np.einsum("m,mpq->pq", trust, information[:, :num])
@@ -117,7 +117,7 @@ class _Fit:
     def result(self) -> PictureFit:
         drawn, slopes, known = self._scene.draw(self._unit), self._slopes.shown, self._known
         noise = _noise(drawn - self._real, slopes, _SMALLEST_NOISE)
-        rounding = np.square([rounding_std(its, drawn) for its in slopes[~known]])
+        rounding = np.square([rounding_std(slope, drawn) for slope in slopes[~known]])
         covariance = np.zeros((len(known),) * 2)
         few = len(self._fitted)
         covariance[np.ix_(~known, ~known)] = self._covariance[:few, :few] + np.diag(rounding)
@@ -138,14 +138,14 @@ def _without_poses(
     residual: np.ndarray,
     scene: PictureScene,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(M, U, U) information and (M, U) slope, by (U, M, pixels) slopes, with poses eliminated.
+    """(M, U, U) information and (M, U) slope for (U, M, pixels) slopes, with poses eliminated.
 
-    With residuals r of the pixels, weights W, A = ∂r/∂u and P = ∂r/∂x by the poses in their
-    standard deviations, each picture says of u, with its x eliminated,
+    With residuals r of the pixels, weights W, A = ∂r/∂u and P = ∂r/∂x by the poses x in units of
+    their standard deviations, each picture's poses are eliminated:
 
         information = AᵀWA − AᵀWP (PᵀWP + 1)⁻¹ PᵀWA     slope = AᵀWr − AᵀWP (PᵀWP + 1)⁻¹ (PᵀWr + x)
 
-    And (M, D, U + 1): by how much x follows u, and moves by itself.
+    Also returns (M, D, U + 1): how x follows u, and its own step.
     """
     cross = _products(of_pose, weight, slopes)  # (M, D, U)
     of_poses = _products(of_pose, weight, of_pose) + np.eye(of_pose.shape[0])
@@ -157,7 +157,7 @@ def _without_poses(
 
 
 def _shows(slopes: np.ndarray, unit: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-    """(M, pixels) bool: where hardly anything but (K,) parameters makes up what was drawn."""
+    """(M, pixels) bool: where (K,) parameters make up nearly all of what was drawn."""
     white = np.abs(slopes).sum(0)
     others = np.abs(drawn - np.einsum("kmp,k->mp", slopes, unit))
     return (white > SHOWN) & (others < _OTHERS * white)
@@ -175,24 +175,24 @@ def _project(a: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> np.ndar
 
 
 def rounding_std(slope: np.ndarray, drawn: np.ndarray) -> float:
-    """Standard deviation of a parameter that (M, pixels) show, for they have but 256 levels.
+    """Standard deviation of a parameter due to rounding (M, pixels) to 256 levels.
 
-    Pixels of one level are all rounded alike: of that, many tell no more than one. Each other
-    level is rounded at another place.
+    Pixels of one level are all rounded alike, so many of them tell no more than one. Each level has
+    an independent rounding error.
     """
     shown = np.abs(slope) > SHOWN
     if not shown.any():
         return _ROUNDING / SHOWN
     square, level = np.square(slope[shown]), np.round(255 * drawn[shown].clip(0, 1)).astype(int)
-    told = np.bincount(level, square)
-    num_levels = told.sum() ** 2 / np.square(told).sum()
+    by_level = np.bincount(level, square)
+    num_levels = by_level.sum() ** 2 / np.square(by_level).sum()
     return _ROUNDING / np.sqrt(num_levels * square.mean())
 
 
 def _noise(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndarray:
-    """(M, pixels) robust standard deviation of (M, pixels), where (V, M, pixels) show a parameter.
+    """(M, pixels) robust std of residuals (M, pixels) where (V, M, pixels) show a parameter.
 
-    Of each parameter by itself: that the ground fits tells nothing of a thin pole.
+    For each parameter separately: a good fit of the ground says nothing about a thin pole.
     """
     noise, shown = np.full_like(residual, at_least), np.abs(slopes) > SHOWN
     for where in shown[shown.any((1, 2))]:

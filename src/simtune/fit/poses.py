@@ -1,4 +1,4 @@
-"""Where things are in a picture, as far as the motion does not say."""
+"""Uncertainty of poses in a picture, as far as the motion leaves them open."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ from simtune.fit.physics import Physics
 from simtune.simulation import Simulator
 from simtune.simulation.states import StateSpace
 
-_PLACES = 25  # tried for each picture
-_DELTA = 0.01  # of what is unknown of a position: to derive by
+_PLACES = 25  # candidates per picture
+_DELTA = 0.01  # finite-difference step, of a position's prior std
 
 
 def uncertain_poses(
@@ -17,11 +17,11 @@ def uncertain_poses(
     scale: np.ndarray,
     largest: np.ndarray,
 ) -> np.ndarray:
-    """(M, nv, 2 nv) changes of (M, S) states, of positions alone, by a standard deviation each.
+    """(M, nv, 2 nv) changes of (M, S) states, of positions only, by one standard deviation each.
 
-    That is what a single frame leaves open of each position alone, where its (D,) observations have
-    noise `scale`; a film's other frames tell more, unless the detector errs in all of them alike.
-    No more than `largest`, (2 nv,).
+    It is what a single frame leaves open of each position alone, if its (D,) observations have
+    noise `scale`. Other frames say more, unless the detector's errors are the same in all of them.
+    At most `largest`, (2 nv,).
     """
     space, num = physics.space, len(full_states)
     nv, states = space.nv, physics.states(full_states)
@@ -53,6 +53,6 @@ def align_to_images(
     drawn = simulator.render(candidates.reshape(-1, full_states.shape[-1]), worlds)
     drawn = drawn.reshape(_PLACES, len(full_states), -1)
     real = frames.reshape(len(frames), -1).astype(np.float32)
-    # What looks alike may be of another brightness so far: compare the patterns.
+    # Correlation, since brightness may still differ.
     alike = [[np.corrcoef(d, r)[0, 1] for d, r in zip(place, real, strict=True)] for place in drawn]
     return candidates[np.argmax(alike, 0), np.arange(len(full_states))]

@@ -1,4 +1,4 @@
-"""What parameters change in joint readings, and how well these could tell them, at best."""
+"""Sensitivity of joint readings to parameters, and how well they could identify these at best."""
 
 from dataclasses import dataclass
 
@@ -18,8 +18,8 @@ from simtune.observation import (
 )
 from simtune.simulation import Simulator
 
-_EPISODES, _LONGEST_S = 4, 8.0  # replayed; what else there is is taken to tell as much
-_TOO_FAR = 1e3  # a reading no joint has: what a world that diverged is taken to predict
+_EPISODES, _LONGEST_S = 4, 8.0  # replayed; any others are assumed to tell as much
+_TOO_FAR = 1e3  # more than any reading: such predictions come from a diverged world
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class ReadingChanges:
 
     labels: tuple[str, ...]  # (D,)
     units: tuple[str, ...]
-    rms: np.ndarray  # (N, D) by which they are elsewhere with another parameter
+    rms: np.ndarray  # (N, D) changes of the readings when a parameter changes
     largest: np.ndarray  # (N, D)
     noise: np.ndarray  # (D,) standard deviation of an independent error in each reading
-    information: np.ndarray  # (N, N) Fisher's, of all episodes, in unit coordinates
+    information: np.ndarray  # (N, N) Fisher information of all episodes, in unit coordinates
 
     @property
     def main(self) -> np.ndarray:
-        """(N,) the reading that changes most, as its noise counts."""
+        """(N,) the reading that changes most, relative to its noise."""
         return (self.rms / self.noise).argmax(1)
 
     @property
@@ -45,7 +45,7 @@ class ReadingChanges:
 
 
 class ReplayedReadings:
-    """A few episodes, replayed open loop with one parameter changed after the other."""
+    """A few episodes, replayed open loop with one parameter changed at a time."""
 
     def __init__(
         self,
@@ -82,11 +82,11 @@ class ReplayedReadings:
         few = Readings(
             readings.actions[:_EPISODES, :steps], readings.values[:_EPISODES, : steps + 1]
         )
-        still = np.zeros(few.values.shape[-1])
-        self._stretches = self._loop.cut(few, self._unit, still, 10**9, _EPISODES)
+        no_offsets = np.zeros(few.values.shape[-1])
+        self._stretches = self._loop.cut(few, self._unit, no_offsets, 10**9, _EPISODES)
 
     def changes(self, changed: np.ndarray, noise: np.ndarray) -> ReadingChanges:
-        """With (N, N) parameters, one changed in each; noise (D,) of independent readings."""
+        """For (N, N) parameters, one changed in each row; noise (D,) of independent readings."""
         worlds = np.vstack([self._unit, self._loop.physics.parameters.to_unit(changed)])
         starts = np.repeat(self._stretches.states[None], len(worlds), 0)
         predicted, _ = self._loop.play(self._stretches, starts, worlds)
@@ -102,14 +102,14 @@ class ReplayedReadings:
         )
 
     def _information(self, noise: np.ndarray) -> np.ndarray:
-        """(N, N); what offsets and where episodes start would explain as well is taken out."""
+        """(N, N) Fisher information, with offsets and initial states marginalised."""
         stretches, loop, num = self._stretches, self._loop, len(self._unit)
         start_std = loop.start_std(usual_noise(loop.sensors), stretches.values)
         where = Where(stretches, stretches.states, self._unit, start_std)
         slopes = differentiate(loop, where)
         nothing_left = 0 * stretches.values  # NaN where nothing was read
-        each = normal_equations(slopes, nothing_left, noise, finds_offset(loop.sensors))
+        equations = normal_equations(slopes, nothing_left, noise, finds_offset(loop.sensors))
         num_frames = np.isfinite(stretches.values).any(-1).sum()
-        every = each.information.sum(0) * self._num_frames / num_frames
-        mixed, offsets = every[:num, num:], every[num:, num:]
-        return every[:num, :num] - mixed @ np.linalg.pinv(offsets) @ mixed.T
+        total = equations.information.sum(0) * self._num_frames / num_frames
+        mixed, offsets = total[:num, num:], total[num:, num:]
+        return total[:num, :num] - mixed @ np.linalg.pinv(offsets) @ mixed.T

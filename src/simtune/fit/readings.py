@@ -1,4 +1,4 @@
-"""Joint readings of whole episodes, and stretches of them."""
+"""Joint readings of whole episodes, and of stretches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,17 +10,17 @@ from scipy.signal import savgol_filter
 from simtune.observation import JointSensor
 from simtune.trajectory import Trajectory, delayed
 
-# Readings, through which a parabola goes, to know a velocity by: more of them would smooth away
-# how a robot that was at rest begins to move.
+# Readings to which a parabola is fitted for a velocity: more of them would smooth away how a robot
+# starts to move from rest.
 _SMOOTHED = 3
 
 
 @dataclass(frozen=True)
 class Readings:
-    """Of E episodes, the shorter ones filled up with NaN and their last action."""
+    """Of E episodes; shorter ones are padded with NaN and their last action."""
 
     actions: np.ndarray  # (E, T, A)
-    values: np.ndarray  # (E, T + 1, D) of all sensors side by side; NaN where nothing was read
+    values: np.ndarray  # (E, T + 1, D) of all sensors side by side; NaN: not read
 
     @classmethod
     def of(cls, trajectories: Sequence[Trajectory], sensors: Sequence[JointSensor]) -> "Readings":
@@ -28,13 +28,13 @@ class Readings:
         actions, values = [], []
         for trajectory in trajectories:
             missing = steps - len(trajectory)
-            its = np.hstack([trajectory.readings[sensor.name] for sensor in sensors])
+            measured = np.hstack([trajectory.readings[sensor.name] for sensor in sensors])
             actions.append(np.pad(trajectory.actions, ((0, missing), (0, 0)), mode="edge"))
-            values.append(np.pad(its, ((0, missing), (0, 0)), constant_values=np.nan))
+            values.append(np.pad(measured, ((0, missing), (0, 0)), constant_values=np.nan))
         return cls(np.stack(actions).astype(float), np.stack(values))
 
     def delayed(self, steps: int) -> "Readings":
-        """The same, had the actions come so much later."""
+        """The same with the actions delayed by `steps`."""
         return Readings(delayed(self.actions, steps), self.values)
 
 
@@ -43,25 +43,25 @@ class Stretches(NamedTuple):
 
     actions: np.ndarray  # (W, K, A)
     values: np.ndarray  # (W, K + 1, D)
-    states: np.ndarray  # (W, nq + nv) in which each begins, as far as readings say
-    actuator_states: np.ndarray  # (W, S) what earlier actions left
+    states: np.ndarray  # (W, nq + nv) initial states, as far as readings say
+    actuator_states: np.ndarray  # (W, S) with what earlier actions left behind
 
     def first(self, steps: int) -> "Stretches":
-        """So many steps of each."""
+        """The first `steps` steps of each."""
         return self._replace(actions=self.actions[:, :steps], values=self.values[:, : steps + 1])
 
 
 def filled(values: np.ndarray) -> np.ndarray:
-    """(E, T, D) without gaps: straight lines through them."""
+    """(E, T, D) with gaps filled by linear interpolation."""
     filled, steps = values.copy(), np.arange(values.shape[1])
     for episode, column in np.ndindex(len(values), values.shape[2]):
-        its = filled[episode, :, column]
-        known = np.isfinite(its)
-        its[~known] = np.interp(steps[~known], steps[known], its[known]) if known.any() else 0.0
+        line = filled[episode, :, column]
+        known = np.isfinite(line)
+        line[~known] = np.interp(steps[~known], steps[known], line[known]) if known.any() else 0.0
     return filled
 
 
 def velocities(values: np.ndarray) -> np.ndarray:
-    """(E, T, D) changes a step, of a parabola through the readings near by."""
+    """(E, T, D) changes per step, from a parabola through neighbouring readings."""
     width = min(_SMOOTHED, values.shape[1] - (values.shape[1] + 1) % 2)
     return np.asarray(savgol_filter(values, width, min(2, width - 1), deriv=1, axis=1))

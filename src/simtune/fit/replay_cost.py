@@ -1,4 +1,4 @@
-"""What `fit.output_error` minimises: residuals, their cost, and a step that lowers it."""
+"""The objective of `fit.output_error`: residuals, cost, and a step that lowers it."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,40 +13,40 @@ from simtune.fit.readings import Stretches
 from simtune.fit.residuals import HUBER
 from simtune.fit.slopes import Slopes
 
-_PRIOR_STD = 0.3  # of parameters, in unit coordinates: nothing is known within a factor of 3
+_PRIOR_STD = 0.3  # of parameters, in unit coordinates: weak, a factor of 3 or so
 _LARGEST_STEP = 0.12
 
 
 class Guess(NamedTuple):
-    """Where a descent begins."""
+    """Start of a descent."""
 
     unit: np.ndarray  # (N,) in unit coordinates
     offsets: np.ndarray  # (D,) measured − simulated
 
 
 class Point(NamedTuple):
-    """Parameters and offsets, and where the stretches start."""
+    """Parameters, offsets and the stretches' initial states."""
 
     unit: np.ndarray  # (N,)
     offsets: np.ndarray  # (D,)
     states: np.ndarray  # (W, nq + nv)
-    shift: np.ndarray  # (W, S) of the starts, in terms of what is unknown of them
+    shift: np.ndarray  # (W, S) of the initial states, in units of `start_std`
 
 
 @dataclass(frozen=True)
 class ReplayCost:
-    """Of W stretches, D readings, S unknowns of a start."""
+    """Of W stretches, D readings and S unknowns of each initial state."""
 
     loop: OpenLoop
     stretches: Stretches
-    start_std: np.ndarray  # (S,) what is unknown of a start
+    start_std: np.ndarray  # (S,) prior std of an initial state
     finds_offset: np.ndarray  # (D,) bool
     prior: np.ndarray  # (N,) first guess, in unit coordinates
 
     def begin(self, guess: Guess) -> Point:
-        """Starts are as readings say."""
-        still = np.zeros((len(self.stretches.states), len(self.start_std)))
-        return Point(guess.unit, guess.offsets, self.stretches.states, still)
+        """With initial states from the readings."""
+        no_shift = np.zeros((len(self.stretches.states), len(self.start_std)))
+        return Point(guess.unit, guess.offsets, self.stretches.states, no_shift)
 
     def where(self, point: Point) -> Where:
         return Where(self.stretches, point.states, point.unit, self.start_std)
@@ -75,15 +75,15 @@ class ReplayCost:
     def with_prior(
         self, equations: NormalEquations, unit: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Information and slope of all stretches and, of the parameters, which come first, Π."""
+        """Information and slope of all stretches, and of the prior Π of parameters (the first)."""
         information, slope = equations.information.sum(0), equations.slope.sum(0)
-        its = np.arange(len(self.loop.fitted))
-        information[its, its] += _PRIOR_STD**-2
-        slope[its] += (unit - self.prior)[self.loop.fitted] / _PRIOR_STD**2
+        own = np.arange(len(self.loop.fitted))
+        information[own, own] += _PRIOR_STD**-2
+        slope[own] += (unit - self.prior)[self.loop.fitted] / _PRIOR_STD**2
         return information, slope
 
     def step(self, point: Point, equations: NormalEquations, damping: float) -> Point:
-        """Where Newton's step with Levenberg's damping ends."""
+        """Result of a Newton step with Levenberg's damping."""
         fitted, num = self.loop.fitted, len(self.loop.fitted)
         information, slope = self.with_prior(equations, point.unit)
         damped = information + damping * np.diag(np.diag(information))

@@ -1,4 +1,4 @@
-"""From a rough estimate to a fine one: guess states, fit the physics, fit the pictures."""
+"""Refines a rough estimate: guess states, fit the physics, fit the pictures."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,34 +22,34 @@ from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.sizing import FitConfig, fit_to_budget
 from simtune.fit.window_pictures import fit_window_pictures
 
-_SMALLEST_STD = {"moving": 5e-4, "appearance": 2e-4}  # in unit coordinates: fits end sometime
+_SMALLEST_STD = {"moving": 5e-4, "appearance": 2e-4}  # in unit coordinates: no fit is exact
 _FEWEST_TO_FIT = 2  # episodes
-_SIDESTEP = (0.01, 0.1)  # at least, at most, from a start, in unit coordinates
-_FARTHEST = 2.0  # times as far as its sides begun, of which a fit's way counts
-_PARTICLE_STD = (0.02, 0.1)  # of their parameters: at least, at most, in unit coordinates
+_SIDESTEP = (0.01, 0.1)  # bounds of the offset from a start, in unit coordinates
+_FARTHEST = 2.0  # cap on the factor by which a long way from the start widens the error
+_PARTICLE_STD = (0.02, 0.1)  # bounds of the particles' parameter spread, in unit coordinates
 _QUICK_STAGES = Stage(4, 3, 3.0), Stage(12, 4)
-_QUICK_WINDOWS = (12, 30)  # at least, at most
+_QUICK_WINDOWS = (12, 30)  # bounds
 
 
 def num_fitted(num_episodes: int) -> int:
-    """All but the last, which is kept to test the fit on, where that leaves two or more."""
+    """Episodes fitted: all but the last, kept as a test, if that leaves two or more."""
     return num_episodes - (num_episodes > _FEWEST_TO_FIT)
 
 
 class Followed(NamedTuple):
-    """What particles make of episodes."""
+    """Result of the particle filter for all episodes."""
 
     states: np.ndarray  # (E, T + 1, nq + nv)
-    start: PointEstimate  # from which they are fitted
+    start: PointEstimate  # of the fit
 
 
 class LinedUp(NamedTuple):
-    """Episodes with actions when they take effect, and encoders as if they had no offsets."""
+    """Episodes with actions shifted to when they take effect, and readings without offsets."""
 
     observed: Observed
-    latency_steps: int  # by which actions were late
-    offsets: np.ndarray  # (D,) that encoders had, of all joints read; (0,) where none is unknown
-    states: np.ndarray  # as `Followed` has it
+    latency_steps: int  # delay of the actions
+    offsets: np.ndarray  # (D,) of all encoders; (0,) if none is unknown
+    states: np.ndarray  # as in `Followed`
     start: PointEstimate
 
 
@@ -64,9 +64,9 @@ class ReplayFit:
         config: FitConfig | None = None,
         photometry: Photometry | None = None,
     ):
-        """`discrepancy_std`: (N,) in unit coordinates, of what no fit can see.
+        """`discrepancy_std`: (N,) in unit coordinates, of errors that no fit can detect.
 
-        `photometry`: what is known of colours; by default none, by the simulator's own camera.
+        `photometry`: prior knowledge of colours; by default none, and the simulator's own camera.
         """
         self._physics, self._estimator, self._config = physics, estimator, config or FitConfig()
         self._discrepancy_std, self.space = discrepancy_std, physics.parameters
@@ -76,7 +76,7 @@ class ReplayFit:
         self._photometry = photometry or Photometry(None, np.full(len(self.space), np.nan))
 
     def sized(self, num_steps: int, seconds: float, at_most_s: float) -> "ReplayFit":
-        """One that takes about so long, for episodes of `num_steps` in all; no larger than this.
+        """The same, reduced to take about `seconds`, for episodes of `num_steps` in all.
 
         See `fit_to_budget`.
         """
@@ -91,10 +91,10 @@ class ReplayFit:
         latencies: Sequence[int] = (0,),
         extend_horizon: bool = True,
     ) -> FitResult:
-        """Fit E episodes. With three or more the last one is kept to test the fit on.
+        """Fit E episodes. If there are three or more, the last one is held out as a test.
 
-        `latencies`: by how many steps the actions may take effect late, the usual one first.
-        `extend_horizon`: to longer windows where short ones do not tell enough, which takes time.
+        `latencies`: candidate delays of the actions in steps, the usual one first.
+        `extend_horizon`: to longer windows if short ones do not tell enough, which takes time.
         Raises OutOfTime; see `within`.
         """
         num, kept = len(observed), num_fitted(len(observed))
@@ -143,7 +143,7 @@ class ReplayFit:
     def _claimed(
         self, start: PointEstimate, motion: ShootingFit, apart: np.ndarray, pictures: PictureFit
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) standard deviations and (N, N) correlation; what is held stays as sure as it was."""
+        """(N,) standard deviations and (N, N) correlation; held parameters keep their std."""
         std = start.std.copy()
         std[self._moving] = np.hypot(np.sqrt(np.diag(motion.covariance)), apart)
         std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
@@ -153,7 +153,7 @@ class ReplayFit:
         return at_least, diluted(block_correlation(len(std), blocks), std / at_least)
 
     def within(self, budget: Budget) -> "ReplayFit":
-        """The same, which raises OutOfTime as soon as `budget` is over."""
+        """The same, but raises OutOfTime as soon as `budget` is over."""
         physics = self._physics.within(budget)
         rest = self._discrepancy_std, self._config, self._photometry
         return ReplayFit(physics, self._estimator, *rest)
@@ -161,7 +161,7 @@ class ReplayFit:
     def _line_up(
         self, observed: Observed, fitted: slice, start: PointEstimate, latencies: Sequence[int]
     ) -> LinedUp:
-        """How late actions take effect comes first: with that, pictures tell of encoders."""
+        """Find the latency of actions, then the encoders' offsets, for which it must be known."""
         latency_steps, followed = latencies[0], None
         if len(latencies) > 1:
             followed = self._follow(observed.delayed(latency_steps), fitted, start)
@@ -182,28 +182,28 @@ class ReplayFit:
         return Shooting(self._physics, self._estimator.prior_std, fitted, config, lateness)
 
     def _follow(self, observed: Observed, fitted: slice, start: PointEstimate) -> Followed:
-        """All episodes, and the parameters of the `fitted` ones."""
+        """Follow all episodes; the parameters are estimated from the `fitted` ones."""
         prior_std = self._estimator.prior_std
         particles = Particles(self._physics, prior_std, self._moving, self._config.particles)
         unit, std = self.space.to_unit(start.parameters), start.std.copy()
         guessed = self._estimator(observed)
         followed = particles.follow(observed, guessed, unit, np.clip(start.std, *_PARTICLE_STD))
-        each = followed.unit[fitted]
-        unit[self._moving] = np.median(each, 0)
-        if len(each) > 1:  # of one episode it is not known how others differ
-            std[self._moving] = each.std(0, ddof=1) / np.sqrt(len(each))
+        estimates = followed.unit[fitted]
+        unit[self._moving] = np.median(estimates, 0)
+        if len(estimates) > 1:  # one episode does not show the spread between episodes
+            std[self._moving] = estimates.std(0, ddof=1) / np.sqrt(len(estimates))
         return Followed(followed.states, PointEstimate(self.space.from_unit(unit), std))
 
     def _fit_motion(
         self, observed: Observed, states: np.ndarray, start: PointEstimate, extend_horizon: bool
     ) -> tuple[ShootingFit, np.ndarray, ShootingFit]:
-        """From below and from above: the middle, and (P,) how far it is taken to be off.
+        """Fit from below and above the start: the middle, and (P,) its estimated error.
 
-        That is half of how far apart the two end; up to twice as much, where the middle lies
-        farther from the start than they began. Where the horizon is extended from there, that has
-        the last word on the middle; half of what it moved by then is what short windows were
-        misled, and longer ones may be as well.
-        The last one has the short windows' states: in a picture, things are nearer to these.
+        The error is half the distance of the two results, or up to that distance if the middle
+        moved farther from the start than the two began. If the horizon is extended from the middle,
+        that result replaces it; half of the change counts as an error, too, since longer windows
+        may be as biased as the short ones were. Also returns the fit of the short windows, whose
+        states are closer to the pictures.
         """
         shooting = self._shooting(self._moving, lateness=observed.lateness)
         unit = self.space.to_unit(start.parameters)
@@ -229,18 +229,18 @@ class ReplayFit:
     ) -> int:
         """The latency of the actions, in steps, with which the motion fits clearly best.
 
-        From states that were `followed` with the first one: from an estimator's, which are farther
-        off, windows tell little.
+        Starts from the states `followed` with the first latency: from the estimator's, which are
+        less accurate, windows tell little.
         """
         states, parameters = followed.states[fitted], followed.start.parameters
         late = [observed.delayed(steps).episodes(fitted) for steps in latencies]
-        misfits = [self._fit_quickly(its, states, parameters).misfit for its in late]
+        misfits = [self._fit_quickly(candidate, states, parameters).misfit for candidate in late]
         return latencies[clearly_best(np.array(misfits))]
 
     def _find_offsets(
         self, observed: Observed, parameters: np.ndarray
     ) -> tuple[Observed, np.ndarray]:
-        """Without what encoders show too much, as pictures tell; (D,) that, of all joints read."""
+        """Observations without encoder offsets, and these, (D,) of all joints, from pictures."""
         if not has_unknown_offsets(observed):
             return observed, np.zeros(0)
         loose = loosened(observed)

@@ -1,16 +1,16 @@
-"""What a simulator leaves unexplained of readings: how much, and for how long it goes on."""
+"""Size and autocorrelation of the residuals that a simulator leaves in readings."""
 
 import numpy as np
 
-HUBER = 5.0  # root mean squares: what stands out by more counts linearly (Huber 1964)
-_CLIPPED = 3  # times: each time less of what stands out is left
+HUBER = 5.0  # root mean squares: larger residuals count linearly (Huber 1964)
+_CLIPPED = 3  # iterations of clipping: outliers inflate the first estimates
 _SMALLEST = 1e-6
 
 
 def spread(residuals: np.ndarray) -> np.ndarray:
-    """(D,) root mean square of (W, K, D), but for what stands out far, such as lost packets.
+    """(D,) root mean square of (W, K, D), with outliers, such as lost packets, clipped.
 
-    Not the median's: where a simulator is wrong in a different way now and then, that counts.
+    Not a median, so that a simulator that is sometimes wrong in different ways still counts.
     """
     size = np.abs(residuals.reshape(-1, residuals.shape[-1]))
     rms = np.sqrt(np.nanmean(np.square(size), 0))
@@ -20,9 +20,9 @@ def spread(residuals: np.ndarray) -> np.ndarray:
 
 
 def correlation_times(residuals: np.ndarray) -> np.ndarray:
-    """(D,) integrated autocorrelation times, steps, of (W, K, D) residuals; 1 of white noise.
+    """(D,) integrated autocorrelation times, in steps, of (W, K, D) residuals; 1 for white noise.
 
-    1 + 2 Σ ρ(l), summed up to where pairs of ρ get negative (Geyer 1992's initial sequence).
+    1 + 2 Σ ρ(l), summed until pairs of ρ get negative (initial positive sequence, Geyer 1992).
     """
     values = np.nan_to_num(residuals)
     num_steps, known = values.shape[1], np.isfinite(residuals)

@@ -1,12 +1,12 @@
-"""What a camera makes of the light that reaches it (its radiometric response).
+"""A camera's radiometric response: what it makes of the light that reaches it.
 
 With x what is drawn, of the full scale, channel by channel,
 
     seen = offset + gain · x ^ gamma        at most 1, at least 0
 
-The gains of the channels are the camera's exposure and its white balance. All pictures of a camera
-share one response. Nobody knows it, so gains and colours are told apart only where an object's
-colour is known; what cameras usually do is the prior.
+The channels' gains are the camera's exposure and white balance. All pictures of a camera share one
+response. It is unknown, and gains can be separated from colours only where an object's colour is
+known; the prior is what cameras usually do.
 """
 
 from dataclasses import dataclass
@@ -16,21 +16,21 @@ import numpy as np
 
 from simtune.vision.image_noise import ImageNoise
 
-NUM_UNKNOWN = 5  # of a camera: the logarithms of three gains and of gamma, and the offset
+NUM_UNKNOWN = 5  # per camera: the logarithms of three gains and of gamma, and the offset
 _GAMMA, _OFFSET = 3, 4
-_DARK = 1e-3  # of the full scale: no logarithm of less
-_ANY_GAIN = 0.5  # standard deviation of its logarithm
-# Shadows, highlights and textures are drawn otherwise than they are, in all pictures alike. So all
-# pixels of known colours tell no more than so many would, which are wrong by such shares each, or
-# of the full scale.
+_DARK = 1e-3  # of the full scale: lower bound for a logarithm
+_ANY_GAIN = 0.5  # prior standard deviation of log gain where known colours inform it
+# Shadows, highlights and textures are drawn wrongly in all pictures alike. So all pixels of known
+# colours together count as _FEW, each with a relative error _WRONG and an absolute one of
+# _WRONG_IN_THE_DARK.
 _FEW, _WRONG, _WRONG_IN_THE_DARK = 10, 0.02, 0.01
 
 
 @dataclass(frozen=True)
 class CameraResponse:
-    """Of one camera."""
+    """Response of one camera."""
 
-    unknown: np.ndarray  # (5,) see NUM_UNKNOWN: all 0 where pictures are as drawn
+    unknown: np.ndarray  # (5,) see NUM_UNKNOWN; all 0: the identity
 
     @property
     def gain(self) -> np.ndarray:
@@ -47,7 +47,7 @@ class CameraResponse:
         return float(self.unknown[_OFFSET])
 
     def __call__(self, drawn: np.ndarray) -> np.ndarray:
-        """(..., 3) of the full scale as they are seen."""
+        """(..., 3) of the full scale as the camera sees them."""
         return self._unclipped(drawn).clip(0, 1)
 
     def derive(self, drawn: np.ndarray) -> np.ndarray:
@@ -69,10 +69,10 @@ class CameraResponse:
 
 
 class Photometry(NamedTuple):
-    """What is known of colours and of the cameras that see them."""
+    """Prior knowledge of colours and of the cameras that see them."""
 
-    camera_noise: ImageNoise | None  # what is usual of cameras; None: the simulator's own
-    known: np.ndarray  # (N,) values of the parameters that are known, NaN of all others
+    camera_noise: ImageNoise | None  # prior of the cameras; None: the simulator's own
+    known: np.ndarray  # (N,) values of known parameters, NaN for all others
 
     @property
     def is_known(self) -> np.ndarray:
@@ -81,9 +81,9 @@ class Photometry(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What known colours say of C cameras, beside what is usual."""
+    """Estimate of C cameras' responses from known colours and the prior."""
 
-    step: np.ndarray  # (5 C,) from where the unknowns are
+    step: np.ndarray  # (5 C,) from the current unknowns
     covariance: np.ndarray  # (5 C, 5 C)
 
 
@@ -95,34 +95,34 @@ def told_by_known(
     usual: ImageNoise,
     at: np.ndarray,
 ) -> Told:
-    """By (5 C, M, pixels) slopes; `trust`: (M, pixels), 0 where no known colour shows, 1 at most.
+    """From (5 C, M, pixels) slopes; `trust`: (M, pixels) 0 to 1, 0 where no known colour shows.
 
-    `residual`: (M, pixels) of what was `drawn`, drawn − real; `at`: (5 C,) where unknowns are.
+    `residual`: (M, pixels) drawn − real; `at`: (5 C,) current unknowns.
     """
     step, covariance = np.zeros_like(at), np.zeros((len(at),) * 2)
     for camera in range(0, len(at), NUM_UNKNOWN):
-        its = slice(camera, camera + NUM_UNKNOWN)
+        own = slice(camera, camera + NUM_UNKNOWN)
         seen = trust * (slopes[camera + _OFFSET] > 0)
-        channels = seen.reshape(-1, _GAMMA).sum(0)  # each tells as much
-        each = _FEW / np.maximum(channels, 1e-9)
-        weight = seen * np.tile(each, seen.shape[1] // _GAMMA)
+        channels = seen.reshape(-1, _GAMMA).sum(0)  # each with about as much information
+        per_value = _FEW / np.maximum(channels, 1e-9)
+        weight = seen * np.tile(per_value, seen.shape[1] // _GAMMA)
         weight /= np.square(_WRONG * drawn) + _WRONG_IN_THE_DARK**2
         prior = _prior(usual, gains_are_usual=not seen.any())
-        weighted = slopes[its] * weight
-        information = prior + np.einsum("amp,bmp->ab", weighted, slopes[its])
-        slope = prior @ at[its] + np.einsum("amp,mp->a", weighted, residual)
-        covariance[its, its] = np.linalg.inv(information)
-        step[its] = -covariance[its, its] @ slope
+        weighted = slopes[own] * weight
+        information = prior + np.einsum("amp,bmp->ab", weighted, slopes[own])
+        slope = prior @ at[own] + np.einsum("amp,mp->a", weighted, residual)
+        covariance[own, own] = np.linalg.inv(information)
+        step[own] = -covariance[own, own] @ slope
     return Told(step, covariance)
 
 
 def _prior(usual: ImageNoise, gains_are_usual: bool) -> np.ndarray:
-    """(5, 5) inverse covariance of a camera's unknowns, which are normal around 0.
+    """(5, 5) inverse covariance of a camera's unknowns, normal around 0.
 
-    Where a known colour tells the gains, cameras may be as unusual as it says.
+    If known colours inform the gains, their prior is wide.
     """
     covariance = np.diag(np.square([*[usual.tint] * 3, usual.gamma, usual.offset]))
-    covariance[:_GAMMA, :_GAMMA] += usual.gain**2  # exposure is one for all channels
+    covariance[:_GAMMA, :_GAMMA] += usual.gain**2  # exposure is common to all channels
     if not gains_are_usual:
         covariance[:_GAMMA, :_GAMMA] = _ANY_GAIN**2 * np.eye(3)
     return np.linalg.inv(covariance)

@@ -10,7 +10,7 @@ from simtune.fit.response import CameraResponse
 
 
 class PointEstimate(NamedTuple):
-    """Parameters as far as they are known before a fit."""
+    """Parameters as known before a fit."""
 
     parameters: np.ndarray  # (N,)
     std: np.ndarray  # (N,) in unit coordinates
@@ -18,9 +18,9 @@ class PointEstimate(NamedTuple):
 
 @dataclass(frozen=True)
 class Misfit:
-    """How badly observations fit a simulator; larger is worse, NaN where it cannot be said."""
+    """How badly observations fit a simulator; larger is worse, NaN if unknown."""
 
-    motion: tuple[float, ...]  # of each sensor: its typical distance from the simulation, in units
+    motion: tuple[float, ...]  # each sensor's typical distance from the simulation, in its unit
     picture: float  # noise of a pixel, of the full scale
 
 
@@ -30,22 +30,22 @@ class FitResult:
 
     parameters: np.ndarray
     std: np.ndarray  # (N,)
-    # (N,) standard deviations of what is wrong with all data alike, and no fit can see
+    # (N,) standard deviations of errors common to all data, which no fit can detect
     discrepancy_std: np.ndarray
-    # (N, N) of the fit's errors in unit coordinates; 0 between what motion and what pictures tell
+    # (N, N) of the fit's errors in unit coordinates; 0 between motion and pictures
     correlation: np.ndarray
-    moving: np.ndarray  # (P,) indices of the parameters that are no mere appearance
+    moving: np.ndarray  # (P,) indices of the parameters that are not mere appearance
     misfit: Misfit
-    sensors: tuple[tuple[str, str], ...]  # names and units of the misfits in motion
-    start: np.ndarray  # (S,) the full state in which the first episode began
-    latency_steps: int  # by which the actions seem to take effect late
-    # (N,) standard deviations of the particles' estimate, where it began; 0 of mere appearance
+    sensors: tuple[tuple[str, str], ...]  # name and unit of each motion misfit
+    start: np.ndarray  # (S,) full state at the start of the first episode
+    latency_steps: int  # estimated delay of the actions
+    # (N,) standard deviations of the particles' estimate, the fit's start; 0 for appearance
     rough_std: np.ndarray
-    offsets: np.ndarray  # (D,) measured − true, of joints that are read beside pictures; or none
-    known: np.ndarray  # (K,) indices of the parameters that are known, and were not fitted
-    responses: list[CameraResponse]  # of the cameras; none where pictures are the simulator's own
-    held_out: int | None = None  # the episode that nothing was fitted to, but the misfit is of
-    # (2,) seconds by which pictures come late besides, and how unsure that is; 0: it is known
+    offsets: np.ndarray  # (D,) measured − true, of joint readings beside pictures; may be empty
+    known: np.ndarray  # (K,) indices of known parameters, which were not fitted
+    responses: list[CameraResponse]  # one per camera; none if pictures are the simulator's own
+    held_out: int | None = None  # the episode that only the misfit was computed from
+    # (2,) seconds by which pictures are also late, and their std; 0 if lateness is known
     late_s: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     @property
@@ -55,19 +55,19 @@ class FitResult:
 
     @property
     def claimed_std(self) -> np.ndarray:
-        """(N,) of the fit and of what it cannot see, together."""
+        """(N,) of the fit and of the discrepancy, together."""
         return np.hypot(self.std, self.discrepancy_std)
 
     @property
     def claimed_correlation(self) -> np.ndarray:
-        """(N, N) the same: of what it cannot see nothing is known, nor that any two go together."""
+        """(N, N) of the same errors; the discrepancy is independent between parameters."""
         return diluted(self.correlation, self.std / self.claimed_std)
 
 
 def block_correlation(count: int, blocks: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """(N, N) correlation where covariances are known in blocks, and 0 between these.
+    """(N, N) correlation from covariances of blocks, 0 between blocks.
 
-    `blocks`: of each, indices (K,) and the covariance (K, K), 0 of what is known.
+    `blocks`: indices (K,) and covariance (K, K) of each, 0 for known parameters.
     """
     correlation = np.eye(count)
     for at, covariance in blocks:
@@ -80,7 +80,7 @@ def block_correlation(count: int, blocks: Iterable[tuple[np.ndarray, np.ndarray]
 
 
 def diluted(correlation: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(N, N) correlation of errors to which others are added that are independent of each other.
+    """(N, N) correlation of errors after independent errors are added.
 
     `share`: (N,) the old standard deviations over the new, σᵢ / √(σᵢ² + τᵢ²).
     """

@@ -1,6 +1,6 @@
-"""What parameters change in pictures, motion and readings, and how well these tell them, at best.
+"""Sensitivity of pictures, motion and readings to parameters, and Fisher information at best.
 
-Nothing is learnt here: the simulator is asked what happens if one parameter is another.
+Nothing is learnt: the simulator is run with one parameter changed at a time.
 """
 
 import math
@@ -22,33 +22,33 @@ from simtune.vision.image_noise import ImageNoise
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints, find_keypoints
 
-WINDOW_STEPS = 12  # chaotic motion diverges anyway: no fit follows it for longer
-_FACTOR, _TENTH = 1.2, 0.1  # what a parameter is changed by: on a log scale, on a linear one
+WINDOW_STEPS = 12  # no fit follows chaotic motion for longer
+_FACTOR, _TENTH = 1.2, 0.1  # change of a parameter on a log scale (factor), on a linear one
 _LEVELS = 2  # of 256: a pixel that changes by no more looks the same
-_STILL_PX = 0.01  # a keypoint that moves by less stays: a detector is off by fifty times as much
-_DETECTOR_PX, _SURE = 0.5, 0.98  # how far off the detector is; how probably at the right place
+_STILL_PX = 0.01  # less is no motion: a detector's errors are fifty times as large
+_DETECTOR_PX, _SURE = 0.5, 0.98  # assumed error of the detector; its probability of the right place
 _NUM_PICTURES = 24
-_EPISODES = 4  # looked at; what else there is is taken to tell as much
+_EPISODES = 4  # simulated; any others are assumed to tell as much
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Of N parameters: what each changes, and how well it could be known at best."""
+    """Of N parameters: what each one changes, and how well it could be known at best."""
 
-    parameters: np.ndarray  # (N,) where this holds
-    changed: np.ndarray  # (N,) what each was changed to, one at a time
-    levels: np.ndarray  # (N,) of 256, by which the pixels change that change at all
-    pixel_share: np.ndarray  # (N,) of the pixels, that change
-    rms_px: np.ndarray  # (N,) how far keypoints are elsewhere after WINDOW_STEPS steps
+    parameters: np.ndarray  # (N,) at which this holds
+    changed: np.ndarray  # (N,) the changed value of each, one at a time
+    levels: np.ndarray  # (N,) of 256, mean change of the pixels that change
+    pixel_share: np.ndarray  # (N,) of pixels that change
+    rms_px: np.ndarray  # (N,) displacement of keypoints after WINDOW_STEPS steps
     largest_px: np.ndarray  # (N,)
-    # Standard deviations, of the logarithm on a log scale. Nothing is worse than knowing no more
-    # than the first range of a search:
+    # Standard deviations, of the logarithm on a log scale, at most those of a uniform prior over
+    # the first range of a search:
     motion_std: np.ndarray  # (N,)
-    picture_std: np.ndarray  # (N,) by its colours, as far as a camera shows them truly
+    picture_std: np.ndarray  # (N,) from colours, as far as a camera shows them truly
     first_width: np.ndarray  # (N,) of that range
-    correlation: np.ndarray  # (N, N) of errors in estimates from motion, 0 for what moves nothing
-    sees_pictures: bool = True  # without a camera nothing changes in any
-    readings: ReadingChanges | None = None  # of joints, whose motion counts as motion, too
+    correlation: np.ndarray  # (N, N) of errors in estimates from motion; 0 without effect on motion
+    sees_pictures: bool = True  # False without a camera
+    readings: ReadingChanges | None = None  # of joints; they count as motion in `motion_std`
 
     @property
     def shows_nothing(self) -> np.ndarray:
@@ -64,7 +64,7 @@ def analyze(
     observation: ObservationModel,
     readings: ReadingChanges | None = None,
 ) -> Sensitivity:
-    """At the nominal parameters, in episodes of (E, T, A) actions; `readings`: what these say.
+    """At the nominal parameters, in episodes of (E, T, A) actions; `readings`: those of joints.
 
     Raises RuntimeError if all of them diverge.
     """
@@ -74,7 +74,7 @@ def analyze(
     changed = one_by_one(space, nominal)
     scale = _along_scale(space, space.high) - _along_scale(space, space.low)
     width = scale * (space.to_unit(first.high) - space.to_unit(first.low))
-    prior = width / np.sqrt(12)  # standard deviation of a uniform distribution
+    prior = width / np.sqrt(12)  # of a uniform distribution
     information, seen = np.diag(prior**-2), _Seen.nothing(len(space))
     if simulator.views:
         seen = _look(simulator, first, actions, seed, changed)
@@ -105,13 +105,13 @@ def analyze(
 
 
 class _Seen(NamedTuple):
-    """By a camera, of N parameters; see `Sensitivity`."""
+    """What cameras see of N parameters; see `Sensitivity`."""
 
     levels: np.ndarray
     share: np.ndarray
     rms: np.ndarray
     largest: np.ndarray
-    information: np.ndarray  # (N, N) Fisher's, in unit coordinates
+    information: np.ndarray  # (N, N) Fisher information, in unit coordinates
 
     @classmethod
     def nothing(cls, num: int) -> "_Seen":
@@ -126,7 +126,7 @@ def _look(
     seed: int,
     changed: np.ndarray,
 ) -> _Seen:
-    """What cameras see of (N, N) parameters, one changed in each; see `analyze`."""
+    """What cameras see of (N, N) parameters, one changed in each row; see `analyze`."""
     space, rng = simulator.space, np.random.default_rng((seed, 1))
     keypoints, more = find_keypoints(simulator, first, seed), max(1.0, len(actions) / _EPISODES)
     actions = actions[:_EPISODES]
@@ -146,7 +146,7 @@ def _look(
 
 
 def one_by_one(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
-    """(N, N) the (N,) parameters, in each row another of them changed, away from its bound."""
+    """(N, N) copies of the (N,) parameters, row i with parameter i changed, away from its bound."""
     scale = _along_scale(space, space.high) - _along_scale(space, space.low)
     step = np.where(space.is_log, np.log(_FACTOR) / scale, _TENTH)
     unit = space.to_unit(parameters)
@@ -156,7 +156,7 @@ def one_by_one(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
 def picture_changes(
     simulator: Simulator, episodes: Rollouts, changed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(G,) levels and shares of the pixels that differ, with (G, N) parameters, in equal states."""
+    """(G,) levels and shares of the pixels that differ with (G, N) parameters, in equal states."""
     rows = episodes.states.reshape(-1, episodes.states.shape[-1])
     rows = rows[np.linspace(0, len(rows) - 1, _NUM_PICTURES).astype(int)]
     worlds = np.concatenate([episodes.parameters[:1], changed])
@@ -174,7 +174,7 @@ def picture_changes(
 def motion_changes(
     simulator: Simulator, keypoints: Keypoints | Points, episodes: Rollouts, changed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(G,) pixels by which keypoints are elsewhere with (G, N) parameters: root mean square, most.
+    """(G,) pixels of keypoint displacement with (G, N) parameters: root mean square, largest.
 
     At the end of windows that begin in the same states with the same actions.
     """
@@ -190,13 +190,13 @@ def motion_changes(
     )
     ends = played.observed[:, -1].reshape(len(worlds), -1, 2)
     distance = np.nan_to_num(np.linalg.norm(ends[1:] - ends[0], axis=-1))
-    if not distance.size:  # nothing there to be followed
+    if not distance.size:  # no keypoints
         return np.zeros(len(changed)), np.zeros(len(changed))
     return np.sqrt(np.square(distance).mean(-1)), distance.max(-1)
 
 
 def windows(episodes: Rollouts) -> tuple[np.ndarray, np.ndarray]:
-    """(W, S) starts and (W, K, A) actions of all windows; they do not overlap."""
+    """(W, S) initial states and (W, K, A) actions of all windows, which do not overlap."""
     num_episodes, num_steps, num_actions = episodes.actions.shape
     length = min(WINDOW_STEPS, num_steps)
     count = num_steps // length
@@ -212,7 +212,7 @@ def motion_covariance(
     """(P, P) covariance in unit coordinates of the `fitted` parameters, at best."""
     physics = Physics(simulator, keypoints.observe, episodes.states[0, 0])
     states = physics.states(episodes.states)
-    # A start is somewhere where these episodes go; Shooting believes a guess a third as much.
+    # A guess is as uncertain as these episodes vary; Shooting multiplies its std by 3.
     prior_std = physics.space.difference(states, states[:1, :1]).std((0, 1)) / 3
     config = ShootingConfig(stages=(Stage(WINDOW_STEPS, 0),))
     shooting = Shooting(physics, np.maximum(prior_std, 1e-3), fitted, config)
@@ -231,12 +231,12 @@ def _along_scale(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
 
 
 def _colour_error(num_pixels: np.ndarray, observation: ObservationModel) -> np.ndarray:
-    """(N,) levels by which the mean colour of as many pixels may be off; rounding makes it one."""
+    """(N,) levels, the error of a mean colour over so many pixels; at least 1 by rounding."""
     added = observation.image_noise or ImageNoise(offset=0, noise=0)
     noise = added.noise / np.sqrt(np.maximum(num_pixels, 1))
     return np.hypot(1, 255 * np.hypot(added.offset, noise))
 
 
 def where_analyzed(space: ParameterSpace) -> np.ndarray:
-    """(N,); a delay of 0 is a tenth of the longest: near 0 the motion changes in jumps."""
+    """(N,) nominal values, but a tenth of the longest delay for one of 0: motion jumps near 0."""
     return np.where(space.is_delay & (space.nominal == 0), _TENTH * space.high, space.nominal)

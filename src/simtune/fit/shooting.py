@@ -1,10 +1,10 @@
-"""Multiple shooting: the physics is replayed in short windows and fitted to what was observed.
+"""Multiple shooting: fits short windows of the physics to observations.
 
-In each window the initial state is unknown as well (Bock and Plitt 1984), so that no error grows
-for long and no contact is followed for long. Gauss-Newton finds parameters and initial states
-together; finite differences are free, since all perturbed worlds run at once. Where short windows
-do not tell enough, the horizon is extended as long as the motion is explained as well: a slow
-swing shows its period late.
+Each window's initial state is unknown as well (Bock and Plitt 1984), so that errors do not grow and
+contacts are not followed for long. Gauss-Newton finds parameters and initial states together;
+finite differences are cheap, since all perturbed worlds run in one batch. If short windows do not
+tell enough, they are extended as long as the motion is explained as well: a slow swing shows its
+period late.
 """
 
 from collections.abc import Callable
@@ -23,33 +23,33 @@ from simtune.fit.shooting_config import DERIVED_EVERY, ShootingConfig, Stage
 from simtune.fit.shooting_step import ShootingStep
 from simtune.fit.windows import Windows, cut
 
-_STATES_ONLY = 3.0  # with more blur than this, parameters wait for the states
+_STATES_ONLY = 3.0  # above this blur only the states move
 _FIRST_DAMPING = 1e-2
-_DERIVED_EVERY_WITH_LAGS = 2  # iterations: what is left behind before a window changes, too
-_FULL_STEPS = 3  # iterations of a stage; later ones take half of each step in the parameters
+_DERIVED_EVERY_WITH_LAGS = 2  # iterations: what is left behind before a window changes as well
+_FULL_STEPS = 3  # iterations of a stage; later ones take half of each parameter step
 _EXTENDED_BLUR = 3.0
 _LAG_DELTA = 0.01  # in unit coordinates
 _ENOUGH = 0.01  # standard deviation of a parameter, in unit coordinates
-_AS_WELL = 1.0  # by so much −log likelihood may rise: distances half as large again, or so
+_AS_WELL = 1.0  # tolerated rise of −log likelihood: distances about half as large again
 
 
 @dataclass(frozen=True)
 class ShootingFit:
-    """What a fit found, in unit coordinates of the fitted parameters."""
+    """Result of a fit, in unit coordinates of the fitted parameters."""
 
     unit: np.ndarray  # (P,)
     covariance: np.ndarray  # (P, P)
     full_states: np.ndarray  # (W, K, S) of the windows' steps, as simulated
     episode: np.ndarray  # (W,)
-    step: np.ndarray  # (W,) at which each window begins
-    misfit: np.ndarray  # (W,) mean of −log likelihood of an observation
-    distances: tuple[float, ...]  # each sensor's typical distance from what it is sure of
-    late_steps: float = 0.0  # by which pictures are late, where that is not known
-    late_std: float = 0.0  # of that
+    step: np.ndarray  # (W,) first step of each window
+    misfit: np.ndarray  # (W,) mean −log likelihood per observation
+    distances: tuple[float, ...]  # each sensor's typical distance, where it is certain
+    late_steps: float = 0.0  # lateness of pictures; 0 if it is not fitted
+    late_std: float = 0.0  # its standard deviation
 
 
 class Shooting:
-    """Fits parameters `fitted` (indices) of worlds to what was observed."""
+    """Fits the parameters `fitted` (indices) to observations."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class Shooting:
     ):
         """`prior_std`: (2 nv,) usual errors of first guesses at states.
 
-        `lateness`: of what comes late by a time that is fitted, too.
+        `lateness`: of what is late by an unknown time, which is fitted as well.
         """
         self._physics, self.config, self.fitted = physics, config, np.asarray(fitted)
         self._on_time = np.full(int(lateness is not None), Lateness.unit(0.0))
@@ -71,7 +71,7 @@ class Shooting:
         self._lags = [i for i in self.fitted if physics.parameters.parameters[i].is_lag]
 
     def fit(self, observed: Observed, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
-        """From a first guess at the (E, T + 1, nq + nv) states and at the (N,) parameters."""
+        """From first guesses at the (E, T + 1, nq + nv) states and the (N,) parameters."""
         unit = self._begin(parameters)
         replay = partial(self._replay_actuators, observed.actions, states)
         return self._fit(self._cut(observed, states, unit), unit, self.config.stages, replay)
@@ -79,15 +79,15 @@ class Shooting:
     def extend_horizon(
         self, observed: Observed, states: np.ndarray, parameters: np.ndarray, fit: ShootingFit
     ) -> ShootingFit:
-        """`fit`, or one with the longest windows that are nearly as well explained.
+        """The fit with the longest windows that are nearly as well explained; maybe `fit` itself.
 
-        The others, (N,) parameters, and states outside of the fit's windows, are as for `fit`.
+        Parameters that are not fitted, and states outside of the fit's windows, are as for `fit`.
         """
         config, unit = self.config, self._begin(parameters)
         best = found = fit
         limit = np.median(best.misfit) + _AS_WELL
         for window in config.longer:
-            # The first of them always: it takes little, and what short ones claim may be too much.
+            # Always try the first: it is cheap, and short windows may claim too much.
             is_known = np.diag(best.covariance).max(initial=0) < _ENOUGH**2
             is_known &= window > config.longer[0]
             if is_known or window > observed.actions.shape[1]:
@@ -97,7 +97,7 @@ class Shooting:
             improved = self._improved(states, found)
             longer = self._cut(observed, improved, unit, window)
             replay = partial(self._replay_actuators, observed.actions, improved)
-            # Blurred at first: what ends far away after such a time is no outlier yet.
+            # Blurred at first: a motion that ends far away after such a time is no outlier yet.
             count = config.longer_iterations
             stages = (Stage(window, count, _EXTENDED_BLUR), Stage(window, count))
             found = self._fit(longer, unit, stages, replay)
@@ -109,10 +109,10 @@ class Shooting:
     def fisher_covariance(
         self, observed: Observed, states: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
-        """(P, P) covariance, in unit coordinates, that a fit to such data would have at best.
+        """(P, P) best possible covariance, in unit coordinates, of a fit to such data.
 
-        By Fisher information where the (N,) parameters and the states, as in `fit`, are the true
-        ones. The windows' initial states count as unknown, and FIRST_VARIANCE lies between windows.
+        From the Fisher information at the true (N,) parameters and states, given as in `fit`. The
+        windows' initial states are unknown, and FIRST_VARIANCE is the variance between windows.
         """
         unit, num = self._begin(parameters), len(self.fitted)
         windows = self._cut(observed, states, unit)
@@ -121,7 +121,7 @@ class Shooting:
         )
         information = self._step.information(windows, point)
         eye = np.eye(information.shape[-1])
-        # As `combine` weighs windows: none tells more than the variance between them allows.
+        # As in `combine`: no window tells more than the variance between windows allows.
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
         return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)[:num, :num]
 
@@ -132,7 +132,7 @@ class Shooting:
         stages: tuple[Stage, ...],
         replay: Callable[[np.ndarray], np.ndarray],
     ) -> ShootingFit:
-        """From unknowns in unit coordinates, for which `replay` is `_replay_actuators`."""
+        """From unknowns in unit coordinates; `replay` is `_replay_actuators` as their function."""
         windows, num = whole, len(whole.states)
         damping = np.full(num, _FIRST_DAMPING)
         point = LinearizationPoint(whole.states.copy(), unit, damping, FIRST_VARIANCE)
@@ -171,7 +171,7 @@ class Shooting:
     def _with_lags(
         self, windows: Windows, unit: np.ndarray, replay: Callable[[np.ndarray], np.ndarray]
     ) -> Windows:
-        """How far filters had followed when a window began depends on the lag that is fitted."""
+        """The windows with actuator states and their derivatives by the fitted lags, if any."""
         if not self._lags:
             return windows
         begun = replay(unit)[windows.episode, windows.step]
@@ -186,7 +186,7 @@ class Shooting:
     def _cut(
         self, observed: Observed, states: np.ndarray, unit: np.ndarray, steps: int | None = None
     ) -> Windows:
-        """By default as long as the last stage's; whatever the length, as many steps in all."""
+        """By default as long as the last stage's; of any length, as many steps in all."""
         usual = self.config.stages[-1].window
         steps = steps or usual
         actuator_states = self._replay_actuators(observed.actions, states, unit)
@@ -194,7 +194,7 @@ class Shooting:
         return cut(observed, states, actuator_states, steps, max(1, at_most // steps))
 
     def _begin(self, parameters: np.ndarray) -> np.ndarray:
-        """All that is shared by windows, in unit coordinates, for (N,) parameters."""
+        """All unknowns shared by windows, in unit coordinates, for (N,) parameters."""
         return np.concatenate([self._physics.parameters.to_unit(parameters), self._on_time])
 
     def _replay_actuators(
@@ -205,7 +205,7 @@ class Shooting:
         )
 
     def _improved(self, states: np.ndarray, fit: ShootingFit) -> np.ndarray:
-        """(E, T + 1, nq + nv) states, those of a fit's windows as it has them."""
+        """(E, T + 1, nq + nv) states, replaced by the fit's inside its windows."""
         states = states.copy()
         steps = fit.step[:, None] + np.arange(fit.full_states.shape[1])
         states[fit.episode[:, None], steps] = self._physics.states(fit.full_states)

@@ -1,4 +1,4 @@
-"""One step of Gauss and Newton in multiple shooting: parameters and windows' states together."""
+"""One Gauss-Newton step of multiple shooting: parameters and windows' states together."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -18,17 +18,17 @@ from simtune.fit.linearization import (
 from simtune.fit.physics import Physics
 from simtune.fit.windows import Windows
 
-_PRIOR = 3.0  # a first guess at a state counts as this much less sure than it measured itself
-# And in a stage that is not blurred by so much less again: it comes from worlds with other
-# parameters, so that it would draw the parameters to where they began, and say that it is sure.
+_PRIOR = 3.0  # factor on the std of first guesses: the estimator overstates its accuracy
+# A further factor in stages without blur: guesses come from worlds with other parameters, so they
+# pull the parameters towards these, and make the fit too certain.
 _LAST_PRIOR = 10.0
-_LARGEST_STEP = 0.12  # of the whole range (unit coordinates)
-_LARGEST_STATE_STEP = 4.0  # prior standard deviations
+_LARGEST_STEP = 0.12  # in unit coordinates
+_LARGEST_STATE_STEP = 4.0  # in prior standard deviations
 _DAMPING = (1e-6, 1e4)
 
 
 class Stepped(NamedTuple):
-    """Where a step has led."""
+    """Result of a step."""
 
     point: LinearizationPoint
     covariance: np.ndarray  # (P, P) of the parameters
@@ -36,7 +36,7 @@ class Stepped(NamedTuple):
 
 
 class ShootingStep:
-    """Steps in unknowns `fitted` (indices) and in the windows' initial states."""
+    """Steps in the unknowns `fitted` (indices) and in the windows' initial states."""
 
     def __init__(
         self,
@@ -51,9 +51,9 @@ class ShootingStep:
         self.player = WindowPlayer(physics, self._prior_std, fitted, lateness)
 
     def information(self, windows: Windows, point: LinearizationPoint) -> np.ndarray:
-        """(W, P, P) that each window has of the parameters, where its state is unknown.
+        """(W, P, P) information of each window on the parameters, its initial state unknown.
 
-        And were its errors independent.
+        It takes errors as independent.
         """
         pull = np.zeros((len(windows.states), len(self._prior_std)))
         slopes = self.player.differentiate(windows, point)
@@ -69,23 +69,23 @@ class ShootingStep:
         share: float,
         blur: float,
     ) -> Stepped:
-        """One step from `point`, of which the parameters go a `share`.
+        """One step from `point`; parameters move by a `share` of it.
 
-        Over the W windows' initial states x_w and what all share, θ, it minimises
+        Over the W windows' initial states x_w and the shared unknowns θ, it minimises
 
             Σ_w −log p(observed_w | x_w, θ) + ½ ‖S⁻¹ (x_w ⊖ x̄_w)‖²
 
-        with x̄_w the first guess and S = diag(prior). θ has the parameters and the errors that all
-        have in common, with a prior of their own. Near the point (`linearize`) that is
+        with x̄_w the first guess and S = diag(prior). θ has the parameters, and the common errors,
+        which have a prior of their own. Linearised at the point (`linearize`) that is
 
             [H_w   C_w] [δx_w]     [g_w]
             [C_wᵀ  B_w] [δθ  ] = − [b_w]
 
-        The states go first, by the Schur complement: each window then says what it knows of θ
-        alone, I_w = B_w − C_wᵀ H_w⁻¹ C_w, and `combine` takes its step δθ from all of them. Then
+        The states are eliminated by the Schur complement: each window's information on θ alone is
+        I_w = B_w − C_wᵀ H_w⁻¹ C_w, and `combine` computes the step δθ from all of them. Then
         δx_w = −(H_w + λ_w diag H_w)⁻¹ (g_w + C_w δθ), with Levenberg-Marquardt damping λ_w.
-        A window whose cost rises keeps its states; if the weighted sum of all rises, nothing
-        moves, and the next step in θ is a quarter as long.
+        A window whose cost rises keeps its states; if the weighted sum of all rises, nothing moves,
+        and the next step in θ is a quarter as long.
         """
         prior = self._prior_std * (_LAST_PRIOR if blur <= 1 else 1.0)
         pull = self._pull(point.states, windows, prior)  # (W, 2 nv)
@@ -107,7 +107,7 @@ class ShootingStep:
         unit[self.fitted] = np.clip(unit[self.fitted] + step[:num], 0, 1)
         change = np.concatenate([unit[self.fitted] - point.unit[self.fitted], step[num:]])
         moved = self._move_states(point, equations, change)
-        # Costs (2, W) with the parameters moved: with the states moved, too, and without
+        # (2, W) costs with the parameters moved: with the states moved, and without
         _, predicted = self.player.play(
             windows, np.stack([moved, point.states]), np.stack([unit, unit])
         )
@@ -116,7 +116,7 @@ class ShootingStep:
         costs += 0.5 * np.square(pulls).sum(-1)
         before = cost + 0.5 * np.square(pull).sum(-1)
         rise = 0.5 * (found @ found - common @ common) / COMMON_STD**2
-        if trust @ costs.min(0) + rise > trust @ before:  # too far for a straight line
+        if trust @ costs.min(0) + rise > trust @ before:  # beyond the linear range
             shorter = replace(point, step_scale=point.step_scale / 4)
             return Stepped(shorter, combined.covariance, slopes.predicted)
         better = costs[0] < costs[1]
@@ -124,13 +124,13 @@ class ShootingStep:
         damping = np.where(better, point.damping / 4, point.damping * 8).clip(*_DAMPING)
         step_scale = min(1.0, 2 * point.step_scale)
         after = LinearizationPoint(states, unit, damping, combined.variance, step_scale, found)
-        its = np.where(better[:, None, None], predicted[0], predicted[1])
-        return Stepped(after, combined.covariance, its)
+        reached = np.where(better[:, None, None], predicted[0], predicted[1])
+        return Stepped(after, combined.covariance, reached)
 
     def _move_states(
         self, point: LinearizationPoint, equations: NormalEquations, change: np.ndarray
     ) -> np.ndarray:
-        """(W, nq + nv) states after the best step when what is shared changes by (P + Q,)."""
+        """(W, nq + nv) states after the best step, given the change (P + Q,) of shared unknowns."""
         hessian = equations.hessian
         damped = hessian + point.damping[:, None, None] * diagonal(hessian)
         gradient = equations.gradient + equations.cross @ change

@@ -1,4 +1,4 @@
-"""How large a fit can be: physics that is slow gets fewer particles and windows."""
+"""Sizes a fit: slow physics gets fewer particles and windows."""
 
 import time
 from dataclasses import dataclass, field, replace
@@ -9,11 +9,10 @@ from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
 from simtune.fit.shooting_config import ShootingConfig
 
-_SIDES = 2  # from which windows are fitted
+_SIDES = 2  # of the start, from which windows are fitted
 _FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20
-_LEAST_PARTICLES, _LEAST_WINDOWS = 16, 12  # where even those take too long
-# Times what particles and windows take: latencies and offsets that are looked for, and the episode
-# that was kept back.
+_LEAST_PARTICLES, _LEAST_WINDOWS = 16, 12  # if even those take too long
+# Factor on the time of particles and windows, for latencies, offsets and the held-out episode.
 _IN_ALL = 2.0
 _TRIED_WORLDS, _TRIED_STEPS = 64, 12
 
@@ -22,15 +21,15 @@ _TRIED_WORLDS, _TRIED_STEPS = 64, 12
 class FitConfig:
     particles: ParticleConfig = field(default_factory=ParticleConfig)
     shooting: ShootingConfig = field(default_factory=ShootingConfig)
-    held: tuple[int, ...] = ()  # parameters that are left where a fit starts, as sure as that says
+    held: tuple[int, ...] = ()  # parameters that keep their start and its std
 
     def scaled(self, share: float) -> "FitConfig":
-        """With that share of the particles and windows, but never fewer than tell enough."""
+        """With this share of the particles and windows, but never fewer than tell enough."""
         num = max(_FEWEST_PARTICLES, int(share * self.particles.num))
         return self._at_most(num, max(_FEWEST_WINDOWS, int(share * self.shooting.num_windows)))
 
     def least(self) -> "FitConfig":
-        """With as few as tell anything, and no longer windows."""
+        """With the fewest that tell anything, and no longer windows."""
         config = self._at_most(_LEAST_PARTICLES, _LEAST_WINDOWS)
         return replace(config, shooting=replace(config.shooting, longer=()))
 
@@ -50,8 +49,8 @@ def count_fit_steps(
     shooting = config.shooting
     windows = min(shooting.num_windows, -(-num_steps // shooting.stages[-1].window))
     num_derived = 1 + num_tangent + 2 * num_fitted
-    each = _SIDES * shooting.steps_per_window(num_derived) + shooting.steps_of_longer(num_derived)
-    return num_steps * config.particles.num, windows * each
+    played = _SIDES * shooting.steps_per_window(num_derived) + shooting.steps_of_longer(num_derived)
+    return num_steps * config.particles.num, windows * played
 
 
 def fit_to_budget(
@@ -64,8 +63,8 @@ def fit_to_budget(
 ) -> FitConfig:
     """With as many particles and windows as `seconds` allow, for episodes of `num_steps` in all.
 
-    With as few as tell enough it may take longer; but not longer than `at_most_s`, if the least
-    one does not.
+    With the fewest that tell enough it may take longer. If that exceeds `at_most_s`, the least
+    configuration is taken.
     """
     if not np.isfinite(seconds):
         return config
@@ -73,16 +72,16 @@ def fit_to_budget(
     num_fitted = int((~physics.parameters.is_appearance).sum())
     unknown = physics.space.num_tangent, num_fitted
 
-    def needed_s(its: FitConfig) -> float:
-        of_particles, of_windows = count_fit_steps(its, num_steps, *unknown)
-        return begun_step_s / its.particles.steps * of_particles + step_s * of_windows
+    def needed_s(sized: FitConfig) -> float:
+        of_particles, of_windows = count_fit_steps(sized, num_steps, *unknown)
+        return begun_step_s / sized.particles.steps * of_particles + step_s * of_windows
 
     scaled = config.scaled(min(1.0, seconds / needed_s(config)))
     return scaled if _IN_ALL * needed_s(scaled) <= at_most_s else config.least()
 
 
 def _seconds_per_step(physics: Physics, parameters: np.ndarray) -> tuple[float, float]:
-    """Of one world's policy step, among many at once: of several in a row, and of a single one."""
+    """Per world and policy step in a batch: for several steps in a row, and for a single one."""
     units = np.repeat(physics.parameters.to_unit(parameters)[None], _TRIED_WORLDS, 0)
     starts = np.repeat(physics.some_state[None], _TRIED_WORLDS, 0)
     still = np.zeros((_TRIED_WORLDS, _TRIED_STEPS, physics.simulator.num_actions))

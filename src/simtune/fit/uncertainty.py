@@ -1,4 +1,4 @@
-"""How sure a fit is: intervals that its bootstrap widens, correlations, and model checks."""
+"""Uncertainty of a fit: intervals widened by its bootstrap, correlations, model checks."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,10 +10,10 @@ from simtune.fit.result import FitResult
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 
-_WORTH_TELLING = 0.6  # correlation
-# Times as far off as the worst refit's: with few of them, the worst one is not very bad yet.
+_WORTH_TELLING = 0.6  # correlation from which a pair is reported
+# Ratio to the worst refit's misfit; with few refits their worst is not very large yet.
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
-_CLEARLY_LATE_STDS, _CLEARLY_LATE_S = 4.0, 1e-3  # more than both, pictures are said to be late
+_CLEARLY_LATE_STDS, _CLEARLY_LATE_S = 4.0, 1e-3  # both exceeded: pictures are reported as late
 
 _GO_ON = "Give it more minutes: the same command with a larger budget goes on from here."
 _HARDLY_JUDGED = (
@@ -27,11 +27,10 @@ _NOT_JUDGED = (
 
 
 def judged(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitResult:
-    """A fit without the bias and with the standard deviations that refits show.
+    """The fit with bias removed, and with the standard deviations that refits show.
 
-    These allow for what no fit can see, and for what such fits usually claim; they are larger
-    still where this one fits worse. Then less of the bias is taken off: what goes wrong there is
-    something else.
+    These include the discrepancy and what such fits usually claim; they grow if this fit is worse
+    than the refits. Then less of the bias is removed, since something else is wrong.
     """
     worse_motion = max(1.0, *bootstrap.motion_ratios(fit.misfit))
     worse_picture = max(1.0, bootstrap.picture_ratio(fit.misfit))
@@ -52,12 +51,12 @@ def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np
 
 
 def correlations(fit: FitResult, space: ParameterSpace) -> dict[str, float]:
-    """{"a, b": correlation} of the pairs that the videos can hardly tell from each other."""
+    """{"a, b": correlation} of the pairs that the videos can hardly separate."""
     return tell_apart(fit.claimed_correlation, space)
 
 
 def tell_apart(correlation: np.ndarray, space: ParameterSpace) -> dict[str, float]:
-    """The same, by (N, N); of colours of two channels nobody asks for a ratio."""
+    """The same for (N, N) correlations, without pairs of colours of two channels."""
     found = {}
     for i, j in zip(*np.triu_indices(len(space), 1), strict=True):
         value, (a, b) = float(correlation[i, j]), (space.parameters[i], space.parameters[j])
@@ -75,7 +74,7 @@ def ranks(bootstrap: Bootstrap, names: tuple[str, ...]) -> dict[str, list[float]
 
 
 def moves_otherwise(fit: FitResult, bootstrap: Bootstrap) -> bool:
-    """Whether the fitted simulator is far worse than refits show where it can be right."""
+    """Whether the motion misfit is far larger than in refits, where the simulator is right."""
     if not bootstrap.misfits:
         return False
     limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / len(bootstrap.misfits)
@@ -83,7 +82,7 @@ def moves_otherwise(fit: FitResult, bootstrap: Bootstrap) -> bool:
 
 
 def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
-    """Warnings for a user who would trust the estimates."""
+    """Warnings for users who rely on the estimates."""
     if not bootstrap.misfits:
         return [_NOT_JUDGED, *_late(fit)]
     warnings, num = [], len(bootstrap.misfits)
@@ -108,10 +107,10 @@ def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
 
 
 def held_out_misfit(fit: FitResult, bootstrap: Bootstrap) -> dict[str, Any]:
-    """How well the fit explains the episode that was kept back; JSON.
+    """How well the fit explains the held-out episode; JSON.
 
-    "episode" counts from 1, None: too few were there. "passed": by `moves_otherwise`; None: there
-    is nothing to compare with. Each sensor's "distance" is the fit's, beside known worlds'.
+    "episode" counts from 1; None: too few episodes. "passed": by `moves_otherwise`; None: nothing
+    to compare with. Each sensor's "distance" is the fit's, next to those of known worlds.
     """
     known = [misfit.motion for misfit in bootstrap.misfits]
     passed = not moves_otherwise(fit, bootstrap) if np.isfinite(known).any() else None
@@ -130,12 +129,12 @@ def _or_none(distance: float) -> float | None:
 
 
 def _late(fit: FitResult) -> list[str]:
-    """How late actions take effect, and pictures come, where that is clear."""
+    """Warnings of a latency of actions, and of late pictures where that is clear."""
     return latency_warning(fit.latency_steps) + lateness_warning("pictures", *fit.late_s)
 
 
 def latency_warning(latency_steps: int) -> list[str]:
-    """One where actions take effect late."""
+    """One if actions take effect late."""
     if not latency_steps:
         return []
     steps = "1 step" if latency_steps == 1 else f"{latency_steps} steps"
@@ -146,7 +145,7 @@ def latency_warning(latency_steps: int) -> list[str]:
 
 
 def lateness_warning(what: str, late_s: float, std: float) -> list[str]:
-    """One where pictures or readings clearly come late; `std`: of how much."""
+    """One if pictures or readings are clearly late; `std`: of `late_s`."""
     if abs(late_s) <= max(_CLEARLY_LATE_STDS * std, _CLEARLY_LATE_S):
         return []
     when = "later" if late_s > 0 else "sooner"

@@ -1,4 +1,4 @@
-"""Whole episodes replayed open loop, from where their first few readings say."""
+"""Open-loop replay of whole episodes, from initial states given by their first few readings."""
 
 import numpy as np
 
@@ -8,16 +8,16 @@ from simtune.fit.open_loop import OpenLoop
 from simtune.fit.readings import Readings, Stretches
 from simtune.observation import usual_noise
 
-_FIRST, _ITERATIONS = 5, 3  # steps that say what a replay begins with
+_FIRST, _ITERATIONS = 5, 3  # steps used for the initial state
 
 
 def replay_whole(
     loop: OpenLoop, readings: Readings, unit: np.ndarray, offsets: np.ndarray
 ) -> np.ndarray:
-    """(E, T + 1, D) what (N,) parameters in unit coordinates predict of whole episodes.
+    """(E, T + 1, D) predictions of (N,) parameters in unit coordinates for whole episodes.
 
-    The first few readings say what an episode begins with; later ones are not looked at.
-    `offsets`: (D,) measured − simulated.
+    The first few readings give the initial state; later ones are not used. `offsets`: (D,)
+    measured − simulated.
     """
     whole = loop.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
     states = _begin(loop, whole, unit, offsets)
@@ -26,7 +26,7 @@ def replay_whole(
 
 
 def _begin(loop: OpenLoop, whole: Stretches, unit: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """(W, nq + nv) starts that explain the first few readings best (Gauss-Newton)."""
+    """(W, nq + nv) initial states that explain the first few readings best (Gauss-Newton)."""
     loop = loop.by_starts_alone()
     first, noise = whole.first(_FIRST), usual_noise(loop.sensors)
     start_std, states = loop.start_std(noise, first.values), first.states

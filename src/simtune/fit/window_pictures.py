@@ -1,4 +1,4 @@
-"""Colours and light by pictures of windows of a motion, where the fit of that puts things."""
+"""Fits colours and light to pictures from the windows of a motion fit."""
 
 import numpy as np
 
@@ -10,11 +10,11 @@ from simtune.fit.response import Photometry
 from simtune.fit.shooting import ShootingFit
 
 _NUM_PICTURES = 40
-# Of all frames, those in which things are best where the fit has them: a thin leg that is a pixel
-# off has the ground's colour. By windows was not enough: of 2 px off, colours were 5 % too dark.
-_GOOD_FRAMES = 0.15, 0.6  # as few as that give enough pictures, of these
-_UNSEEN = 0.5  # of a sensor's noise: what changes a prediction by less is not observed
-_PRIOR_STDS = 3.0  # as far as a first guess may be off, in terms of its usual error
+# Of all frames, only those that the motion fits best: a thin leg that is a pixel off takes the
+# ground's colour. Choosing by windows was not enough: at 2 px, colours were 5 % too dark.
+_GOOD_FRAMES = 0.15, 0.6  # bounds of their share: the least that gives enough pictures
+_UNSEEN = 0.5  # of a sensor's noise: smaller changes of a prediction are not observed
+_PRIOR_STDS = 3.0  # error of a first guess considered, in units of its usual error
 
 
 def fit_window_pictures(
@@ -28,7 +28,7 @@ def fit_window_pictures(
 ) -> PictureFit:
     """Fit parameters `shown`, (V,) indices, to pictures of the windows of `motion`.
 
-    `prior_std`: (2 nv,) usual errors of a first guess at a state; `parameters`: (N,) to start from.
+    `prior_std`: (2 nv,) usual errors of a first guess at a state; `parameters`: (N,) initial.
     """
     parameters = np.where(photometry.is_known, photometry.known, parameters)
     chosen, step = well_fitted(physics, motion, observed, parameters)
@@ -49,14 +49,14 @@ def fit_window_pictures(
 def well_fitted(
     physics: Physics, motion: ShootingFit, observed: Observed, parameters: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) windows and (M,) steps in them, of frames that fit well, spread over all of these."""
+    """(M,) windows and (M,) steps in them of well-fitted frames, spread over all of these."""
     num, length = motion.full_states.shape[:2]
     states = physics.states(motion.full_states).reshape(num * length, -1)
     predicted = physics.predict(states, physics.parameters.to_unit(parameters))
     frames = motion.step[:, None] + np.arange(length)
     single = observed.evidence.at((motion.episode[:, None, None], frames[..., None]))
     likelihood = single.log_likelihood(predicted.reshape(num, length, 1, -1))  # (W, K)
-    # Not from the windows' ends, where less is known of the states.
+    # Without the windows' ends, where states are less certain.
     margin = length // 4
     likelihood = likelihood[:, margin : length - margin]
     share = np.clip(_NUM_PICTURES / likelihood.size, *_GOOD_FRAMES)
@@ -67,9 +67,9 @@ def well_fitted(
 
 
 def _unobserved(physics: Physics, prior_std: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """(D, 2 nv) changes of position, as large as is unknown, that no sensor notices.
+    """(D, 2 nv) changes of position, as large as the prior allows, that no sensor observes.
 
-    A camera that follows the robot, say: how far it went shows in the ground's texture only.
+    For example with a camera that follows the robot: only the ground's texture shows its travel.
     """
     space, parameters = physics.space, physics.parameters
     changes = np.diag(_PRIOR_STDS * prior_std)[: space.nv]

@@ -1,4 +1,4 @@
-"""Short stretches of what was observed, each with an initial state of its own."""
+"""Windows: short stretches of observations, each with its own initial state."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,16 +15,16 @@ class Windows:
 
     evidence: AllEvidence  # with leading axes (W, K)
     actions: np.ndarray  # (W, K - 1, A)
-    states: np.ndarray  # (W, nq + nv) first guesses at the initial ones
-    actuator_states: np.ndarray  # (W, S) what earlier actions left, of `Physics.replay_actuators`
+    states: np.ndarray  # (W, nq + nv) first guesses at initial states
+    actuator_states: np.ndarray  # (W, S) of `Physics.replay_actuators`: what earlier actions left
     episode: np.ndarray  # (W,)
-    step: np.ndarray  # (W,) at which each begins
-    # Of actuators with a lag: how (W, S) `actuator_states` change with unit coordinates, for each
-    # of some parameters by index: (its coordinate, (W, S) slopes)
+    step: np.ndarray  # (W,) first step of each
+    # For actuators with a lag: derivatives of `actuator_states` by unit coordinates. Maps a
+    # parameter's index to (its coordinate, (W, S) slopes)
     by_lag: Mapping[int, tuple[float, np.ndarray]] = field(default_factory=dict)
 
     def left_behind(self, units: np.ndarray) -> np.ndarray:
-        """(G, W, S) what actions left in worlds of (G, N) parameters, nearly."""
+        """(G, W, S) approximate effects of earlier actions in worlds of (G, N) parameters."""
         states = np.repeat(self.actuator_states[None], len(units), 0)
         for index, (unit, slopes) in self.by_lag.items():
             states += (units[:, index] - unit)[:, None, None] * slopes
@@ -43,9 +43,9 @@ def cut(
     steps: int,
     at_most: int,
 ) -> Windows:
-    """Windows of `steps` steps that do not overlap; `at_most` of them, evenly spread.
+    """Non-overlapping windows of `steps` steps; at most `at_most`, spread evenly.
 
-    (E, T + 1, nq + nv) guesses at states, (E, T + 1, S) what actions left behind.
+    `states`: (E, T + 1, nq + nv) guesses; `actuator_states`: (E, T + 1, S), see `Windows`.
     """
     num_episodes, num_steps, _ = observed.actions.shape
     length = min(steps, num_steps)

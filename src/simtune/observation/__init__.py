@@ -1,8 +1,8 @@
-"""What is observed of the real world: its cameras, and what is measured besides.
+"""Observations of the real world: its cameras, and other sensors.
 
-The real world owns an `ObservationModel` and hands it down; it alone says whether pictures are the
-simulator's own, how late actions may take effect and how wrong any picture may be. A fit asks the
-`Evidence` of each sensor for residuals and likelihoods, and knows of no sensor in particular.
+The real world owns an `ObservationModel` and hands it down. Only this says whether pictures are the
+simulator's own, how late actions may take effect and how large the discrepancy is. A fit asks the
+`Evidence` of each sensor for residuals and likelihoods, and does not know any particular sensor.
 """
 
 from simtune.observation.evidence import AllEvidence, Evidence

@@ -1,4 +1,4 @@
-"""What a sensor measured, as a fit asks it: residuals, weights, likelihoods."""
+"""A sensor's measurements as a fit needs them: residuals, weights, likelihoods."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,22 +8,22 @@ import numpy as np
 
 
 class Evidence(Protocol):
-    """What one sensor measured, against what a simulator predicts that it would.
+    """Measurements of one sensor, compared with a simulator's predictions of them.
 
     Arrays of measurements have leading axes (..., K): episodes or windows, and K frames.
-    Predictions, (..., K, D), are what the sensor's `observe` says of simulated states; their
-    leading axes broadcast against the measurements'. `blur` multiplies the noise: far from a
-    solution, residuals are compared more coarsely.
+    Predictions, (..., K, D), are the sensor's `observe` of simulated states; their leading axes
+    broadcast against the measurements'. `blur` multiplies the noise: far from a solution, residuals
+    are compared more coarsely.
     """
 
     @property
     def name(self) -> str:
-        """In messages, such as "keypoints"."""
+        """For messages, such as "keypoints"."""
         ...
 
     @property
     def unit(self) -> str:
-        """Of `typical_distance`."""
+        """Unit of `typical_distance`."""
         ...
 
     @property
@@ -33,17 +33,17 @@ class Evidence(Protocol):
 
     @property
     def common_std(self) -> np.ndarray:
-        """(D,) of what all errors of a world have in common, as predictions have it; 0: nothing."""
+        """(D,) standard deviations of a world's common errors, in units of predictions; 0: none."""
         ...
 
     @property
     def num_observations(self) -> int:
-        """Independent observations in a frame, over which likelihoods are averaged."""
+        """Independent observations per frame, over which likelihoods are averaged."""
         ...
 
     @property
     def features(self) -> np.ndarray:
-        """(..., K, F) what a network can guess states from, about 1 in size."""
+        """(..., K, F) inputs for a network that guesses states, of size about 1."""
         ...
 
     def at(self, index: Any) -> Self:
@@ -57,12 +57,12 @@ class Evidence(Protocol):
     def linearize(self, predicted: np.ndarray, blur: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """(..., K, D) residuals, predicted − measured in units of the noise, and their weights.
 
-        The weights make the likelihood normal just here (iteratively reweighted least squares).
+        Weights make the likelihood normal locally (iteratively reweighted least squares).
         """
         ...
 
     def typical_distance(self, predicted: np.ndarray) -> float:
-        """Median distance of a prediction from what was measured for sure, in `unit`; or NaN."""
+        """Median distance, in `unit`, of predictions from certain measurements; or NaN."""
         ...
 
 
@@ -93,16 +93,16 @@ class AllEvidence:
 
     def log_likelihood(self, predicted: np.ndarray, blur: float = 1.0) -> np.ndarray:
         pairs = self._split(predicted)
-        return np.sum([part.log_likelihood(its, blur) for part, its in pairs], axis=0)
+        return np.sum([part.log_likelihood(columns, blur) for part, columns in pairs], axis=0)
 
     def linearize(self, predicted: np.ndarray, blur: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-        both = (part.linearize(its, blur) for part, its in self._split(predicted))
+        both = (part.linearize(columns, blur) for part, columns in self._split(predicted))
         residuals, weights = zip(*both, strict=True)
         return np.concatenate(residuals, -1), np.concatenate(weights, -1)
 
     def distances(self, predicted: np.ndarray) -> tuple[float, ...]:
         """Each sensor's typical distance."""
-        return tuple(part.typical_distance(its) for part, its in self._split(predicted))
+        return tuple(part.typical_distance(columns) for part, columns in self._split(predicted))
 
     def _split(self, predicted: np.ndarray) -> Iterator[tuple[Evidence, np.ndarray]]:
         """Each sensor with its columns of (..., D) predictions."""

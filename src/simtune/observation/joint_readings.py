@@ -1,24 +1,24 @@
-"""The evidence of joint readings: normal noise, with tails (Student's t), and gaps."""
+"""Evidence of joint readings: Student's t noise, with gaps."""
 
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-_STUDENT = 4.0  # degrees of freedom: a packet that was lost must not outweigh the others
+_STUDENT = 4.0  # degrees of freedom: heavy tails keep a lost packet from outweighing the others
 
 
 @dataclass(frozen=True)
 class JointReadings:
-    """An `observation.Evidence`; NaN is no reading."""
+    """An `observation.Evidence`; NaN: no reading."""
 
     name: str
     unit: str
     values: np.ndarray  # (..., K, D)
     noise: float
-    middle: np.ndarray  # (D,) and how far they vary: what a network sees is about 1 in size
+    middle: np.ndarray  # (D,) mean and std, which scale a network's inputs to about 1
     spread: np.ndarray
-    finds_offset: bool = False  # whether they may show a constant more than the truth
+    finds_offset: bool = False  # whether a constant offset is unknown
 
     @classmethod
     def of(
@@ -35,7 +35,7 @@ class JointReadings:
 
     @property
     def common_std(self) -> np.ndarray:
-        """(D,) none: an encoder's offset is found before, or known."""
+        """(D,) 0: an encoder's offset is known or found separately."""
         return np.zeros(self.values.shape[-1])
 
     @property
@@ -44,14 +44,14 @@ class JointReadings:
 
     @property
     def features(self) -> np.ndarray:
-        """(..., K, D); what was not read looks like its mean."""
+        """(..., K, D); a missing reading counts as the mean."""
         return np.nan_to_num((self.values - self.middle) / self.spread)
 
     def at(self, index: Any) -> "JointReadings":
         return replace(self, values=self.values[index])
 
     def log_likelihood(self, predicted: np.ndarray, blur: float = 1.0) -> np.ndarray:
-        """(...) −(ν + 1) / 2 · log(1 + z² / ν), summed over all that was read."""
+        """(...) −(ν + 1) / 2 · log(1 + z² / ν), summed over all readings."""
         square = np.square(self._residuals(predicted, blur))
         return -(_STUDENT + 1) / 2 * np.log1p(np.nan_to_num(square) / _STUDENT).sum((-1, -2))
 

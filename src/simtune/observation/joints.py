@@ -1,4 +1,4 @@
-"""What encoders measure: positions or velocities of joints, in whatever unit they were written."""
+"""Encoders: positions or velocities of joints, in the units in which they were recorded."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 
 from simtune.observation.joint_readings import JointReadings
 
-_STATE = "observation.state."  # the feature of a LeRobotDataset
-_USUAL_NOISE = 1e-3  # rad, m, or those a second: of an encoder of which nothing is known
+_STATE = "observation.state."  # a feature's prefix in a LeRobotDataset
+_USUAL_NOISE = 1e-3  # rad, m, or those per second: for an encoder of unknown noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,19 +18,19 @@ class JointSensor:
     """Measures D joints, each by one number; an `observation.Sensor`."""
 
     name: str
-    columns: tuple[str, ...]  # (D,) of recordings, or one that stands for all
+    columns: tuple[str, ...]  # (D,) in recordings, or one that stands for all
     joints: tuple[str, ...]  # (D,)
-    places: np.ndarray  # (D,) in a state's positions, or in its velocities
-    # (D,) the same of what is the joints' backlash, -1 where there is none: what is read has both
+    places: np.ndarray  # (D,) indices into a state's positions, or velocities
+    # (D,) the same for the joints' backlash, -1: none; it adds to the reading
     plays: np.ndarray | None = None
     is_velocity: bool = False
-    unit: str = "rad"  # of readings as a fit has them; one for all
-    # (D,) what was recorded is `shift` + `factor` times that
+    unit: str = "rad"  # of readings in a fit; one for all
+    # (D,) recorded = `shift` + `factor` · reading
     factor: np.ndarray
     shift: np.ndarray
-    noise: float | None = None  # standard deviation, in `unit`; None: not known
-    offset: np.ndarray | None = None  # (D,) measured − true, in `unit`; None: not known
-    latency_s: float = 0.0  # by which a reading is older than the picture beside it
+    noise: float | None = None  # standard deviation, in `unit`; None: unknown
+    offset: np.ndarray | None = None  # (D,) measured − true, in `unit`; None: unknown
+    latency_s: float = 0.0  # by which a reading is older than its picture
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -38,7 +38,7 @@ class JointSensor:
 
     @property
     def column_names(self) -> tuple[str, ...]:
-        """(D,) what each number is called in a recording that is written."""
+        """(D,) names of the numbers in a written recording."""
         if len(self.columns) != self.size:
             return self.joints
         return tuple(column.removeprefix(_STATE) for column in self.columns)
@@ -60,15 +60,15 @@ class JointSensor:
         return _USUAL_NOISE if self.noise is None else self.noise
 
     def from_recorded(self, recorded: np.ndarray, step_s: float) -> np.ndarray:
-        """(T + 1, D) readings in `unit`, of the moments of the frames; NaN where nothing is known.
+        """(T + 1, D) readings in `unit`, at the times of the frames; NaN: unknown.
 
-        `recorded`: (T + 1, D) as they were written, one a step of `step_s` seconds.
+        `recorded`: (T + 1, D) as recorded, one per step of `step_s` seconds.
         """
         readings = (recorded - self.shift) / self.factor - self._known_offset
         return read_later(readings, self.latency_s / step_s) if self.latency_s else readings
 
     def to_recorded(self, readings: np.ndarray) -> np.ndarray:
-        """(..., D) the inverse, but for a latency."""
+        """(..., D) the inverse, except for the latency."""
         return (readings + self._known_offset) * self.factor + self.shift
 
     def observe(self, batch: Any) -> np.ndarray:
@@ -89,10 +89,10 @@ class JointSensor:
 
 
 def read_later(values: np.ndarray, steps: float) -> np.ndarray:
-    """(T, D) what is read so many steps later, or earlier; NaN where nothing was.
+    """(T, D) values `steps` later, or earlier, interpolated; NaN where there are none.
 
-    A straight line would cut corners by more than an encoder's noise: at 20 rad/s² and 20 rows a
-    second by 6 mrad. Across gaps there is nothing better.
+    A cubic spline, since a straight line errs by more than an encoder's noise: 6 mrad at 20 rad/s²
+    and 20 rows per second. Columns with gaps are interpolated linearly.
     """
     rows = np.arange(len(values))
     at, columns = rows + steps, []
@@ -107,26 +107,26 @@ def read_later(values: np.ndarray, steps: float) -> np.ndarray:
 
 
 def joints_of(sensors: Iterable[object]) -> tuple[JointSensor, ...]:
-    """Those of the sensors that measure joints."""
+    """The sensors that measure joints."""
     return tuple(sensor for sensor in sensors if isinstance(sensor, JointSensor))
 
 
 def units_of(sensors: Sequence[JointSensor]) -> tuple[str, ...]:
-    """(D,) of all their readings side by side."""
+    """(D,) units of all readings side by side."""
     return tuple(sensor.unit for sensor in sensors for _ in sensor.joints)
 
 
 def usual_noise(sensors: Sequence[JointSensor]) -> np.ndarray:
-    """(D,) the same: standard deviations."""
+    """(D,) standard deviations of all readings, declared or usual."""
     return np.concatenate([np.full(sensor.size, sensor.noise_or_usual) for sensor in sensors])
 
 
 def declared_noise(sensors: Sequence[JointSensor]) -> np.ndarray:
-    """(D,) the same, as far as a tuning file says; infinite where it does not."""
+    """(D,) standard deviations that the tuning file declares; infinite: none."""
     known = [np.inf if sensor.noise is None else sensor.noise_or_usual for sensor in sensors]
     return np.repeat(known, [sensor.size for sensor in sensors])
 
 
 def finds_offset(sensors: Sequence[JointSensor]) -> np.ndarray:
-    """(D,) bool, the same: whether what each shows too much is to be found."""
+    """(D,) bool: whether a reading's offset is to be found."""
     return np.concatenate([np.full(sensor.size, sensor.finds_offsets) for sensor in sensors])

@@ -1,6 +1,6 @@
-"""q_φ as the paper has it: windows of 10 frames, and a candidate to compare with (Sec. IV-A, V).
+"""The paper's q_φ: windows of 10 frames, and a candidate to compare with (Sec. IV-A, V).
 
-Where the authors' code strayed from its own idea, this does not: dropout is off in predictions,
+It corrects what the authors' code does differently from the idea: dropout is off in predictions,
 candidates are encoded on a normalised scale, and all windows of an episode have a vote.
 """
 
@@ -25,8 +25,8 @@ from simtune.search_param_model.windows import Windows, split
 from simtune.trajectory import Trajectory
 
 Method = Literal["paper", "regression"]
-_LEAST_SPREAD = 1e-6  # of a reading that never changes
-_CHUNK = 64  # windows encoded at once in predictions: bounds the memory of long recordings
+_LEAST_SPREAD = 1e-6  # for a constant reading
+_CHUNK = 64  # windows encoded at once in predictions, which limits memory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,30 +54,30 @@ class PaperConfig:
     # settle first, need less.
     collect_steps: int = 10_000
     pretrain_steps: int = 10_000
-    # D_sp: 100 episodes of 100 × 100 pixels are 0.6 GB, and not much older than the present Ξ
+    # D_sp: 100 episodes of 100 × 100 pixels are 0.6 GB, and not from a much older Ξ
     buffer_episodes: int = 100
     # moving
     step_size: float = 0.1  # α, code
-    unsure: tuple[float, float] = (0.3, 0.7)  # code: a probability within counts ½
+    unsure: tuple[float, float] = (0.3, 0.7)  # code: a probability in between counts as ½
     max_moves: int = 100  # code: 71 to 101 updates of ξ_mean
 
 
 class PaperSearchParamModel(nn.Module):
     """q_φ(frames, actions, candidate) → P(truth > candidate), one for each parameter.
 
-    With method="regression" the paper's baseline: the same network without the candidate, which
-    gives the parameters' unit-cube coordinates.
+    method="regression" is the paper's baseline: the same network without a candidate, which
+    predicts the parameters' unit coordinates.
     """
 
     def __init__(
         self,
         config: PaperConfig,
         space: ParameterSpace,
-        action_scale: np.ndarray,  # (A,) largest magnitude of each action, brought to 1
+        action_scale: np.ndarray,  # (A,) largest magnitude of each action, scaled to 1
         method: Method = "paper",
         num_readings: int = 0,
     ):
-        """`num_readings`: of sensors, that are looked at beside each frame (the end of Sec. V)."""
+        """`num_readings`: numbers that sensors add to each frame (end of Sec. V)."""
         super().__init__()
         self.config = config
         self.space = space
@@ -96,7 +96,7 @@ class PaperSearchParamModel(nn.Module):
         return self.get_buffer("action_scale").device
 
     def scale_readings(self, readings: np.ndarray) -> None:
-        """By (n, T, R) such as will come: each is brought to a mean of 0 and a spread of 1."""
+        """Normalise future readings by the mean and spread of (n, T, R) typical ones."""
         mean, spread = readings.mean((0, 1)), np.maximum(readings.std((0, 1)), _LEAST_SPREAD)
         self.get_buffer("usual_reading").copy_(torch.as_tensor(mean))
         self.get_buffer("reading_spread").copy_(torch.as_tensor(spread))
@@ -104,7 +104,7 @@ class PaperSearchParamModel(nn.Module):
     def forward(self, windows: Windows, candidates: np.ndarray | None = None) -> torch.Tensor:
         """Logits (B, C, N) for (C, N) candidates in their units; (B, N) coordinates without.
 
-        The encoder runs once a window, whatever the number of candidates.
+        The encoder runs once per window, for any number of candidates.
         """
         with autocast(self.device):
             context = self._context(windows)
@@ -112,7 +112,7 @@ class PaperSearchParamModel(nn.Module):
                 return self.head(context).float()
             unit = torch.as_tensor(self.space.to_unit(candidates), dtype=torch.float32)
             encoded = positional_encoding(unit.to(self.device), self.config.octaves)  # (C, E)
-            # The first layer of [context, encoded], without repeating either for each pair.
+            # The first layer applied to [context, encoded], without repeating either for each pair.
             first = self.head[0]
             assert isinstance(first, nn.Linear)
             of_context, of_candidate = first.weight.split([context.shape[1], encoded.shape[1]], 1)
@@ -127,7 +127,7 @@ class PaperSearchParamModel(nn.Module):
         return functional.binary_cross_entropy_with_logits(logits, is_higher.to(self.device))
 
     def regression_loss(self, windows: Windows, truth: np.ndarray) -> torch.Tensor:
-        """Mean squared error of the coordinates in [0, 1], so that units have no weight."""
+        """Mean squared error of the unit coordinates, which is independent of units."""
         unit = torch.as_tensor(self.space.to_unit(truth), dtype=torch.float32)
         return functional.mse_loss(self(windows), unit.to(self.device))
 
@@ -158,7 +158,7 @@ class PaperSearchParamModel(nn.Module):
             yield torch.cat([self(windows.take(c), candidates).cpu() for c in chunks])
 
     def _context(self, windows: Windows) -> torch.Tensor:
-        """(B, 50 + W·(A + R)) what a window shows, what was done in it and what was read."""
+        """(B, 50 + W·(A + R)) features of frames, actions and readings of a window."""
         frames = torch.as_tensor(windows.frames).to(self.device)
         actions = torch.as_tensor(windows.actions, dtype=torch.float32).to(self.device)
         scaled = (actions / self.get_buffer("action_scale")).flatten(1)

@@ -3,10 +3,9 @@
 Both answer the paper's question, "is the truth higher than this candidate?" (Sec. IV-A); as a
 function of the candidate the answer is the survival curve of the marginal posterior.
 
-Rendering is what costs and physics is nearly free, so only a part of the simulated steps is
-drawn: enough to train the detector, and to measure its errors on worlds it was not trained on. The
-posterior network learns from the true keypoints of all steps, spoilt by what was measured in poses
-like theirs.
+Rendering is expensive and physics nearly free, so only a part of the simulated steps is drawn:
+enough to train the detector, and to measure its errors in held-out worlds. The posterior network
+learns from the true keypoints of all steps, with errors added that were measured in similar poses.
 """
 
 from collections.abc import Sequence
@@ -44,7 +43,7 @@ class PosteriorConfig:
 
 
 class PosteriorSearchParamModel:
-    """q_φ, read on a grid of candidates: see the module's docstring."""
+    """q_φ, evaluated on a grid of candidates: see the module's docstring."""
 
     def __init__(
         self,
@@ -77,7 +76,7 @@ class PosteriorSearchParamModel:
     def train_detector(
         self, worlds: SimulatedWorlds, distribution: Distribution, clock: TrainingClock
     ) -> float:
-        """On the filmed frames of `worlds`; the last updates' mean loss."""
+        """On the filmed frames of `worlds`; returns the mean loss of the last updates."""
         config = self.config.detector
         space = distribution.space
         unit = space.to_unit(worlds.parameters)[:, self.visible]
@@ -97,7 +96,7 @@ class PosteriorSearchParamModel:
         return train_network(self.detector, draw_loss, clock, config.learning_rate)
 
     def time_updates(self, frames: np.ndarray, num: int) -> None:
-        """As much work as `num` updates of the detector, which stays as it is."""
+        """As much work as `num` updates of the detector, without changing it."""
         batch = to_input(np.resize(frames, (self.config.detector.batch_size, *frames.shape[1:])))
         for _ in range(num):
             places = torch.zeros(len(batch), self.detector.num_keypoints, 2)
@@ -106,13 +105,13 @@ class PosteriorSearchParamModel:
         self.detector.zero_grad()
 
     def detect(self, frames: np.ndarray) -> Detections:
-        """In (..., H, W, 3) frames, one after the other."""
+        """In (..., H, W, 3) frames, flattened to one axis."""
         return detect(self.detector, frames.reshape(-1, *frames.shape[-3:]))
 
     def detector_errors(
         self, worlds: SimulatedWorlds, detections: Detections, distribution: Distribution
     ) -> DetectorErrors:
-        """What it got wrong in worlds of whose frames these are the `detections`."""
+        """The detector's errors in `worlds`, in whose frames it found `detections`."""
         num_worlds, num_filmed = worlds.frames.shape[:2]
         found = detections.keypoints.reshape(num_worlds, num_filmed, -1, 2)
         keypoints = worlds.filmed_keypoints()
@@ -128,7 +127,7 @@ class PosteriorSearchParamModel:
         errors: DetectorErrors,
         clock: TrainingClock,
     ) -> float:
-        """On sets of episodes of one world; the last updates' mean loss."""
+        """On sets of episodes of one world; returns the mean loss of the last updates."""
         config = self.config.posterior_net
         self.posterior_net.most_episodes.fill_(worlds.actions.shape[1])
         batches = PosteriorBatches(worlds, errors, self.visible, config, self.generator)
@@ -154,7 +153,7 @@ class PosteriorSearchParamModel:
     ) -> SurvivalMixture:
         """The survival curves (1, N) of one world, in coordinates of the range.
 
-        `episodes`: what was detected in at least T + 1 frames of each; `actions`: (E, T, A).
+        `episodes`: detections in at least T + 1 frames of each; `actions`: (E, T, A).
         """
         keypoints = np.stack([found.keypoints[: actions.shape[1] + 1] for found in episodes])
         visible = np.mean([found.visible.mean(0) for found in episodes], 0)
@@ -169,7 +168,7 @@ class PosteriorSearchParamModel:
         return torch.cat([places, actions / self._action_scale], -1)
 
     def _to_range_unit(self, estimated: np.ndarray, distribution: Distribution) -> np.ndarray:
-        """(..., V) the detector's unit coordinates to coordinates of the range."""
+        """(..., V) from unit coordinates of the detector to coordinates of the range."""
         space = distribution.space
         low = space.to_unit(distribution.low)[self.visible]
         high = space.to_unit(distribution.high)[self.visible]

@@ -1,4 +1,4 @@
-"""What the posterior network is trained on: sets of episodes as a detector would see them."""
+"""Training data of the posterior network: sets of episodes as a detector would see them."""
 
 from typing import NamedTuple
 
@@ -8,27 +8,26 @@ import torch
 from simtune.search_param_model.posterior_net import PosteriorNetConfig
 from simtune.search_param_model.simulated import SimulatedWorlds
 
-_ALIKE = 8  # poses whose errors may stand for each other
-_GLANCE = 2  # steps, within which a pose hardly changes
-_TOGETHER = 4  # steps, for which the detector is misled in the same way
+_ALIKE = 8  # nearest poses, one of whose errors is drawn
+_GLANCE = 2  # steps within which a pose hardly changes
+_TOGETHER = 4  # steps for which the detector makes similar errors
 
 
 class DetectorErrors(NamedTuple):
-    """Of R worlds that the detector was not trained on, F frames of each."""
+    """In R held-out worlds, F frames of each."""
 
-    truth: np.ndarray  # (R, F, L, 2) pixels, where keypoints were
-    keypoints: np.ndarray  # (R, F, L, 2) pixels, how far from there they were detected
+    truth: np.ndarray  # (R, F, L, 2) pixels, true keypoints
+    keypoints: np.ndarray  # (R, F, L, 2) pixels, detected − true
     visible: np.ndarray  # (R, V) in coordinates of the range
 
 
 class PosteriorBatches:
-    """Sets of episodes of one world each: the truth, plus errors that the detector makes there.
+    """Sets of episodes of one world each: true keypoints plus errors of the detector.
 
-    Which errors it makes depends on the pose: it takes a left leg for the right one where they
-    cross, and what it has hardly seen for something usual. Light robots get into such poses more
-    often, so errors of any pose would teach the network that what looks lively is measured well.
-    So each pose takes the errors of one of those that resemble it most. What colours it takes a
-    world to have is off as in another world.
+    Errors depend on the pose: where legs cross, left is taken for right, and an unusual pose for a
+    usual one. Light robots get into such poses more often, so errors drawn from any pose would
+    teach the network that lively motion is measured well. So each pose gets the errors of one of
+    the poses most similar to it. Errors of the visible parameters are those of a random world.
     """
 
     def __init__(
@@ -59,7 +58,7 @@ class PosteriorBatches:
         worlds = self._random(num_worlds, self._config.batch_size)
         count = 1 + int(self._random(num_episodes, 1))
         episodes = torch.randperm(num_episodes, generator=self._generator)[:count]
-        # Few different lengths: what convolutions keep of each shape adds up in memory.
+        # Few different lengths: memory that convolutions cache for each shape adds up.
         shortest = min(self._config.shortest_crop, num_steps)
         lengths = torch.linspace(shortest, num_steps, self._config.crop_lengths).long()
         length = int(lengths[self._random(len(lengths), 1)])
@@ -74,7 +73,7 @@ class PosteriorBatches:
     def _misled(
         self, worlds: torch.Tensor, episodes: torch.Tensor, steps: torch.Tensor
     ) -> torch.Tensor:
-        """(B, E', T' + 1) whose errors each pose takes: of one as much alike for some steps."""
+        """(B, E', T' + 1) poses to take errors from: of the same rank for some steps in a row."""
         alike = self._alike[worlds, episodes, steps // _GLANCE]  # (B, E', T' + 1, K)
         num_runs = -(-len(steps) // _TOGETHER)
         runs = self._random(alike.shape[-1], (*alike.shape[:2], num_runs))
@@ -87,14 +86,14 @@ class PosteriorBatches:
 
 
 def _most_alike(keypoints: torch.Tensor, poses: torch.Tensor) -> torch.Tensor:
-    """(W, E, T', K) which of (M, L, 2) poses are nearest to those of now and then.
+    """(W, E, T', K) indices of the nearest of (M, L, 2) poses, for a part of the steps.
 
-    `keypoints`: (W, E, T, L, 2), of which every `_GLANCE`-th step is looked at.
+    `keypoints`: (W, E, T, L, 2), of which every `_GLANCE`-th step is used.
     """
     looked_at, poses = keypoints[:, :, ::_GLANCE].flatten(-2), poses.flatten(-2).float()
     count = min(_ALIKE, len(poses))
     nearest = [
-        torch.cdist(its.flatten(0, 1).float(), poses).topk(count, largest=False).indices.int()
-        for its in looked_at
+        torch.cdist(world.flatten(0, 1).float(), poses).topk(count, largest=False).indices.int()
+        for world in looked_at
     ]
     return torch.stack(nearest).unflatten(1, looked_at.shape[1:3])

@@ -1,4 +1,4 @@
-"""The posterior network: from what was seen and done in episodes to P(truth > candidate)."""
+"""The posterior network: from keypoints and actions of episodes to P(truth > candidate)."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,10 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-SHORTEST_STEPS = 21  # that the convolutions over time need
+SHORTEST_STEPS = 21  # needed by the convolutions over time
 _FIRST_LOG_SCALE, _SMALLEST_SCALE = -1.5, 1e-3  # of the mixture's logistics
-_CANDIDATES = (-1.0, 2.0)  # within which they are drawn, in coordinates of the range
-_EDGE = 1e-5  # probabilities are kept this far from 0 and 1
+_CANDIDATES = (-1.0, 2.0)  # bounds of candidates, in coordinates of the range
+_EDGE = 1e-5  # distance of probabilities from 0 and 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,21 +20,21 @@ class PosteriorNetConfig:
     batch_size: int = 32
     learning_rate: float = 4e-3
     weight_decay: float = 1e-2
-    candidates: int = 64  # of each kind, for each world of a batch
+    candidates: int = 64  # of each kind, per world of a batch
     shortest_crop: int = 40  # steps
     crop_lengths: int = 8  # different ones
 
 
 class PosteriorNet(nn.Module):
-    """The set of a world's episodes to one survival curve a parameter.
+    """Maps the set of a world's episodes to one survival curve per parameter.
 
-    Episodes of one world are one question: their features are pooled inside the network, and
-    it is trained on such sets. (Multiplying the curves of single episodes would count the
-    prior once for each.) The curve is a mixture of logistics, so it falls by construction.
-    Coordinates are those of the range searched: 0 at its low end, 1 at its high end.
+    Features of a world's episodes are pooled inside the network, which is trained on such sets.
+    (Multiplying the curves of single episodes would count the prior once for each.) A curve is a
+    mixture of logistics, so it is monotone by construction. Coordinates are those of the range
+    searched: 0 at its low end, 1 at its high end.
     """
 
-    most_episodes: torch.Tensor  # () that it was trained on at a time
+    most_episodes: torch.Tensor  # () largest number per world in training
 
     def __init__(
         self, num_inputs: int, visible: list[int], num_parameters: int, config: PosteriorNetConfig
@@ -43,7 +43,7 @@ class PosteriorNet(nn.Module):
         c, self.components = config.channels, config.components
         self.num_parameters = num_parameters
         self.visible = visible  # indices of the parameters that the detector estimates
-        self.first = nn.Conv1d(num_inputs, c, 5, stride=2)  # half the work, and nothing lost
+        self.first = nn.Conv1d(num_inputs, c, 5, stride=2)  # half the work, no accuracy lost
         self.later = nn.ModuleList([nn.Conv1d(c, c, 5) for _ in range(2)])
         self.head = nn.Sequential(
             nn.Linear(2 * c + 2 + len(visible), config.hidden),
@@ -65,14 +65,14 @@ class PosteriorNet(nn.Module):
             x = F.elu(conv(x)) + x[..., 2:-2]
         pooled = torch.cat([x.mean(-1), (x.square().mean(-1) + 1e-6).sqrt()], -1)
         pooled = pooled.view(worlds, episodes, -1).mean(1)
-        # Means do not say over how much they were taken, on which the curves' width depends.
-        # Of more episodes than it was trained on it gets that number: too wide, if anything.
+        # The curves' width depends on how much data the means are from. For more episodes than in
+        # training, the largest number there is used: curves are too wide, if anything.
         episodes = min(episodes, int(self.most_episodes))
         amount = pooled.new_tensor([episodes, steps / SHORTEST_STEPS]).log().expand(worlds, -1)
         out = self.head(torch.cat([pooled, amount, centred], -1))
         weights, offsets, scales = out.view(worlds, self.num_parameters, 3, -1).unbind(2)
         known = torch.zeros_like(offsets)
-        known[:, self.visible] = centred[..., None]  # so that only corrections need learning
+        known[:, self.visible] = centred[..., None]  # only corrections have to be learnt
         locations = offsets + known + self.spread  # -1 at the range's low end, 1 at its high end
         scales = (scales + _FIRST_LOG_SCALE).exp() + _SMALLEST_SCALE
         return SurvivalMixture(weights.log_softmax(-1), (locations + 1) / 2, scales / 2)
@@ -108,8 +108,8 @@ def posterior_loss(
 ) -> torch.Tensor:
     """Binary cross-entropy of "is the truth (B, N) higher?" over random candidates (Sec. IV-A).
 
-    Half of the candidates are uniform in the range, half are drawn where the network itself
-    believes the truth to be, since that is where the answer is hard. None depends on the truth.
+    Half of the candidates are uniform in the range, half are drawn from the network's own
+    distribution, where the answer is hard. None depends on the truth.
     """
     with torch.no_grad():
         own = curves.sample(num_candidates, generator).clamp(*_CANDIDATES)

@@ -1,4 +1,4 @@
-"""What the posterior SPM learns from: simulated worlds, of which only a part is drawn."""
+"""Simulated worlds for the posterior SPM, only partly rendered."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -13,28 +13,28 @@ from simtune.vision.keypoints import Keypoints
 
 @dataclass(frozen=True)
 class SimulatedWorlds:
-    """What one round of simulation gives: W worlds of E episodes of T steps each."""
+    """One round of simulation: W worlds of E episodes of T steps each."""
 
     parameters: np.ndarray  # (W, N)
     actions: np.ndarray  # (W, E, T, A)
     keypoints: np.ndarray  # (W, E, T + 1, L, 2) pixels, true
-    frames: np.ndarray  # (W, F, H, W, 3) uint8: F successive frames of each world's...
-    filmed_from: np.ndarray  # (W,) ...first episode, from this step on
-    states: np.ndarray  # (W, F, S) full ones behind `frames`
-    # {sensor: (W, F, D)} what was measured with `frames`
+    frames: np.ndarray  # (W, F, H, W, 3) uint8: F successive frames of each world's
+    filmed_from: np.ndarray  # (W,) first episode, from this step on
+    states: np.ndarray  # (W, F, S) full states of `frames`
+    # {sensor: (W, F, D)} measured with `frames`
     readings: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def joined(cls, parts: Sequence["SimulatedWorlds"]) -> "SimulatedWorlds":
-        """All worlds of several."""
+        """The worlds of several parts."""
         fields = {name: [vars(part)[name] for part in parts] for name in vars(parts[0])}
         readings = fields.pop("readings")
-        arrays = {name: np.concatenate(its) for name, its in fields.items()}
+        arrays = {name: np.concatenate(values) for name, values in fields.items()}
         by_sensor = {name: np.concatenate([its[name] for its in readings]) for name in readings[0]}
         return cls(**arrays, readings=by_sensor)
 
     def filmed_keypoints(self) -> np.ndarray:
-        """(W, F, L, 2) the true keypoints in `frames`."""
+        """(W, F, L, 2) true keypoints in `frames`."""
         at = self.filmed_from[:, None] + np.arange(self.frames.shape[1])
         return self.keypoints[np.arange(len(at))[:, None], 0, at]
 
@@ -44,7 +44,7 @@ class SimulatedWorlds:
         return self.actions[np.arange(len(at))[:, None], 0, at]
 
     def without_frames(self) -> "SimulatedWorlds":
-        """The same, but for what fills memory."""
+        """The same without frames, which take most memory."""
         return replace(self, frames=self.frames[:0].copy())
 
 
@@ -59,9 +59,8 @@ def simulate(
 ) -> SimulatedWorlds:
     """Play (W, E, T, A) actions in W worlds of (W, N) parameters, and film a stretch of each.
 
-    Where actions may be late they are, by a step, in half of the worlds, unless a delay is among
-    the parameters.
-    Worlds of which an episode diverged are left out. Raises RuntimeError if hardly any is left.
+    If actions may be late, they are, by a step, in half of the worlds, unless a parameter is a
+    delay. Worlds with a diverged episode are left out. Raises RuntimeError if hardly any is left.
     """
     num_episodes, steps = actions.shape[1:3]
     played = actions.astype(float)
@@ -75,7 +74,7 @@ def simulate(
         observation.observe_beside(keypoints.observe),
     )
     whole = whole_sets(rollouts.index, num_episodes)
-    if len(whole) < 4:  # some to learn from, some to measure errors on
+    if len(whole) < 4:  # some for training, some to measure errors
         raise RuntimeError("nearly every world diverged; check the timestep and the bounds")
     num_worlds, num_filmed = len(whole), min(num_filmed, steps + 1)
     start = rng.integers(0, steps + 2 - num_filmed, num_worlds)
@@ -99,6 +98,6 @@ def simulate(
 
 
 def whole_sets(index: np.ndarray, episodes: int) -> np.ndarray:
-    """(W, E) positions in `index` (n,) of the sets of E successive episodes that are all there."""
+    """(W, E) positions in `index` (n,) of the complete sets of E successive episodes."""
     _, start, count = np.unique(index // episodes, return_index=True, return_counts=True)
     return start[count == episodes, None] + np.arange(episodes)

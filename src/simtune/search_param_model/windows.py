@@ -37,8 +37,8 @@ def split(trajectory: Trajectory, length: int, size: int) -> Windows:
     top, left = (height - size) // 2, (width - size) // 2
     frames = trajectory.frames[:steps, top : top + size, left : left + size]
     actions = trajectory.actions[:steps].astype(np.float32)
-    every = [its[:steps] for its in trajectory.readings.values()]
-    readings = np.hstack([np.empty((steps, 0)), *every]).astype(np.float32)
+    parts = [read[:steps] for read in trajectory.readings.values()]
+    readings = np.hstack([np.empty((steps, 0)), *parts]).astype(np.float32)
     return Windows(
         torch.as_tensor(frames.reshape(num_windows, length, size, size, 3)),
         torch.as_tensor(actions.reshape(num_windows, length, -1)),
@@ -47,19 +47,19 @@ def split(trajectory: Trajectory, length: int, size: int) -> Windows:
 
 
 class SpmBuffer:
-    """The filmed episodes of a store, in windows."""
+    """Windows of the filmed episodes in a store."""
 
     def __init__(self, store: EpisodeStore, action_scale: np.ndarray):
         self.store = store
-        # (A,) the largest magnitude of each action, which the store has brought to 1
+        # (A,) largest magnitude of each action, which the store scaled to 1
         self._action_scale = torch.as_tensor(action_scale, dtype=torch.float32, device=store.device)
 
     def sample(
         self, num: int, length: int, size: int, rng: np.random.Generator
     ) -> tuple[Windows, np.ndarray]:
-        """One random window of each of `num` random episodes, and their (num, N) parameters.
+        """One random window from each of `num` random episodes, and their (num, N) parameters.
 
-        The same random crop for all frames of a window (RAD), and the window alone is copied.
+        All frames of a window get the same random crop (RAD); only the window is copied.
         """
         store = self.store
         lengths = store.lengths[: store.filmed_capacity].numpy()

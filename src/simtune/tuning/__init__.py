@@ -1,4 +1,4 @@
-"""How Ξ is moved towards the real world: the searches, by name."""
+"""Searches, by name: how Ξ is moved towards the real world."""
 
 from simtune.names import SearchName
 from simtune.search_param_model.paper import PaperConfig
@@ -13,17 +13,17 @@ _IMAGE_SIZES: dict[SearchName, int] = {"posterior": 64, "paper": 100, "regressio
 
 
 def needed_image_size(search: SearchName) -> int:
-    """Pixels a side of the square pictures that a search looks at."""
+    """Side in pixels of the square pictures that a search uses."""
     return _IMAGE_SIZES[search]
 
 
 def make_search(
     search: SearchName, context: SearchContext, settings: SearchSettings | None = None
 ) -> Search:
-    """A search that begins at `context.start`; `settings` are of its own kind.
+    """A search that starts at `context.start`; `settings` must be of its own kind.
 
-    Raises InputError for an environment that is searched by windows, whose frames are drawn anew
-    on resumption, and where nothing moves that a hidden parameter could show in.
+    Raises InputError for an environment with a window-based search, whose frames are drawn anew
+    when a run resumes, and if nothing moves that could show a hidden parameter.
     """
     if search == "posterior":
         assert not isinstance(settings, PaperConfig)

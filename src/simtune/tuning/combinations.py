@@ -1,11 +1,11 @@
-"""Parameters that only show together: what the videos do tell of two, and its interval.
+"""Combinations of two correlated parameters that the videos determine better than either.
 
-Where errors of two rise together their ratio is known best, else their product; of what may be
-negative, their difference or their sum. Each counts by how wide its own interval is: a / b² where
-log a is twice as unsure as log b. Intervals are of draws of the joint posterior.
+If the errors of two rise together, their ratio is known best, else their product; for parameters
+that may be negative, their difference or sum. Weights are the ratio of interval widths: a / b² if
+log a is twice as uncertain as log b. Intervals are from draws of the joint posterior.
 
-Where a camera stands and how it is turned has neither: powers of a place mean nothing, and metres
-and radians add to nothing.
+Camera positions and orientations have none: powers of a position mean nothing, and metres and
+radians cannot be added.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from simtune.tuning.search import Estimate
 Kind = Literal["ratio", "product", "difference", "sum"]
 
 _ABOUT_ONE = (0.75, 1.33)
-_LARGEST_POWER = 5.0  # of which anybody can make use
-_TINY = 1e-300  # what may be zero has a logarithm, too
+_LARGEST_POWER = 5.0  # larger powers are of no use to anybody
+_TINY = 1e-300  # lower bound for logarithms
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,15 +32,15 @@ class Combination:
     kind: Kind
     weight: float
     correlation: float  # of the errors of a and b
-    mean: float  # the median, as of a parameter's estimate
+    mean: float  # the median, as for a parameter's estimate
     low: float  # lower end of the central 90 %
     high: float
 
 
 def combinations(estimate: Estimate, space: ParameterSpace, draws: np.ndarray) -> list[Combination]:
-    """Of the pairs that an estimate calls correlated; `draws` (num, N) of its joint posterior.
+    """For the pairs that an estimate lists as correlated; `draws` (num, N) of its joint posterior.
 
-    A pair has none where only one is of a log scale, or where both are linear and of other units.
+    None for a pair with only one log scale, or with two linear ones of different units.
     """
     found = []
     for names, correlation in estimate.correlations.items():
@@ -64,12 +64,12 @@ def _combine(
     width = high - low
     if not (width > 0).all():
         return None
-    is_colour = space.is_colour[pair].all()  # of one channel, so that one light is on both
+    is_colour = space.is_colour[pair].all()  # of one channel, under the same light
     weight = 1.0 if is_colour else _rounded(float(width[0] / width[1]))
     if in_logs and not 1 / _LARGEST_POWER <= weight <= _LARGEST_POWER:
         return None
-    said = np.quantile(values @ [1, -weight if rise else weight], (0.5, 0.05, 0.95))
-    middle, lower, upper = (float(value) for value in (np.exp(said) if in_logs else said))
+    quantiles = np.quantile(values @ [1, -weight if rise else weight], (0.5, 0.05, 0.95))
+    middle, lower, upper = (float(value) for value in (np.exp(quantiles) if in_logs else quantiles))
     return Combination(
         a=a,
         b=b,
@@ -83,11 +83,11 @@ def _combine(
 
 
 def _is_of_powers(space: ParameterSpace, pair: list[int], low: np.ndarray) -> bool:
-    """Whether both are of log scales; or colours or light, of which half as much is meant, too."""
+    """Whether both are positive factors: on a log scale, or colours or light."""
     are_factors = space.is_log[pair] | space.is_appearance[pair]
     return bool(are_factors.all() and (low > 0).all())
 
 
 def _rounded(weight: float) -> float:
-    """To one digit; 1 where it is about that."""
+    """To one digit; 1 if it is near 1."""
     return 1.0 if _ABOUT_ONE[0] < weight < _ABOUT_ONE[1] else float(f"{weight:.1g}")

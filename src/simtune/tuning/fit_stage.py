@@ -1,4 +1,4 @@
-"""The last stage of a round: the simulator is fitted to what was observed, and judged by refits."""
+"""Last stage of a round: fit the simulator to the observations, and judge the fit by refits."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,34 +33,34 @@ from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints
 
-# Times as noisy as readings count in windows where they cannot be replayed alone. They are far
-# sharper than pictures, and where things touch the motion is rough: no step is then one for the
-# better, and hardly a particle is left.
+# Factor on the readings' noise in windows, if they cannot be replayed alone. They are far sharper
+# than pictures, and contacts make the motion rough: at full weight no step of a fit lowers the
+# cost, and hardly any particle survives.
 _BLUNT = 10.0
 
 
 class HeldOut(NamedTuple):
-    """Worlds that the detector was not trained on, and what it detects in them."""
+    """Worlds that the detector was not trained on, and its detections there."""
 
     worlds: SimulatedWorlds
     detections: Detections
 
 
 class Detected(NamedTuple):
-    """Trajectories, and what is detected in the frames of each."""
+    """Trajectories, and the detections in the frames of each."""
 
     trajectories: Sequence[Trajectory]
     detections: Sequence[Detections]
 
 
 def can_fit(context: SearchContext) -> bool:
-    """Whether worlds begin anywhere, as environments need not, and something moves in them."""
+    """Whether worlds can start in any state, as environments may not, and something moves."""
     anywhere = context.simulator.can_start_anywhere
     return anywhere and isinstance(context.keypoints, Keypoints) and len(context.keypoints) > 0
 
 
 class FitStage:
-    """A fit that knows the detector's errors and can guess states; it fits any world alike."""
+    """A fit with the detector's noise and a state estimator; it treats all worlds alike."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class FitStage:
         noise: DetectorNoise,
         is_blunt: bool = False,
     ):
-        """`noise`: of the detector; `is_blunt`: what sensors read counts as if it were noisier."""
+        """`noise`: of the detector; `is_blunt`: readings count as if they were noisier."""
         assert isinstance(context.simulator, Simulator), "see can_fit"
         self._context, self._model, self._simulator = context, model, context.simulator
         self._replay_fit, self._noise, self._is_blunt = replay_fit, noise, is_blunt
@@ -85,7 +85,7 @@ class FitStage:
         budget: Budget,
         is_blunt: bool = False,
     ) -> "FitStage":
-        """Measure the detector's noise in held-out worlds and learn to guess states there."""
+        """Measure the detector's noise in held-out worlds and train the state estimator there."""
         worlds, simulator = held_out.worlds, context.simulator
         assert isinstance(simulator, Simulator), "see can_fit"
         episodes = held_out.detections.episodes(len(worlds.frames))
@@ -117,11 +117,11 @@ class FitStage:
 
     @property
     def reading_labels(self) -> tuple[str, ...]:
-        """Of the fits' offsets."""
+        """Labels of the fits' offsets."""
         return self._context.observation.reading_labels
 
     def sized(self, num_steps: int, seconds: float, at_most_s: float) -> "FitStage":
-        """One whose fits take about so long, for real episodes of `num_steps` in all.
+        """The same, with fits that take about `seconds`, for real episodes of `num_steps` in all.
 
         See `fit_to_budget`.
         """
@@ -131,7 +131,7 @@ class FitStage:
     def observed(
         self, trajectories: Sequence[Trajectory], detections: Sequence[Detections]
     ) -> Observed:
-        """Episodes cut to equal length, with what was detected in their frames."""
+        """Episodes cut to equal length, with the detections in their frames."""
         steps = min(len(t) for t in trajectories)
         cut = [found.first(steps + 1) for found in detections]
         tracks = KeypointTracks.of_detections(cut, self._simulator.shape, self._noise)
@@ -141,14 +141,14 @@ class FitStage:
         evidence = self._context.observation.evidence(tracks, readings)
         evidence = _blunted(evidence) if self._is_blunt else evidence
         actions = np.stack([t.actions for t in first]).astype(float)
-        frames = [t.frames for t in first]  # views: there may be many
+        frames = [t.frames for t in first]  # views, not copies: there may be many
         substeps = self._simulator.num_substeps
         lateness = Lateness.of_pictures(evidence, substeps) if self._may_be_late else None
         return Observed(evidence, actions, frames, lateness)
 
     @property
     def _may_be_late(self) -> bool:
-        """Whether pictures may, after actions, by a time that no parameter stands for."""
+        """Whether pictures may lag behind actions by a time that no parameter describes."""
         is_tuned = self._replay_fit.space.is_delay.any()
         has_actions = self._simulator.num_actions > 0
         return bool(self._context.observation.max_latency_steps and has_actions and not is_tuned)
@@ -161,7 +161,7 @@ class FitStage:
         may_be_late: bool,
         budget: Budget,
     ) -> FitResult:
-        """See `ReplayFit.fit`; a latency is looked for where there may be one.
+        """See `ReplayFit.fit`; a latency is searched for if there may be one.
 
         Raises OutOfTime as soon as `budget` is over.
         """
@@ -182,8 +182,8 @@ class FitStage:
     ) -> Bootstrap:
         """Film and fit known worlds near `fit`, which play the same actions.
 
-        `size`: how many, and episodes of each. Fewer, where `budget` is over before: one that is
-        not finished by then does not count.
+        `size`: number of worlds, and episodes of each. Fewer if `budget` is over before: an
+        unfinished refit does not count.
         """
         num, num_episodes = size
         actions, observation = observed.actions[:num_episodes], self._context.observation
@@ -206,7 +206,7 @@ class FitStage:
 
 
 def _blunted(evidence: AllEvidence) -> AllEvidence:
-    """With readings that count as if they were noisier."""
+    """Evidence whose joint readings count as if they were noisier."""
     return AllEvidence(
         tuple(
             replace(part, noise=_BLUNT * part.noise) if isinstance(part, JointReadings) else part

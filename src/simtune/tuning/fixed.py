@@ -1,4 +1,4 @@
-"""No search at all: Ξ stays where it is, as for domain randomisation and the oracle (Sec. VI-A)."""
+"""No search: Ξ stays as it is, for domain randomisation and the oracle (Sec. VI-A)."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from simtune.tuning.search import Keep, Round, TellEarly, keep_nothing, tell_nob
 
 
 class FixedRange:
-    """A `tuning.search.Search` that looks at nothing and moves nothing."""
+    """A `tuning.search.Search` that uses no data and moves nothing."""
 
     stop_reason = "nothing is searched for"
 
@@ -20,7 +20,7 @@ class FixedRange:
         self.distribution = distribution
 
     def check(self, real: list[Trajectory]) -> None:
-        """Anything will do."""
+        """Accepts anything."""
 
     def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
         return 0.0, 0.0
@@ -44,4 +44,4 @@ class FixedRange:
         return {}
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        """There is nothing to go on with."""
+        """Nothing to restore."""

@@ -1,17 +1,17 @@
-"""The joint posterior: each parameter's own survival curve, and how errors go together.
+"""The joint posterior: each parameter's survival curve, and the correlations of their errors.
 
 A Gaussian copula (Sklar 1959; Nelsen 2006, An Introduction to Copulas): with Φ the normal
 distribution function, S_i the survival curve of parameter i, R the correlation of the fit's errors,
 
     z ~ N(0, R)        ξ_i = S_i⁻¹(1 − Φ(z_i))        i = 1 … N
 
-so that each ξ_i is distributed as its curve says, whatever R is, and the rank correlation of two is
+So each ξ_i has the distribution of its curve for any R, and the rank correlation of two is
 6/π · asin(R_ij / 2). A parameter's coordinate grows with its value on either scale, so signs stay.
 
-Curves are interpolated along each parameter's own scale. What they leave beyond their ends may be
-anywhere up to the bound; one that leaves much beyond both ends tells nothing, so the parameter may
-be anywhere within its bounds. A search without curves (`--search paper`, a fixed range) knows its
-range alone: uniform within it, as it draws its worlds, each parameter by itself.
+Curves are interpolated along each parameter's own scale. Probability beyond a curve's ends is
+spread up to the bound; if much is beyond both ends, the parameter is uniform within its bounds. A
+search without curves (`--search paper`, a fixed range) only has its range: parameters are then
+independent and uniform within it, as its worlds are drawn.
 """
 
 from dataclasses import dataclass
@@ -22,18 +22,18 @@ from scipy.special import ndtr
 from simtune.parameters import ParameterSpace
 from simtune.tuning.search import Estimate
 
-NUM_DRAWS = 4000  # that a run keeps: ends of 90 % intervals to a thirtieth of a standard deviation
-_NORMAL_90 = 2 * 1.6449  # standard deviations in a normal distribution's central 90 %
-_TELLS_NOTHING = 0.25  # probability beyond either end of a curve
-_POINTS = 65  # of a straight line, for scales on which it is none
+NUM_DRAWS = 4000  # kept by a run: ends of 90 % intervals to a thirtieth of a standard deviation
+_NORMAL_90 = 2 * 1.6449  # width of a normal distribution's central 90 %, in standard deviations
+_TELLS_NOTHING = 0.25  # probability beyond both ends, from which a curve is ignored
+_POINTS = 65  # of a uniform distribution, which may be curved on another scale
 
 
 @dataclass(frozen=True)
 class Joint:
-    """N parameters' posterior, in unit coordinates."""
+    """Posterior of N parameters, in unit coordinates."""
 
     space: ParameterSpace
-    # one a parameter: (C,) probability of being below, rising from 0 to 1, and (C,) coordinates
+    # for each: (C,) cumulative probability, rising from 0 to 1, and (C,) coordinates
     marginals: tuple[tuple[np.ndarray, np.ndarray], ...]
     correlation: np.ndarray  # (N, N)
 
@@ -51,7 +51,7 @@ class Joint:
     def draw(self, num: int, rng: np.random.Generator) -> np.ndarray:
         """(num, N) parameters within their bounds."""
         values, vectors = np.linalg.eigh(self.correlation)
-        # Rounding can make the smallest eigenvalues of a singular matrix negative.
+        # Rounding may make the smallest eigenvalues of a singular matrix negative.
         root = vectors * np.sqrt(values.clip(0))
         normal = rng.normal(size=(num, len(self.space))) @ root.T
         return self.space.from_unit(self.quantile(ndtr(normal)))
@@ -59,7 +59,7 @@ class Joint:
     def mean_and_covariance(self) -> tuple[np.ndarray, np.ndarray]:
         """(N,) medians, (N, N) covariance: of normal errors with the same central 90 %.
 
-        A sample's covariance would tell of rare draws far away more than of where most of them are.
+        A sample covariance would be dominated by rare draws far away.
         """
         ones = np.ones(len(self.space))
         low, middle, high = (self.quantile(share * ones) for share in (0.05, 0.5, 0.95))

@@ -1,4 +1,4 @@
-"""The end of a round: the simulator is fitted, refits of known worlds judge it, both conclude."""
+"""End of a round: fit the simulator, judge the fit by refits of known worlds, conclude."""
 
 import time
 from dataclasses import dataclass, replace
@@ -29,30 +29,30 @@ from simtune.tuning.range_update import RangeUpdateConfig, point_estimate, read_
 from simtune.tuning.search import Estimate, SearchContext, TellEarly, at_most_weak
 from simtune.tuning.told import Told
 
-_FITS_SHARE = 0.9  # of what is left then, for a fit and its refits
-_FEWEST_FITS = 2  # in that time: the real one, and one to compare it with
-_REFIT = 0.9  # of a fit: no latency is looked for
-_ENOUGH_REFITS = 4  # with fewer, each has fewer episodes than the real fit
+_FITS_SHARE = 0.9  # of the time then left, for a fit and its refits
+_FEWEST_FITS = 2  # within that time: the real fit and one refit
+_REFIT = 0.9  # of a fit's time: no latency is searched for
+_ENOUGH_REFITS = 4  # with time for fewer, refits have fewer episodes than the real fit
 _NO_FIT = (
     "There was no time to fit the simulator: these are first guesses by networks, and none is "
     "called identified but what joint readings tell alone. Give it more minutes."
 )
-_WORTH_BEGINNING = 0.5  # of a fit: time that is left, with which a refit may be finished
+_WORTH_BEGINNING = 0.5  # of a fit's time: with more left, a refit may be finished
 
 
 @dataclass(kw_only=True)
 class Judging:
-    """What a round's fit makes of trajectories, and what its refits told of that."""
+    """A round's fit, and what its refits showed."""
 
     stage: FitStage | None  # None: nothing can be fitted
     told: Told | None
     searched: Distribution  # in this round
-    first: Distribution  # in the first one
+    first: Distribution  # in the first round
     config: PosteriorSearchConfig
-    rng: np.random.Generator  # of known worlds
-    # What they showed, once `judge` was asked; of the round before where there was no time for any
+    rng: np.random.Generator  # draws known worlds
+    # Result of the refits, after `judge`; of the previous round if there was no time for any
     bootstrap: Bootstrap | None = None
-    estimate: Estimate | None = None  # concluded, likewise
+    estimate: Estimate | None = None  # conclusion, likewise
 
     @classmethod
     def prepare(
@@ -66,15 +66,15 @@ class Judging:
         budget: Budget,
         before: "Judging | None" = None,
     ) -> "Judging":
-        """With a fit, where there may be one, that is as large as the time allows.
+        """With a fit, if one is possible, that is as large as the time allows.
 
-        `ranges`: `searched` and `first`; `before`: of the round before this one.
+        `ranges`: `searched` and `first`; `before`: of the previous round.
         """
         stage, config = None, learning.config
         if learning.is_fitted:
             held = tuple(np.flatnonzero(told.is_held)) if told else ()
             config = replace(config, fit=replace(config.fit, held=held))
-            is_blunt = told is None  # readings, if any, have nothing but windows
+            is_blunt = told is None  # readings, if any, are used in windows only
             stage = FitStage.prepare(context, learning.model, held_out, config, budget, is_blunt)
             num_steps = min(len(t) for t in real) * len(real)
             fits, left_s = 1 + _REFIT * config.num_refits[0], _FITS_SHARE * budget.seconds_left
@@ -101,9 +101,9 @@ class Judging:
     ) -> tuple[Estimate, np.ndarray]:
         """Fit, compare with known worlds until the budget is over, and conclude.
 
-        `prob_higher`: (N, C) the posterior network's curves. What may not be the last round does
-        without known worlds, and without longer windows. Returns the (N, C) curves as well.
-        `tell_early` hears of the fit before known worlds are compared.
+        `prob_higher`: (N, C) curves of the posterior network. If this cannot be the last round,
+        known worlds and longer windows are left out. Returns the (N, C) curves as well.
+        `tell_early` gets the fit's estimate before known worlds are compared.
         """
         if self.stage is None:
             update = self.config.range_update
@@ -129,9 +129,9 @@ class Judging:
         return self._conclude(fit, self.bootstrap, prob_higher)
 
     def _without_fit(self, prob_higher: np.ndarray) -> Estimate:
-        """A fit that was begun took longer than was left: what was fitted before stays.
+        """The estimate if a fit ran out of time: the previous one.
 
-        If nothing was, it is what the networks say alone.
+        If there is none, that of the networks alone.
         """
         if self.estimate:
             return self.estimate
@@ -145,10 +145,10 @@ class Judging:
         return self.told.start(guess) if self.told else guess
 
     def _refits(self, num_episodes: int, budget: Budget, fit_s: float) -> tuple[int, int]:
-        """How many to begin with, and episodes of each, after a fit that took so long.
+        """Number of refits to begin, and episodes of each, after a fit that took `fit_s`.
 
-        What does not end in time is left out. They are to be fits like the real one; fewer
-        episodes err more. But a few of these tell more than one or two of those.
+        A refit that does not end in time is dropped. Refits should resemble the real fit; with
+        fewer episodes they err more. But a few small ones tell more than one or two large ones.
         """
         planned, most = self.config.num_refits
         many = min(MANY_EPISODES, num_episodes)
@@ -156,7 +156,7 @@ class Judging:
             return planned, many
         each_s = budget.seconds_left / _ENOUGH_REFITS
         few = min(FEW_EPISODES, many)
-        # They may take less: of them no latency is looked for.
+        # A refit may take less time, since no latency is searched for.
         num = most if budget.seconds_left > _WORTH_BEGINNING * fit_s else 0
         return num, int(np.clip(num_episodes * each_s / fit_s, few, many))
 
@@ -186,7 +186,7 @@ def conclude(
     mean, std = in_range(judged(fit, bootstrap, searched.space), searched)
     curves = with_fit(prob_higher, mean, std, config)
     read = read_curves(curves, searched, first, config)
-    # Of a model that something else is wrong with, no number is to be taken.
+    # If the model lacks something else, none of its numbers is identified.
     is_sound = bootstrap.misfits and not moves_otherwise(fit, bootstrap)
     estimate = replace(
         read,
@@ -199,6 +199,6 @@ def conclude(
         start=fit.start.tolist(),
         latency_steps=fit.latency_steps,
         pictures_late_s=(float(fit.late_s[0]), float(fit.late_s[1])),
-        camera_responses=[its.to_json() for its in fit.responses] if len(fit.known) else [],
+        camera_responses=[camera.to_json() for camera in fit.responses] if len(fit.known) else [],
     )
     return estimate, curves

@@ -1,4 +1,4 @@
-"""What a round learns in simulation: to see, and to read survival curves from what is seen."""
+"""What a round learns in simulation: the detector, and the posterior network of survival curves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ from simtune.tuning.world_sampler import WorldSampler
 
 @dataclass(frozen=True, kw_only=True)
 class Learning:
-    """The networks of a search, and where they learn."""
+    """The networks of a search, and the worlds they learn from."""
 
     model: PosteriorSearchParamModel
     worlds: WorldSampler
     config: PosteriorSearchConfig
-    is_fitted: bool  # whether a fit follows, which has the last word
+    is_fitted: bool  # whether a fit follows, which decides the estimate
 
     def simulate(
         self, real: list[Trajectory], searched: Distribution, budget: Budget
@@ -50,7 +50,7 @@ class Learning:
         return {"loss/detector": self.model.train_detector(worlds, searched, clock)}
 
     def hold_out(self, real: list[Trajectory], searched: Distribution, budget: Budget) -> HeldOut:
-        """Other worlds, to measure the detector's errors in."""
+        """Other worlds, to measure the detector's errors."""
         config, part = self.config, budget.share(self.config.collect_share / 2)
         worlds = self.worlds.sample(
             real, searched, config.held_out_worlds, 1, config.held_out_steps, part
@@ -65,7 +65,7 @@ class Learning:
         searched: Distribution,
         budget: Budget,
     ) -> dict[str, float]:
-        """Where it has the last word, as no fit follows, it learns from more worlds, for longer."""
+        """Without a fit to follow, the network learns from more worlds, and for longer."""
         config, errors = self.config, self.model.detector_errors(*held_out, searched)
         scale = 1 if self.is_fitted else config.no_fit_scale
         if scale > 1:
@@ -85,7 +85,7 @@ class Learning:
 
     def curves(self, detected: Detected, searched: Distribution) -> np.ndarray:
         """(N, C) survival curves of the posterior network on the grid."""
-        # As a fit does, it leaves an episode to test on.
+        # As in a fit, one episode is held out as a test.
         num = num_fitted(len(detected.trajectories)) if self.is_fitted else None
         trajectories, detections = detected.trajectories[:num], detected.detections[:num]
         steps = min(len(t) for t in trajectories)

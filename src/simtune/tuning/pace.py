@@ -1,7 +1,7 @@
-"""How long a round takes on this machine: measured in a second or two, before any time is planned.
+"""Predicts how long a round takes on this machine, from measurements of a second or two.
 
-What a round does is counted in four kinds of work, and each kind is timed once: a world's policy
-step, a picture drawn, a picture detected, an update of the detector.
+A round's work is counted in four units, each timed once: a world's policy step, a picture drawn, a
+picture detected, an update of the detector.
 """
 
 import time
@@ -20,20 +20,20 @@ from simtune.tuning.posterior_config import FILMED_WITHOUT_FIT, PosteriorSearchC
 from simtune.tuning.search import SearchContext
 
 _WORLDS, _STEPS, _UPDATES = 32, 20, 3
-_SMALL_UPDATE = 0.7  # of an update of the detector: one of the other networks
-_SLOWER = 1.3  # all that is not counted: pictures that are fitted, latencies that are tried
+_SMALL_UPDATE = 0.7  # update of another network, relative to one of the detector
+_SLOWER = 1.3  # factor for all that is not counted: fits of pictures, latencies tried
 _FEWEST_REFITS = 2
-_FEWEST_WORLDS = 64  # to learn anything from
+_FEWEST_WORLDS = 64  # fewer teach a network nothing
 
 
 class Work(NamedTuple):
-    """What the scene and its recordings make of a round."""
+    """Size of a round's work, given the scene and its recordings."""
 
     num_episodes: int
     num_steps: int  # of each
-    num_tangent: int  # 2 nv, of a state that is fitted; 0: nothing can be fitted
-    num_fitted: int  # parameters that move something
-    supersampling: int = 1  # as many times fewer pictures are drawn, since each takes longer
+    num_tangent: int  # 2 nv, of a fitted state; 0: nothing can be fitted
+    num_fitted: int  # parameters that affect motion
+    supersampling: int = 1  # divides the number of pictures drawn, since each takes longer
 
     @classmethod
     def of(cls, simulator: AnySimulator, real: list[Trajectory], is_fitted: bool) -> "Work":
@@ -46,18 +46,18 @@ class Work(NamedTuple):
 
 @dataclass(frozen=True)
 class Pace:
-    """Seconds that a piece of work takes, beside whatever else runs on the machine."""
+    """Seconds per unit of work, under the machine's present load."""
 
-    step_s: float  # a world's policy step, among many at once
-    frame_s: float  # a picture drawn
-    detect_s: float  # a picture detected
+    step_s: float  # a world's policy step, in a large batch
+    frame_s: float  # drawing a picture
+    detect_s: float  # detecting in a picture
     update_s: float  # an update of the detector
 
     @classmethod
     def measure(
         cls, context: SearchContext, model: PosteriorSearchParamModel, distribution: Distribution
     ) -> "Pace":
-        """By a little of each, with worlds of `distribution`."""
+        """Time a little of each, in worlds of `distribution`."""
         simulator, rng = context.simulator, np.random.default_rng((context.seed, 1))
         worlds = distribution.sample(_WORLDS, rng)
         act = simulator.explore(_WORLDS, _STEPS, rng)
@@ -71,9 +71,9 @@ class Pace:
         )
 
     def round_s(self, config: PosteriorSearchConfig, work: Work) -> float:
-        """Seconds that a first round of these settings takes, about."""
+        """Approximate seconds of a first round with these settings."""
         episodes, steps = work.num_episodes, work.num_steps
-        worlds_s = self.step_s * steps * min(config.episodes_per_world, episodes)  # of a world
+        worlds_s = self.step_s * steps * min(config.episodes_per_world, episodes)  # per world
         held_out = config.held_out_worlds * config.held_out_steps
         drawn = (config.num_worlds * config.filmed_steps + held_out) / work.supersampling
         seconds = config.num_worlds * worlds_s + config.held_out_worlds * self.step_s * steps
@@ -92,7 +92,7 @@ class Pace:
 
 
 def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:
-    """The least that a round may be: with less, networks are sure of nonsense."""
+    """The smallest sound round: with less, networks are confidently wrong."""
     least = config.least_updates
     return replace(
         config,
@@ -108,7 +108,7 @@ def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:
 
 
 def _timed(work: Callable[[], Any]) -> tuple[float, Any]:
-    """Seconds that it takes once it was done before: what is made once is not counted."""
+    """Seconds of a second call: one-time work of the first is not counted."""
     work()
     began_s = time.monotonic()
     done = work()

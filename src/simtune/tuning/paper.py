@@ -1,4 +1,4 @@
-"""The paper's search: small steps of ξ_mean to where the SPM points (Algorithm 1, Sec. IV-B)."""
+"""The paper's search: small steps of ξ_mean in the SPM's direction (Algorithm 1, Sec. IV-B)."""
 
 from typing import Any
 
@@ -37,7 +37,7 @@ def shift_mean(
 ) -> np.ndarray:
     """ξ_mean + α·(p̄ − ½)·ξ_mean: up to half of α up or down (Algorithm 1, last line).
 
-    The paper adds α·q_φ, which could only grow. Its authors' code centres at ½ as here.
+    The paper adds α·q_φ, which could only grow. Its authors' code subtracts ½, as here.
     """
     return _keep_in_bounds(mean + step_size * (prob_higher - 0.5) * mean, space)
 
@@ -54,21 +54,20 @@ def _keep_in_bounds(mean: np.ndarray, space: ParameterSpace) -> np.ndarray:
 
 
 def _lowest(space: ParameterSpace) -> np.ndarray:
-    """(N,) values that a mean may have."""
-    # From 0 no proportional step leads away; for colours this is the authors' floor of 1e-3.
+    """(N,) smallest values of a mean."""
+    # A proportional step cannot leave 0; for colours this is the authors' floor of 1e-3.
     return np.where(space.low > 0, space.low, 1e-3 * space.high)
 
 
 class PaperSearch:
     """Collect in Ξ, train q_φ, ask it about the real trajectories, step (search="paper").
 
-    What sensors read is looked at beside the pictures ("any state information accessible in both
-    simulation and reality can also be concatenated", Sec. V).
-    It gives directions and no intervals: `low` and `high` of its estimates are the range that
-    is searched, ξ_mean·(1 ± range_spm), and each verdict is "weak".
-    Real trajectories have to be filmed at the simulator's image size; simulated worlds play
-    their actions.
-    Raises InputError for a space with values below 0, which proportional steps cannot search.
+    Sensor readings are inputs beside the pictures ("any state information accessible in both
+    simulation and reality can also be concatenated", Sec. V). It gives directions and no intervals:
+    `low` and `high` of its estimates are the range that is searched, ξ_mean·(1 ± range_spm), and
+    each verdict is "weak". Real trajectories must be filmed at the simulator's image size;
+    simulated worlds play their actions. Raises InputError for a space with values below 0, which
+    proportional steps cannot search.
     """
 
     def __init__(
@@ -111,7 +110,7 @@ class PaperSearch:
         return "all moves are done" if self.num_moves >= self.config.max_moves else ""
 
     def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
-        """Nothing: its rounds are short, and many."""
+        """0: rounds are short, and there are many."""
         return 0.0, 0.0
 
     def run_round(
@@ -121,12 +120,12 @@ class PaperSearch:
         tell_early: TellEarly = tell_nobody,
         keep: Keep = keep_nothing,
     ) -> Round:
-        """See `Search`. The first rounds only pretrain, and leave Ξ where it is."""
+        """See `Search`. The first rounds only pretrain and leave Ξ as it is."""
         self.check(real)
         budget.report(f"move {self.num_moves} of {self.config.max_moves}")
         config, store = self.config, self._store
         while store.num_added * config.episode_steps < config.collect_steps:
-            self._collect(real)  # a world that diverges yields nothing, so count what came
+            self._collect(real)  # a world that diverges adds nothing, so count those added
             if budget.is_over:
                 break
         self._collect(real)
@@ -137,7 +136,7 @@ class PaperSearch:
         return Round(unsure(self.distribution, "weak"), events, {"spm_loss": loss, **scalars})
 
     def _collect(self, real: list[Trajectory]) -> None:
-        """Episodes of one round into D_sp, each in a world of its own drawn from Ξ."""
+        """Add one round's episodes to D_sp, each in a world of its own drawn from Ξ."""
         num, steps = self.config.episodes_per_iteration, self.config.episode_steps
         chosen = self._rng.integers(len(real), size=num)
         actions = np.stack([real[i].actions[np.arange(steps) % len(real[i])] for i in chosen])
@@ -155,9 +154,9 @@ class PaperSearch:
         self._store.add(Episodes.unrewarded(rollouts, scale, frames, readings))
 
     def _train(self, num_updates: int, budget: Budget) -> float:
-        """Updates of q_φ, at least one; returns their mean loss."""
+        """At least one update of q_φ; returns their mean loss."""
         config, losses = self.config, []
-        with seeded(int(self._rng.integers(2**62))):  # dropout, so that resuming repeats it
+        with seeded(int(self._rng.integers(2**62))):  # of dropout, so that resuming repeats it
             for _ in range(num_updates):
                 windows, truth = self._buffer.sample(
                     config.batch_size, config.window, config.crop_size, self._rng
@@ -165,7 +164,7 @@ class PaperSearch:
                 if self.method == "regression":
                     loss = self.model.regression_loss(windows, truth)
                 else:
-                    # U[0, 2·ξ_mean] (Sec. V), each parameter by itself, within its bounds
+                    # U[0, 2·ξ_mean] (Sec. V), independent parameters, clipped to their bounds
                     reach = Distribution.proportional(self.space, self.distribution.mean, 1.0)
                     candidates = reach.sample(config.num_candidates, self._rng)
                     loss = self.model.loss(windows, truth, candidates)
@@ -178,20 +177,20 @@ class PaperSearch:
         return float(torch.stack(losses).mean())
 
     def _move(self, real: list[Trajectory], may_move: bool) -> tuple[list[Event], dict[str, float]]:
-        """ξ_mean one step on, its arrivals at a bound, and what the step was taken from."""
+        """Move ξ_mean by one step; returns arrivals at bounds, and the network's answer."""
         mean, step_size = self.distribution.mean, self.config.step_size
         if self.method == "regression":
-            said, key = self.model.predict(real), "predicted"
-            moved = approach(mean, said, step_size, self.space)
+            answer, key = self.model.predict(real), "predicted"
+            moved = approach(mean, answer, step_size, self.space)
         else:
-            said, key = self.model.prob_higher(real, mean), "prob_higher"
-            moved = shift_mean(mean, said, step_size, self.space)
+            answer, key = self.model.prob_higher(real, mean), "prob_higher"
+            moved = shift_mean(mean, answer, step_size, self.space)
         events = []
         if may_move:
             self.num_moves += 1
             self.distribution = self._around(moved)
             events = _arrivals(mean, self.distribution)
-        return events, {f"{key}/{n}": v for n, v in self.space.to_dict(said).items()}
+        return events, {f"{key}/{n}": v for n, v in self.space.to_dict(answer).items()}
 
     def _around(self, mean: np.ndarray) -> Distribution:
         return Distribution.proportional(self.space, mean, self.config.range_spm)
@@ -212,7 +211,7 @@ class PaperSearch:
         return None
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        """Weights, moments, and D_sp but its frames, which are drawn anew."""
+        """Weights, optimizer moments, and D_sp without its frames, which are drawn anew."""
         model = {f"model.{k}": v for k, v in self.model.state_dict().items()}
         optimizer = {f"optimizer.{k}": v for k, v in optimizer_tensors(self._optimizer).items()}
         return model | optimizer | {f"store.{k}": v for k, v in self._store.tensors().items()}
@@ -235,7 +234,7 @@ class PaperSearch:
 
 
 def _arrivals(before: np.ndarray, now: Distribution) -> list[Event]:
-    """An event for each parameter whose mean has come to a bound; it moves in every round."""
+    """An event for each parameter whose mean has reached a bound; means move in every round."""
     events = []
     lowest, highest = _lowest(now.space), now.space.high
     for i, parameter in enumerate(now.space):

@@ -1,10 +1,10 @@
-"""search="posterior": straight to the median, narrow the range, simulate again.
+"""search="posterior": move straight to the median, narrow the range, simulate again.
 
-A round is sequential neural posterior estimation with a truncated prior, and then a fit:
+A round is sequential neural posterior estimation with a truncated prior, followed by a fit:
 
     simulate                    worlds drawn from Ξ replay the real actions; a part is filmed
     train the detector          keypoints and visible parameters in single pictures
-    train the posterior network survival curves from whole episodes, spoilt as the detector errs
+    train the posterior network survival curves from whole episodes with the detector's errors
     estimate                    detect in the real frames, once; read the curves
     fit and judge               replay the motion, draw the pictures; a bootstrap widens intervals
 """
@@ -41,14 +41,14 @@ from simtune.tuning.told import Told
 from simtune.tuning.world_sampler import WorldSampler
 from simtune.vision.detector import Detections
 
-_READINGS_SHARE = 0.35  # of all the time, for what readings alone tell
+_READINGS_SHARE = 0.35  # of all time, for the fit to readings alone
 
 
 class PosteriorSearch:
-    """Search by the posterior SPM; a `tuning.search.Search`."""
+    """Search with the posterior SPM; a `tuning.search.Search`."""
 
     def __init__(self, context: SearchContext, config: PosteriorSearchConfig | None = None):
-        """Raises InputError where nothing moves that a hidden parameter could show in."""
+        """Raises InputError if nothing moves that could show a hidden parameter."""
         space = context.simulator.space
         hidden = [p.name for p in space if not p.is_visible]
         if hidden and not len(context.keypoints):
@@ -74,18 +74,18 @@ class PosteriorSearch:
             config=config,
             is_fitted=self._can_fit,
         )
-        self._full_s = math.inf  # that a whole round takes, where time is limited
-        self._least_s = 0.0  # that the smallest sound one takes
-        # Of a round that is not over, once its detector is trained: metrics, and where its worlds'
-        # generator was, since these are simulated again
+        self._full_s = math.inf  # for a whole round, if time is limited
+        self._least_s = 0.0  # for the smallest sound round
+        # Of an unfinished round, once its detector is trained: metrics, and the state of its
+        # worlds' generator, to simulate them again
         self._learned: dict[str, Any] | None = None
-        # What a round learnt beside the networks' weights; no checkpoint has it.
+        # Results of a round besides network weights; not stored in checkpoints.
         self._told: Told | None = None  # by joint readings alone, before the first round
         self._judging: Judging | None = None
 
     @property
     def num_rounds(self) -> int:
-        """That are done."""
+        """Finished rounds."""
         return self._rounds.num_done
 
     @property
@@ -93,7 +93,7 @@ class PosteriorSearch:
         return self._rounds.stop_reason
 
     def check(self, real: list[Trajectory]) -> None:
-        """Raises InputError where there are no trajectories, or too short ones."""
+        """Raises InputError if there are no trajectories, or too short ones."""
         steps = min((len(t) for t in real), default=0)
         if steps < SHORTEST_STEPS:
             raise InputError(
@@ -102,7 +102,7 @@ class PosteriorSearch:
             )
 
     def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
-        """Seconds that the smallest sound round takes on this machine, and those of a whole one."""
+        """Seconds of the smallest sound round on this machine, and of a whole one."""
         pace = Pace.measure(self.context, self.model, self.first)
         work, config = Work.of(self.context.simulator, real, self._can_fit), self.config
         self._full_s, self._least_s = (pace.round_s(c, work) for c in (config, smallest(config)))
@@ -146,7 +146,7 @@ class PosteriorSearch:
         return Round(estimate, events, metrics)
 
     def _listen(self, real: list[Trajectory], budget: Budget) -> list[Trajectory]:
-        """To readings alone; the trajectories, with actions when they took effect."""
+        """Fit readings alone; returns trajectories, with actions when they took effect."""
         if not self._can_fit:
             return real
         left = budget.seconds_left
@@ -160,7 +160,7 @@ class PosteriorSearch:
         return self._told.late(real)
 
     def _plan(self, real: list[Trajectory], budget: Budget) -> tuple[Budget, bool]:
-        """The part of the present round, and whether it may be the last one."""
+        """The present round's part of the budget, and whether the round may be the last one."""
         if not budget.is_endless and math.isinf(self._full_s):
             self.needed_s(real)
         return self._rounds.plan(budget, self._full_s)
@@ -185,4 +185,4 @@ class PosteriorSearch:
         self._rounds.load(state)
         self.distribution = self.distribution.with_state(state["distribution"])
         self._learning.worlds.rng.bit_generator.state = state["rng"]
-        self._learned = state.get("learned")  # earlier versions stored none
+        self._learned = state.get("learned")  # absent in older versions

@@ -12,35 +12,35 @@ from simtune.fit import PointEstimate
 from simtune.randomization import Distribution
 from simtune.tuning.search import Estimate, Event, Verdict
 
-_BEYOND = 0.05  # probability that the truth is outside of the grid
-_INFORMATIVE = 0.565  # of the range, within which the central 90 % of a curve that says something
-_GRID = np.linspace(-0.25, 1.25, 12001)  # finer than a fit is sharp: between points it is a line
+_BEYOND = 0.05  # probability beyond an end of the grid, from which the interval reaches the bound
+_INFORMATIVE = 0.565  # of the range: a curve whose central 90 % is wider says nothing
+_GRID = np.linspace(-0.25, 1.25, 12001)  # finer than a fit is sharp; linear in between
 _EDGE = 0.01  # of the range, from its ends
 _SMALLEST_STD = 5e-5
-# Of a curve is kept, to draw it and to draw from it: every so many points, and those where it has
-# fallen to so much.
+# Points of a curve that are kept, for plots and draws: every so many, and those where it has fallen
+# to these values.
 _KEPT_EVERY, _KEPT_AT = 80, ndtr(np.linspace(4, -4, 161))
 
 
 @dataclass(frozen=True, kw_only=True)
 class RangeUpdateConfig:
-    edge_mass: float = 0.1  # a range is widened when the truth lies beyond its edge so probably
-    margin: float = 1.6  # a narrowed range over the central 98 %: it must not cut off the posterior
-    barely_narrowed: float = 0.85  # a range that would still be this wide, of the old, is kept
-    smallest_share: float = 0.06  # of the first range: no range gets narrower than this
-    # 90 % interval within the first range: verdict "identified"; ±10 % of what has a log scale
+    edge_mass: float = 0.1  # probability beyond its edge from which a range is widened
+    margin: float = 1.6  # narrowed range over the central 98 %, so as not to cut off the posterior
+    barely_narrowed: float = 0.85  # a range that keeps this share of its width is left as it is
+    smallest_share: float = 0.06  # of the first range: smallest width of any range
+    # Width of the 90 % interval over the first range for "identified"; ±10 % on a log scale
     identified_share: float = 0.09
     weak_share: float = 0.6  # ... and up to here "weak"
-    posterior_net_weight: float = 0.04  # beside a fit, for where that went astray
+    posterior_net_weight: float = 0.04  # for the case that the fit failed
 
 
 def candidate_grid() -> np.ndarray:
-    """(C,) candidates to read the curves at, in coordinates of the range."""
+    """(C,) candidates at which curves are read, in coordinates of the range."""
     return _GRID
 
 
 def point_estimate(prob_higher: np.ndarray, distribution: Distribution) -> PointEstimate:
-    """The medians of (N, C) curves, and half of their central 68 %."""
+    """Medians of (N, C) curves, and half the width of their central 68 %."""
     space = distribution.space
     middle = distribution.from_range_unit(quantile(prob_higher, 0.5))
     width = space.to_unit(distribution.high) - space.to_unit(distribution.low)
@@ -51,7 +51,7 @@ def point_estimate(prob_higher: np.ndarray, distribution: Distribution) -> Point
 def with_fit(
     prob_higher: np.ndarray, mean: np.ndarray, std: np.ndarray, config: RangeUpdateConfig
 ) -> np.ndarray:
-    """(N, C) curves of a posterior network mixed with the normal ones of a fit.
+    """(N, C) mixture of the posterior network's curves and a fit's normal ones.
 
     `mean`, `std`: (N,) of the fit in coordinates of the range.
     """
@@ -60,7 +60,7 @@ def with_fit(
 
 
 def normal_curves(mean: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """(N, C) on the grid, of (N,) means and standard deviations in coordinates of the range."""
+    """(N, C) on the grid, from (N,) means and standard deviations in coordinates of the range."""
     return ndtr((mean[:, None] - _GRID) / np.maximum(std[:, None], _SMALLEST_STD))
 
 
@@ -73,7 +73,7 @@ def quantile(prob_higher: np.ndarray, share: float) -> np.ndarray:
 
 
 def _quantiles(prob_higher: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """(S, N) the same for each of (S,) shares."""
+    """(S, N) the same for (S,) shares."""
     below = 1 - np.minimum.accumulate(prob_higher, axis=1)
     return np.stack([np.interp(shares, row, _GRID) for row in below], -1)
 
@@ -81,7 +81,7 @@ def _quantiles(prob_higher: np.ndarray, shares: np.ndarray) -> np.ndarray:
 def shortest_interval(prob_higher: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
     """(N,) ends of the shortest interval that holds the truth with probability `share`.
 
-    Where the truth may lie at a bound, it reaches the bound; equal tails would never do so.
+    It reaches a bound if the truth may lie there; equal tails never would.
     """
     below = np.linspace(0.002, 1 - share - 0.002, 33)
     low, high = np.split(_quantiles(prob_higher, np.concatenate([below, below + share])), 2)
@@ -103,20 +103,20 @@ def read_curves(
 
     mean = parameters(quantile(prob_higher, 0.5))
     low, high = (parameters(end) for end in shortest_interval(prob_higher, 0.9))
-    # What lies beyond the grid may lie anywhere up to the bound.
+    # Probability beyond the grid may be anywhere up to the bound.
     low = np.where(prob_higher[:, 0] < 1 - _BEYOND, space.low, low)
     high = np.where(prob_higher[:, -1] > _BEYOND, space.high, high)
     share = first.to_range_unit(high) - first.to_range_unit(low)
     verdicts: list[Verdict] = [_verdict(s, config) for s in share]
     candidates, curves = parameters(np.repeat(_GRID[:, None], len(space), 1)), {}
-    for name, its, row in zip(space.names, candidates.T, prob_higher, strict=True):
+    for name, values, row in zip(space.names, candidates.T, prob_higher, strict=True):
         kept = _telling(row)
-        curves[name] = (its[kept], row[kept])
+        curves[name] = (values[kept], row[kept])
     return Estimate(mean, low, high, verdicts, curves)
 
 
 def _telling(prob_higher: np.ndarray) -> np.ndarray:
-    """(C,) bool: points of a curve on the grid from which it can be drawn, and drawn from."""
+    """(C,) bool: points of a curve on the grid to keep for plots and draws."""
     is_kept = np.arange(len(prob_higher)) % _KEPT_EVERY == 0
     fallen = np.searchsorted(1 - np.minimum.accumulate(prob_higher), 1 - _KEPT_AT)
     last = len(prob_higher) - 1
@@ -136,9 +136,9 @@ def update_range(
     first: Distribution,
     config: RangeUpdateConfig,
 ) -> tuple[Distribution, list[Event]]:
-    """Straight to the median; narrower where the curve is sharp, wider where it hits an edge."""
+    """Move to the median; narrow the range if the curve is sharp, widen it if it hits an edge."""
     space = distribution.space
-    # Half of the narrowest range allowed, in coordinates of the present one
+    # Half of the smallest width allowed, in coordinates of the present range
     old_width = first.to_range_unit(distribution.high) - first.to_range_unit(distribution.low)
     smallest = config.smallest_share / old_width / 2
     median = quantile(prob_higher, 0.5)
@@ -146,13 +146,13 @@ def update_range(
     half = np.clip(config.margin * (q_high - q_low) / 2, smallest, 0.5)
     middle = (q_low + q_high) / 2
     low, high = np.maximum(middle - half, 0), np.minimum(middle + half, 1)
-    # Also at an edge, and where all of the posterior lies beyond it:
+    # Also at an edge, or with all of the posterior beyond it:
     middle = np.clip((low + high) / 2, smallest, 1 - smallest)
     low, high = np.minimum(low, middle - smallest), np.maximum(high, middle + smallest)
     beyond_low = quantile(prob_higher, config.edge_mass) < _EDGE
     beyond_high = quantile(prob_higher, 1 - config.edge_mass) > 1 - _EDGE
-    # A flat curve's quantiles are at the edges, but mean nothing. Of what a fit is mixed with
-    # these know nothing.
+    # A flat curve has quantiles at the edges, but they mean nothing. The central 90 % excludes the
+    # tails that a fit's mixture has from the network.
     central = quantile(prob_higher, 0.95) - quantile(prob_higher, 0.05)
     is_informative = central < _INFORMATIVE
     is_kept = 2 * half > config.barely_narrowed
@@ -167,7 +167,7 @@ def update_range(
 
 
 def _events(before: Distribution, after: Distribution) -> list[Event]:
-    """What happened to each range that changed by more than a twentieth of its width."""
+    """Ranges that were widened, or narrowed by more than a twentieth."""
     events = []
     low, high = before.to_range_unit(after.low), before.to_range_unit(after.high)
     for i, name in enumerate(before.space.names):

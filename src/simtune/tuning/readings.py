@@ -1,14 +1,14 @@
-"""Search by joint readings alone: no camera, nothing to learn to see.
+"""Search by joint readings alone, without a camera or a detector.
 
-What takes networks with video is done by the readings themselves: they say where each episode
-begins. A single round is all there is:
+Readings replace the networks that video needs: they give each episode's initial state. There is a
+single round:
 
-    far      short stretches, from several first guesses: nearly linear, so nothing gets stuck
-    late     by how many steps actions take effect late, if no parameter says so; what is left of
-             it, less than a step, is fitted along
-    whole    open-loop replay of whole episodes, which is what has to be right
-    again    from other starts, until two end at what is best: contacts and limits make it rough
-    judge    how sure that is, and what the model cannot explain
+    far      short stretches, from several first guesses: nearly linear, so no local minima
+    late     number of steps by which actions are late, if no parameter describes it; the rest,
+             less than a step, is fitted as well
+    whole    open-loop replay of whole episodes, the actual objective
+    again    from other starts, until two end at the best: contacts and limits make it rough
+    judge    uncertainty, and what the model cannot explain
 """
 
 import time
@@ -43,25 +43,25 @@ _UNSEEN = (
     "Where {} begins no sensor measures, and it differs from episode to episode: readings alone "
     "cannot be replayed from there. Measure it, or look at a camera as well."
 )
-_JUDGING = 0.15  # of the time that is left for whole episodes
-_WHOLE_SEARCH = 15.0  # times as long as derivatives of whole episodes take
+_JUDGING = 0.15  # of the time left for whole episodes
+_WHOLE_SEARCH = 15.0  # time of a search, relative to derivatives of whole episodes
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingsConfig:
-    """How long is looked."""
+    """Settings of the search."""
 
     horizons: Horizons = field(default_factory=Horizons)
     precision: float = 0.01
 
 
 class ReadingsSearch:
-    """A `tuning.search.Search` that looks at readings only."""
+    """A `tuning.search.Search` that uses joint readings only."""
 
     def __init__(self, context: SearchContext, config: ReadingsConfig | None = None):
-        """Raises InputError where there is no model, or nothing that readings could tell.
+        """Raises InputError without a MuJoCo model, or if readings could show no parameter.
 
-        What shows in pictures only stays as it is where there is a camera at which nobody looks.
+        Parameters that only pictures show are left as they are, even if there is a camera.
         """
         simulator = context.simulator
         if not isinstance(simulator, Simulator):
@@ -72,16 +72,16 @@ class ReadingsSearch:
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = Distribution.first(simulator.space, context.start)
         self.stop_reason = ""
-        self.is_trusted = False  # whether two fits ended alike, as near as sensors declare
+        self.is_trusted = False  # whether two fits agree, and residuals match the declared noise
 
     def check(self, real: list[Trajectory]) -> None:
-        """Raises InputError where there are no trajectories, or too short ones."""
+        """Raises InputError if there are no trajectories, or too short ones."""
         if (steps := min((len(t) for t in real), default=0)) < FEWEST_STEPS:
             got = f"got one of {steps}" if real else "got none"
             raise InputError(f"episodes must last at least {FEWEST_STEPS} steps, {got}")
 
     def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
-        """Seconds: for a step or two over whole episodes, and for all."""
+        """Seconds of a step or two over whole episodes, and of the whole search."""
         readings, loop = self._look_at(real)
         unit = self._begin(loop)
         stretches = loop.cut(readings, unit, np.zeros(loop.num_readings), 10**9, 10**9)
@@ -125,12 +125,12 @@ class ReadingsSearch:
         return Round(estimate, self._events(), {f"rms/{n}": float(value) for n, value in rms})
 
     def _find(self, fit: OutputError, readings: Readings, budget: Budget) -> tuple[Found, int]:
-        """The best of several fits, and by how many steps actions take effect late."""
+        """The best of several fits, and the number of steps by which actions are late."""
         space, step_s, seed = self.first.space, self._simulator.step_s, self._context.seed
         begin, (low, high) = fit.prior, (fit.prior.copy(), fit.prior.copy())
         moving = np.flatnonzero(~space.is_appearance)
-        for end, its in ((low, self.first.low), (high, self.first.high)):
-            end[moving] = space.to_unit(its)[moving]
+        for end, bound in ((low, self.first.low), (high, self.first.high)):
+            end[moving] = space.to_unit(bound)[moving]
         fits = ReadingsFits(fit, readings, step_s, (low, high), self.config.horizons, seed)
         guesses, late = fits.begin(begin), 0
         if self._may_be_late:
@@ -142,13 +142,13 @@ class ReadingsSearch:
         return fits.until_found_twice(ended, late, part), late
 
     def _begin(self, loop: OpenLoop) -> np.ndarray:
-        """(N,) first guess in unit coordinates; readings that may be late are on time."""
+        """(N,) first guess in unit coordinates, with a lateness of 0 if that is unknown."""
         on_time = [] if loop.lateness is None else [Lateness.unit(0.0)]
         return np.append(self.first.space.to_unit(self._context.start), on_time)
 
     @property
     def _may_be_late(self) -> bool:
-        """Whether actions may take effect late, or readings come late, and no parameter says so."""
+        """Whether actions or readings may be late, and no parameter describes it."""
         most = self._context.observation.max_latency_steps
         return bool(most) and not self._simulator.space.is_delay.any()
 
@@ -174,6 +174,6 @@ class ReadingsSearch:
         return {"stop_reason": self.stop_reason, "distribution": self.distribution.state()}
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        """Nothing but the result is kept: a round is over in a minute or two."""
+        """Only the result is kept: a round takes a minute or two."""
         self.stop_reason = state["stop_reason"]
         self.distribution = self.distribution.with_state(state["distribution"])

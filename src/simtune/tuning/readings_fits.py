@@ -1,8 +1,8 @@
-"""From first guesses to what explains whole episodes best, over longer and longer stretches.
+"""Fits to readings from several first guesses, over longer and longer stretches.
 
-Over a quarter of a second a motion is nearly linear in what is unknown, wherever that begins; over
-whole episodes, with limits that are reached and joints that swing, there are many minima. So each
-horizon begins where the shorter one ended, and what is left behind there is dropped.
+Over a quarter of a second a motion is nearly linear in the unknowns, from any start; over whole
+episodes, with limits and swinging joints, there are many local minima. So each horizon starts where
+the shorter one ended, and poor candidates are dropped.
 """
 
 import math
@@ -17,29 +17,29 @@ from simtune.fit import Descent, Guess, OutputError, Readings, ReplayStage
 from simtune.observation import JointSensor, declared_noise
 
 FEWEST_STEPS = 8
-_FAR_MORE = 4.0  # times the noise that a sensor declares
-_LITTLE_MORE = 1.5  # times that
+_FAR_MORE = 4.0  # factor on the noise that a sensor declares
+_LITTLE_MORE = 1.5  # factor on the same
 _LONGEST_DELAY_S = 0.5
-_CLEARLY_BETTER = 0.02  # share of what is left: a fit, or a delay, that explains less is as good
-_INSIDE = 0.1  # of the range, from its ends: where is begun, as at an end nothing moves inward
-_SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should come back
-_FEW_FITS = 4  # to whole episodes, where two of stretches agree
-_HURRY = 0.3  # share of the time, after which two that agree are enough to follow
-_TOGETHER = 2  # of these, in which all parameters are higher or lower
+_CLEARLY_BETTER = 0.02  # relative decrease of residuals that counts as better, for a fit or a delay
+_INSIDE = 0.1  # of the range, kept from its ends: at a bound nothing moves inward
+_SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should return
+_FEW_FITS = 4  # to whole episodes, if two of stretches agree
+_HURRY = 0.3  # share of the time, after which two that agree suffice to go on
+_TOGETHER = 2  # of these fits start with all parameters higher or all lower
 
 
 class Horizon(NamedTuple):
     seconds: float
-    guesses: int  # that are followed so far
-    stretches: int  # at most; more would hardly tell more
+    guesses: int  # starts that are followed
+    stretches: int  # at most; more hardly add information
 
 
-_LATE = Horizon(1.0, 1, 24)  # at which a delay is looked for
+_LATE = Horizon(1.0, 1, 24)  # horizon at which a delay is searched for
 
 
 @dataclass(frozen=True, kw_only=True)
 class Horizons:
-    """How far ahead is looked, one after the other, and how long."""
+    """Successive horizons, and iterations at each."""
 
     growing: tuple[Horizon, ...] = (
         Horizon(0.25, 5, 48),
@@ -54,17 +54,17 @@ class Horizons:
 
 
 class Found(NamedTuple):
-    """The best of several descents, and what the others say of it."""
+    """The best of several descents, and how far others agree."""
 
     best: Descent
-    apart: np.ndarray  # (P,) half of how far away others end that are as good
-    is_sure: bool  # another one is as good
+    apart: np.ndarray  # (P,) half the distance to others that are as good
+    is_sure: bool  # whether another one is as good
     num_fits: int
-    is_whole: bool  # of whole episodes, and not of stretches of the last horizon
+    is_whole: bool  # of whole episodes, rather than stretches of the last horizon
 
 
 class ReadingsFits:
-    """Descents to readings of whole episodes."""
+    """Descents on readings of whole episodes."""
 
     def __init__(
         self,
@@ -75,15 +75,15 @@ class ReadingsFits:
         horizons: Horizons,
         seed: int,
     ):
-        """`bounds`: (N,) low and high, in unit coordinates, between which is begun; equal where a
-        parameter shows in pictures only.
+        """`bounds`: (N,) low and high of the starts, in unit coordinates; equal for a parameter
+        that only pictures show.
         """
         self._fit, self._readings, self._step_s, self._seed = fit, readings, step_s, seed
         self._bounds, self._horizons = bounds, horizons
-        self._near = dict[int, Descent]()  # by a stretch's steps: what knows derivatives of these
+        self._near = dict[int, Descent]()  # by a stretch's steps: for their derivatives
 
     def begin(self, first_guess: np.ndarray) -> list[Guess]:
-        """From (N,) in unit coordinates: that, and as many at random as are followed first."""
+        """The first guess, (N,) in unit coordinates, and random ones for the first horizon."""
         low, high = self._bounds
         rng, inside = np.random.default_rng(self._seed), _INSIDE * (high - low)
         units = [np.clip(first_guess, low + inside, high - inside)]
@@ -94,16 +94,16 @@ class ReadingsFits:
     def grow(
         self, guesses: list[Guess], budget: Budget, late: int = 0, to_s: float = math.inf
     ) -> list[Descent]:
-        """Those that are left at the last horizon, or at `to_s`, best first.
+        """Descents at the last horizon, or at `to_s`, best first.
 
         `late`: steps by which actions take effect late.
         """
         readings, ended = self._readings.delayed(late), list[Descent]()
-        horizons = [its for its in self._horizons.growing if its.seconds <= to_s]
+        horizons = [h for h in self._horizons.growing if h.seconds <= to_s]
         for number, horizon in enumerate(horizons):
             budget.report(f"fitting stretches of {horizon.seconds:g} s", number / len(horizons))
             stage = self._stage(horizon, self._horizons.iterations)
-            # Where two agree, others are not better
+            # If two agree, others are not better
             followed = guesses[: 2 if is_twice(ended) else horizon.guesses]
             ended = []
             for guess in followed:
@@ -112,14 +112,14 @@ class ReadingsFits:
                 near = self._near.get(stage.steps)
                 ended.append(self._fit.descend(readings, guess, stage, budget, near))
                 self._near.setdefault(stage.steps, ended[0])
-            ended.sort(key=lambda its: its.cost)
-            guesses = [its.guess for its in ended]
+            ended.sort(key=lambda descent: descent.cost)
+            guesses = [descent.guess for descent in ended]
         return ended
 
     def how_late(self, guess: Guess, budget: Budget) -> tuple[Guess, int]:
-        """Steps by which actions take effect late, where that explains clearly more.
+        """Steps by which actions are late, if that explains clearly more.
 
-        `guess`: a first one; returned as it is then.
+        `guess`: a first one; also returns the best one found.
         """
         grown = self.grow([guess], budget, to_s=_LATE.seconds)[0]
         stage = self._stage(_LATE, self._horizons.late_iterations)
@@ -129,33 +129,33 @@ class ReadingsFits:
         for number in range(1, longest + 1):
             budget.report("looking for a delay", number / longest)
             late = self._readings.delayed(number)
-            its = self._fit.descend(late, best.guess, stage, budget, best)
-            if its.cost < best.cost - _CLEARLY_BETTER:
-                best, steps = its, number
+            descent = self._fit.descend(late, best.guess, stage, budget, best)
+            if descent.cost < best.cost - _CLEARLY_BETTER:
+                best, steps = descent, number
             elif number > steps + 2 or budget.is_over:
                 break
         return best.guess, steps
 
     def until_found_twice(self, ended: list[Descent], late: int, budget: Budget) -> Found:
-        """Fits to whole episodes, from one start after the other, until two are the best.
+        """Fit whole episodes from successive starts until the two best agree.
 
-        `ended`: where the last horizon led. If two were the best there and leave no more than the
-        noise that sensors declare, but none of whole episodes, which may depend on the least
-        change, then it is theirs: a simulator that lacks something has to be right as a whole.
+        `ended`: descents at the last horizon. If no two fits of whole episodes agree (they may
+        depend on the least change), but two of `ended` do and leave only the sensors' declared
+        noise, those are the result. A simulator that lacks something must fit whole episodes.
         """
         readings = self._readings.delayed(late)
         stage = ReplayStage(0, self._horizons.whole_iterations, 10**9)
         rng, fits, took_s = np.random.default_rng((self._seed, 1)), list[Descent](), 0.0
         most = _FEW_FITS if self._is_enough(ended) else self._horizons.most_fits
         while len(fits) < most:
-            best = min(fits, key=lambda its: its.cost, default=None)
+            best = min(fits, key=lambda descent: descent.cost, default=None)
             if best and is_twice(fits) and not unexplained(best.noise, self._fit.sensors).any():
                 break
             if best and not (budget.is_endless or budget.seconds_left > took_s):
                 break
             budget.report("replaying whole episodes", len(fits) / self._horizons.most_fits)
             left_s = budget.seconds_left
-            # Aside of the best, since others that grew may lie at the same place of a valley
+            # Next to the best, since other candidates may lie elsewhere in the same valley
             guess = self._aside(best, rng, len(fits) <= _TOGETHER) if best else ended[0].guess
             fits.append(self._fit.descend(readings, guess, stage, budget, best))
             took_s = took_s or left_s - budget.seconds_left
@@ -163,20 +163,20 @@ class ReadingsFits:
         return self._found(fits if is_whole else ended, is_whole)
 
     def _is_enough(self, ended: list[Descent]) -> bool:
-        """Whether stretches of the last horizon tell twice what leaves little but noise."""
-        noise = min(ended, key=lambda its: its.cost).noise
+        """Whether two descents at the last horizon agree and leave little more than noise."""
+        noise = min(ended, key=lambda descent: descent.cost).noise
         declared = declared_noise(self._fit.sensors)
         left = noise < _LITTLE_MORE * declared
         return is_twice(ended) and bool((left & np.isfinite(declared)).all())
 
     def _found(self, fits: list[Descent], is_whole: bool) -> Found:
-        best = min(fits, key=lambda its: its.cost)
-        as_good = [its.unit for its in fits if its.cost < best.cost + _CLEARLY_BETTER]
+        best = min(fits, key=lambda descent: descent.cost)
+        as_good = [descent.unit for descent in fits if descent.cost < best.cost + _CLEARLY_BETTER]
         apart = np.abs(as_good - best.unit).max(0)[self._moving] / 2
         return Found(best, apart, is_twice(fits), len(fits), is_whole)
 
     def _aside(self, best: Descent, rng: np.random.Generator, together: bool) -> Guess:
-        """Near the best: all parameters higher or lower, as what is far off mostly is, or not."""
+        """A start near the best, with all parameters higher or lower `together`, or at random."""
         away = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(*np.log(_SIDESTEPS)))
         step = away if together else away * rng.normal(size=len(best.unit))
         return Guess(np.clip(best.unit + step * self._moving, 0, 1), best.guess.offsets)
@@ -192,11 +192,11 @@ class ReadingsFits:
 
 
 def is_twice(fits: Sequence[Descent]) -> bool:
-    """Whether the two best ones leave as little, nearly."""
-    costs = sorted(its.cost for its in fits)
+    """Whether the two best have nearly the same cost."""
+    costs = sorted(descent.cost for descent in fits)
     return len(costs) > 1 and costs[1] < costs[0] + _CLEARLY_BETTER
 
 
 def unexplained(noise: np.ndarray, sensors: Sequence[JointSensor]) -> np.ndarray:
-    """(D,) bool: readings that are off by far more, (D,), than the noise that was declared."""
+    """(D,) bool: readings whose residuals (D,) are far larger than the declared noise."""
     return noise > _FAR_MORE * declared_noise(sensors)

@@ -1,4 +1,4 @@
-"""What fits to joint readings say: an estimate, how sure it is, and what the model lacks."""
+"""Turns fits to joint readings into an estimate with intervals and warnings."""
 
 from dataclasses import replace
 
@@ -13,9 +13,9 @@ from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_c
 from simtune.tuning.readings_fits import Found, unexplained
 from simtune.tuning.search import Estimate, at_most_weak
 
-_SEEN_WIDTH = 6.0  # standard deviations to either side, within which curves are drawn
+_SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
 _LEAST_STD = 1e-3  # in unit coordinates
-_UNKNOWN_STD = 1.0  # of what shows in pictures only
+_UNKNOWN_STD = 1.0  # of parameters that only pictures show
 _AT_BOUND = 1e-3
 _NOT_FOUND_TWICE = (
     "Fits to whole episodes ended at no answer twice ({} tried, from as many starts), so how sure "
@@ -42,9 +42,9 @@ def conclude(
     late: int,
     step_s: float,
 ) -> tuple[Estimate, Distribution]:
-    """The estimate, and the part of the `first` range that its curves are drawn in.
+    """The estimate, and the part of the `first` range in which its curves are drawn.
 
-    `late`: steps by which actions were found to take effect late.
+    `late`: steps by which actions were found to be late.
     """
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
     space, fitted = first.space, np.flatnonzero(~first.space.is_appearance)

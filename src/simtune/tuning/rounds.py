@@ -9,15 +9,14 @@ from simtune.budget import Budget
 from simtune.randomization import Distribution
 from simtune.tuning.search import Estimate
 
-_LONGER = 1.5  # a round that learns more than the first, in terms of that
-_WORTHWHILE = 0.8  # of the last interval: what a new one must be within, to go on
+_LONGER = 1.5  # longest later round, relative to a whole first one
+_WORTHWHILE = 0.8  # ratio of interval widths between rounds below which it pays to go on
 
 
 def plan_round(seconds_left: float, full_s: float, is_last: bool) -> float:
-    """Seconds for the next round, where a whole first one takes `full_s`.
+    """Seconds for the next round, if a whole first one takes `full_s`.
 
-    All that is left, if that is not enough for two: one that is sound tells more than two that
-    are not.
+    All that is left, if that is not enough for two: one sound round tells more than two unsound.
     """
     if is_last or seconds_left < (1 + _LONGER) * full_s:
         return seconds_left
@@ -25,8 +24,8 @@ def plan_round(seconds_left: float, full_s: float, is_last: bool) -> float:
 
 
 def half_widths(estimate: Estimate, first: Distribution) -> np.ndarray:
-    """(N,) half of each 90 % interval: relative to the estimate, or where that may be 0 or less,
-    relative to the first range.
+    """(N,) half of each 90 % interval, relative to the estimate, or to the first range if the
+    parameter may be negative.
     """
     half = (estimate.high - estimate.low) / 2
     is_scale = first.space.low >= 0
@@ -35,28 +34,28 @@ def half_widths(estimate: Estimate, first: Distribution) -> np.ndarray:
 
 
 def is_precise(widths: np.ndarray, precision: float) -> bool:
-    """Whether (N,) half-widths say that every parameter is known so well."""
+    """Whether all (N,) half-widths are within the precision."""
     return bool((widths <= precision).all())
 
 
 def gains_nothing(before: np.ndarray, now: np.ndarray, precision: float) -> bool:
-    """Whether a round made no interval much narrower, of (N,) that are not narrow enough."""
+    """Whether a round narrowed no interval much, of those (N,) not yet within the precision."""
     return bool(((now > _WORTHWHILE * before) | (now <= precision)).all())
 
 
 class Rounds:
-    """Counts rounds, gives each its part of the time, and says when no other is to come."""
+    """Counts rounds, plans their time, and decides when to stop."""
 
     def __init__(self, most: int, precision: float):
         """See `PosteriorSearchConfig`: `num_rounds`, `precision`."""
         self._most, self._precision = most, precision
         self.num_done, self.stop_reason = 0, ""
-        self._widths: list[float] | None = None  # of the last round's intervals, relative
+        self._widths: list[float] | None = None  # relative, of the last round
 
     def plan(self, budget: Budget, full_s: float) -> tuple[Budget, bool]:
-        """The part of the next round, and whether it may be the last one.
+        """The next round's part of the budget, and whether it may be the last one.
 
-        `full_s`: that a whole first round takes.
+        `full_s`: seconds of a whole first round.
         """
         index = min(self.num_done, self._most - 1)
         span = index / self._most, (index + 1) / self._most
@@ -67,7 +66,7 @@ class Rounds:
         return budget.part(seconds, span, name), True
 
     def end(self, widths: np.ndarray) -> None:
-        """Of a round with (N,) such `half_widths`."""
+        """End a round with (N,) `half_widths`."""
         self.num_done += 1
         precision, before = self._precision, self._widths
         if precision and is_precise(widths, precision):

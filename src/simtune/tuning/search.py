@@ -1,4 +1,4 @@
-"""What a search gives: where the parameters are, how sure that is, where to search next."""
+"""The interface of searches: estimates, events, and what a search is given."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,74 +20,74 @@ Verdict = Literal["identified", "weak", "not identifiable"]
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a search makes of the real trajectories."""
+    """What a search concludes from the real trajectories."""
 
     mean: np.ndarray  # (N,)
     low: np.ndarray  # (N,) lower end of the 90 % interval
     high: np.ndarray  # (N,)
-    verdict: list[Verdict]  # one a parameter
-    # {name: (candidates (C,), P(truth > candidate) (C,))}: survival curves, where there are any
+    verdict: list[Verdict]  # one per parameter
+    # {name: (candidates (C,), P(truth > candidate) (C,))}: survival curves, if any
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    # (N, N) of the errors on the parameters' own scales; None: nothing is known of it
+    # (N, N) of the errors on the parameters' own scales; None: unknown
     correlation: np.ndarray | None = None
-    # {"a, b": correlation} of parameters that can hardly be distinguished
+    # {"a, b": correlation} of parameters that can hardly be separated
     correlations: dict[str, float] = field(default_factory=dict)
-    # {name: ranks in (0, 1) of known worlds' truths}: uniform where intervals can be trusted
+    # {name: ranks in (0, 1) of known worlds' truths}: uniform if intervals hold
     ranks: dict[str, list[float]] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)  # what to doubt about all this
-    # How well the episode is explained that was kept back, see `fit.held_out_misfit`
+    warnings: list[str] = field(default_factory=list)  # reasons for doubt
+    # How well the held-out episode is explained, see `fit.held_out_misfit`
     held_out: dict[str, Any] = field(default_factory=dict)
-    start: list[float] | None = None  # (S,) the state in which the first trajectory began, if known
-    latency_steps: int = 0  # by which the actions seem to take effect late
-    # Seconds by which pictures seem to come late besides, and the standard deviation of that
+    start: list[float] | None = None  # (S,) initial state of the first trajectory, if known
+    latency_steps: int = 0  # estimated delay of the actions
+    # Seconds by which pictures seem to be late as well, and the standard deviation
     pictures_late_s: tuple[float, float] = (0.0, 0.0)
-    readings_late_s: tuple[float, float] = (0.0, 0.0)  # the same, of joint readings
-    # {reading: measured − simulated, of what was fitted to readings alone}
+    readings_late_s: tuple[float, float] = (0.0, 0.0)  # the same, for joint readings
+    # {reading: measured − simulated}, from a fit to readings alone
     offsets: dict[str, float] = field(default_factory=dict)
-    # Gain, gamma and offset of each camera, where a known colour tells them
+    # Gain, gamma and offset of each camera, if a known colour informs them
     camera_responses: list[dict[str, Any]] = field(default_factory=list)
 
 
-# Told of an estimate that a round has before it knows how far that can be trusted
+# Receives an estimate before the round knows how far to trust it
 TellEarly = Callable[[Estimate], None]
 
 
 def tell_nobody(early: Estimate) -> None:
-    """A `TellEarly`."""
+    """A `TellEarly` that does nothing."""
 
 
-# Called within a round, when much is learnt that a checkpoint would save
+# Called within a round, when a checkpoint would save much that was learnt
 Keep = Callable[[], None]
 
 
 def keep_nothing() -> None:
-    """A `Keep`."""
+    """A `Keep` that does nothing."""
 
 
 def at_most_weak(verdicts: list[Verdict]) -> list[Verdict]:
-    """None of them "identified"."""
+    """The verdicts, with "identified" replaced by "weak"."""
     return ["weak" if verdict == "identified" else verdict for verdict in verdicts]
 
 
 def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:
-    """An estimate that says no more than where is searched."""
+    """An estimate that only repeats the range."""
     verdicts: list[Verdict] = [verdict] * len(distribution.space)
     return Estimate(distribution.mean, distribution.low, distribution.high, verdicts)
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened to the range in which a parameter is searched."""
+    """A change of the range in which a parameter is searched."""
 
     event: str  # "widened", "narrowed", "moved", ...
     parameter: str
-    low: float  # the range now
+    low: float  # of the new range
     high: float
     reason: str
 
 
 class Round(NamedTuple):
-    """What a round of a search gives."""
+    """Result of one round of a search."""
 
     estimate: Estimate
     events: list[Event]
@@ -96,14 +96,14 @@ class Round(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SearchContext:
-    """What a search is made of, whichever it is."""
+    """What any search is made from."""
 
     simulator: AnySimulator
-    keypoints: Keypoints | Points  # chosen once a run, so that all mean the same by keypoint k
-    start: np.ndarray  # (N,) parameters where the search begins
-    observation: ObservationModel  # the real world's own
+    keypoints: Keypoints | Points  # chosen once per run, so that keypoint k always means the same
+    start: np.ndarray  # (N,) initial parameters
+    observation: ObservationModel  # of the real world
     seed: int
-    # (N,) values of parameters that are known, NaN of all others; None: none is
+    # (N,) values of known parameters, NaN for all others; None: no parameter is known
     known: np.ndarray | None = None
     device: str = "cpu"  # of the paper's networks
 
@@ -115,15 +115,15 @@ class Search(Protocol):
 
     @property
     def stop_reason(self) -> str:
-        """Why nothing is left to gain; empty while there is."""
+        """Why another round would gain nothing; empty while it would."""
         ...
 
     def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
-        """Seconds that the smallest sound round takes on this machine, and those of a whole one."""
+        """Seconds of the smallest sound round on this machine, and of a whole one."""
         ...
 
     def check(self, real: list[Trajectory]) -> None:
-        """Raises InputError for trajectories that cannot be looked at, e.g. too short ones."""
+        """Raises InputError for trajectories that cannot be used, e.g. too short ones."""
         ...
 
     def run_round(
@@ -133,20 +133,20 @@ class Search(Protocol):
         tell_early: TellEarly = tell_nobody,
         keep: Keep = keep_nothing,
     ) -> Round:
-        """Simulate in Ξ, train, ask the real trajectories, move Ξ: once.
+        """Simulate in Ξ, train, evaluate the real trajectories, move Ξ: once.
 
-        `budget` is that of all rounds that are still to come, not to be overrun by much.
-        `tell_early` hears of an estimate that is there long before the round ends, if there is one.
-        `keep` is called where `state` and `tensors` hold what a round begun anew would go on with.
+        `budget` is for all rounds to come, and must not be exceeded by much. `tell_early` gets an
+        estimate that is available long before the round ends, if there is one. `keep` is called
+        when `state` and `tensors` hold what a restarted round would continue from.
         """
         ...
 
     def detect(self, frames: np.ndarray) -> Detections | None:
-        """Keypoints in (n, H, W, 3) frames; None where the search has no eye for them."""
+        """Keypoints in (n, H, W, 3) frames; None if the search has no detector."""
         ...
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        """What a checkpoint has to hold besides `state`."""
+        """What a checkpoint must hold besides `state`."""
         ...
 
     def state(self) -> dict[str, Any]:
@@ -154,5 +154,5 @@ class Search(Protocol):
         ...
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        """Go on from a checkpoint as if there had been no break."""
+        """Continue from a checkpoint as if there had been no break."""
         ...

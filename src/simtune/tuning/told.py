@@ -1,9 +1,9 @@
-"""What joint readings alone tell, before videos are looked at: whole episodes, not short windows.
+"""A fit to joint readings alone, over whole episodes, before videos are used.
 
-Beside video the motion is fitted in windows of a quarter of a second, which tell less of a servo
-than a whole episode does. So the readings' own fit comes first. What it identifies is held there
-while the videos tell the rest, and refits of known worlds show what that costs: they begin as far
-beside the truth as the readings may be. In the end each parameter is as the better of both says.
+With video the motion is fitted in windows of a quarter of a second, which tell less of a servo than
+a whole episode. So readings are fitted first. The parameters that they identify are held while
+videos determine the rest; refits of known worlds include the cost, since they start as far from the
+truth as the readings' fit may be. In the end each parameter is taken from the better of both.
 """
 
 from dataclasses import replace
@@ -20,31 +20,31 @@ from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
 from simtune.tuning.search import Estimate, SearchContext
 
-_CENTRAL = 2 * 1.645  # standard deviations in a 90 % interval
+_CENTRAL = 2 * 1.645  # width of a 90 % interval in standard deviations
 
 
 class Told:
-    """An estimate from readings, and what of it is told well."""
+    """An estimate from readings, and which of its parameters are held."""
 
     def __init__(self, estimate: Estimate, distribution: Distribution, is_trusted: bool):
-        """`distribution`: the range that the estimate leaves; `is_trusted`: whether two fits ended
-        there, and explain readings as well as a tuning file declares.
+        """`distribution`: the range that the estimate leaves; `is_trusted`: whether two fits agree,
+        and explain readings as well as the tuning file declares.
         """
         self._estimate, self._seen, self._is_trusted = estimate, distribution, is_trusted
         identified = np.array([verdict == "identified" for verdict in estimate.verdict])
         self.is_held = identified & is_trusted  # (N,)
         is_any = bool(self.is_held.any())
         self.latency_steps = estimate.latency_steps if is_any else 0
-        self.late_s = estimate.readings_late_s if is_any else (0.0, 0.0)  # and how sure that is
+        self.late_s = estimate.readings_late_s if is_any else (0.0, 0.0)  # with std
 
     @classmethod
     def by_readings(
         cls, context: SearchContext, real: list[Trajectory], budget: Budget
     ) -> "Told | None":
-        """None where nothing is read, or nothing moves that readings could tell.
+        """None if nothing is read, or nothing moves that readings could show.
 
-        Nor where joints begin anywhere that no sensor measures, such as a walker's torso: whole
-        episodes cannot be replayed then, but windows can, whose states pictures show.
+        Also None if unmeasured joints begin anywhere, such as a walker's torso: whole episodes
+        cannot be replayed then, but windows can, since pictures show their states.
         """
         simulator, seen = context.simulator, context.observation
         is_readable = bool(joints_of(seen.sensors)) and not simulator.space.is_appearance.all()
@@ -57,13 +57,13 @@ class Told:
         return cls(estimate, search.distribution, search.is_trusted)
 
     def narrowed(self, searched: Distribution) -> Distribution:
-        """The range to search, with what is held within what readings leave open."""
+        """The range to search, with held parameters limited to what readings leave open."""
         low = np.where(self.is_held, self._seen.low, searched.low)
         high = np.where(self.is_held, self._seen.high, searched.high)
         return searched.with_interval(np.clip(searched.mean, low, high), low, high)
 
     def late(self, real: list[Trajectory]) -> list[Trajectory]:
-        """The same, with actions when they took effect, and what was read when it was so."""
+        """The trajectories with actions shifted to when they took effect, and readings likewise."""
         steps, late_s = self.latency_steps, self.late_s[0]
         if not steps and not late_s:
             return real
@@ -71,26 +71,26 @@ class Told:
             replace(
                 t,
                 actions=delayed(t.actions, steps),
-                readings={n: read_later(its, late_s / t.step_s) for n, its in t.readings.items()},
+                readings={n: read_later(read, late_s / t.step_s) for n, read in t.readings.items()},
             )
             for t in real
         ]
 
     def start(self, guess: PointEstimate) -> PointEstimate:
-        """Where a fit begins: what is held, where readings have it."""
-        space, its = self._seen.space, self._estimate
-        std = (space.to_unit(its.high) - space.to_unit(its.low)) / _CENTRAL
+        """Start of a fit: held parameters as readings have them, the others from `guess`."""
+        space, told = self._seen.space, self._estimate
+        std = (space.to_unit(told.high) - space.to_unit(told.low)) / _CENTRAL
         return PointEstimate(
-            np.where(self.is_held, its.mean, guess.parameters),
+            np.where(self.is_held, told.mean, guess.parameters),
             np.where(self.is_held, std, guess.std),
         )
 
     def better(self, estimate: Estimate) -> Estimate:
         """Each parameter from the estimate of readings and video, or from this one if narrower."""
-        space, its = self._seen.space, self._estimate
-        widths = [space.to_unit(e.high) - space.to_unit(e.low) for e in (its, estimate)]
+        space, told = self._seen.space, self._estimate
+        widths = [space.to_unit(e.high) - space.to_unit(e.low) for e in (told, estimate)]
         own = (widths[0] <= widths[1]) & ~space.is_appearance & self._is_trusted
-        mixed = _mixed(own, its, estimate)
+        mixed = _mixed(own, told, estimate)
         together = {} if mixed.correlation is None else tell_apart(mixed.correlation, space)
         late = estimate.latency_steps + self.latency_steps
         return replace(
@@ -98,22 +98,22 @@ class Told:
         )
 
 
-def _mixed(own: np.ndarray, its: Estimate, other: Estimate) -> Estimate:
-    """`its` of the parameters `own`, (N,) bool; the rest of `other`."""
+def _mixed(own: np.ndarray, fit: Estimate, other: Estimate) -> Estimate:
+    """`fit` for the parameters `own`, (N,) bool; `other` for the rest."""
     curves = {
-        name: its.curves[name] if mine else curve
+        name: fit.curves[name] if mine else curve
         for (name, curve), mine in zip(other.curves.items(), own, strict=True)
     }
     correlation = other.correlation
-    if correlation is not None and its.correlation is not None:
+    if correlation is not None and fit.correlation is not None:
         mine, both = np.outer(own, own), np.outer(~own, ~own)
-        correlation = np.where(mine, its.correlation, np.where(both, correlation, np.eye(len(own))))
-    picked = zip(own, its.verdict, other.verdict, strict=True)
+        correlation = np.where(mine, fit.correlation, np.where(both, correlation, np.eye(len(own))))
+    picked = zip(own, fit.verdict, other.verdict, strict=True)
     return replace(
         other,
-        mean=np.where(own, its.mean, other.mean),
-        low=np.where(own, its.low, other.low),
-        high=np.where(own, its.high, other.high),
+        mean=np.where(own, fit.mean, other.mean),
+        low=np.where(own, fit.low, other.low),
+        high=np.where(own, fit.high, other.high),
         verdict=[one if mine else another for mine, one, another in picked],
         curves=curves,
         correlation=correlation,

@@ -1,4 +1,4 @@
-"""Simulated worlds to learn from: drawn from Ξ, moved by the real actions, filmed in part."""
+"""Simulated worlds to learn from: drawn from Ξ, with the real actions, partly filmed."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from simtune.search_param_model.simulated import SimulatedWorlds, simulate
 from simtune.trajectory import Trajectory
 from simtune.tuning.search import SearchContext
 
-_AT_A_TIME = 64  # worlds: the fewest to learn anything from, and between looks at the clock
+_AT_A_TIME = 64  # worlds between looks at the clock; the fewest to learn from
 
 
 class WorldSampler:
@@ -28,10 +28,10 @@ class WorldSampler:
     ) -> SimulatedWorlds:
         """Worlds that replay the actions of `num_episodes` real episodes; a stretch is filmed.
 
-        `num_worlds` worlds, or fewer where `budget` would be over before.
+        `num_worlds` worlds, or fewer if `budget` would be over before.
         """
         context, rng = self._context, self.rng
-        # Supersampling makes pictures expensive.
+        # Supersampled pictures are expensive.
         num_filmed = max(2, num_filmed // context.simulator.supersampling)
         steps = min(len(t) for t in real)
         actions, parts, left = np.stack([t.actions[:steps] for t in real]), [], num_worlds

@@ -1,1 +1,1 @@
-"""What a picture shows: keypoints, the network that detects them, and what cameras add."""
+"""What a picture shows: keypoints, the network that detects them, and the effects of cameras."""

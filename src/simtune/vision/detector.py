@@ -1,8 +1,8 @@
-"""The keypoint detector: what a single picture tells, by a small convolutional encoder.
+"""The keypoint detector: a small convolutional network for single pictures.
 
-It finds the keypoints and estimates the parameters that show in a picture (colours, light,
-camera). It is trained by the simulator's free state, on single frames: learning to see needs
-no sequences, and is most of the work of estimating parameters from pixels.
+It finds the keypoints and estimates the parameters that a picture shows (colours, light, camera).
+It is trained on single frames, for which the simulator gives the true state for free: this is most
+of the work of estimating parameters from pixels, and needs no sequences.
 """
 
 from dataclasses import dataclass
@@ -16,25 +16,25 @@ from torch.nn import functional as F
 from simtune.networks import mlp
 
 _STRIDE = 2  # pixels per cell of the heatmaps
-_NEAR_CELLS = 2  # a keypoint's position is averaged over the cells this near to the peak
+_NEAR_CELLS = 2  # a keypoint's position is an average over cells this near to the peak
 
 
 @dataclass(frozen=True, kw_only=True)
 class DetectorConfig:
     channels: int = 16
-    free_maps: int = 8  # attention maps beside the keypoints', for colours of what stands still
+    free_maps: int = 8  # attention maps beside the keypoints', for colours of static things
     hidden: int = 128
     batch_size: int = 32
     learning_rate: float = 5e-3
-    noise: float = 0.01  # of the full scale: a camera's, a video's compression
+    noise: float = 0.01  # of the full scale: camera noise, video compression
 
 
 class KeypointDetector(nn.Module):
     """(B, H, W, 3) uint8 pictures to keypoints (B, L, 2) in pixels and visible parameters (B, V).
 
-    Attention maps at half resolution; each is read out as a position and the picture's colour
-    there. The keypoints' maps are taught where to look (cross-entropy on the true cell), which
-    takes a few hundred updates where regression through the maps takes thousands.
+    Attention maps at half resolution; each gives a position and the picture's colour there. The
+    keypoints' maps are trained by cross-entropy on the true cell, which takes a few hundred
+    updates, where regression through the maps takes thousands.
     """
 
     grid: torch.Tensor  # (cells, 2) x, y in pixels
@@ -91,13 +91,13 @@ class KeypointDetector(nn.Module):
         return F.relu(self.mix(fine)) + fine, coarse
 
     def _peaks(self, heatmaps: torch.Tensor) -> torch.Tensor:
-        """(B, L, 2) mean position around each heatmap's peak: finer than a cell."""
+        """(B, L, 2) mean position around each heatmap's peak, finer than a cell."""
         return heatmaps.masked_fill(~self._near_peak(heatmaps), -torch.inf).softmax(-1) @ self.grid
 
     def candidates(self, heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """(B, 2, L, 2) the two most probable places of each keypoint; how probable, how spread out.
+        """(B, 2, L, 2) the two most probable places of each keypoint, their probability and spread.
 
-        Two, since what looks alike (left and right) gets mixed up: one of the two is right then.
+        Two, since similar things (left and right) get confused: then one of the two is right.
         Probabilities are (B, 2, L), spreads (B, 2, L, 2) pixels.
         """
         first, share = self._near_peak(heatmaps), heatmaps.softmax(-1)
@@ -109,9 +109,9 @@ class KeypointDetector(nn.Module):
         return places, probability, torch.stack(spreads, 1)
 
     def _spread(self, share: torch.Tensor, near: torch.Tensor) -> torch.Tensor:
-        """(B, L, 2) standard deviation of heatmaps around a peak, beyond that of a sharp one.
+        """(B, L, 2) standard deviation of heatmaps around a peak, in excess of a sharp one's.
 
-        A point between cells is taught as the four around it, which spread by themselves.
+        A point between cells is trained as weights of the four around it, which have a spread.
         """
         share = share * near / (share * near).sum(-1, keepdim=True).clamp(min=1e-9)
         mean = share @ self.grid
@@ -120,7 +120,7 @@ class KeypointDetector(nn.Module):
         return (share @ self.grid.square() - mean.square() - sharp).clamp(min=0).sqrt()
 
     def _near_peak(self, heatmaps: torch.Tensor) -> torch.Tensor:
-        """(B, L, cells) bool: cells at most two rows and columns from the largest."""
+        """(B, L, cells) bool: cells at most `_NEAR_CELLS` rows and columns from the peak."""
         peak, (_, width) = heatmaps.argmax(-1)[..., None], self.cells
         row, column = (torch.arange(cells) for cells in self.cells)
         rows = (row - peak // width).abs() <= _NEAR_CELLS
@@ -137,11 +137,11 @@ class KeypointDetector(nn.Module):
         """Mean loss of (B, 3, H, W) pictures with true (B, L, 2) keypoints, (B, V) visible.
 
         Visible parameters are in coordinates of the whole space; errors count relative to
-        `visible_width` (V,), the width of the range searched at present.
+        `visible_width` (V,), the width of the present search range.
         """
         heatmaps, found, estimated = self(pictures)
         truth = splat(keypoints, self.cells)
-        zero = 0 * estimated.sum()  # a tensor, so that there always is something to derive
+        zero = 0 * estimated.sum()  # a tensor, so that backward() always works
         where = -(truth * heatmaps.log_softmax(-1)).sum(-1).mean() if self.num_keypoints else zero
         exact = F.smooth_l1_loss(found, keypoints, beta=0.5) if self.num_keypoints else zero
         error = 2 * (estimated - visible) / visible_width
@@ -152,7 +152,7 @@ class KeypointDetector(nn.Module):
 
 
 def splat(keypoints: torch.Tensor, cells: tuple[int, int]) -> torch.Tensor:
-    """(B, L, 2) pixel positions to (B, L, rows · columns) weights of the four cells around each."""
+    """(B, L, 2) pixel positions to (B, L, rows · columns) bilinear weights of four cells each."""
     rows, columns = cells
     last = keypoints.new_tensor([columns - 1, rows - 1])
     place = ((keypoints - (_STRIDE - 1) / 2) / _STRIDE).clamp(min=0).minimum(last)
@@ -188,18 +188,18 @@ def detect(detector: KeypointDetector, frames: np.ndarray, batch_size: int = 64)
 
 
 class Detections(NamedTuple):
-    """What was detected in n pictures."""
+    """Detections in n pictures."""
 
     keypoints: np.ndarray  # (n, L, 2) pixels
-    candidates: np.ndarray  # (n, 2, L, 2) pixels: the same, and the next best place of each
-    probability: np.ndarray  # (n, 2, L) that the keypoint is at that place; the rest is elsewhere
-    spread: np.ndarray  # (n, 2, L, 2) pixels, of the heatmap around that place
+    candidates: np.ndarray  # pixels: the same, and the second best place of each
+    probability: np.ndarray  # (n, 2, L) of each place; the rest is for elsewhere
+    spread: np.ndarray  # (n, 2, L, 2) pixels, of the heatmap around each place
     visible: np.ndarray  # (n, V) visible parameters, in coordinates of the whole space
 
     def episodes(self, num: int) -> list["Detections"]:
-        """Those of `num` episodes of equal length, one after the other."""
+        """Split into `num` successive episodes of equal length."""
         parts = (np.split(values, num) for values in self)
-        return [Detections(*its) for its in zip(*parts, strict=True)]
+        return [Detections(*fields) for fields in zip(*parts, strict=True)]
 
     def first(self, num: int) -> "Detections":
         """Those of the first `num` pictures."""

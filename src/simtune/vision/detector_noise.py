@@ -1,12 +1,12 @@
-"""How far off a detector's keypoints are, measured where the truth is known.
+"""Errors of a detector's keypoints, measured where the truth is known.
 
-A heatmap says how sure it is by how far it spreads: of a peg in a hole, or of an arm behind
-another, it shows where it may be. So errors are told by the heatmap's spread, and each picture
-counts as much as it tells.
+A heatmap's spread shows its uncertainty: for a peg in a hole, or an arm behind another, it covers
+all possible places. So errors are predicted from the spread, and each picture counts by its own
+noise.
 
-Errors of one world are not independent, either. What a detector hardly sees it puts where that
-usually is: in all pictures of a world too high, say. How large such common errors are is the
-variance of worlds' mean errors, beyond what independent ones would leave (random effects).
+The errors of one world are correlated, too: the detector puts what it hardly sees where it usually
+is, for example too high in all pictures. The size of such common errors is the variance of worlds'
+mean errors in excess of what independent errors would give (random effects).
 """
 
 from collections.abc import Sequence
@@ -17,28 +17,28 @@ from scipy.optimize import isotonic_regression
 
 from simtune.vision.detector import Detections
 
-_SURE = 0.8  # probability of being at either of two places, from which errors are noise
-_BINS, _FEWEST = 8, 40  # of spreads; pictures of each, at least
+_SURE = 0.8  # probability of both places together, from which errors are taken as noise
+_BINS, _FEWEST = 8, 40  # of spreads; least number of pictures in each
 _LEAST_PX = 0.05
-_FEWEST_OF_WORLD = 6  # pictures in which a world's keypoint is seen
-_STD_OF_MEDIAN = 1.48  # over the median of normal errors' sizes
+_FEWEST_OF_WORLD = 6  # least number of pictures in which a world's keypoint is seen
+_STD_OF_MEDIAN = 1.48  # standard deviation over median size, for normal errors
 
 
 @dataclass(frozen=True)
 class DetectorNoise:
-    """Standard deviations of L keypoints' coordinates, which grow with the heatmaps' spread."""
+    """Standard deviations of L keypoints' coordinates as functions of the heatmaps' spread."""
 
-    spread_px: np.ndarray  # (L, B) that rise
-    std_px: np.ndarray  # (L, B) of errors, that do not fall
-    common_px: np.ndarray  # (L, 2) of what a world's errors have in common
+    spread_px: np.ndarray  # (L, B) ascending
+    std_px: np.ndarray  # (L, B) of errors, non-decreasing
+    common_px: np.ndarray  # (L, 2) std of a world's common error
 
     @classmethod
     def measured(cls, episodes: Sequence[Detections], truth: np.ndarray) -> "DetectorNoise":
-        """From detections in E episodes, where keypoints really are at (E, K, L, 2) pixels.
+        """From detections in E episodes with true keypoints at (E, K, L, 2) pixels.
 
-        Errors are those of the better candidate: that it may be the other one is no noise. They
-        are compared robustly, over as many in each of B ranges of spreads, where the detector is
-        sure that the keypoint is at either place.
+        The error is that of the better candidate: confusing the two is not noise. Robust standard
+        deviations are taken in B bins of spread with equally many pictures, among those where the
+        detector is sure that the keypoint is at either place.
         """
         candidates = np.stack([found.candidates for found in episodes])
         known = np.stack([found.probability for found in episodes]).sum(-2)  # (E, K, L)
@@ -51,8 +51,8 @@ class DetectorNoise:
         common, errors = _common(np.where(sure[..., None], errors, np.nan)), np.abs(errors)
         bins = int(np.clip(sure.sum((0, 1)).min() // _FEWEST, 1, _BINS))
         curves = [
-            _curve(spread[..., keypoint, :][its], errors[..., keypoint, :][its], bins)
-            for keypoint, its in enumerate(np.moveaxis(sure, -1, 0))
+            _curve(spread[..., keypoint, :][is_sure], errors[..., keypoint, :][is_sure], bins)
+            for keypoint, is_sure in enumerate(np.moveaxis(sure, -1, 0))
         ]
         shape = (len(curves), bins)
         middles, stds = (np.reshape([curve[i] for curve in curves], shape) for i in (0, 1))
@@ -60,7 +60,7 @@ class DetectorNoise:
 
     @property
     def usual_px(self) -> np.ndarray:
-        """(L,) in the middle of all pictures."""
+        """(L,) of a picture with median spread."""
         return self.std_px[:, self.std_px.shape[1] // 2]
 
     def __call__(self, spread: np.ndarray) -> np.ndarray:
@@ -72,18 +72,18 @@ class DetectorNoise:
 
 
 def _common(errors: np.ndarray) -> np.ndarray:
-    """(L, 2) standard deviation of what (E, K, L, 2) errors, NaN: unknown, have in common.
+    """(L, 2) standard deviation of each world's common error in (E, K, L, 2), NaN: unknown.
 
-    Of worlds with medians m_w of n_w errors that vary by s_w²: the robust variance of m_w, less
-    the π/2 · s_w² / n_w that the median of independent errors has.
+    With worlds' medians m_w of n_w errors with variance s_w²: the robust variance of m_w minus π/2
+    · s_w² / n_w, the variance of the median of independent errors.
     """
     count = np.isfinite(errors).sum(1)  # (E, L, 2)
     enough = (count >= _FEWEST_OF_WORLD).all(-1)  # (E, L)
     common = np.zeros(errors.shape[2:])
     for keypoint in np.flatnonzero(enough.any(0)):
-        its = errors[enough[:, keypoint], :, keypoint]  # (e, K, 2)
-        middles = np.nanmedian(its, 1)  # (e, 2)
-        spread = _STD_OF_MEDIAN * np.nanmedian(np.abs(its - middles[:, None]), 1)
+        of_keypoint = errors[enough[:, keypoint], :, keypoint]  # (e, K, 2)
+        middles = np.nanmedian(of_keypoint, 1)  # (e, 2)
+        spread = _STD_OF_MEDIAN * np.nanmedian(np.abs(of_keypoint - middles[:, None]), 1)
         chance = np.pi / 2 * np.square(spread) / count[enough[:, keypoint], keypoint]
         found = np.square(_STD_OF_MEDIAN * np.median(np.abs(middles), 0))
         common[keypoint] = np.sqrt(np.maximum(found - np.median(chance, 0), 0))
@@ -93,6 +93,6 @@ def _common(errors: np.ndarray) -> np.ndarray:
 def _curve(spread: np.ndarray, errors: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray]:
     """(B,) middles of ranges of (n, 2) spreads, and robust standard deviations of their errors."""
     order = np.argsort(spread, axis=None)
-    parts = [np.array_split(its.ravel()[order], bins) for its in (spread, errors)]
-    middles, stds = ([np.median(part) for part in its] for its in parts)
+    parts = [np.array_split(values.ravel()[order], bins) for values in (spread, errors)]
+    middles, stds = ([np.median(part) for part in values] for values in parts)
     return np.array(middles), isotonic_regression(_STD_OF_MEDIAN * np.array(stds) + _LEAST_PX).x

@@ -1,4 +1,4 @@
-"""What a real camera does to pictures and no simulator draws."""
+"""Effects of real cameras on pictures that simulators do not draw."""
 
 from dataclasses import dataclass
 
@@ -9,21 +9,21 @@ from simtune.vision.smoothing import smoothed, with_smooth_chroma
 
 @dataclass(frozen=True)
 class ImageNoise:
-    """What a real camera does to a picture and the simulator does not; other in each world.
+    """Effects of a real camera on a picture; drawn anew in each simulated world.
 
-    It is randomised, not tuned: the detector learns to look past it. The detector's errors, with
-    which the posterior network is trained, grow by what it cannot look past. Of a fit's
-    `CameraResponse` the gain, tint, offset and gamma are the prior.
+    They are randomised, not tuned: the detector learns to ignore them, and its measured errors,
+    with which the posterior network is trained, include what it cannot ignore. Gain, tint, offset
+    and gamma are also the prior of a fit's `CameraResponse`.
     """
 
     gain: float = 0.06  # standard deviation of the logarithm of brightness
-    tint: float = 0.02  # the same, for each channel by itself
+    tint: float = 0.02  # the same, independent for each channel
     offset: float = 0.01  # of the full scale
     gamma: float = 0.05  # standard deviation of the logarithm of the exponent
-    noise: float = 0.025  # at most, of the full scale
+    noise: float = 0.025  # upper bound, of the full scale
 
     def apply(self, frames: np.ndarray, rng: np.random.Generator) -> None:
-        """Make (W, F, H, W, 3) uint8 as drawn, in place, what W cameras record of them."""
+        """Apply W random cameras to (W, F, H, W, 3) uint8 drawn frames, in place."""
         for drawn in frames:
             gain = np.exp(rng.normal(0, self.gain) + rng.normal(0, self.tint, 3))
             offset = 255 * rng.normal(0, self.offset)
@@ -36,5 +36,5 @@ class ImageNoise:
 
 
 def _mixed(smooth, pictures: np.ndarray, share: float) -> np.ndarray:
-    """(F, H, W, 3) pictures mixed with themselves, as they are after `smooth`."""
+    """(F, H, W, 3) weighted mean of pictures and their smoothed version."""
     return (1 - share) * pictures + share * smooth(pictures)

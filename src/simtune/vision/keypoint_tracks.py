@@ -1,7 +1,7 @@
-"""Keypoints as evidence: where they were detected in episodes, and how likely that is.
+"""Detected keypoints of episodes as evidence, with their likelihood.
 
-What the detector says is a mixture: near the truth with the probability that it gives itself to
-either of two places (what looks alike, left and right, gets mixed up), or else anywhere.
+A detection is a mixture: near one of two places (similar things, left and right, get confused),
+with the probabilities that the detector gives, or else anywhere.
 """
 
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ import numpy as np
 from simtune.vision.detector import Detections
 from simtune.vision.detector_noise import DetectorNoise
 
-_SUREST = 0.99  # what a detector never saw in simulation it gives no chance at all; there is some
-_ELSEWHERE = 0.003  # density of a keypoint that is at neither place, in units of the noise
-_WIDE, _WIDE_SHARE = 4.0, 0.05  # the noise has wider tails than a normal distribution
-_FEATURES_PER_IMAGE = 8  # positions, as features, go from −4 to 4 across the picture
+_SUREST = 0.99  # cap on the detector's probabilities, which are too certain about what it never saw
+_ELSEWHERE = 0.003  # density of a keypoint at neither place, in units of the noise
+_WIDE, _WIDE_SHARE = 4.0, 0.05  # wider component: tails are heavier than normal
+_FEATURES_PER_IMAGE = 8  # scale of positions as features: −4 to 4 across the picture
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class KeypointTracks:
     probability: np.ndarray  # (..., K, 2, L)
     noise_px: np.ndarray  # (L,) usual standard deviation
     shape: tuple[int, int]  # (height, width) of pictures
-    # (..., K, 2, L, 2) information of each coordinate, by that of the usual noise; or 1 for all
+    # (..., K, 2, L, 2) information of each coordinate relative to the usual noise's; or 1
     information: np.ndarray | float = 1.0
-    common_px: np.ndarray | float = 0.0  # (L, 2) by which a world's are usually all off alike
+    common_px: np.ndarray | float = 0.0  # (L, 2) std of a world's common error
 
     name, unit = "keypoints", "px"
 
@@ -40,7 +40,7 @@ class KeypointTracks:
         shape: tuple[int, int],
         noise: DetectorNoise,
     ) -> "KeypointTracks":
-        """From what was detected in E episodes of equal length."""
+        """From the detections in E episodes of equal length."""
         candidates = np.stack([found.candidates for found in episodes])
         probability = _SUREST * np.stack([found.probability for found in episodes])
         own_px = noise(np.stack([found.spread for found in episodes]))
@@ -71,13 +71,13 @@ class KeypointTracks:
 
     def at(self, index: Any) -> "KeypointTracks":
         candidates, probability = self.candidates[index], self.probability[index]
-        its = self.information[index] if isinstance(self.information, np.ndarray) else 1.0
-        return replace(self, candidates=candidates, probability=probability, information=its)
+        kept = self.information[index] if isinstance(self.information, np.ndarray) else 1.0
+        return replace(self, candidates=candidates, probability=probability, information=kept)
 
     def log_likelihood(self, predicted: np.ndarray, blur: float = 1.0) -> np.ndarray:
         """(...) Σ_K Σ_L log Σ_c p_c |i_c| [N(r_c) + 0.05 N(r_c / 4)] + 0.003 (1 − Σ_c p_c).
 
-        With r_c in terms of each coordinate's own noise, and |i_c| the density that this adds.
+        r_c is in units of each coordinate's own noise, and |i_c| the factor of this on the density.
         """
         near, wide, elsewhere = self._densities(self._residuals(predicted, blur))
         return np.log((near + wide).sum(-2) + elsewhere).sum((-1, -2))
@@ -85,7 +85,7 @@ class KeypointTracks:
     def linearize(self, predicted: np.ndarray, blur: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """(..., K, 2 L) residuals to the candidate that explains best, and weights.
 
-        Residuals are in units of the usual noise; weights have what one tells more or less.
+        Residuals are in units of the usual noise; weights include each one's relative information.
         """
         residuals = self._residuals(predicted, blur)  # (..., K, 2, L, 2)
         near, wide, elsewhere = self._densities(residuals)
@@ -94,9 +94,9 @@ class KeypointTracks:
         best = (near + wide).argmax(-2)[..., None, :, None]
         nearest = np.take_along_axis(residuals, best, -3)[..., 0, :, :]
         information = np.broadcast_to(self.information, residuals.shape)
-        its = np.take_along_axis(information, best, -3)[..., 0, :, :]
+        relative = np.take_along_axis(information, best, -3)[..., 0, :, :]
         flat = (*weight.shape[:-1], -1)
-        return nearest.reshape(flat), (weight[..., None] * its).reshape(flat)
+        return nearest.reshape(flat), (weight[..., None] * relative).reshape(flat)
 
     def typical_distance(self, predicted: np.ndarray) -> float:
         nearest, _ = self.linearize(predicted)
@@ -111,7 +111,7 @@ class KeypointTracks:
         return (points - self.candidates) / (blur * self.noise_px)[:, None]
 
     def _densities(self, residuals: np.ndarray):
-        """(..., K, 2, L) near and wide, (..., K, L) elsewhere: densities that add up."""
+        """(..., K, 2, L) near and wide, (..., K, L) elsewhere: densities to be summed."""
         square = np.minimum((self.information * np.square(residuals)).sum(-1), 1e3)
         of_both = np.broadcast_to(self.information, (*np.shape(self.information)[:-1], 2))
         density = self.probability * np.sqrt(of_both.prod(-1))

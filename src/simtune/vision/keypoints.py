@@ -1,8 +1,8 @@
-"""Keypoints: points on geoms that move before a camera, where they appear in the picture.
+"""Keypoints: points on geoms that move relative to a camera, where they appear in the picture.
 
-In simulation the true state is free. What a single picture can show of it is where things
-are, so that is what the encoder is taught first: the picture coordinates of a few points that
-together fix all others, for any model with a camera and without naming a joint.
+A single picture shows where things are, and in simulation this is known for free. So the encoder is
+first trained on the picture coordinates of a few points that together determine all others, for any
+model with a camera, without naming a joint.
 """
 
 from collections.abc import Sequence
@@ -17,33 +17,33 @@ from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
 from simtune.views import View
 
-# Values, since MuJoCo's enums are unequal to the integers in its arrays.
-_SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value  # its ends tell nothing that its centre does not
+# As values, since MuJoCo's enums do not equal the integers in its arrays.
+_SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value  # its ends add nothing to its centre
 _ROUND = (mujoco.mjtGeom.mjGEOM_CAPSULE.value, mujoco.mjtGeom.mjGEOM_CYLINDER.value)
 _MOUNTED = mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value
 ENDLESS = (mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _THREE_SIZES = (mujoco.mjtGeom.mjGEOM_BOX.value, mujoco.mjtGeom.mjGEOM_ELLIPSOID.value)
-PILOT_STEPS = 3200  # simulated to choose keypoints by
+PILOT_STEPS = 3200  # simulated to choose keypoints
 _PILOTS = 32
-_DRAWN_GROUPS = 3  # MuJoCo draws geoms of the first three; the others are for contacts
-# Inside of the picture, where points outside of it are taken to be: detectors name no other place.
+_DRAWN_GROUPS = 3  # MuJoCo draws geoms of the first three groups; the others are for contacts
+# Margin to which points outside the picture are clipped: detectors name no place beyond.
 _BORDER_PX = 0.5
 
 
 @dataclass(frozen=True)
 class Keypoints:
-    """L points fixed to geoms, each as one of the views sees it that a picture is made of."""
+    """L points fixed to geoms, each as seen in one of the views that a picture consists of."""
 
     geoms: np.ndarray  # (L,) geom ids
     offsets: np.ndarray  # (L, 3) in the geom's frame, m
-    views: np.ndarray  # (L,) the view's number
+    views: np.ndarray  # (L,) index of the view
     cameras: np.ndarray  # (views,) camera ids
     widths: np.ndarray  # (views,) pixels
     height: int  # pixels, of all views
 
     @classmethod
     def none(cls) -> "Keypoints":
-        """Where no camera films."""
+        """Without a camera."""
         nothing = np.zeros(0, int)
         return cls(nothing, np.zeros((0, 3)), nothing, nothing, nothing, 1)
 
@@ -73,11 +73,11 @@ class Keypoints:
         return replace(self, geoms=geoms, offsets=offsets, views=views)
 
     def state(self) -> list:
-        """JSON to choose the same again by."""
+        """JSON, to restore the same choice."""
         return [self.geoms.tolist(), self.offsets.tolist(), self.views.tolist()]
 
     def with_state(self, state: list) -> "Keypoints":
-        geoms, views = (np.array(its, int) for its in (state[0], state[2]))
+        geoms, views = (np.array(indices, int) for indices in (state[0], state[2]))
         offsets = np.array(state[1], float).reshape(-1, 3)
         return replace(self, geoms=geoms, offsets=offsets, views=views)
 
@@ -94,7 +94,7 @@ def _project(seen: np.ndarray, focal_length_px: np.ndarray, width: int, height: 
 def candidate_keypoints(model: mujoco.MjModel, seen: Sequence[View], height: int) -> Keypoints:
     """The centre and, where it has some, the two ends of every geom that moves before a camera.
 
-    Those of each view that is seen in pictures of so many pixels' height, one after the other.
+    For each view in turn, in pictures with a height of `height` pixels.
     """
     cameras = np.array([model.camera(view.camera).id for view in seen], int)
     geoms, offsets, views = [], [], []
@@ -117,18 +117,18 @@ def candidate_keypoints(model: mujoco.MjModel, seen: Sequence[View], height: int
 
 
 def is_drawn(model: mujoco.MjModel) -> np.ndarray:
-    """(ngeom,) bool: those that cameras show, and that are there for more than contacts."""
+    """(ngeom,) bool: geoms that cameras show, not only used for contacts."""
     return (model.geom_group < _DRAWN_GROUPS) & (model.geom_rgba[:, 3] > 0)
 
 
 def moves_before(model: mujoco.MjModel, camera: int) -> np.ndarray:
-    """(ngeom,) bool: which geoms can move in its picture: before one on a robot, all but its own.
+    """(ngeom,) bool: geoms that can move in the picture; before a robot's camera, all but its own.
 
-    One that merely follows a body does not turn with it.
+    A camera that merely tracks a body does not turn with it.
     """
     fixed_to, is_mounted = model.body_weldid[model.geom_bodyid], model.cam_mode[camera] == _MOUNTED
     own = model.body_weldid[model.cam_bodyid[camera]] if is_mounted else 0
-    endless = np.isin(model.geom_type, ENDLESS)  # its middle is nothing that one sees
+    endless = np.isin(model.geom_type, ENDLESS)  # planes have no visible centre
     return (fixed_to != own) & ~((fixed_to == 0) & endless)
 
 
@@ -145,8 +145,8 @@ def _half_length(model: mujoco.MjModel, geom: int) -> float:
 def choose_keypoints(seen: np.ndarray, at_most: int = 16, tolerance_px: float = 0.3) -> list[int]:
     """The few keypoints from which all others follow linearly.
 
-    `seen`: (samples, L, 2) pixels. Greedy: each next one is the least explained by those
-    before, until what is unexplained of every one is below `tolerance_px` (root mean square).
+    `seen`: (samples, L, 2) pixels. Greedy: the next one is always the least explained by those
+    chosen, until every unexplained rest is below `tolerance_px` (root mean square).
     """
     rest = (seen - seen.mean(0)).astype(float)  # (samples, L, 2)
     chosen: list[int] = []
@@ -162,7 +162,7 @@ def choose_keypoints(seen: np.ndarray, at_most: int = 16, tolerance_px: float = 
 
 
 def every_keypoint(simulator: AnySimulator) -> Keypoints | Points:
-    """All that a simulator has; nothing is simulated."""
+    """All keypoints of a simulator, without simulating."""
     if isinstance(simulator, Simulator):
         return candidate_keypoints(simulator.model, simulator.views, simulator.image_size)
     assert isinstance(simulator, EnvironmentSimulator)
@@ -174,7 +174,7 @@ def find_keypoints(
 ) -> Keypoints | Points:
     """Few keypoints from which all others follow, judged by a few exploring episodes.
 
-    Those of each view by themselves: what two cameras see is measured twice.
+    Chosen for each view separately: what two cameras see is measured twice.
     """
     rng, every = np.random.default_rng(seed), every_keypoint(simulator)
     if not len(every):

@@ -9,7 +9,7 @@ from simtune.vision.smoothing import LUMA
 
 
 class NoisyCameras(NamedTuple):
-    """What (n, C, 1, 1) cameras do to pictures; a single one films any number of them."""
+    """Parameters (n, C, 1, 1) of n cameras; a single one films any number of pictures."""
 
     gamma: torch.Tensor
     gain: torch.Tensor
@@ -17,11 +17,11 @@ class NoisyCameras(NamedTuple):
     noise: torch.Tensor
     blur: torch.Tensor
     blur_of_chroma: torch.Tensor  # see `with_smooth_chroma`
-    generator: torch.Generator  # of the noise, which is other in each picture
+    generator: torch.Generator  # of the noise, independent between pictures
 
     @classmethod
     def draw(cls, like: ImageNoise, num: int, generator: torch.Generator) -> "NoisyCameras":
-        """As many cameras, each with a gamma, gain, tint, offset, blur and noise of its own."""
+        """`num` cameras, each with its own gamma, gain, tint, offset, blur and noise."""
 
         def normal(channels: int) -> torch.Tensor:
             size = (num, channels, 1, 1)
@@ -53,7 +53,7 @@ class NoisyCameras(NamedTuple):
 
 
 def _smoothed(pictures: torch.Tensor) -> torch.Tensor:
-    """(B, C, H, W), each pixel half of itself and half of its neighbours."""
+    """(B, C, H, W) smoothed with weights 1, 2, 1 along either axis."""
     for axis in (2, 3):
         pictures = (pictures.roll(1, axis) + 2 * pictures + pictures.roll(-1, axis)) / 4
     return pictures

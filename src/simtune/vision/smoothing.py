@@ -1,4 +1,4 @@
-"""Pictures smoothed: what lenses do to all of them, and videos to their colours."""
+"""Smoothing of pictures: by lenses, and of chroma by videos."""
 
 import numpy as np
 
@@ -6,17 +6,17 @@ LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # of R, G and B (ITU-R BT.60
 
 
 def smoothed(pictures: np.ndarray) -> np.ndarray:
-    """(..., H, W, 3) pictures, each pixel with those to each side: 1, 2, 1 along either axis."""
+    """(..., H, W, 3) pictures smoothed with weights 1, 2, 1 along either axis."""
     for axis in (-3, -2):
         pictures = (np.roll(pictures, 1, axis) + 2 * pictures + np.roll(pictures, -1, axis)) / 4
     return pictures
 
 
 def with_smooth_chroma(pictures: np.ndarray, passes: int = 2) -> np.ndarray:
-    """(..., H, W, 3) float pictures whose luma is as it was, and whose chroma is smoothed.
+    """(..., H, W, 3) float pictures with smoothed chroma and unchanged luma.
 
-    Videos keep chroma at half the resolution (4:2:0), so what is a few pixels wide looks greyer.
-    Smoothed by more than that, pictures that went through a video are as those that did not.
+    Videos store chroma at half the resolution (4:2:0), so things a few pixels wide look greyer. If
+    smoothed by more than that, pictures look alike whether they went through a video or not.
     """
     luma = (pictures @ LUMA)[..., None]
     chroma = pictures - luma
