@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from simtune.errors import InputError
-from simtune.fit.pictures import PictureFit, Pictures, fit_pictures
+from simtune.fit.picture_scene import Slopes
+from simtune.fit.pictures import PictureFit, Pictures, exposed, fit_pictures
 from simtune.fit.response import CameraResponse, told_by_known
 from simtune.recordings import decode, write_video
 from simtune.tasks import load_any_task, load_task, with_known_colours
@@ -95,6 +96,30 @@ def test_a_known_colour_tells_gain_and_white_balance_and_so_the_other_colours(fi
     assert (std[CARD] == 0).all()
     assert (np.abs(found.unit - TRUTH)[~CARD] < 2.5 * std[~CARD]).all()
     assert (std[~CARD] < 0.08 * TRUTH[~CARD]).all()
+
+
+def test_exposures_that_drift_are_no_errors_of_colours(fit, pictures, task, simulator):
+    drift = np.exp(0.2 * np.sin(np.linspace(0, 4, len(pictures.frames))))
+    drift /= np.exp(np.log(drift).mean())
+    worlds = np.repeat(task.parameters.nominal[None], len(drift), 0)
+    drawn = simulator.render(pictures.full_states, worlds).astype(np.float32) / 255
+    frames = np.rint(255 * CAMERA(drawn, drift)).astype(np.uint8)
+    found = fit(CARD, frames=frames)
+    np.testing.assert_allclose(found.unit, TRUTH, rtol=0.03)
+    np.testing.assert_allclose(found.responses[0].gain, CAMERA.gain, rtol=0.04)
+    np.testing.assert_allclose(found.log_exposure[:, 0], np.log(drift), atol=0.02)
+
+
+def test_exposures_by_hand():
+    """Of two pictures, each of a pixel a channel, of which the last one shows no parameter."""
+    shown = np.array([[[1.0, 1, 0], [1, 1, 0]]])
+    response = np.zeros((5, 2, 3))
+    response[0, :, 0], response[1, :, 1], response[2, :, 2] = 0.5, 0.5, 0.5
+    none = np.zeros((0, 2, 3))
+    weight, residual = np.full((2, 3), 1e6), np.array([[-0.1, -0.1, 9], [0.02, 0.02, 9]])
+    after = exposed(np.zeros((2, 1)), Slopes(shown, none, response, none), weight, residual)
+    # By themselves 0.2 brighter and 0.04 darker; their mean is the gain's.
+    np.testing.assert_allclose(after[:, 0], [0.12, -0.12], atol=1e-3)
 
 
 def test_gamma_is_told_where_a_known_colour_has_many_levels():

@@ -50,10 +50,13 @@ class PictureScene:
         shape = (len(full_states), 0, self._space.num_tangent)
         self._poses = np.zeros(shape) if poses is None else poses
         self.moved = np.zeros(self._poses.shape[:2])  # (M, D) in standard deviations
-        self.response = np.zeros(NUM_UNKNOWN * len(simulator.widths) * is_real)  # (5 C,)
+        num_real = len(simulator.widths) * is_real
+        # (M, C) logarithms of the pictures' exposures, 0 on average over those of a camera
+        self.log_exposure = np.zeros((len(full_states), num_real))
+        self.response = np.zeros(NUM_UNKNOWN * num_real)  # (5 C,)
         # (C,) chroma smoothing by each camera's video, 1: as much as smoothing once
-        self.chroma_blur = np.zeros(len(simulator.widths) * is_real)
-        self._is_white = np.zeros(0, bool)
+        self.chroma_blur = np.zeros(num_real)
+        self._rendered = np.zeros((0, 0, 0, 3), np.float32)  # by the last `draw`
 
     @property
     def responses(self) -> list[CameraResponse]:
@@ -73,9 +76,8 @@ class PictureScene:
 
     def draw(self, unit: np.ndarray) -> np.ndarray:
         """(M, pixels) as seen with (N,) parameters."""
-        rendered = self._render(self._states(self.moved), unit)
-        self._is_white = (rendered >= _WHITE).reshape(len(rendered), -1)
-        return self._see(rendered)
+        self._rendered = self._render(self.moved, unit)
+        return self._see(self._rendered)
 
     def is_overexposed(self, frames: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """(M, pixels) bool: saturated both in (M, H, W, 3) frames and in what was drawn last.
@@ -83,42 +85,40 @@ class PictureScene:
         Nothing tells how much brighter such a pixel would be, so it must not hold back a colour
         that other pixels make brighter. `noise`: (M, pixels). Both are of the full scale.
         """
-        white = self._respond(np.full((1, *frames.shape[1:]), _WHITE, np.float32)).reshape(1, -1)
-        return self._is_white & (frames.reshape(len(frames), -1) >= white - noise)
+        num = len(frames)
+        white = self._respond(np.full(frames.shape, _WHITE, np.float32))
+        is_white = (self._rendered >= _WHITE).reshape(num, -1)
+        return is_white & (frames.reshape(num, -1) >= white.reshape(num, -1) - noise)
 
     def derive(self, unit: np.ndarray, drawn: np.ndarray) -> Slopes:
-        """Derivatives at the (M, pixels) drawn with (N,) parameters."""
-        num_poses, states = self.moved.shape[1], self._states(self.moved)
+        """Derivatives at the (M, pixels) that `draw` drew last, with (N,) parameters."""
         slopes = np.empty((len(self._shown), *drawn.shape), np.float32)
         for i, shown in enumerate(self._shown):
             # Darker, if there is room: anything brighter than white looks the same.
             units, delta = unit.copy(), _DELTA if unit[shown] < _DELTA else -_DELTA
             units[shown] += delta
-            slopes[i] = (self._see(self._render(states, units)) - drawn) / delta
-        of_pose = np.empty((num_poses, *drawn.shape), np.float32)
-        for i, one in enumerate(np.eye(num_poses)):
-            moved = self._render(self._states(self.moved + one), unit)
-            of_pose[i] = self._see(moved) - drawn
-        of_chroma, of_response = self._derive_cameras(states, unit, drawn)
+            slopes[i] = (self._see(self._render(self.moved, units)) - drawn) / delta
+        of_pose = np.empty((self.moved.shape[1], *drawn.shape), np.float32)
+        for i, one in enumerate(np.eye(self.moved.shape[1])):
+            of_pose[i] = self._see(self._render(self.moved + one, unit)) - drawn
+        of_chroma, of_response = self._derive_cameras(drawn)
         # Only where a fitted parameter shows: other colours of the model may be wrong.
         of_chroma *= (np.abs(slopes) > SHOWN).any(0)
         return Slopes(slopes, of_chroma, of_response, of_pose)
 
-    def _derive_cameras(
-        self, states: np.ndarray, unit: np.ndarray, like: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _derive_cameras(self, like: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(C, M, pixels) and (5 C, M, pixels) derivatives; none if no camera is real."""
         if not self._is_real:
             nothing = np.zeros((0, *like.shape), np.float32)
             return nothing, nothing
-        rendered = self._render(states, unit)
+        rendered, exposures = self._rendered, np.exp(self.log_exposure)
         of_chroma = np.zeros((len(self.chroma_blur), *rendered.shape), np.float32)
         slopes = np.zeros((len(self.response), *rendered.shape), np.float32)
-        cameras = zip(self.responses, parts(self._simulator.widths), strict=True)
-        for number, (response, columns) in enumerate(cameras):
+        cameras = zip(self.responses, exposures.T, parts(self._simulator.widths), strict=True)
+        for number, (response, exposure, columns) in enumerate(cameras):
             view, from_here = rendered[:, :, columns], slice(NUM_UNKNOWN * number, None)
-            slopes[from_here][:NUM_UNKNOWN, :, :, columns] = response.derive(view)
-            of_chroma[number][:, :, columns] = _lost_chroma(response(view))
+            slopes[from_here][:NUM_UNKNOWN, :, :, columns] = response.derive(view, exposure)
+            of_chroma[number][:, :, columns] = _lost_chroma(response(view, exposure))
         return self.compared(of_chroma), self.compared(slopes)
 
     def _see(self, rendered: np.ndarray) -> np.ndarray:
@@ -131,25 +131,23 @@ class PictureScene:
         return self.compared(np.concatenate(filmed, 2))
 
     def _respond(self, rendered: np.ndarray) -> np.ndarray:
-        """(M, H, W, 3) with the cameras' responses, before video compression."""
+        """(M, H, W, 3) with the cameras' responses and exposures, before video compression."""
         if not self._is_real:
             return rendered
-        views = zip(self.responses, apart(rendered, self._simulator.widths), strict=True)
-        return np.concatenate([response(view) for response, view in views], 2)
+        views, exposures = apart(rendered, self._simulator.widths), np.exp(self.log_exposure).T
+        cameras = zip(self.responses, views, exposures, strict=True)
+        seen = [response(view, exposure) for response, view, exposure in cameras]
+        return np.concatenate(seen, 2)
 
-    def _states(self, moved: np.ndarray) -> np.ndarray:
-        """(M, S) states moved by (M, D) standard deviations."""
-        if not moved.shape[1]:
-            return self._full_states
-        tangent = np.einsum("md,mdt->mt", moved, self._poses)
-        states = self._space.positions_and_velocities(self._full_states)
-        changed = self._space.move(states, tangent)
-        return self._space.with_positions_and_velocities(self._full_states, changed)
-
-    def _render(self, full_states: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        """(M, H, W, 3) of the full scale."""
-        parameters = np.repeat(self._simulator.space.from_unit(unit)[None], len(full_states), 0)
-        return self._simulator.render(full_states, parameters).astype(np.float32) / 255
+    def _render(self, moved: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        """(M, H, W, 3) of the full scale, from states moved by (M, D) standard deviations."""
+        states = self._full_states
+        if moved.shape[1]:
+            tangent = np.einsum("md,mdt->mt", moved, self._poses)
+            changed = self._space.move(self._space.positions_and_velocities(states), tangent)
+            states = self._space.with_positions_and_velocities(states, changed)
+        parameters = np.repeat(self._simulator.space.from_unit(unit)[None], len(states), 0)
+        return self._simulator.render(states, parameters).astype(np.float32) / 255
 
 
 def _lost_chroma(pictures: np.ndarray) -> np.ndarray:

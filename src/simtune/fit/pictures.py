@@ -12,7 +12,13 @@ import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE, combine, robust_weights
 from simtune.fit.picture_scene import SHOWN, PictureScene, Slopes
-from simtune.fit.response import CameraResponse, Told, told_by_known
+from simtune.fit.response import (
+    NUM_CHANNELS,
+    NUM_UNKNOWN,
+    CameraResponse,
+    Told,
+    told_by_known,
+)
 from simtune.simulation import Simulator
 from simtune.vision.image_noise import ImageNoise
 
@@ -25,6 +31,7 @@ _SQUARE_PX = 4  # neighbouring pixels are correlated: a square of 4 × 4 counts 
 _OTHERS = 0.3  # largest share of other colours in a pixel, relative to it being all white
 _RIDGE = 1e-6  # of information, for what no picture shows
 _MOST_BLUR = 2.0  # of chroma; about 1 for a video of pixels that are not averaged afterwards
+_EXPOSURE_STD = 0.1  # prior of a picture's log exposure, which automatic cameras let drift
 _DERIVED_EVERY = 2  # iterations: derivatives cost most, and change slowly
 
 
@@ -49,6 +56,7 @@ class PictureFit:
     noise: float  # robust noise of a pixel, of the full scale
     responses: list[CameraResponse]  # one per camera; none if pictures are the simulator's own
     chroma_blur: np.ndarray  # (C,) see `PictureScene`; likewise
+    log_exposure: np.ndarray  # (M, C) likewise
 
 
 def fit_pictures(
@@ -113,6 +121,7 @@ class _Fit:
         scene.response = scene.response + cameras.step
         went = np.concatenate([after - before, step[few:], cameras.step])
         scene.move(-follow[..., -1] - follow[..., :-1] @ went)
+        scene.log_exposure = exposed(scene.log_exposure, slopes, weight, residual)
 
     def result(self) -> PictureFit:
         drawn, slopes, known = self._scene.draw(self._unit), self._slopes.shown, self._known
@@ -121,8 +130,9 @@ class _Fit:
         covariance = np.zeros((len(known),) * 2)
         few = len(self._fitted)
         covariance[np.ix_(~known, ~known)] = self._covariance[:few, :few] + np.diag(rounding)
-        unit, cameras = self._unit[self._shown], (self._scene.responses, self._scene.chroma_blur)
-        return PictureFit(unit, covariance, float(np.median(noise)), *cameras)
+        scene = self._scene
+        cameras = scene.responses, scene.chroma_blur, scene.log_exposure
+        return PictureFit(self._unit[self._shown], covariance, float(np.median(noise)), *cameras)
 
     def _see_known(self, drawn: np.ndarray, residual: np.ndarray, usually: np.ndarray) -> Told:
         slopes, known = self._slopes, self._known
@@ -154,6 +164,25 @@ def _without_poses(
     information = _products(slopes, weight, slopes) - cross.swapaxes(1, 2) @ follow[..., :-1]
     slope = _project(slopes, weight, residual) - (cross.swapaxes(1, 2) @ follow[..., -1:])[..., 0]
     return information, slope, follow
+
+
+def exposed(
+    log_exposure: np.ndarray, slopes: Slopes, weight: np.ndarray, residual: np.ndarray
+) -> np.ndarray:
+    """(M, C) logarithms of exposures after a Gauss-Newton step; (M, pixels) weights and residuals.
+
+    They have a prior around 0, and their mean over a camera's pictures stays 0: what is common to
+    all is the camera's gain, or the colours. Only pixels count that show a parameter.
+    """
+    shows = (np.abs(slopes.shown) > SHOWN).any(0)
+    stepped = np.empty_like(log_exposure)
+    for camera, before in enumerate(log_exposure.T):
+        gains = slopes.response[NUM_UNKNOWN * camera :][:NUM_CHANNELS]
+        slope = gains.sum(0) * shows  # each pixel belongs to one channel
+        information = (weight * slope**2).sum(1) + _EXPOSURE_STD**-2
+        pull = (weight * slope * residual).sum(1) + before / _EXPOSURE_STD**2
+        stepped[:, camera] = before - pull / information
+    return stepped - stepped.mean(0)
 
 
 def _shows(slopes: np.ndarray, unit: np.ndarray, drawn: np.ndarray) -> np.ndarray:

@@ -2,11 +2,12 @@
 
 With x what is drawn, of the full scale, channel by channel,
 
-    seen = offset + gain · x ^ gamma        at most 1, at least 0
+    seen = offset + exposure · gain · x ^ gamma        at most 1, at least 0
 
-The channels' gains are the camera's exposure and white balance. All pictures of a camera share one
-response. It is unknown, and gains can be separated from colours only where an object's colour is
-known; the prior is what cameras usually do.
+The channels' gains are the camera's usual exposure and white balance. All pictures of a camera
+share one response; each picture has an exposure of its own around 1, which may drift. The response
+is unknown, and gains can be separated from colours only where an object's colour is known; the
+prior is what cameras usually do.
 """
 
 from dataclasses import dataclass
@@ -16,8 +17,11 @@ import numpy as np
 
 from simtune.vision.image_noise import ImageNoise
 
-NUM_UNKNOWN = 5  # per camera: the logarithms of three gains and of gamma, and the offset
-_GAMMA, _OFFSET = 3, 4
+NUM_CHANNELS, NUM_UNKNOWN = (
+    3,
+    5,
+)  # per camera: the logarithms of three gains and of gamma, and the offset
+_GAMMA, _OFFSET = NUM_CHANNELS, 4
 _DARK = 1e-3  # of the full scale: lower bound for a logarithm
 _ANY_GAIN = 0.5  # prior standard deviation of log gain where known colours inform it
 # Shadows, highlights and textures are drawn wrongly in all pictures alike. So all pixels of known
@@ -46,13 +50,14 @@ class CameraResponse:
         """Of the full scale."""
         return float(self.unknown[_OFFSET])
 
-    def __call__(self, drawn: np.ndarray) -> np.ndarray:
-        """(..., 3) of the full scale as the camera sees them."""
-        return self._unclipped(drawn).clip(0, 1)
+    def __call__(self, drawn: np.ndarray, exposure: np.ndarray | float = 1.0) -> np.ndarray:
+        """(M, ..., 3) of the full scale as the camera sees them; `exposure`: (M,) of each."""
+        return self._unclipped(drawn, exposure).clip(0, 1)
 
-    def derive(self, drawn: np.ndarray) -> np.ndarray:
-        """(5, ..., 3) derivatives of what is seen by the unknowns; 0 where it is clipped."""
-        seen, slopes = self._unclipped(drawn), np.zeros((NUM_UNKNOWN, *drawn.shape), np.float32)
+    def derive(self, drawn: np.ndarray, exposure: np.ndarray | float = 1.0) -> np.ndarray:
+        """(5, M, ..., 3) derivatives of what is seen by the unknowns; 0 where it is clipped."""
+        seen = self._unclipped(drawn, exposure)
+        slopes = np.zeros((NUM_UNKNOWN, *drawn.shape), np.float32)
         light = seen - self.offset
         for channel in range(_GAMMA):
             slopes[channel, ..., channel] = light[..., channel]
@@ -60,8 +65,9 @@ class CameraResponse:
         slopes[_OFFSET] = 1
         return slopes * ((seen > 0) & (seen < 1))
 
-    def _unclipped(self, drawn: np.ndarray) -> np.ndarray:
-        gain = self.gain.astype(np.float32)
+    def _unclipped(self, drawn: np.ndarray, exposure: np.ndarray | float) -> np.ndarray:
+        each = np.reshape(exposure, (-1, *[1] * (drawn.ndim - 1)))
+        gain = (each * self.gain).astype(np.float32)
         return np.float32(self.offset) + gain * drawn.clip(0) ** np.float32(self.gamma)
 
     def to_json(self) -> dict[str, Any]:
