@@ -8,7 +8,14 @@ import pytest
 from search_context import SPACE, context_of, record_episodes
 
 from simtune.budget import Budget, OutOfTime
-from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage, count_fit_steps
+from simtune.fit import (
+    FitConfig,
+    ParticleConfig,
+    ReplayFit,
+    ShootingConfig,
+    Stage,
+    count_fit_steps,
+)
 from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
@@ -109,6 +116,26 @@ def test_a_round_without_time_for_its_fit_tells_what_networks_guess(monkeypatch,
     (warning,) = estimate.warnings
     assert warning.startswith("There was no time to fit the simulator")
     assert ((estimate.low <= estimate.mean) & (estimate.mean <= estimate.high)).all()
+
+
+def test_a_fit_that_takes_far_too_long_is_done_again_as_small_as_may_be(
+    monkeypatch, simulator, tiny
+):
+    sizes, fit = [], ReplayFit.fit
+
+    def fit_if_small(self, *given):
+        sizes.append(self.is_least)
+        if not self.is_least:
+            raise OutOfTime
+        return fit(self, *given)
+
+    monkeypatch.setattr(ReplayFit, "fit", fit_if_small)
+    search = PosteriorSearch(context_of(simulator), replace(tiny, num_rounds=1))
+    round_ = search.run_round(record_episodes(simulator, 1), Budget(1e4))
+    assert sizes[:2] == [False, True]
+    assert len(sizes) > 2, "it is judged by refits"
+    assert all(sizes[1:]), "which are as small"
+    assert not any("no time to fit" in warning for warning in round_.estimate.warnings)
 
 
 # --- how long a round takes ---------------------------------------------------------------

@@ -80,9 +80,22 @@ class ReplayFit:
 
         See `fit_to_budget`.
         """
-        physics, times = self._physics, (seconds, at_most_s)
-        size = fit_to_budget(self._config, physics, self.space.nominal, num_steps, *times)
-        return ReplayFit(physics, self._estimator, self._discrepancy_std, size, self._photometry)
+        times = seconds, at_most_s
+        return self._with(
+            fit_to_budget(self._config, self._physics, self.space.nominal, num_steps, *times)
+        )
+
+    def least(self) -> "ReplayFit":
+        """The same, as small as a fit may be."""
+        return self._with(self._config.least())
+
+    @property
+    def is_least(self) -> bool:
+        return self._config == self._config.least()
+
+    def _with(self, config: FitConfig) -> "ReplayFit":
+        rest = self._discrepancy_std, config, self._photometry
+        return ReplayFit(self._physics, self._estimator, *rest)
 
     def fit(
         self,

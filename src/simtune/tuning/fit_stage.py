@@ -125,8 +125,18 @@ class FitStage:
 
         See `fit_to_budget`.
         """
-        fit = self._replay_fit.sized(num_steps, seconds, at_most_s)
-        return FitStage(self._context, self._model, fit, self._noise, self._is_blunt)
+        return self._with(self._replay_fit.sized(num_steps, seconds, at_most_s))
+
+    def least(self) -> "FitStage":
+        """The same, with fits as small as they may be."""
+        return self._with(self._replay_fit.least())
+
+    @property
+    def is_least(self) -> bool:
+        return self._replay_fit.is_least
+
+    def _with(self, replay_fit: ReplayFit) -> "FitStage":
+        return FitStage(self._context, self._model, replay_fit, self._noise, self._is_blunt)
 
     def observed(
         self, trajectories: Sequence[Trajectory], detections: Sequence[Detections]

@@ -11,6 +11,7 @@ from simtune.fit import (
     MANY_EPISODES,
     Bootstrap,
     FitResult,
+    Observed,
     PointEstimate,
     correlations,
     held_out_misfit,
@@ -31,6 +32,9 @@ from simtune.tuning.told import Told
 
 _FITS_SHARE = 0.9  # of the time then left, for a fit and its refits
 _FEWEST_FITS = 2  # within that time: the real fit and one refit
+# Of the time left, that a fit of the planned size may take. On a machine that has become slower it
+# would not end, and half a fit says nothing; the least one may still end.
+_PLANNED_SHARE = 0.55
 _REFIT = 0.9  # of a fit's time: no latency is searched for
 _ENOUGH_REFITS = 4  # with time for fewer, refits have fewer episodes than the real fit
 _NO_FIT = (
@@ -108,15 +112,14 @@ class Judging:
         if self.stage is None:
             update = self.config.range_update
             return read_curves(prob_higher, self.searched, self.first, update), prob_higher
-        began_s = time.monotonic()
         budget.report("fitting", 0.55)
         observed, start = self.stage.observed(*detected), self._start(prob_higher)
         may_be_late = self.told is None or not self.told.is_held.any()
         try:
-            fit = self.stage.fit(observed, start, may_be_last, may_be_late, budget)
+            fit, fit_s = self._fit((observed, start, may_be_last, may_be_late), budget)
         except OutOfTime:
             return self._without_fit(prob_higher), prob_higher
-        size = self._refits(len(observed), budget, time.monotonic() - began_s)
+        size = self._refits(len(observed), budget, fit_s)
         size = size if may_be_last else (0, 0)
         if size[0]:
             before = self.bootstrap
@@ -127,6 +130,27 @@ class Judging:
         if made.misfits or self.bootstrap is None or not self.bootstrap.misfits:
             self.bootstrap = made
         return self._conclude(fit, self.bootstrap, prob_higher)
+
+    def _fit(
+        self, given: tuple[Observed, PointEstimate, bool, bool], budget: Budget
+    ) -> tuple[FitResult, float]:
+        """The planned fit, and the seconds it took; the least one if that took far too long.
+
+        Refits are then as small. `given`: see `FitStage.fit`. Raises OutOfTime if the least one
+        does not end either; it is not tried after a round that had a fit, which tells more.
+        """
+        assert self.stage is not None
+        may_be_smaller = not (budget.is_endless or self.stage.is_least or self.estimate)
+        seconds = _PLANNED_SHARE * budget.seconds_left if may_be_smaller else budget.seconds_left
+        began_s = time.monotonic()
+        try:
+            fit = self.stage.fit(*given, budget.part(seconds, (0.55, 0.6)))
+        except OutOfTime:
+            if not may_be_smaller:
+                raise
+            self.stage, began_s = self.stage.least(), time.monotonic()
+            fit = self.stage.fit(*given, budget)
+        return fit, time.monotonic() - began_s
 
     def _without_fit(self, prob_higher: np.ndarray) -> Estimate:
         """The estimate if a fit ran out of time: the previous one.
