@@ -1,6 +1,7 @@
 """docs/results.md, made from docs/results/*.json, one table a claim: `python docs/make_results.py`.
 
-A claim's file holds its title, what is claimed, a note on where it falls short, columns, and rows.
+A claim's file holds its title, `claim` (what was measured and how, the goal), `note` (what came
+out, where it falls short), columns, and rows. Both texts are paragraphs on the page.
 A row is one measurement: its figures, and `command`, `commit`, `date` and `hardware`, null where
 unknown. `key` names the fields that tell rows apart. Benchmarks write rows (`--record FILE`);
 everything else is written by hand.
@@ -48,13 +49,21 @@ MISSING = "–"
 _MOST_COMMANDS = 2  # of a claim on the page; its file has all
 _HEAD = """\
 How far estimates were off, how often intervals held the truth, and how long it took: one table
-for each claim, with the command that measured it. For your own case, `simtune tune TASK --out DIR`,
-without `--real`, tunes to a simulated truth and scores itself.
+for each claim. For a case of your own, `simtune tune TASK --out DIR` without `--real` tunes to a
+simulated truth and scores itself.
 
-Made from [docs/results](results) by `python docs/make_results.py`; edit the files there. Each of
-their rows has its command, commit, date and hardware; the page shows them once a table. The Intel
-Xeons are virtual machines (AVX-512, 24 GB, no GPU) whose speed varies: compare times only within
-one run. Earlier measurements are in git's history."""
+How to read the tables: an interval *holds* if it contains the true value; otherwise it *misses*.
+*Identified*, *weak* and *not identifiable* are simtune's verdicts, by how much of the range
+searched first an interval still covers. *Known worlds* are simulated worlds that are filmed and
+fitted like the real one, to judge a fit; such a fit is a *refit*. A *busy* core is shared with
+other processes.
+
+Below each text stand the command, date, commit and hardware of the rows, at most two commands;
+the JSON file has them for each row. The Intel Xeons are virtual machines (AVX-512, 24 GB, no GPU)
+whose speed varies: compare times only within one run. Earlier measurements are in git's history.
+
+This page is made from [docs/results](results) by `python docs/make_results.py`; edit the files
+there."""
 
 Claim = Mapping[str, Any]
 Row = Mapping[str, Any]
@@ -73,8 +82,8 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def section(name: str, claim: Claim) -> str:
-    prose = filter(None, [claim["claim"], claim["note"], origin(name, claim["rows"])])
-    parts = [f"## {claim['title']}", " ".join(prose), table(claim)]
+    texts = filter(None, [claim["claim"], claim["note"], origin(name, claim["rows"])])
+    parts = [f"## {claim['title']}", *texts, table(claim)]
     if "picture" in claim:
         parts.append(f"![{claim['picture_text']}]({claim['picture']})")
     return "\n\n".join(parts)
