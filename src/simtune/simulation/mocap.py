@@ -83,7 +83,7 @@ class Held:
         batch.forward(stage=mujoco.mjtStage.mjSTAGE_POS.value)
 
     def place(self, batch: Batch) -> np.ndarray:
-        """(n, 3) positions at which the mocap body, as oriented, would not pull; m, in the world."""
+        """(n, 3) positions where the mocap body, as oriented, would not pull; m, in the world."""
         with np.errstate(invalid="ignore"):  # in diverged worlds
             held = batch.xpos[:, self.body] + _turned(batch, self.body, self.point)
             return held - _turned(batch, self.mocap_body, self.mocap_point)
