@@ -1,5 +1,4 @@
-"""The paper's agent: soft actor-critic on pixels with random crops (RAD) and a contrastive loss
-(CURL).
+"""The paper's agent: soft actor-critic on pixels with random crops (RAD) and contrast (CURL).
 
 One update, `CurlSac._learn`, encodes three crops: one of the frames, with gradients, and by the
 slowly moving target another one of them and one of the next frames. The first is the critics'
