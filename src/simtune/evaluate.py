@@ -61,7 +61,7 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
         if options[name] is not None:  # the copy that the run keeps
             options[name] = source_of(run_folder, stored, options[name])
     options |= {name: Path(options[name]) for name in _PATHS if options[name] is not None}
-    options |= {"out": run_folder, "device": "auto"}  # as it is now, this machine's
+    options |= {"out": run_folder, "device": "auto"}  # its present folder, this machine
     trained = build_training(TrainConfig(**options), settings=settings, trained=state)
     _check_unchanged(trained, run_config, run_folder)
     trained.load_agent(tensors, state)

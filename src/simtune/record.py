@@ -62,7 +62,7 @@ def record(
     write_dataset(
         config.out,
         _film(config.episodes, simulator, play, seen, rng, report),
-        action_names=task.action_columns or simulator.action_mapping.names,  # as it is read
+        action_names=task.action_columns or simulator.action_mapping.names,  # as read back
         robot_type=task.name,
         task=task.description,
         reading_names={sensor.name: sensor.column_names for sensor in task.sensors},
