@@ -8,8 +8,8 @@ for step k
     sim param training phase                              _update_simulator
     update simulation from real                           _film_real_world, _update_simulator
 
-The last three go round in a circle; here a cycle begins with the real world, since that is where
-the first, random one has to begin. What each part is: `experiment/`; how often: `schedule.py`.
+The last three form a loop; here a cycle begins with the real world, since the first, random one
+must begin there. The parts are in `experiment/`, their numbers in `schedule.py`.
 """
 
 import time
@@ -39,10 +39,9 @@ def train(
 ) -> dict[str, Any]:
     """Carry out Algorithm 1; returns the content of result.json.
 
-    A run that was interrupted goes on from its last checkpoint, to the same result. `command`:
-    what the user typed, to be stored.
-    Raises InputError for what cannot be used, with nothing written, and RuntimeError for what
-    fails on the way.
+    An interrupted run resumes from its last checkpoint, to the same result. `command`: what the
+    user typed, to be stored. Raises InputError for invalid input, with nothing written, and
+    RuntimeError for what fails on the way.
     """
     experiment = build_training(config, report, settings)
     with Run(experiment, report) as run:
@@ -53,13 +52,13 @@ def train(
 
 
 class Training:
-    """Where Algorithm 1 is. Its counters only grow, so that it can go on from any of them."""
+    """State of Algorithm 1. Its counters only grow, so that it can resume at any of them."""
 
     def __init__(self, experiment: TrainingExperiment, run: Run, report: ReportProgress = silent):
         self.experiment, self.run, self._report = experiment, run, report
         self.real: list[Trajectory] = []  # all real episodes, the latest first
-        self.num_filmings = 0  # of the real world, one a cycle
-        self.num_skipped = 0  # of them, where no policy could act yet
+        self.num_filmings = 0  # of the real world, one per cycle
+        self.num_skipped = 0  # of them, without a policy that could act
         self.num_scored = 0  # cycles after which the policy was scored
         self.rng = np.random.default_rng(experiment.config.seed)
         self._saved_s = time.monotonic()
@@ -102,7 +101,7 @@ class Training:
         self._save()
 
     def _update_simulator(self) -> None:
-        # Without a limit: what is limited by time could not be repeated.
+        # Without a time limit, which would not be reproducible.
         found = self.experiment.search.run_round(self.real, Budget(report=self._report))
         if self.experiment.config.drop_far:
             near = self.distribution_policy
@@ -129,7 +128,7 @@ class Training:
             self._save()
 
     def _score_meanwhile(self) -> None:
-        """A point of the curve that figures show; nothing learns from it."""
+        """A point of a learning curve for figures; nothing learns from it."""
         experiment, config = self.experiment, self.experiment.config
         if experiment.truth is not None and experiment.agent.can_act:
             done = self.run.step / experiment.schedule.total_steps
@@ -142,7 +141,7 @@ class Training:
         self._save()
 
     def _delay_steps(self) -> int:
-        """By which actions are late: of the estimate, once a search has looked for it."""
+        """Delay of actions: the estimate's, once a search has looked for it."""
         is_known = self.run.num_rounds and self.experiment.search_name == "posterior"
         estimated = self.run.estimate.latency_steps if is_known else None
         return self.experiment.delay_steps(estimated, self.rng)
@@ -159,7 +158,7 @@ class Training:
         return Distribution.proportional(experiment.space, mean, range_)
 
     def finish(self, command: str | None = None) -> dict[str, Any]:
-        """Score the policy on episodes that nothing was learnt from; see `Run.finish`."""
+        """Score the policy on episodes not used for learning; see `Run.finish`."""
         experiment, config = self.experiment, self.experiment.config
         metadata: dict[str, Any] = {"method": config.method, "preset": config.preset}
         metadata["policy_steps"] = self.run.step
@@ -180,7 +179,7 @@ class Training:
         self._saved_s = time.monotonic()
 
     def resume(self) -> None:
-        """Go on from the newest sound checkpoint, if there is one."""
+        """Continue from the newest valid checkpoint, if there is one."""
         if not (state := self.run.resume()):
             return
         self.num_filmings, self.num_skipped = state["filmings"], state["skipped"]

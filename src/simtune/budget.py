@@ -1,4 +1,4 @@
-"""How long work may take, and where it reports its progress: handed down, part by part."""
+"""How long work may take, and where it reports progress: handed down, part by part."""
 
 import math
 import time
@@ -7,15 +7,15 @@ from simtune.progress import ReportProgress, silent
 
 
 class OutOfTime(Exception):
-    """The time is over, and what was begun is not worth more of it."""
+    """The time is over, and unfinished work is not worth more of it."""
 
 
 class Budget:
     """A deadline, and a stretch of the progress bar.
 
-    A command makes one; each piece of work gets a `part`, so that it knows of nothing but its
-    own share. Without a limit, which is how trainings run, a budget only reports: nothing that
-    is limited by time could be repeated bit for bit.
+    A command makes one; each piece of work gets a `part`, and only knows its own share. Without a
+    limit, as in trainings, a budget only reports: work that is limited by time cannot be repeated
+    bit for bit.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class Budget:
 
     @property
     def spent(self) -> float:
-        """Share of the time that is over; more than 1 where it was overrun."""
+        """Share of the time that is over; more than 1 if it was exceeded."""
         return (time.monotonic() - self._start) / max(self.seconds, 1e-3)
 
     @property
@@ -44,7 +44,7 @@ class Budget:
         return self.seconds_left == 0
 
     def check(self) -> None:
-        """Raises OutOfTime where it is over."""
+        """Raises OutOfTime if it is over."""
         if self.is_over:
             raise OutOfTime(f"the {self.seconds:.0f} s for this are over")
 
@@ -57,18 +57,18 @@ class Budget:
         return self.spent * (num_done + 1) <= num_done
 
     def report(self, doing: str, done: float = 0.0) -> None:
-        """Say what is happening, and how much of this budget's work is done, 0 to 1."""
+        """Report what is being done, and how much of this budget's work is done, 0 to 1."""
         low, high = self._span
         self._report(self._prefix + doing, low + (high - low) * min(1.0, done))
 
     def part(
         self, seconds: float, span: tuple[float, float] = (0.0, 1.0), prefix: str = ""
     ) -> "Budget":
-        """`seconds` of it from now on, and a stretch of its stretch of the bar."""
+        """`seconds` of it from now on, and a part of its stretch of the bar."""
         low, high = self._span
         stretch = (low + (high - low) * span[0], low + (high - low) * span[1])
         return Budget(seconds, self._report, span=stretch, prefix=self._prefix + prefix)
 
     def share(self, share: float, span: tuple[float, float] = (0.0, 1.0)) -> "Budget":
-        """A share of all its time, from now on; no more than is left."""
+        """A share of all its time, from now on; at most what is left."""
         return self.part(min(share * self.seconds, self.seconds_left), span)

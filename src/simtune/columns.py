@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 
 
 def aligned(rows: Sequence[Sequence[str]], left: Collection[int]) -> list[str]:
-    """Lines of cells, as wide as the widest of their column; those of `left` to the left."""
+    """Lines of cells, padded to their columns' widths; columns in `left` are left-aligned."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
@@ -17,6 +17,6 @@ def aligned(rows: Sequence[Sequence[str]], left: Collection[int]) -> list[str]:
 
 
 def cut(items: Sequence[str], most: int, separator: str = ", ") -> str:
-    """The first `most` of them, and how many more there are: "a, b and 3 more"."""
+    """The first `most` of them, and the number of others: "a, b and 3 more"."""
     more = f" and {len(items) - most} more" if len(items) > most else ""
     return separator.join(items[:most]) + more

@@ -1,7 +1,7 @@
-"""The same actions side by side: the real episode, the simulator before and after tuning.
+"""Videos with the same actions: the real episode, the simulator before and after tuning.
 
-A video does not show what state it starts from. A fit found it; without one, the start whose first
-pictures look most like the real ones is searched for: many random ones, then many near the best.
+A video does not show its initial state. A fit finds it; without one, the start whose first pictures
+look most like the real ones is searched for: many random ones, then many near the best.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.search import Estimate
 
-_COMPARED_STEPS = 4  # the first pictures, in which velocities show, too
+_COMPARED_STEPS = 4  # the first pictures, which also show velocities
 _ELITE = 8
 
 
@@ -22,7 +22,7 @@ _ELITE = 8
 class StartSearchConfig:
     """How long the start of the real episode is searched for."""
 
-    num_starts: int = 256  # at random, and in each later round near the best
+    num_starts: int = 256  # random, then in each later round near the best
     rounds: int = 6
 
 
@@ -36,9 +36,9 @@ def line_up(
     seed: int,
     config: StartSearchConfig = _USUAL,
 ) -> tuple[Trajectory, np.ndarray]:
-    """A real episode with its actions when they took effect, and the (S,) state it begins in.
+    """A real episode with its actions when they took effect, and its initial state (S,).
 
-    It is the one that the estimate's start is of, if that has one.
+    It must be the episode that the estimate's start belongs to, if there is one.
     """
     late = replace(trajectory, actions=delayed(trajectory.actions, estimate.latency_steps))
     if estimate.start is not None:
@@ -59,7 +59,7 @@ def write_comparison(
     """
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
-    before, after = (film_from(simulator, trajectory.actions, its, start) for its in parameters)
+    before, after = (film_from(simulator, trajectory.actions, p, start) for p in parameters)
     write_video(folder / "before.mp4", before, fps)
     write_video(folder / "after.mp4", after, fps)
     write_video(folder / "overlay.mp4", overlay(trajectory.frames, after), fps)
@@ -68,7 +68,7 @@ def write_comparison(
 def overlay(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:
     """Two films (T, H, W, 3) uint8 as one: grey where alike, red where only the real is brighter.
 
-    Where only the simulated one is, it is cyan. The shorter one's last picture stays.
+    Cyan where only the simulated one is. The shorter one's last picture stays.
     """
     last = len(simulated) - 1
     ends = np.minimum(np.arange(len(real)), last)
@@ -83,13 +83,13 @@ def find_start(
     rng: np.random.Generator,
     config: StartSearchConfig = _USUAL,
 ) -> np.ndarray:
-    """(S,) the state from which the simulator's first pictures are nearest to the real ones."""
+    """(S,) state from which the simulator's first pictures are nearest to the real ones."""
     first, num = trajectory.first(_COMPARED_STEPS), config.num_starts
     states, distance = _compare(simulator, first, parameters, rng, num)
     space, std = simulator.state_space, states.std(0)
     if space is None:  # worlds cannot start near other states
         return states[np.argmin(distance)]
-    # What the task's own starts do not vary stays as it is.
+    # State components that the task's own starts do not vary stay as they are.
     moving = space.positions_and_velocities(std)
     spread = space.with_positions_and_velocities(np.zeros_like(std), moving)
     for round_ in range(1, config.rounds):
@@ -110,7 +110,7 @@ def _compare(
     num: int,
     starts: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(num, S) starts, or the task's own, and (num,) how far their pictures are from the real."""
+    """(num, S) starts, or the task's own, and (num,) distances of pictures from the real ones."""
     actions = np.repeat(real.actions[None].astype(float), num, axis=0)
     worlds = np.repeat(parameters[None], num, axis=0)
     rollouts = simulator.roll_out(worlds, actions, rng, starts=starts, keep_diverged=True)
@@ -121,8 +121,8 @@ def _compare(
 def film_from(
     simulator: AnySimulator, actions: np.ndarray, parameters: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
-    rng = np.random.default_rng(0)  # unused: the start is given
+    rng = np.random.default_rng(0)  # not used: the start is given
     world, starts = parameters[None], start[None]
     rollouts = simulator.roll_out(world, actions[None].astype(float), rng, starts=starts)
-    # Where it diverged: the start alone
+    # If it diverged: only the start
     return simulator.film(rollouts)[0] if len(rollouts) else simulator.render(starts, world)

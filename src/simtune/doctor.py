@@ -17,7 +17,7 @@ _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "torch", "av", "pyarrow", "nump
 
 
 def analyze() -> Iterator[tuple[str, str]]:
-    """(what, how it is here), one after another: a driver may end the process as it is tried."""
+    """(what, its state here), one after another: a driver may end the process when tried."""
     python = f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores"
     yield "python", python
     for package in _PACKAGES + _FOR_ROBOTS:
@@ -32,7 +32,7 @@ def analyze() -> Iterator[tuple[str, str]]:
 
 
 def works(found: Mapping[str, str]) -> bool:
-    """Whether the default renderer does, by what `analyze` found."""
+    """Whether the default renderer works, by what `analyze` found."""
     return found["raycaster"].startswith(_WORKS)
 
 
@@ -64,7 +64,7 @@ def _try_renderer(name: RendererName) -> str:
         simulator.film(rollouts)
         began_s = time.monotonic()
         frames = simulator.film(rollouts)
-    except Exception as error:  # whatever a driver throws: the doctor is there to tell
+    except Exception as error:  # whatever a driver raises: the doctor is to report it
         return f"does not work: {' '.join(str(error).split())}"
     if frames.max() == frames.min():
         return "draws nothing but one colour"

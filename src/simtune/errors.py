@@ -1,4 +1,4 @@
-"""What can be wrong with the user's input, said in one line."""
+"""Errors in the user's input, described in one line."""
 
 import difflib
 from collections.abc import Iterable, Iterator
@@ -20,16 +20,16 @@ class UnknownName(InputError):
 
 
 def one_line(error: ValueError) -> str:
-    """What MuJoCo says, in several lines."""
+    """MuJoCo's message of several lines as one."""
     return " ".join(str(error).split())
 
 
 @contextmanager
 def blame(what: str, kind: type[Exception] = InputError) -> Iterator[None]:
-    """Code that users bring raises whatever it likes: as `kind`, it says in a line what failed."""
+    """Turn whatever a user's code raises into `kind`, with a line on what failed."""
     try:
         yield
-    except InputError:  # says it already
+    except InputError:  # already described
         raise
     except Exception as error:
         raise kind(f"{what}: {type(error).__name__}: {error}") from error

@@ -17,13 +17,13 @@ from simtune.run.sources import source_of
 
 _OPTIONS = [field.name for field in fields(TrainConfig)]
 _EPISODES = 20
-_PATHS = ("robot", "real_parameters")  # options that config.json holds as text
+_PATHS = ("robot", "real_parameters")  # options that config.json stores as text
 
 
 def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[str, Any]:
     """Returns of the policy of a run that `train` wrote, in a simulated world; goals by name.
 
-    Nothing is written. Raises InputError where there is no policy, or no world to score it in.
+    Nothing is written. Raises InputError if there is no policy, or no world to score it in.
     """
     config.check()
     if config.real is not None:
@@ -45,10 +45,10 @@ def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[s
 
 
 def load_trained(run_folder: Path, settings: Settings | None = None) -> TrainingExperiment:
-    """A training whose agent is as its newest checkpoint has it.
+    """A training whose agent is loaded from its newest checkpoint.
 
-    Nothing else is loaded: what it learnt from need not be drawn anew, no robot is asked, no
-    recording read. Raises InputError, also where the policy had not begun to learn.
+    Nothing else is loaded: replays are not drawn anew, no robot is used, no recording read. Raises
+    InputError, also if the policy had not begun to learn.
     """
     stored = _stored(run_folder)
     run_config = stored["config"]
@@ -58,10 +58,10 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
     tensors, state = checkpoint.load(newest)
     options = {name: run_config[name] for name in _OPTIONS}
     for name in ("task", "real_parameters"):
-        if options[name] is not None:  # as the run keeps it
+        if options[name] is not None:  # the copy that the run keeps
             options[name] = source_of(run_folder, stored, options[name])
     options |= {name: Path(options[name]) for name in _PATHS if options[name] is not None}
-    options |= {"out": run_folder, "device": "auto"}  # where it is now, and this machine's
+    options |= {"out": run_folder, "device": "auto"}  # its present folder, this machine
     trained = build_training(TrainConfig(**options), settings=settings, trained=state)
     _check_unchanged(trained, run_config, run_folder)
     trained.load_agent(tensors, state)
@@ -76,7 +76,7 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
 def _check_unchanged(
     trained: TrainingExperiment, run_config: dict[str, Any], run_folder: Path
 ) -> None:
-    """Raises InputError where the names in a run's options mean something else now."""
+    """Raises InputError if names in a run's options refer to something else now."""
     if trained.truth is not None and trained.truth.digest != run_config["truth"]:
         raise InputError(
             f"--real-parameters {run_config['real_parameters']}, by which {run_folder} was made, "
@@ -92,7 +92,7 @@ def _check_unchanged(
 
 
 def _stored(run_folder: Path) -> dict[str, Any]:
-    """config.json of a training. Raises InputError where there is none."""
+    """config.json of a training. Raises InputError if there is none."""
     is_run = (run_folder / "config.json").is_file()
     stored = stored_config(run_folder) if is_run else None
     if stored is None or not set(_OPTIONS) <= stored["config"].keys():

@@ -20,7 +20,7 @@ _SMALLEST_PX = 1  # nothing is drawn
 def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None) -> dict[str, Any]:
     """{"sensors": {joint: its unit, rms before and after tuning}, "episodes"}.
 
-    Raises InputError for a run without joint readings, or recordings that do not go with it.
+    Raises InputError for a run without joint readings, or recordings that do not match it.
     """
     run = read_run(run_folder)
     if "sensors" not in run.result:
@@ -44,7 +44,7 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
 
 
 def _open(run: RunData, task: Task, recordings: Path) -> RecordedReal:
-    """With the run's own options; nothing but readings."""
+    """With the run's own options; readings only."""
     options = {f.name: run.config[f.name] for f in fields(TuneConfig) if f.name in run.config}
     options |= {"out": run.path, "real": str(recordings)}
     config = TuneConfig(**options)

@@ -1,4 +1,4 @@
-"""`simtune example`: one of examples/, which the wheel brings along, as files of one's own."""
+"""`simtune example`: copies one of examples/, which the wheel includes."""
 
 import shutil
 from importlib.resources import as_file, files
@@ -6,12 +6,12 @@ from pathlib import Path
 
 from simtune.errors import InputError, UnknownName
 
-_SHARED = "unpack_wheel.py"  # beside the examples: some unpack a robot's model with it
-_MADE = shutil.ignore_patterns("model", "__pycache__", ".*")  # what trying them leaves behind
+_SHARED = "unpack_wheel.py"  # beside the examples: some use it to unpack a robot's model
+_MADE = shutil.ignore_patterns("model", "__pycache__", ".*")  # what running them leaves behind
 
 
 def copy_example(name: str, folder: Path) -> Path:
-    """FOLDER/NAME, as the docs' commands call it. Raises InputError where it is there already."""
+    """FOLDER/NAME, as the docs' commands call it. Raises InputError if it already exists."""
     with as_file(files("simtune") / "examples") as examples:
         known = sorted(path.parent.name for path in examples.glob("*/tune.toml"))
         if name not in known:

@@ -1,4 +1,4 @@
-"""How a camera's recordings come about: under which key, through which lens, before what."""
+"""How a camera's recordings are made: their key, lens and background."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,34 +13,34 @@ from simtune.errors import InputError
 from simtune.lens import Lens
 from simtune.pictures import resize
 
-_FRAMES = 200  # looked at, evenly spread: a median of more is no better
+_FRAMES = 200  # used, evenly spread: a median of more is no better
 
 
 @dataclass(frozen=True, kw_only=True)
 class Footage:
-    """What recordings of one camera are, beyond its pose and field of view."""
+    """Properties of one camera's recordings, beyond its pose and field of view."""
 
-    camera: str = ""  # the model's, that films so
-    name: str = ""  # by which it is observed
-    key: str | None = None  # of its videos in recordings; None: the only one, or what is asked for
-    lens: Lens | None = None  # None: a pinhole, whose field of view the model says
-    # What stands still behind all that moves, in place of what the model has there: a picture by
-    # the same camera, or the recordings' own median; None: what the model has
+    camera: str = ""  # of the model
+    name: str = ""  # under which it is observed
+    key: str | None = None  # of its videos in recordings; None: the only one, or the one asked for
+    lens: Lens | None = None  # None: a pinhole with the model's field of view
+    # Background behind all that moves, in place of the model's: a picture by the same camera, or
+    # the recordings' own median; None: the model's
     background: Path | Literal["recording"] | None = None
-    latency_s: float = 0.0  # by which a frame shows what was earlier than it says
-    is_square: bool = False  # only the middle is looked at, as wide as it is high
+    latency_s: float = 0.0  # by which a frame shows an earlier moment than its time
+    is_square: bool = False  # only the central square is used
 
     def content(self) -> str:
-        """What of it stands in other files, by which a run notices that it is another one."""
+        """Content from other files, by which a run notices changes."""
         lens = repr(self.lens) if self.lens else ""
         if not isinstance(self.background, Path):
             return lens
         return lens + sha256(self.background.read_bytes()).hexdigest()
 
     def aspect(self, recorded: tuple[int, ...]) -> float:
-        """Width over height of what is looked at; `recorded`: (H, W) of its pictures.
+        """Width over height of the part that is used; `recorded`: (H, W) of its pictures.
 
-        Raises InputError where a square is asked for, and the picture is upright.
+        Raises InputError if a square is asked for, and the picture is upright.
         """
         height, width = recorded[:2]
         aspect = self.lens.aspect if self.lens else width / height
@@ -52,10 +52,10 @@ class Footage:
         return 1.0 if self.is_square else aspect
 
     def fit(self, picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """(H, W, 3) as recorded as a pinhole camera sees it, in (height, width) of its `aspect`.
+        """(H, W, 3) as recorded to (height, width) of its `aspect`, as a pinhole camera sees it.
 
-        It is whole in height: MuJoCo's field of view is vertical. Raises InputError for a picture
-        that the lens was not calibrated with.
+        All of its height is used: MuJoCo's field of view is vertical. Raises InputError for a
+        picture that the lens was not calibrated with.
         """
         if self.lens:
             return self.lens.rectify(picture, size)
@@ -63,7 +63,7 @@ class Footage:
         return resize(picture, size, (rows, min(rows * size[1] / size[0], picture.shape[1])))
 
     def plate(self, recorded: Iterable[np.ndarray], size: tuple[int, int]) -> np.ndarray | None:
-        """(height, width, 3) uint8 to draw behind what moves; None: what the model has.
+        """(height, width, 3) uint8 to draw behind what moves; None: the model's background.
 
         `recorded`: (T, height, width, 3) frames of episodes. Raises InputError for a picture that
         cannot be read.
@@ -75,16 +75,16 @@ class Footage:
         return median_picture(recorded)
 
 
-PLAIN = Footage()  # of a pinhole, before what the model has
+PLAIN = Footage()  # a pinhole, with the model's background
 
 
 def median_picture(recorded: Iterable[np.ndarray]) -> np.ndarray:
-    """(H, W, 3) what stands still in episodes of (T, H, W, 3): the median at each pixel."""
+    """(H, W, 3) background of episodes of (T, H, W, 3): the median of each pixel."""
     frames = list(recorded)
-    every = np.cumsum([0, *map(len, frames)])
-    at = np.linspace(0, every[-1] - 1, min(_FRAMES, every[-1])).astype(int)
-    episode = np.searchsorted(every, at, side="right") - 1
-    few = [frames[e][t - every[e]] for e, t in zip(episode, at, strict=True)]
+    begins = np.cumsum([0, *map(len, frames)])
+    at = np.linspace(0, begins[-1] - 1, min(_FRAMES, begins[-1])).astype(int)
+    episode = np.searchsorted(begins, at, side="right") - 1
+    few = [frames[e][t - begins[e]] for e, t in zip(episode, at, strict=True)]
     return np.median(np.stack(few), 0).astype(np.uint8)
 
 

@@ -1,6 +1,6 @@
-"""What a camera's lens does to pictures, and pictures as a pinhole would have taken them.
+"""A camera's lens, and the conversion of its pictures to a pinhole's.
 
-Of a region of interest, as a pinhole would that looks at its middle: turned about where it is.
+For a region of interest, the pinhole looks at its middle, turned about the camera's position.
 """
 
 import functools
@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from simtune.errors import InputError
 
-_OPENCV = np.diag([1.0, -1.0, -1.0])  # its axes in a camera's of MuJoCo
-_NEAR_ENOUGH = 1e-9  # of a direction, that is found by iterating
+_OPENCV = np.diag([1.0, -1.0, -1.0])  # axes of OpenCV in those of MuJoCo's camera
+_NEAR_ENOUGH = 1e-9  # of a direction, when iterating
 _ITERATIONS = 200
-_SQUARE, _MIDDLE_PX = 1e-3, 0.5  # pixels as wide as high; the middle, as near as one can see
-_FEWEST_POINTS, _POINTS_PER_PIXEL = 2, 2  # of each new pixel; of each old one, along an axis
+_SQUARE, _MIDDLE_PX = 1e-3, 0.5  # tolerances for square pixels (relative) and for the centre
+_FEWEST_POINTS, _POINTS_PER_PIXEL = 2, 2  # per new pixel; per old one, along an axis
 
 
 @dataclass(frozen=True)
@@ -33,19 +33,19 @@ class Lens:
     1966.)
     """
 
-    width: int  # pixels, of the pictures that it was calibrated with
+    width: int  # pixels, of the pictures used for calibration
     height: int
     fx: float  # pixels
     fy: float
     cx: float
     cy: float
     distortion: tuple[float, ...] = (0.0,) * 5  # k1, k2, p1, p2, k3
-    # left, top, right and bottom edge of what is looked at, in pixels from the corner; None: all
+    # left, top, right and bottom edge of the used part, in pixels from the corner; None: all
     region: tuple[float, float, float, float] | None = None
 
     @classmethod
     def pinhole(cls, width: int, height: int, fovy_deg: float) -> "Lens":
-        """One without distortion. `fovy_deg`: vertical field of view."""
+        """Without distortion. `fovy_deg`: vertical field of view."""
         focal = float(focal_px(height, fovy_deg))
         return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
 
@@ -59,11 +59,11 @@ class Lens:
 
     @property
     def whole_fovy_deg(self) -> float:
-        """Vertical field of view of the whole picture; a pinhole's."""
+        """Vertical field of view of the whole picture; for a pinhole."""
         return math.degrees(2 * math.atan(self.height / 2 / self.fy))
 
     def distort(self, points: np.ndarray) -> np.ndarray:
-        """(..., 2) directions (x, y) to where a picture without pixels would show them."""
+        """(..., 2) directions (x, y) to distorted ones, which a picture shows."""
         k1, k2, p1, p2, k3 = self.distortion
         x, y = points[..., 0], points[..., 1]
         squared, product = x**2 + y**2, x * y
@@ -77,7 +77,7 @@ class Lens:
         )
 
     def undistort(self, seen: np.ndarray) -> np.ndarray:
-        """What `distort` brings to (..., 2) `seen`. Raises InputError where nothing is found."""
+        """The inverse of `distort` for (..., 2) `seen`. Raises InputError if it is not found."""
         points = seen.copy()
         for _ in range(_ITERATIONS):
             off = self.distort(points) - seen
@@ -92,12 +92,12 @@ class Lens:
         )
 
     def check(self) -> None:
-        """Raises InputError for a lens that no picture comes through."""
+        """Raises InputError for a lens that gives no picture."""
         _ = self.half_sides
 
     @functools.cached_property
     def turn(self) -> Rotation:
-        """From directions before the pinhole that `rectify` stands for to those before the lens.
+        """Rotation from directions before the pinhole of `rectify` to those before the lens.
 
         In OpenCV's axes: x to the right, y down, z ahead. It does not roll.
         """
@@ -121,9 +121,9 @@ class Lens:
 
     @functools.cached_property
     def half_sides(self) -> tuple[float, float]:
-        """Half the width and half the height of what is seen whole, at unit distance.
+        """Half the width and half the height of the rectified picture, at unit distance.
 
-        The axis of `turn` is in its middle. Raises InputError for what no picture comes through.
+        The axis of `turn` is in its middle. Raises InputError if there is no picture.
         """
         return self._around_the_axis() if self.region is None else self._around_the_region()
 
@@ -142,7 +142,7 @@ class Lens:
         return float(seen[:2, 0].min()), float(seen[2:, 1].min())
 
     def _towards(self, corner_px) -> np.ndarray:
-        """(..., 2) directions of points that are so many pixels from the picture's corner."""
+        """(..., 2) directions of points that are `corner_px` from the picture's corner."""
         middle, focal = np.array([self.cx, self.cy]), np.array([self.fx, self.fy])
         return self.undistort((np.asarray(corner_px) - 0.5 - middle) / focal)
 
@@ -159,17 +159,17 @@ class Lens:
 
     @property
     def aspect(self) -> float:
-        """Width over height of the pictures that `rectify` gives whole."""
+        """Width over height of rectified pictures."""
         half_width, half_height = self.half_sides
         return half_width / half_height
 
     @property
     def fovy_deg(self) -> float:
-        """Field of view, vertical, of the pinhole whose pictures `rectify` gives."""
+        """Vertical field of view of the pinhole of `rectify`."""
         return math.degrees(2 * math.atan(self.half_sides[1]))
 
     def rectify(self, picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """What a pinhole would have seen: (H, W, 3) uint8 to (height, width, 3), areas averaged.
+        """As a pinhole would see it: (H, W, 3) uint8 to (height, width, 3), by area averaging.
 
         Raises InputError for pictures of another shape than those of the calibration.
         """
@@ -184,18 +184,18 @@ class Lens:
 
     @property
     def _axes(self) -> tuple[tuple[int, float, float], tuple[int, float, float]]:
-        """Pixels, middle and focal length, along x and y."""
+        """Pixels, centre and focal length, along x and y."""
         return (self.width, self.cx, self.fx), (self.height, self.cy, self.fy)
 
 
 def focal_px(height: int, fovy_deg: float | np.ndarray) -> np.ndarray:
-    """A pinhole's focal length, pixels, of pictures so high; of its shape where there are many."""
+    """A pinhole's focal length in pixels, for pictures of this height; of `fovy_deg`'s shape."""
     return height / 2 / np.tan(np.radians(fovy_deg) / 2)
 
 
 @functools.lru_cache(8)
 def _areas(lens: Lens, height: int, width: int, size: tuple[int, int]) -> csr_array:
-    """(new pixels, old pixels) how much of each old pixel makes up each new one."""
+    """(new pixels, old pixels) share of each old pixel in each new one."""
     rows, columns = size
     scale = np.array([width / lens.width, height / lens.height])  # of the calibration's pictures
     times = max(_FEWEST_POINTS, math.ceil(_POINTS_PER_PIXEL * height / rows))

@@ -1,4 +1,4 @@
-"""Moving parts in the real video beside the simulator's, before and after, replayed open loop."""
+"""Moving parts in the real video and the simulator, before and after, replayed open loop."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,54 +10,54 @@ from simtune.simulation import Simulator
 from simtune.vision.detector import Detections
 from simtune.vision.keypoints import Keypoints
 
-_SURE = 0.5  # probability that a keypoint is where it was detected; elsewhere it counts as unseen
-_END = 0.1  # of an episode, at its end
-_ALONG_PX, _LOST = 2.0, 3  # off by more than so much, in so many pictures that show it: it is lost
+_SURE = 0.5  # detection probability below which a keypoint counts as unseen
+_END = 0.1  # share of an episode that is its end
+_ALONG_PX, _LOST = 2.0, 3  # a part is lost when off by more than this, in so many pictures
 
 
 @dataclass(frozen=True)
 class MovingParts:
-    """L keypoints of an episode's T + 1 pictures, in pixels; NaN where nothing is known."""
+    """L keypoints in an episode's T + 1 pictures, in pixels; NaN if unknown."""
 
-    parts: tuple[str, ...]  # (L,) the body of each
+    parts: tuple[str, ...]  # (L,) body of each
     detected: np.ndarray  # (T + 1, L, 2)
-    before: np.ndarray  # by the same actions in the simulator
+    before: np.ndarray  # simulated, with the same actions
     after: np.ndarray
 
     def distances(self) -> dict[str, dict[str, np.ndarray]]:
-        """{part: {"before", "after": (T + 1,) pixels from where it is detected}}."""
+        """{part: {"before", "after": (T + 1,) pixels from its detection}}."""
         found = {}
         for part in dict.fromkeys(self.parts):
-            its = np.array(self.parts) == part
+            of_part = np.array(self.parts) == part
             found[part] = {
-                "before": _distance(self.before[:, its], self.detected[:, its]),
-                "after": _distance(self.after[:, its], self.detected[:, its]),
+                "before": _distance(self.before[:, of_part], self.detected[:, of_part]),
+                "after": _distance(self.after[:, of_part], self.detected[:, of_part]),
             }
         return found
 
     def scores(self) -> dict[str, dict[str, Any]]:
         """{part: medians of that, over the episode and its end, and how long it is within 2 px}.
 
-        A detector slips now and then, hence medians. In pixels, and pictures; JSON.
+        Medians, since a detector occasionally fails. In pixels, and pictures; JSON.
         """
         found = {}
-        for part, its in self.distances().items():
-            last = max(1, round(_END * len(its["after"])))
-            told = {
+        for part, curves in self.distances().items():
+            last = max(1, round(_END * len(curves["after"])))
+            figures = {
                 f"{figure}{when}": value
                 for when, key in (("_before", "before"), ("", "after"))
                 for figure, value in (
-                    ("px", _median(its[key])),
-                    ("end_px", _median(its[key][-last:])),
-                    ("pictures_along", _along(its[key])),
+                    ("px", _median(curves[key])),
+                    ("end_px", _median(curves[key][-last:])),
+                    ("pictures_along", _along(curves[key])),
                 )
             }
-            found[part] = plain(told)
+            found[part] = plain(figures)
         return found
 
     def to_json(self) -> dict[str, Any]:
         films = {"detected": self.detected, "before": self.before, "after": self.after}
-        rounded = {name: np.round(its, 2).tolist() for name, its in films.items()}
+        rounded = {name: np.round(film, 2).tolist() for name, film in films.items()}
         return plain({"parts": list(self.parts), **rounded})
 
     @classmethod
@@ -65,10 +65,10 @@ class MovingParts:
         """The inverse. Raises KeyError, TypeError or ValueError for anything else."""
         parts = tuple(map(str, known["parts"]))
         films = [np.array(known[name], float) for name in ("detected", "before", "after")]
-        if any(its.ndim != 3 or its.shape[1:] != (len(parts), 2) for its in films):
+        if any(film.ndim != 3 or film.shape[1:] != (len(parts), 2) for film in films):
             raise ValueError(f"{len(parts)} keypoints of shapes {[its.shape for its in films]}")
         steps = min(map(len, films))
-        return cls(parts, *(its[:steps] for its in films))
+        return cls(parts, *(film[:steps] for film in films))
 
 
 def follow_parts(
@@ -79,7 +79,7 @@ def follow_parts(
     start: np.ndarray,
     parameters: tuple[np.ndarray, np.ndarray],
 ) -> MovingParts:
-    """An episode of (T, A) actions from the state `start` (S,).
+    """Parts in an episode of (T, A) actions from the state `start` (S,).
 
     `detections`: in its T + 1 real pictures; `parameters`: (N,) before and after.
     """
@@ -88,7 +88,7 @@ def follow_parts(
     played = simulator.roll_out(
         np.stack(parameters),
         np.repeat(actions[None].astype(float), 2, 0),
-        np.random.default_rng(0),  # unused: the start is given
+        np.random.default_rng(0),  # not used: the start is given
         keypoints.observe,
         starts=np.repeat(start[None], 2, 0),
         keep_diverged=True,
@@ -104,7 +104,7 @@ def follow_parts(
 
 
 def _distance(simulated: np.ndarray, detected: np.ndarray) -> np.ndarray:
-    """(T + 1,) root mean square over a part's (T + 1, K, 2) keypoints that are seen, else NaN."""
+    """(T + 1,) root mean square over the detected of a part's (T + 1, K, 2) keypoints, or NaN."""
     squared = np.square(simulated - detected).sum(-1)
     seen = np.isfinite(squared)
     total = np.where(seen, squared, 0.0).sum(1)
@@ -117,7 +117,7 @@ def _median(distances: np.ndarray) -> float:
 
 
 def _along(distances: np.ndarray) -> int | None:
-    """Pictures before the part is lost; those that do not show it do not count. None: never."""
+    """Pictures before the part is lost, of those that show it. None: never lost."""
     known = np.flatnonzero(np.isfinite(distances))
     off = distances[known] > _ALONG_PX
     runs = [i for i in range(len(off) - _LOST + 1) if off[i : i + _LOST].all()]

@@ -1,4 +1,4 @@
-"""Names that users choose by: commands ask for them, and the layers below look them up."""
+"""Names by which users choose, in commands and below."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""What the networks share: the pixel encoder, the positional encoding, and how fast to compute."""
+"""Common to networks: the pixel encoder, the positional encoding, and precision."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from simtune.errors import InputError
 
-_CPU_SLICE = 32  # stacks: what is computed of them fits in a cache, and into memory used before
+_CPU_SLICE = 32  # stacks whose intermediate results fit in a cache, and in reused memory
 
 
 class PixelConvolutions(nn.Module):
@@ -26,7 +26,7 @@ class PixelConvolutions(nn.Module):
         layers: list[nn.Module] = [nn.Conv2d(num_channels, 32, 3, stride=2), nn.ReLU(inplace=True)]
         for _ in range(3):
             layers += [nn.Conv2d(32, 32, 3), nn.ReLU(inplace=True)]
-        # channels_last is a fifth faster on CPUs, and what the tensor cores of GPUs want
+        # channels_last is a fifth faster on CPUs, and suits the tensor cores of GPUs
         self.layers = nn.Sequential(*layers).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, frames: torch.Tensor) -> torch.Tensor:
@@ -37,13 +37,13 @@ class PixelConvolutions(nn.Module):
     def _convolve(self, frames: torch.Tensor) -> torch.Tensor:
         first, *others = self.layers
         assert isinstance(first, nn.Conv2d)
-        # The K frames' rows in turns make one tall picture, and the kernel as tall with it: the
-        # same sums, over memory as it lies, where to stack them takes as long as a layer.
+        # The K frames' rows are interleaved into one tall picture, and the kernel likewise: the
+        # same sums without copying, since stacking the frames takes as long as a layer.
         num_stacked = frames.shape[1]
         tall = first.weight.unflatten(1, (num_stacked, 3)).permute(0, 2, 3, 1, 4).flatten(2, 3)
         rows = frames.transpose(1, 2).contiguous().flatten(1, 2).permute(0, 3, 1, 2)
         pixels = rows.to(torch.float32, memory_format=torch.channels_last)
-        # Pixels count from 0 to 1; there are more of them to divide than weights.
+        # Scale to 0 to 1 by the weights, of which there are fewer than pixels.
         convolved = functional.conv2d(pixels, tall / 255, first.bias, (2 * num_stacked, 2))
         for layer in others:
             convolved = layer(convolved)
@@ -53,8 +53,7 @@ class PixelConvolutions(nn.Module):
 class PixelEncoder(nn.Module):
     """The agent's encoder: stacked frames to 50 normalised features (RAD, appendix E).
 
-    The convolutions, then a linear layer and a LayerNorm; no tanh, which RAD's and CURL's SAC
-    leave out as well.
+    The convolutions, then a linear layer and a LayerNorm; no tanh, as in RAD's and CURL's SAC.
     """
 
     def __init__(self, num_channels: int, image_size: int, num_features: int = 50):
@@ -68,15 +67,15 @@ class PixelEncoder(nn.Module):
 
 
 def feature_head(num_inputs: int, num_features: int = 50) -> nn.Sequential:
-    """What was convolved to a few normalised features."""
+    """Convolutional features to a few normalised ones."""
     return nn.Sequential(nn.Linear(num_inputs, num_features), nn.LayerNorm(num_features))
 
 
 def positional_encoding(x: torch.Tensor, octaves: int) -> torch.Tensor:
     """(..., N) values to (..., N·(2·octaves + 1)): x, sin(2ᵏπx), cos(2ᵏπx) (NeRF, Eq. 4).
 
-    Expects values in [0, 1], where the slowest cosine is monotonic; raw values in their units
-    would be encoded by how large they happen to be.
+    Expects values in [0, 1], where the slowest cosine is monotonic; the encoding of values in their
+    own units would depend on their size.
     """
     octave = torch.arange(octaves, device=x.device, dtype=x.dtype)
     angles = x[..., None] * (torch.pi * 2**octave)
@@ -100,13 +99,13 @@ def has_fast_bf16(device: torch.device) -> bool:
 
 
 def autocast(device: torch.device) -> torch.autocast:
-    """Compute in bfloat16 where that is faster; weights stay float32, or small updates get lost."""
+    """Compute in bfloat16 if that is faster; weights stay float32, or small updates get lost."""
     return torch.autocast(device.type, dtype=torch.bfloat16, enabled=has_fast_bf16(device))
 
 
 @contextmanager
 def predicting(module: nn.Module) -> Iterator[None]:
-    """Dropout off and no gradients; afterwards the module is as it was."""
+    """Without dropout and gradients; restores the module's mode afterwards."""
     was_training = module.training
     module.eval()
     try:
@@ -118,7 +117,7 @@ def predicting(module: nn.Module) -> Iterator[None]:
 
 @contextmanager
 def frozen(module: nn.Module) -> Iterator[None]:
-    """What is computed meanwhile has no gradients for the module's weights, but for its inputs."""
+    """Gradients of computations inside reach the module's inputs, but not its weights."""
     module.requires_grad_(False)
     try:
         yield
@@ -135,12 +134,12 @@ def seeded(seed: int) -> Iterator[None]:
 
 
 def under(prefix: str, tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Those whose names begin with a prefix, by the rest of their names."""
+    """Tensors whose names begin with a prefix, by the rest of their names."""
     return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
 
 
 def load_weights(module: nn.Module, tensors: Mapping[str, torch.Tensor], name: str) -> None:
-    """Raises InputError for those of another network than `name` is here, as versions differ."""
+    """Raises InputError for weights of another network than `name` is in this version."""
     try:
         module.load_state_dict(tensors)
     except RuntimeError as error:
@@ -151,7 +150,7 @@ def load_weights(module: nn.Module, tensors: Mapping[str, torch.Tensor], name: s
 
 
 def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, torch.Tensor]:
-    """An optimiser's moments and step counts, {"3.exp_avg": ...}: what a checkpoint stores."""
+    """An optimiser's moments and step counts for a checkpoint, {"3.exp_avg": ...}."""
     states = optimizer.state_dict()["state"]
     return {f"{i}.{key}": value for i, state in states.items() for key, value in state.items()}
 
@@ -164,7 +163,7 @@ def load_optimizer_tensors(
     states: dict[int, dict[str, torch.Tensor]] = {}
     for name, value in tensors.items():
         index, key = name.split(".", 1)
-        # Moments have to lie in memory as their parameter does: fused steps run through both.
+        # Moments need their parameter's memory layout: fused steps run through both.
         like = parameters[int(index)] if value.ndim else value
         states.setdefault(int(index), {})[key] = torch.empty_like(like).copy_(value)
     whole = {"state": states, "param_groups": optimizer.state_dict()["param_groups"]}

@@ -1,4 +1,4 @@
-"""What a run writes down: config.json, metrics, checkpoints, curves.json, result.json."""
+"""What a run writes: config.json, metrics, checkpoints, curves.json, result.json."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -17,7 +17,7 @@ from simtune.tuning.combinations import combinations
 from simtune.tuning.joint import Joint
 from simtune.tuning.search import Estimate, Search
 
-# Of an estimate, beside its numbers
+# Fields of an estimate, beside its numbers
 _IN_RESULT = ("correlations", "ranks", "held_out", "warnings", "latency_steps", "pictures_late_s")
 _IN_RESULT += ("readings_late_s", "camera_responses")
 _NAME_CONTENT = ("real", "real_parameters")  # options whose content is known later
@@ -31,10 +31,10 @@ def run_config(
     real_metadata: Mapping[str, Any],
     truth: Truth | None,
 ) -> dict[str, Any]:
-    """What config.json remembers of a command: a run goes on only with the same.
+    """What config.json stores of a command: a run resumes only with the same.
 
-    That holds for the content of recordings, models, tuning files and a pseudo-real world's
-    parameters too, which may change where they lie.
+    This includes the content of recordings, models, tuning files and a pseudo-real world's
+    parameters, which may change in place.
     """
     dataset_hash = real_metadata.get("dataset_hash")
     contents = {
@@ -49,7 +49,7 @@ def run_config(
 
 
 def asked(config: TuneConfig | TrainConfig, task: AnyTask) -> dict[str, Any]:
-    """The part of it that is known before the real world is looked at."""
+    """The part of it that is known before the real world is read."""
     options = {k: _absolute(v) for k, v in asdict(config).items() if k not in _NAME_CONTENT}
     options |= {"task": task.source or config.task, "task_content": task.content_hash}
     options["task_name"] = task.name
@@ -59,12 +59,12 @@ def asked(config: TuneConfig | TrainConfig, task: AnyTask) -> dict[str, Any]:
 
 
 def _absolute(value: Any) -> Any:
-    """An option as JSON; a path so that it is found from any folder."""
+    """An option as JSON; paths are made absolute."""
     return str(value.resolve()) if isinstance(value, Path) else value
 
 
 def declared(space: ParameterSpace, start: np.ndarray) -> dict[str, dict[str, Any]]:
-    """The parameters as they are before any tuning, by name."""
+    """The parameters before any tuning, by name."""
     rows = zip(space, start, strict=True)
     return {
         p.name: {"unit": p.unit, "nominal": float(p.nominal), "initial": float(v)} for p, v in rows
@@ -102,10 +102,10 @@ def result(
 
 
 def joint_posterior(joint: Joint, estimate: Estimate, draws: np.ndarray) -> dict[str, Any]:
-    """What result.json says of how parameters go together; `draws`: (num, N) of `joint`.
+    """The part of result.json on correlated parameters; `draws`: (num, N) of `joint`.
 
     "covariance" is in unit coordinates: 0 at a parameter's low bound, 1 at its high one, along its
-    scale, so that of a log scale they grow with the logarithm.
+    scale, so on a log scale they grow with the logarithm.
     """
     space, (mean, covariance) = joint.space, joint.mean_and_covariance()
     coordinates = [{"name": p.name, "scale": p.scale, "low": p.low, "high": p.high} for p in space]
@@ -120,7 +120,7 @@ def summary(values: np.ndarray) -> dict[str, float]:
 
 
 def scalars(search: Search, estimate: Estimate) -> dict[str, float]:
-    """A round's estimates and ranges, as a line of metrics.jsonl has them."""
+    """A round's estimates and ranges, for a line of metrics.jsonl."""
     ranges = search.distribution
     columns = {"mean": estimate.mean, "low": estimate.low, "high": estimate.high}
     columns |= {"range_low": ranges.low, "range_high": ranges.high}
@@ -148,6 +148,6 @@ def from_json(saved: Mapping[str, Any]) -> Estimate:
     """The inverse of `to_json`."""
     arrays = {key: np.array(saved[key]) for key in _ARRAYS}
     pairs = {name: (np.array(c), np.array(p)) for name, (c, p) in saved["curves"].items()}
-    matrix = saved.get("correlation")  # earlier versions stored none
+    matrix = saved.get("correlation")  # absent in older versions
     correlation = None if matrix is None else np.array(matrix)
     return Estimate(**{**saved, **arrays, "curves": pairs, "correlation": correlation})

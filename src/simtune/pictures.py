@@ -1,4 +1,4 @@
-"""Pictures brought to the size that is asked for."""
+"""Resizing of pictures."""
 
 import functools
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def middle_square(frame: np.ndarray) -> np.ndarray:
-    """The middle of a picture (H, W, 3), (side, side, 3): as wide as it is high."""
+    """The central square of a picture (H, W, 3), (side, side, 3)."""
     side = min(frame.shape[:2])
     top, left = ((length - side) // 2 for length in frame.shape[:2])
     return frame[top : top + side, left : left + side]
@@ -15,20 +15,20 @@ def middle_square(frame: np.ndarray) -> np.ndarray:
 def resize(
     frame: np.ndarray, size: tuple[int, int], covered: tuple[float, float] | None = None
 ) -> np.ndarray:
-    """Resize by area averaging (anti-aliased), each axis on its own.
+    """Resize by area averaging (anti-aliased), each axis separately.
 
-    `frame` is (H, W, 3) uint8, `size` the new (height, width); gives (height, width, 3) uint8.
-    At whole factors every new pixel is the plain mean of the block that it covers. `covered`:
-    rows and columns in the middle that are shown, by default all; parts of a pixel count as such.
+    `frame` is (H, W, 3) uint8, `size` the new (height, width); gives (height, width, 3) uint8. For
+    integer factors every new pixel is the mean of its block. `covered`: central rows and columns
+    that are shown, by default all; fractions of a pixel count as such.
     """
-    # swscale's own AREA would average in subsampled YUV, which is off at coloured edges.
+    # swscale's own AREA would average in subsampled YUV, which is wrong at coloured edges.
     covered = covered or frame.shape[:2]
     if frame.shape[:2] == tuple(size) == tuple(covered):
         return frame
     rows, columns = (
         _area_taps(*lengths) for lengths in zip(frame.shape, size, covered, strict=False)
     )
-    # A matrix product would do it too, and would wake all of BLAS's threads for each frame.
+    # A matrix product would do as well, but wakes all of BLAS's threads for each frame.
     shrunk = sum(weight[:, None, None] * frame[index] for index, weight in rows)
     assert isinstance(shrunk, np.ndarray)
     shrunk = sum(weight[:, None] * shrunk[:, index] for index, weight in columns)
@@ -37,7 +37,7 @@ def resize(
 
 @functools.cache
 def _area_taps(size: int, new_size: int, covered: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Which old pixels each new one covers, and how much of it they make up.
+    """Which old pixels each new one covers, and their weights.
 
     Gives pairs (index, weight), each (new_size,): new = sum of weight * old[index].
     """

@@ -1,4 +1,4 @@
-"""What a preset stands for: a schedule, a search and an agent, as they fit the task."""
+"""What a preset stands for: a schedule, a search and an agent for the task."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,8 +15,8 @@ from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
 _SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
-_FEW_EPISODES = 5  # real ones of the first look, as of each update of the authors'
-# Nothing here may end by the clock, or no run could be repeated: less is learnt, but all of it.
+_FEW_EPISODES = 5  # real ones at first, as in each update of the authors'
+# Nothing here may end by the clock, or no run could be repeated: less is learnt, but always all.
 _FAST_SEARCH = PosteriorSearchConfig(
     num_rounds=2,
     detector_updates=(2000, 1500),
@@ -31,7 +31,7 @@ def choose_agent(config: TrainConfig) -> str:
 
 
 def choose_search(config: TrainConfig) -> SearchName | None:
-    """Its name; None: nothing is searched for."""
+    """Its name; None: no search."""
     if config.method == "autotune":
         return config.search or _SEARCHES[config.preset]
     return "regression" if config.method == "regression" else None
@@ -43,7 +43,7 @@ def choose_range(config: TrainConfig) -> float:
 
 
 def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | None) -> Schedule:
-    """Raises InputError where pretraining would be all of it."""
+    """Raises InputError if nothing is left after pretraining."""
     usual = PAPER_STEPS if config.preset == "paper" else task.policy_steps
     total_steps = config.policy_steps or usual
     if config.pretrain_steps >= total_steps:
@@ -58,7 +58,7 @@ def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | N
         pretrain_steps=config.pretrain_steps,
         many_searches=search_name in ("paper", "regression"),
     )
-    if search_name is None:  # real episodes would be of no use
+    if search_name is None:  # real episodes would not be used
         return replace(schedule, real_episodes=(0,) * len(schedule.real_episodes))
     return schedule
 
@@ -69,7 +69,7 @@ def choose_search_settings(
     task: AnyTask,
     recordings: Sequence[Trajectory],
 ) -> PosteriorSearchConfig | PaperConfig | None:
-    """The search's settings; None: its usual ones. Raises InputError for too long a window."""
+    """The search's settings; None: defaults. Raises InputError for too long a window."""
     is_training = isinstance(config, TrainConfig)
     if search_name == "posterior":
         if isinstance(config, TuneConfig):
@@ -86,10 +86,10 @@ def choose_search_settings(
         )
     settings: dict[str, Any] = {"window": config.window, "range_spm": config.range_spm}
     settings |= {"step_size": config.step_size, "episode_steps": episode_steps}
-    if config.preset == "fast":  # smaller pictures, and fewer of them before anything moves
+    if config.preset == "fast":  # smaller pictures, and fewer of them before the first move
         settings |= {"crop_size": 56, "collect_steps": 4000, "pretrain_steps": 0}
         settings |= {"episodes_per_iteration": 5}
-    else:  # as `schedule.paper` counts on: 2,000 steps a call, however long an episode is
+    else:  # as `schedule.paper` assumes: 2,000 steps a call, for any length of episodes
         settings |= {"collect_steps": 50_000, "pretrain_steps": 50_000}
         settings |= {"episodes_per_iteration": max(1, round(2000 / episode_steps))}
     return PaperConfig(**settings)

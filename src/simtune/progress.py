@@ -1,4 +1,4 @@
-"""How far long work is: what a command says meanwhile."""
+"""Progress of long work, as a command reports it."""
 
 import logging
 import math
@@ -8,18 +8,18 @@ from collections.abc import Callable
 
 from tqdm import tqdm
 
-# What is happening, and the share of the whole that is done
+# What is being done, and the share of the whole that is done
 ReportProgress = Callable[[str, float], None]
 
 _LINE_EVERY_S = 15.0
 
 
 def silent(doing: str, done: float) -> None:
-    """Say nothing."""
+    """Report nothing."""
 
 
 class _AboveTheBar(logging.Handler):
-    """What is said stays, and the bar goes on beneath it."""
+    """Prints messages above the bar."""
 
     def emit(self, record: logging.LogRecord) -> None:
         tqdm.write(self.format(record), file=sys.stderr)
@@ -28,11 +28,11 @@ class _AboveTheBar(logging.Handler):
 class ProgressBar:
     """Use as a `ReportProgress`; a context manager, so that the terminal is left tidy.
 
-    Meanwhile it shows what simtune logs, from INFO on.
+    While open, it shows simtune's log from INFO on.
     """
 
     def __init__(self, total_s: float = math.inf):
-        """`total_s`: how long the whole may take at most, to guess from at the start."""
+        """`total_s`: longest time of the whole, for the first estimates."""
         self._bar = tqdm(
             total=100.0,
             bar_format="{percentage:3.0f} %|{bar:24}| {desc} [{elapsed}, about {remaining} left]",
@@ -45,7 +45,7 @@ class ProgressBar:
 
     def __call__(self, doing: str, done: float) -> None:
         now = time.monotonic()
-        # The share of the budget spent keeps the bar moving where the work's share does not.
+        # The share of the time keeps the bar moving while the work's share does not.
         spent = (now - self._start) / self._total_s
         done = min(max(done, min(spent, 0.99)), 1.0)
         if spent > 1:

@@ -11,7 +11,7 @@ from simtune.parameters import ParameterSpace
 class Distribution:
     """Independent uniforms in [low, high], with the present estimate `mean` inside.
 
-    Along each parameter's own scale (log or linear), or plainly, as the paper has it.
+    Along each parameter's own scale (log or linear), or linear for all, as in the paper.
     """
 
     space: ParameterSpace
@@ -34,15 +34,15 @@ class Distribution:
         return cls(space, mean, space.clip(low), space.clip(high))
 
     def with_interval(self, mean: np.ndarray, low: np.ndarray, high: np.ndarray) -> "Distribution":
-        """The same kind of distribution, elsewhere."""
+        """The same kind of distribution with another interval."""
         return replace(self, mean=mean, low=self.space.clip(low), high=self.space.clip(high))
 
     def state(self) -> dict[str, list[float]]:
-        """What `with_state` takes; JSON."""
+        """Input of `with_state`; JSON."""
         return {key: getattr(self, key).tolist() for key in ("mean", "low", "high")}
 
     def with_state(self, state: dict[str, list[float]]) -> "Distribution":
-        """The same kind of distribution, where the one with that state was."""
+        """The same kind of distribution with the interval of a `state`."""
         return self.with_interval(**{key: np.array(values) for key, values in state.items()})
 
     def sample(self, num: int, rng: np.random.Generator) -> np.ndarray:

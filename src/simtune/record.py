@@ -35,10 +35,9 @@ from simtune.views import View
 def record(
     config: RecordConfig, report: ReportProgress = silent, settings: Settings | None = None
 ) -> Path:
-    """Film episodes of one world, and of what acts in it; returns the folder.
+    """Film episodes of one world, with actions of some policy; returns the folder.
 
-    One episode is in memory at a time. Raises InputError for what cannot be used, with nothing
-    written.
+    One episode is in memory at a time. Raises InputError for invalid input, with nothing written.
     """
     config.check()
     task = load_task(config.task)
@@ -50,7 +49,7 @@ def record(
         step_s=trained.environment.simulator.step_s if trained else None,
         renderer=config.renderer,
         views=[View(f.camera, _aspect(config, f.lens)) for f in task.cameras],
-        # OpenGL is there to look unlike the simulator, so it draws all that it can.
+        # OpenGL should look unlike the simulator, so it draws all that it can.
         quality=OPENGL_DM_CONTROL,
     )
     rng, world, num_steps = np.random.default_rng(config.seed), parameters[None], task.episode_steps
@@ -63,7 +62,7 @@ def record(
     write_dataset(
         config.out,
         _film(config.episodes, simulator, play, seen, rng, report),
-        action_names=task.action_columns or simulator.action_mapping.names,  # as it is read
+        action_names=task.action_columns or simulator.action_mapping.names,  # as read back
         robot_type=task.name,
         task=task.description,
         reading_names={sensor.name: sensor.column_names for sensor in task.sensors},
@@ -73,17 +72,17 @@ def record(
 
 
 def _aspect(config: RecordConfig, lens: Lens | None) -> float:
-    """Width over height; a lens knows its own."""
+    """Width over height; a lens defines its own."""
     if lens and config.width is None:
         return lens.width / lens.height
     return (config.width or config.image_size) / config.image_size
 
 
 def filming_whole(task: Task) -> Task:
-    """The same task, filmed by cameras that see whole pictures, not regions of them alone.
+    """The same task with cameras that see whole pictures, not only regions.
 
-    So whoever reads them looks at the region, once. Raises InputError for a lens that distorts or
-    looks aside: pictures are drawn through pinholes.
+    So readers apply the region once. Raises InputError for a lens that distorts or looks aside:
+    pictures are drawn through pinholes.
     """
     lenses = {footage.camera: footage.lens for footage in task.cameras if footage.lens}
     for name, lens in lenses.items():
@@ -96,15 +95,15 @@ def filming_whole(task: Task) -> Task:
     def load_spec() -> mujoco.MjSpec:
         spec = task.load_spec()
         for name, lens in lenses.items():
-            its = spec.camera(name)
-            its.quat, its.fovy = lens.from_region(its.quat), lens.whole_fovy_deg
+            given = spec.camera(name)
+            given.quat, given.fovy = lens.from_region(given.quat), lens.whole_fovy_deg
         return spec
 
     return replace(task, load_spec=load_spec) if lenses else task
 
 
 def _widths(task: Task, simulator: Simulator) -> dict[str, int] | None:
-    """{camera: pixels}, by the names that they are read by; None for one that has no such name."""
+    """{camera: pixels}, by the names under which they are read; None if one has no such name."""
     names = [footage.key or footage.name for footage in task.cameras]
     if len(names) == 1 and task.cameras[0].key is None:
         return None
@@ -123,7 +122,7 @@ def _film(
     rng: np.random.Generator,
     report: ReportProgress,
 ) -> Iterator[Trajectory]:
-    """Episodes one after the other; one that diverges is played again from another start."""
+    """Episodes one after the other; a diverged one is played again from another start."""
     for done in range(num_episodes):
         report("filming", done / num_episodes)
         attempts = (play().finished() for _ in range(_ATTEMPTS))
@@ -136,7 +135,7 @@ def _film(
 
 
 def _trained(policy: str, task: Task, settings: Settings | None) -> TrainingExperiment | None:
-    """The training of a policy that is one. Raises InputError where `task` has no such policy."""
+    """The training of a policy that is one. Raises InputError if `task` has no such policy."""
     if policy == "scripted" and task.script is None:
         raise InputError(f"{task.name} has no script to act by: --policy random or a run")
     if policy in ("random", "scripted"):
@@ -157,7 +156,7 @@ def _actor(
     num_steps: int,
     rng: np.random.Generator,
 ) -> Act:
-    """What acts in the next episode of a (1, N) world: at random, the script, or a policy.
+    """The next episode's actions in a (1, N) world: random, the script's, or a policy's.
 
     A policy sees pictures of its own.
     """

@@ -1,4 +1,4 @@
-"""Joint readings beside the simulator's, before and after tuning, replayed open loop."""
+"""Joint readings and the simulator's, before and after tuning, replayed open loop."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Replayed:
     after: np.ndarray
 
     def scores(self) -> dict[str, dict[str, Any]]:
-        """{reading: its unit and offset, and the root mean square of what is left}; JSON."""
+        """{reading: its unit and offset, and root mean square residuals}; JSON."""
         rms = [_rms(self.before - self.measured), _rms(self.after - self.measured)]
         rows = zip(self.labels, self.units, self.offsets, *rms, strict=True)
         keys = ("unit", "offset", "rms_before", "rms")
@@ -39,19 +39,19 @@ class Replayed:
         films = {"measured": self.measured, "before": self.before, "after": self.after}
         curves = {
             label: {"unit": unit}
-            | {name: np.round(its[0, :num, i], 6).tolist() for name, its in films.items()}
+            | {name: np.round(values[0, :num, i], 6).tolist() for name, values in films.items()}
             for i, (label, unit) in enumerate(zip(self.labels, self.units, strict=True))
         }
         return {"step_s": self.step_s, "sensors": curves}
 
 
 class Tuned(NamedTuple):
-    """What tuning found, as far as a replay asks."""
+    """Results of tuning that a replay uses."""
 
     mean: np.ndarray  # (N,)
-    offsets: Mapping[str, float]  # by what a reading is called
+    offsets: Mapping[str, float]  # by a reading's label
     latency_steps: int = 0
-    late_s: float = 0.0  # by which readings come late besides
+    late_s: float = 0.0  # lateness of readings
 
 
 def replay(

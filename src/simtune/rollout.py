@@ -1,4 +1,4 @@
-"""Episodes of simulated worlds that a policy acts in."""
+"""Episodes of simulated worlds in which a policy acts."""
 
 from collections.abc import Callable
 
@@ -19,8 +19,8 @@ Policy = Callable[[Observation], np.ndarray]  # (n, A) actions in [−1, 1]
 class Environment:
     """A task's worlds: parameters and a policy in, whole episodes out.
 
-    Only two things end an episode: its time, so that values may be bootstrapped at its end, and
-    physics that diverges: such a world ends as a failure, one step earlier.
+    An episode ends only by its time, so that values may be bootstrapped there, or by diverging
+    physics: such a world ends as a failure, one step earlier.
     """
 
     def __init__(
@@ -34,11 +34,11 @@ class Environment:
         most_late: int = 0,
         observation: ObservationModel | None = None,
     ):
-        """`keypoints`: whose pixels filmed episodes hold besides. Raises ValueError: no reward.
+        """`keypoints`: stored with filmed episodes, in pixels. Raises ValueError without a reward.
 
-        Behind a `gap` a policy sees what its camera delivers. `most_late`: steps by which actions
-        may be late; so many of the latest ones belong to the state, since they are still to come.
-        `observation`: of the real world that policies are for: rooms may have stray light there.
+        With a `gap` a policy sees what its camera delivers. `most_late`: steps by which actions may
+        be late; as many latest ones belong to the state, since they are still to come.
+        `observation`: of the real world that policies are for, whose rooms may have stray light.
         """
         if task.reward is None:
             raise ValueError(f"{task.name} has no reward, so no policy can be trained in it")
@@ -52,20 +52,20 @@ class Environment:
 
     @property
     def num_states(self) -> int:
-        """D, the length of what `observe` returns."""
+        """D, the length of an `Observation`'s states."""
         own = len(self._space.features(np.zeros(self._space.nq + self._space.nv)))
         return own + self.most_late * self.simulator.num_actions
 
     @property
     def num_positions(self) -> int:
-        """How many of them, the first ones, are positions; velocities follow, then actions."""
+        """Number of positions, which come first; velocities follow, then actions."""
         late = self.most_late * self.simulator.num_actions
         return self.num_states - late - self._space.nv
 
     def observe(self, full_states: np.ndarray) -> np.ndarray:
-        """(..., S) to (..., D): positions and velocities, without what makes no difference.
+        """(..., S) to (..., D): positions and velocities, without irrelevant ones.
 
-        Without the actions that are still to come, of which MuJoCo's state knows nothing.
+        Without the actions that are still to come, which MuJoCo's state does not contain.
         """
         known = self._space.positions_and_velocities(full_states).copy()
         known[..., self._free] = 0
@@ -82,9 +82,9 @@ class Environment:
     ) -> Episodes:
         """An episode in each of n worlds of (n, N) parameters; without `film` nothing is drawn.
 
-        Actions take effect `delay_steps` late, by default as the gap says; those of the episodes
-        are the policy's.
-        Raises RuntimeError where the policy's actions are not finite, or rewards of live worlds.
+        Actions take effect `delay_steps` late, by default the gap's; those of the episodes are the
+        policy's. Raises RuntimeError if the policy's actions, or rewards of live worlds, are not
+        finite.
         """
         simulator, num_steps = self.simulator, self.task.episode_steps
         if delay_steps is None:
@@ -101,7 +101,7 @@ class Environment:
 
         def act(t: int, full_states: np.ndarray) -> np.ndarray:
             frames = stacker.draw(t, full_states) if stacker else None
-            # A world that diverged may hold NaN; the others go on.
+            # A diverged world may hold NaN; the others continue.
             states = np.nan_to_num(self.observe(full_states))
             states = np.hstack([states, self._latest(actions, t)])
             actions[:, t] = policy(Observation(states, frames))
@@ -123,7 +123,7 @@ class Environment:
         return self._episodes(rollouts, actions, frames, keypoints)
 
     def _latest(self, actions: np.ndarray, t: int) -> np.ndarray:
-        """(n, most_late · A): of (n, T, A) actions those before step t, the newest first."""
+        """(n, most_late · A): those of (n, T, A) actions before step t, the newest first."""
         latest = np.zeros((len(actions), self.most_late, actions.shape[2]), np.float32)
         known = min(t, self.most_late)
         latest[:, :known] = actions[:, t - known : t][:, ::-1]
@@ -142,7 +142,7 @@ class Environment:
         frames: np.ndarray | None,
         keypoints: Keypoints | None,
     ) -> Episodes:
-        """Of n worlds, of which `_observe_batch` was kept; (n, T, A) actions in [−1, 1]."""
+        """Of n worlds, from their `_observe_batch`; (n, T, A) actions in [−1, 1]."""
         n, num_steps, _ = actions.shape
         repeat, num_goals = self.task.action_repeat, len(self.task.goals)
         rewards = rollouts.observed[:, 1:, 0].reshape(n, num_steps, repeat).sum(2)

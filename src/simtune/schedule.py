@@ -1,4 +1,4 @@
-"""When what happens in a training: the presets, and what depends on the task."""
+"""When things happen in a training: the presets, and what depends on the task."""
 
 from dataclasses import dataclass
 
@@ -10,12 +10,12 @@ class Schedule:
     Steps are policy steps in simulation, after action repeat.
     """
 
-    pretrain_steps: int  # in worlds around the start, before the real one is filmed
+    pretrain_steps: int  # around the start, before the real world is filmed
     policy_steps: tuple[int, ...]  # of each cycle's policy phase
     searches: tuple[int, ...]  # rounds of the search before each of them
-    real_episodes: tuple[int, ...]  # of the first cycle by random actions, then by the policy
-    num_worlds: int  # that the policy acts in at once
-    image_size: int  # pixels a side of what is drawn
+    real_episodes: tuple[int, ...]  # by random actions in the first cycle, then by the policy
+    num_worlds: int  # in which the policy acts at once
+    image_size: int  # side of drawn pictures in pixels
     num_stacked: int = 3  # frames that the policy sees, appendix
     filmed_steps: int = 60_000  # the latest, whose frames are kept
 
@@ -25,11 +25,11 @@ class Schedule:
 
     @property
     def first_tried(self) -> int:
-        """Policy steps after which the policy may first be tried out in the real world."""
+        """Policy steps before the policy's first trial in the real world."""
         return self.pretrain_steps or self.policy_steps[0]
 
     def steps_after(self, cycle: int) -> int:
-        """Policy steps made when a cycle ends."""
+        """Policy steps at the end of a cycle."""
         return self.pretrain_steps + sum(self.policy_steps[: cycle + 1])
 
 
@@ -41,7 +41,7 @@ def fast(
     pretrain_steps: int = 0,
     many_searches: bool,
 ) -> Schedule:
-    """Minutes on two CPU cores: the real world is filmed twice, at last as a policy acts in it.
+    """Minutes on two CPU cores: the real world is filmed twice, the second time with the policy.
 
     `many_searches`: the search takes small steps, so there are many rounds.
     """
@@ -82,7 +82,7 @@ def paper(
         real_episodes=(real_episodes,) + (later,) * (cycles - 1),
         num_worlds=1,
         image_size=100,
-        filmed_steps=100_000,  # their replay
+        filmed_steps=100_000,  # as in their replay
     )
 
 

@@ -1,4 +1,4 @@
-"""One training loop for the search's networks: until its updates, or its time, are over."""
+"""One training loop for the search's networks: until all updates are done or the time is over."""
 
 from collections.abc import Callable
 
@@ -10,14 +10,13 @@ from simtune.budget import Budget
 
 _WARM_UP = 50  # updates
 _REPORT_EVERY = 20  # updates
-_AVERAGED = 50  # the last losses, of which the mean is logged
+_AVERAGED = 50  # last losses whose mean is logged
 
 
 class TrainingClock:
-    """How far a training is, by updates or by time, whichever is further.
+    """Progress of a training, by updates or by time, whichever is further.
 
-    Time does not count before `least_updates`: a network that has learned next to nothing would
-    be sure of nonsense.
+    Time does not count before `least_updates`: an untrained network would be confidently wrong.
     """
 
     def __init__(
@@ -44,7 +43,7 @@ class TrainingClock:
         return max(self.updates / self._num_updates, in_time)
 
     def learning_rate(self, peak: float) -> float:
-        """A short warm-up, then a straight line to zero."""
+        """A short warm-up, then linear to zero."""
         return peak * min(1.0, (self.updates + 1) / _WARM_UP) * max(0.01, 1 - self.fraction)
 
 
@@ -57,7 +56,7 @@ def train_network(
     weight_decay: float = 1e-2,
     largest_gradient: float | None = None,
 ) -> float:
-    """Update `network` by AdamW on losses of freshly drawn batches; the last ones' mean.
+    """Update `network` by AdamW on losses of freshly drawn batches; returns the last ones' mean.
 
     `largest_gradient`: the norm to which gradients are clipped.
     """

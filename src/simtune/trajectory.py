@@ -9,23 +9,23 @@ import numpy as np
 def delayed(actions: np.ndarray, steps: int) -> np.ndarray:
     """(..., T, A) actions, `steps` steps later; before, the first one.
 
-    Not zero, which for a robot that is commanded positions is a place far away.
+    Not zero, which may be far away for a robot with position commands.
     """
     return actions[..., np.maximum(np.arange(actions.shape[-2]) - steps, 0), :]
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What the real world gives, and all that it gives.
+    """All that the real world gives.
 
-    `frames[t]` was seen, then `actions[t]` was applied for one step of `step_s` seconds,
-    then `frames[t + 1]` was seen. Where no camera saw it, frames are empty.
+    `frames[t]` was seen, then `actions[t]` was applied for one step of `step_s` seconds, then
+    `frames[t + 1]` was seen. Without a camera, frames are empty.
     """
 
     frames: np.ndarray  # (T + 1, H, W, 3) uint8; (T + 1, 0, 0, 3) without pictures
     actions: np.ndarray  # (T, A) float32, in the units of the action space
     step_s: float
-    # {sensor: (T + 1, D)} what was measured beside each frame
+    # {sensor: (T + 1, D)} measured with each frame
     readings: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -54,7 +54,7 @@ class Trajectory:
         return self.frames.size > 0
 
     def first(self, steps: int) -> "Trajectory":
-        """Only its first `steps` steps, or all where there are fewer."""
+        """Its first `steps` steps, or all if there are fewer."""
         readings = {name: values[: steps + 1] for name, values in self.readings.items()}
         frames, actions = self.frames[: steps + 1], self.actions[:steps]
         return replace(self, frames=frames, actions=actions, readings=readings)

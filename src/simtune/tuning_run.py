@@ -18,12 +18,12 @@ from simtune.run.folder import kept_state
 from simtune.tasks import AnyTask
 
 log = logging.getLogger(__name__)
-# For videos and the report: as long as it took to begin, within these. A busy machine that films
-# slowly at first does so at the end.
+# Time for videos and the report: as long as the start took, within these bounds. A busy machine
+# that films slowly at first does so at the end.
 _AT_THE_END_S = (6.0, 30.0)
-_SURELY = 0.6  # of what was timed, in a moment that may have been a busy one
+_SURELY = 0.6  # of the measured time, since the machine may have been busy at that moment
 _SHORTENED = "; in --budget-minutes {:g} it is a shortened one, whose intervals may be wider"
-_WORTHWHILE = 0.6  # of the last round's time: it knows where to search
+_WORTHWHILE = 0.6  # of the last round's time: the next one knows where to search
 
 
 def tune(
@@ -36,14 +36,13 @@ def tune(
 ) -> dict[str, Any]:
     """Find the parameters of a real world; returns the content of result.json.
 
-    A run that was interrupted goes on where its last round ended. `command`: what the user typed,
-    to be stored. `task`: what `config.task` names, where that is loaded already, or no file.
-    Raises InputError for what cannot be used, with nothing written, and RuntimeError for what
-    fails on the way.
+    An interrupted run resumes after its last round. `command`: what the user typed, to be stored.
+    `task`: the one `config.task` names, if it is loaded already, or no file. Raises InputError for
+    invalid input, with nothing written, and RuntimeError for what fails on the way.
     """
     began_s = time.monotonic()
     experiment = build_experiment(config, report, settings, task)
-    built_s = time.monotonic() - began_s  # filming the real world, say
+    built_s = time.monotonic() - began_s  # for example to film the real world
     ending_s = min(max(_AT_THE_END_S[0], built_s), _AT_THE_END_S[1])
     warnings = experiment.warnings(experiment.recordings)
     for warning in warnings:  # now, not after minutes
@@ -81,9 +80,9 @@ def _promised(experiment: Experiment) -> dict[str, Any]:
 
 
 def _refuse_if_too_short(minutes: float, beside_s: float, least_s: float, whole_s: float) -> None:
-    """Raises InputError for a time in which no answer would be sound.
+    """Raises InputError for a time too short for a sound answer.
 
-    `beside_s`: that all but rounds take.
+    `beside_s`: time for all but rounds.
     """
     if 60 * minutes < _SURELY * least_s + beside_s:
         needed = math.ceil((2 * least_s + beside_s) / 6) / 10
@@ -97,5 +96,5 @@ def _refuse_if_too_short(minutes: float, beside_s: float, least_s: float, whole_
 
 
 def _is_over(budget: Budget, run: Run) -> bool:
-    """Whether no other round has enough time to learn more than the last one."""
+    """Whether too little time is left for a round to learn more than the last one."""
     return budget.is_over or budget.seconds_left < _WORTHWHILE * run.round_s

@@ -1,4 +1,4 @@
-"""What a picture shows: the views of one camera or several, equally high, side by side."""
+"""The views of one or several cameras, equally high and side by side, in a picture."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ import numpy as np
 class View:
     """What one camera shows."""
 
-    camera: str  # the model's
+    camera: str  # of the model
     aspect: float = 1.0  # width over height
-    # (H, W, 3) uint8 behind what moves, in place of what the model has there; see `Footage.plate`
+    # (H, W, 3) uint8 background in place of the model's; see `Footage.plate`
     plate: np.ndarray | None = None
 
     def width(self, height: int) -> int:
@@ -22,7 +22,7 @@ class View:
 
 
 def width_of(aspect: float, height: int) -> int:
-    """Pixels of a view; what is left of one more is not shown."""
+    """Width of a view in pixels, rounded down."""
     return max(1, int(aspect * height + 1e-6))
 
 
@@ -33,5 +33,5 @@ def parts(widths: Sequence[int]) -> list[slice]:
 
 
 def apart(frames: np.ndarray, widths: Sequence[int]) -> list[np.ndarray]:
-    """(..., H, W₁ + W₂ + …, 3) frames as each view's own (..., H, W, 3), which are no copies."""
+    """(..., H, W₁ + W₂ + …, 3) frames as each view's own (..., H, W, 3), without copying."""
     return [frames[..., columns, :] for columns in parts(widths)]

@@ -1,4 +1,4 @@
-"""What acts, by name; add an agent by a file here and a line in `make_agent`."""
+"""Agents by name; add one with a file here and a line in `make_agent`."""
 
 from simtune.agents.agent import Agent, AgentSpec, Observation
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
@@ -7,7 +7,7 @@ from simtune.agents.teacher_student import TeacherStudent
 
 
 def make_agent(name: str, spec: AgentSpec) -> Agent:
-    """The agent of that name: teacher_student, drqv2 or curl_sac."""
+    """The agent with this name: teacher_student, drqv2 or curl_sac."""
     if name == "teacher_student":
         return TeacherStudent(spec)
     size, num_stacked = spec.image_size, spec.num_stacked

@@ -1,7 +1,7 @@
-"""Crops and shifts of stacked frames, on the device where they lie, without waiting for the host.
+"""Crops and shifts of stacked frames, on their own device, without waiting for the host.
 
-All frames of a stack move together, or the motion between them would be lost. Where a window
-begins is drawn uniformly for each stack from a generator of the frames' device.
+All frames of a stack move together, or the motion between them would be lost. Each stack's offset
+is drawn uniformly from a generator of the frames' device.
 """
 
 import torch
@@ -25,7 +25,7 @@ def centre_crop(frames: torch.Tensor, size: int) -> torch.Tensor:
 
 
 def random_shift(frames: torch.Tensor, pad: int, generator: torch.Generator) -> torch.Tensor:
-    """(B, K, H, H, 3) uint8, moved by up to `pad` pixels; the edges are repeated (DrQ-v2)."""
+    """(B, K, H, H, 3) uint8, shifted by up to `pad` pixels with repeated edges (DrQ-v2)."""
     for axis in (2, 3):
         first, last = (frames.narrow(axis, i, 1) for i in (0, frames.shape[axis] - 1))
         frames = torch.cat([first] * pad + [frames] + [last] * pad, axis)
@@ -35,8 +35,8 @@ def random_shift(frames: torch.Tensor, pad: int, generator: torch.Generator) -> 
 def crop(frames: torch.Tensor, top: torch.Tensor, left: torch.Tensor, size: int) -> torch.Tensor:
     """(B, K, H, W, 3) uint8 and (B,) corners to (B, K, size, size, 3).
 
-    The rows of a crop are runs of memory, and gathered as such: on a CPU a hundred times as fast
-    as to index pixels. The stacks may overlap in memory, as those of a replay do.
+    A crop's rows are contiguous in memory and are gathered as such: on a CPU a hundred times as
+    fast as indexing pixels. The stacks may overlap in memory, as those of a replay do.
     """
     batch, num_stacked, height, width, channels = frames.shape
     if frames.stride()[2:] != (width * channels, channels, 1):
@@ -50,7 +50,7 @@ def crop(frames: torch.Tensor, top: torch.Tensor, left: torch.Tensor, size: int)
     start = corner[:, None, None] + frame[:, None] + row  # (B, K, size)
     run = size * channels
     span = (batch - 1) * of_stack + (num_stacked - 1) * of_frame + height * of_row
-    runs = frames.as_strided((span - run + 1, run), (1, 1))  # one that begins at each number
+    runs = frames.as_strided((span - run + 1, run), (1, 1))  # a run beginning at each index
     return runs.index_select(0, start.flatten()).view(batch, num_stacked, size, size, channels)
 
 

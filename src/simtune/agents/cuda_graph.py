@@ -6,17 +6,16 @@ import torch
 
 Step = Callable[..., torch.Tensor]  # tensors in, a tensor of losses out
 
-_WARM_UP = 3  # calls before the capture, in which libraries allocate and choose their kernels
+_WARM_UP = 3  # calls before the capture, in which libraries allocate and choose kernels
 
 
 class GraphedStep:
-    """Calls `step` as it is at first, then captures it and replays what was captured.
+    """Calls `step` directly at first, then captures it and replays the capture.
 
-    Every call is a real update, the warm-up's too. What makes a graph possible: inputs are
-    copied into buffers of its own, so their shapes must stay; nothing in `step` waits for the
-    host; random numbers come from `generator`; optimisers are `capturable`. Memory that `step`
-    reads and writes (weights, moments) must stay where it is: after a checkpoint is loaded,
-    make a new one.
+    Every call is a real update, also during warm-up. Conditions for a graph: inputs are copied into
+    buffers of its own, so their shapes must stay; nothing in `step` waits for the host; random
+    numbers come from `generator`; optimisers are `capturable`. Memory that `step` reads and writes
+    (weights, moments) must stay in place: after a checkpoint is loaded, make a new one.
     """
 
     def __init__(self, step: Step, generator: torch.Generator):
@@ -27,9 +26,9 @@ class GraphedStep:
         self._calls = 0
 
     def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
-        """What `step` returns, in memory that the next call may write over."""
+        """The output of `step`, in memory that the next call may overwrite."""
         self._calls += 1
-        with torch.cuda.device(self._generator.device):  # streams are of the current device
+        with torch.cuda.device(self._generator.device):  # streams belong to the current device
             if self._calls <= _WARM_UP:
                 return self._warm_up(*inputs)
             graph = self._graph = self._graph or self._capture(*inputs)
@@ -39,7 +38,7 @@ class GraphedStep:
         return self._output
 
     def _warm_up(self, *inputs: torch.Tensor) -> torch.Tensor:
-        """On a stream beside the usual one, as a capture will be."""
+        """On a side stream, like a capture."""
         side, usual = torch.cuda.Stream(), torch.cuda.current_stream()
         side.wait_stream(usual)
         with torch.cuda.stream(side):
@@ -51,7 +50,7 @@ class GraphedStep:
         """Record the step without running it."""
         self._inputs = [value.clone(memory_format=torch.contiguous_format) for value in inputs]
         graph = torch.cuda.CUDAGraph()
-        graph.register_generator_state(self._generator)  # newer versions of torch do so alone
+        graph.register_generator_state(self._generator)  # newer versions of torch do so themselves
         with torch.cuda.graph(graph):
             self._output = self._step(*self._inputs)
         return graph

@@ -1,13 +1,13 @@
-"""The paper's agent: soft actor-critic on pixels with random crops (RAD) and a contrast (CURL).
+"""The paper's agent: soft actor-critic on pixels with random crops (RAD) and contrast (CURL).
 
-One update, `CurlSac._learn`, encodes three crops: one of the frames, with gradients, and one more
-of them and one of the next frames by the slowly moving target. The first is the critics' input
-and CURL's query, the second CURL's key, the third what the critics' target is made of. So
+One update, `CurlSac._learn`, encodes three crops: one of the frames, with gradients, and by the
+slowly moving target another one of them and one of the next frames. The first is the critics'
+input and CURL's query, the second CURL's key, the third the input of the critics' target. So
 
-* critics and contrast are one loss and one step for the encoder, not two after each other;
-* the actor looks through the *target's* convolutions, with a head of its own. In public
-  implementations it looks through the critics', for which next frames and present ones have to
-  be encoded once more. It lags about 20 of its steps behind, when it acts as when it learns.
+* critics and contrast are one loss and one step for the encoder, not two in turn;
+* the actor uses the *target's* convolutions, with a head of its own. In public implementations it
+  uses the critics', which takes one more encoding of next and of present frames. It lags about 20
+  of its steps behind, both when acting and when learning.
 """
 
 import copy
@@ -40,7 +40,7 @@ from simtune.replay import Transitions
 
 @dataclass(frozen=True, kw_only=True)
 class CurlSacConfig(PixelAgentConfig):
-    """RAD's settings (Laskin et al. 2020, appendix E), but for the paper's own batch size."""
+    """RAD's settings (Laskin et al. 2020, appendix E), except for the paper's own batch size."""
 
     # observations
     image_size: int = 100  # pixels, drawn
@@ -57,7 +57,7 @@ class CurlSacConfig(PixelAgentConfig):
     temperature_learning_rate: float = 1e-4
     temperature_beta1: float = 0.5
     encoder_rate: float = 0.05  # τ of the encoder's target
-    slow_every: int = 2  # updates: what the actor, the temperature and the targets wait for
+    slow_every: int = 2  # updates between those of actor, temperature and targets
 
     def __post_init__(self) -> None:
         if self.crop_size > self.image_size:
@@ -126,7 +126,7 @@ class CurlSac(PixelAgent):
         self._steps = self._make_steps()
 
     def _make_steps(self) -> Sequence[Callable[..., torch.Tensor]]:
-        """The update without and with what is done every other time; graphs of both where used."""
+        """The update without and with its slow parts; as graphs if used."""
         steps = [partial(self._learn, slow=slow) for slow in (False, True)]
         if self._use_graphs:
             return [GraphedStep(step, self._generator) for step in steps]
@@ -141,7 +141,7 @@ class CurlSac(PixelAgent):
             return actions.cpu().numpy()
 
     def learn(self, batch: Transitions) -> torch.Tensor:
-        """One update; (6,) its `losses`, of which only every `slow_every`-th has the actor's."""
+        """One update; (6,) its `losses`; the actor's only in every `slow_every`-th, else NaN."""
         slow = self._counter.num_updates % self.config.slow_every == 0
         self._counter.num_updates += 1
         assert batch.frames is not None
@@ -149,7 +149,7 @@ class CurlSac(PixelAgent):
         step = self._steps[slow]
         return step(
             batch.frames, batch.actions, batch.rewards, batch.discounts, batch.next_frames
-        ).clone()  # a graph writes into the same memory again
+        ).clone()  # a graph reuses its output's memory
 
     def _learn(
         self,
@@ -192,7 +192,7 @@ class CurlSac(PixelAgent):
         return rewards + self.config.discount * discounts * soft
 
     def learn_policy(self, maps: torch.Tensor, features: torch.Tensor) -> list[torch.Tensor]:
-        """The actor by (B, F) feature maps and the critics' (B, 50) features; the temperature."""
+        """The actor, by (B, F) feature maps and the critics' (B, 50) features; the temperature."""
         with autocast(self.device):
             actions, log_prob = self.draw(maps)
             values = self.critic.q(features, actions).amin(0)
@@ -214,7 +214,7 @@ class CurlSac(PixelAgent):
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         """See `Agent`."""
         super().load(tensors, state)
-        self._steps = self._make_steps()  # graphs hold on to the moments that were
+        self._steps = self._make_steps()  # graphs hold the old moments
 
     def _stateful(self) -> Stateful:
         return {

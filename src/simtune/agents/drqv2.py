@@ -1,8 +1,8 @@
 """DrQ-v2 (Yarats et al. 2021, arXiv:2107.09645): DDPG on pixels, with random shifts.
 
-Its noise is scheduled, so there is no temperature; what augments the frames is all that keeps the
-encoder general. Two things differ from theirs: targets look one step ahead, not three, since a
-replay gives single steps; pixels count from 0 to 1, not from −½ to ½.
+Its noise follows a schedule, so there is no temperature; only augmentation regularises the encoder.
+Two differences from the original: targets look one step ahead, not three, since a replay gives
+single steps; pixels are scaled to 0 to 1, not to −½ to ½.
 """
 
 import copy
@@ -24,24 +24,24 @@ from simtune.replay import Transitions
 
 @dataclass(frozen=True, kw_only=True)
 class DrqV2Config(PixelAgentConfig):
-    """Their table of settings, for tasks of medium difficulty."""
+    """The authors' settings, for tasks of medium difficulty."""
 
     # observations
     image_size: int = 84  # pixels
-    pad: int = 4  # pixels that a shift may move
+    pad: int = 4  # largest shift in pixels
     # learning
     batch_size: int = 256
-    random_steps: int = 2000  # their 4,000 frames, of which a step is two
+    random_steps: int = 2000  # the authors' 4,000 frames, two per step
     update_every: int = 2
     learning_rate: float = 1e-4
     # exploring
-    noise: tuple[float, float] = (1.0, 0.1)  # standard deviation, at first and at last
+    noise: tuple[float, float] = (1.0, 0.1)  # standard deviation, first and last
     noise_steps: int = 500_000  # from one to the other
     noise_clip: float = 0.3  # in updates
 
 
 class Critic(nn.Module):
-    """Two Q functions of what was obs, and the head that they share."""
+    """Two Q functions of encoded frames, and the head that they share."""
 
     def __init__(self, num_inputs: int, num_actions: int, hidden_size: int):
         super().__init__()
@@ -62,7 +62,7 @@ class Actor(nn.Sequential):
 
 
 class DrqV2(PixelAgent):
-    """DDPG on pixels, with randomly shifted frames and noise that falls by a schedule."""
+    """DDPG on pixels, with randomly shifted frames and scheduled noise."""
 
     losses = ("critic_loss", "q", "actor_loss", "noise")
 
@@ -86,13 +86,13 @@ class DrqV2(PixelAgent):
         for module in (self.encoder, self.critic, self.actor, self.target):
             module.to(self.device)
         adam = partial(torch.optim.Adam, lr=config.learning_rate, fused=True)
-        # The encoder learns from the critics alone.
+        # Only the critics train the encoder.
         self._critic_optimizer = adam([*self.encoder.parameters(), *self.critic.parameters()])
         self._actor_optimizer = adam(self.actor.parameters())
 
     @property
     def noise(self) -> float:
-        """The standard deviation by which it explores now."""
+        """The present standard deviation of exploration."""
         return falling(self.config.noise, self._counter.num_collected / self.config.noise_steps)
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
@@ -110,7 +110,7 @@ class DrqV2(PixelAgent):
         with autocast(self.device), torch.no_grad():
             next_obs = self.encoder(self._shift(batch.next_frames))
             target_q = self.target_q(batch.rewards, batch.discounts, next_obs)
-        with autocast(self.device):  # anew: weights that were cast above would get no gradient
+        with autocast(self.device):  # separate: weights that were cast above would get no gradient
             obs = self.encoder(self._shift(batch.frames))
             values = self.critic(obs, batch.actions)  # (2, B)
         critic_loss = (values - target_q).square().mean(1).sum()

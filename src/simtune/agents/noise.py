@@ -1,4 +1,4 @@
-"""Noise on actions, by which agents explore."""
+"""Noise on actions, for exploration."""
 
 import math
 
@@ -10,7 +10,7 @@ def disturbed(
 ) -> torch.Tensor:
     """(B, A) actions with Gaussian noise within ±`clip`, in [−1, 1].
 
-    Gradients pass as if nothing had been clipped to [−1, 1] (Yarats et al. 2021, DrQ-v2).
+    Gradients ignore the clipping to [−1, 1] (Yarats et al. 2021, DrQ-v2).
     """
     noise = torch.randn(actions.shape, generator=generator, device=actions.device)
     noisy = actions + (noise * std).clamp(-clip, clip)
@@ -24,6 +24,6 @@ def uniform_actions(num: int, num_actions: int, generator: torch.Generator) -> t
 
 
 def falling(noise: tuple[float, float], done: float) -> float:
-    """The standard deviation when `done`, in [0, 1], of the way from first to last is over."""
+    """Standard deviation when a share `done`, in [0, 1], of the way from first to last is over."""
     first, last = noise
     return first + min(done, 1.0) * (last - first)

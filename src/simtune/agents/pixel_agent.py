@@ -1,4 +1,4 @@
-"""What agents that learn from pixels alone have in common: when they learn, what is saved."""
+"""Common base of agents that learn from pixels alone: when they learn, what is saved."""
 
 import math
 from abc import ABC, abstractmethod
@@ -16,11 +16,11 @@ from simtune.replay import Replay, Transitions
 
 @dataclass(frozen=True, kw_only=True)
 class PixelAgentConfig:
-    """The settings that these agents share."""
+    """Settings common to these agents."""
 
     num_stacked: int = 3
     hidden_size: int = 1024
-    batch_size: int  # transitions of an update
+    batch_size: int  # transitions per update
     random_steps: int  # before the first update
     update_every: int  # steps
     discount: float = 0.99
@@ -29,9 +29,9 @@ class PixelAgentConfig:
 
 @dataclass(kw_only=True)
 class Counter:
-    """How far an agent is. Steps are those of all worlds together.
+    """An agent's progress. Steps are those of all worlds together.
 
-    The first `random_steps` are for random actions, an update is due `update_every` of the others.
+    The first `random_steps` have random actions; after them an update is due every `update_every`.
     """
 
     random_steps: int
@@ -41,13 +41,13 @@ class Counter:
     num_updates: int = 0
 
     def explore(self, num_worlds: int) -> bool:
-        """Count a step in each world; whether it is to be a random one."""
+        """Count a step in each world; whether its action is random."""
         is_random = self.num_explored < self.random_steps
         self.num_explored += num_worlds
         return is_random
 
     def collect(self, num_steps: int) -> int:
-        """Count new steps; the number of updates that are due for them."""
+        """Count new steps; the number of updates due for them."""
         before = self._num_due()
         self.num_collected += num_steps
         return self._num_due() - before
@@ -57,10 +57,10 @@ class Counter:
 
 
 class PixelAgent(ABC):
-    """An `Agent` that gets nothing but frames. A replay has to lie on its device."""
+    """An `Agent` that only gets frames. A replay must be on its device."""
 
     wants_frames = True
-    losses: ClassVar[tuple[str, ...]]  # names of what `learn` returns
+    losses: ClassVar[tuple[str, ...]]  # names of the outputs of `learn`
 
     def __init__(
         self, num_actions: int, config: PixelAgentConfig, seed: int, device: torch.device | str
@@ -81,11 +81,11 @@ class PixelAgent(ABC):
 
     @abstractmethod
     def learn(self, batch: Transitions) -> torch.Tensor:
-        """One update; its `losses`, NaN where it had none."""
+        """One update; its `losses`, NaN for those not computed."""
 
     @abstractmethod
     def _stateful(self) -> Stateful:
-        """All that a checkpoint has to hold."""
+        """All that a checkpoint must hold."""
 
     def explore(self, observation: Observation) -> np.ndarray:
         """As `act` samples, after the first `random_steps` of all worlds together."""
@@ -96,7 +96,7 @@ class PixelAgent(ABC):
         return uniform_actions(len(frames), self.num_actions, self._generator).cpu().numpy()
 
     def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
-        """All updates that are due for the steps; means of the losses, NaN without any."""
+        """All updates due for the steps; means of the losses, NaN without any."""
         losses = torch.full((1, len(self.losses)), math.nan)
         if due := self._counter.collect(num_steps):
             options = (self._batch_size, self._generator, True)

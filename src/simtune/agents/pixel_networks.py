@@ -1,4 +1,4 @@
-"""What pixel agents are made of: heads on top of `PixelConvolutions`."""
+"""Building blocks of pixel agents: heads on top of `PixelConvolutions`."""
 
 import math
 from typing import cast
@@ -11,7 +11,7 @@ from simtune.networks import feature_head, mlp
 
 
 class GaussianActor(nn.Module):
-    """Flattened feature maps to the mean and log_std of the actions before their tanh."""
+    """Flattened feature maps to the mean and log_std of actions before tanh."""
 
     def __init__(
         self, num_inputs: int, num_actions: int, hidden_size: int, log_std: tuple[float, float]
@@ -38,13 +38,13 @@ def sample_squashed(
     noise = torch.randn(mean.shape, generator=generator, device=mean.device)
     before = mean + noise * log_std.exp()
     gaussian = -0.5 * noise.square() - log_std - 0.5 * math.log(2 * math.pi)
-    # log(1 − tanh²) in a form that does not lose small numbers
+    # log(1 − tanh²), numerically stable for small values
     squeeze = 2 * (math.log(2) - before - functional.softplus(-2 * before))
     return before.tanh(), (gaussian - squeeze).sum(-1)
 
 
 def bounded_log_std(spread: torch.Tensor, bounds: tuple[float, float]) -> torch.Tensor:
-    """A network's output to log standard deviations within bounds, as smoothly as tanh."""
+    """A network's output to log standard deviations within bounds, smoothly by tanh."""
     low, high = bounds
     return low + (high - low) / 2 * (spread.tanh() + 1)
 
@@ -55,7 +55,7 @@ class TwinQ(nn.Module):
     def __init__(self, num_features: int, num_actions: int, hidden_size: int):
         super().__init__()
         sizes = (num_features + num_actions, hidden_size, hidden_size, 1)
-        # Two networks: as one batched product they are no faster here, and copy their gradients.
+        # Two networks: one batched product is no faster here, and copies their gradients.
         self.networks = nn.ModuleList(mlp(sizes, nn.ReLU) for _ in range(2))
 
     def forward(self, features: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
@@ -65,34 +65,34 @@ class TwinQ(nn.Module):
 
 
 def finely(layers: nn.Sequential, inputs: torch.Tensor) -> torch.Tensor:
-    """What layers give, the last one in float32: bfloat16 would round a value of 300 to 2."""
+    """Output of layers, with the last one in float32: bfloat16 would round a value of 300 to 2."""
     hidden = layers[:-1](inputs).float()
     with torch.autocast(hidden.device.type, enabled=False):
         return layers[-1](hidden)
 
 
 class Contrast(nn.Module):
-    """CURL's question: which of a batch's keys is of the same frames as this query?
+    """CURL's classification: which of a batch's keys is of the same frames as this query?
 
     A bilinear product compares them (Laskin et al. 2020, Eq. 4 and appendix).
     """
 
     def __init__(self, num_features: int = 50):
         super().__init__()
-        self.weight = nn.Parameter(torch.rand(num_features, num_features))  # CURL's first one
+        self.weight = nn.Parameter(torch.rand(num_features, num_features))  # initialised as in CURL
 
     def forward(self, queries: torch.Tensor, keys: torch.Tensor) -> torch.Tensor:
-        """(B, 50) each to logits (B, B): row i belongs to query i, its own key is the i-th."""
+        """(B, 50) each to logits (B, B): row i belongs to query i, whose own key is the i-th."""
         return queries @ (self.weight @ keys.T)
 
     def loss(self, queries: torch.Tensor, keys: torch.Tensor) -> torch.Tensor:
-        """The mean cross-entropy of these answers."""
+        """Mean cross-entropy."""
         own = torch.arange(len(queries), device=queries.device)
         return functional.cross_entropy(self(queries, keys), own)
 
 
 def initialize(module: nn.Module) -> None:
-    """Orthogonal matrices, and no biases: the first weights of SAC-AE, which CURL and RAD keep.
+    """Orthogonal matrices, and no biases: the initialisation of SAC-AE, as in CURL and RAD.
 
     A convolution starts as such a matrix in its centre (delta-orthogonal, Xiao et al. 2018).
     """
@@ -109,7 +109,7 @@ def initialize(module: nn.Module) -> None:
 
 
 def descend(loss: torch.Tensor, optimizer: torch.optim.Optimizer) -> None:
-    """One step of an optimiser; no other parameter of the loss gets a gradient."""
+    """One step of an optimiser; other parameters of the loss get no gradient."""
     optimizer.zero_grad(set_to_none=True)
     loss.backward(inputs=[p for group in optimizer.param_groups for p in group["params"]])
     optimizer.step()

@@ -24,13 +24,13 @@ def scatter_tensors(
 ) -> None:
     """The inverse: copy them into `stateful`, on whatever device that is.
 
-    On another kind of device than they were saved on, random numbers start anew from a seed.
-    Raises InputError for tensors of other networks, which another version has.
+    On another kind of device than they were saved on, random numbers restart from a seed. Raises
+    InputError for tensors of other networks, as of another version.
     """
     saved = tensors["generator"].cpu()
     if len(saved) == len(generator.get_state()):
         generator.set_state(saved)
-    else:  # a CPU's state is not a GPU's
+    else:  # a CPU's generator state does not fit a GPU's
         generator.manual_seed(int(saved[:8].view(torch.int64).abs().item()))
     for name, part in stateful.items():
         own = under(f"{name}.", tensors)

@@ -1,10 +1,10 @@
 """A student that acts on pixels: it detects where things are, and imitates a teacher.
 
-Learning to act from pixels end to end is slow because seeing has to be learnt from what an action
-was worth. In simulation it is known where things are in a picture, so the student is taught that
-first, as the SPM's detector is (`vision/detector.py`): some hundred updates. To act on what it
-detected lately is then little to learn. Besides keypoints it learns to estimate the state's
-positions: to a camera that goes with a cheetah, only the ground shows how high the cheetah is.
+Learning to act from pixels end to end is slow because seeing has to be learnt from rewards. In
+simulation, positions in a picture are known, so the student is first trained on these, like the
+SPM's detector (`vision/detector.py`), in some hundred updates. Acting on recent detections is then
+easy to learn. Besides keypoints it learns to estimate the state's positions: for a camera that
+moves with a cheetah, only the ground shows the cheetah's height.
 """
 
 from dataclasses import dataclass, field
@@ -19,9 +19,9 @@ from simtune.networks import mlp, predicting
 from simtune.vision.detector import DetectorConfig, KeypointDetector, to_input
 from simtune.vision.noisy_cameras import NoisyCameras
 
-_PLACES = 2  # for each keypoint: what looks alike, left and right, gets mixed up
-_POSITIONS_WIDTH = 4.0  # of the range that errors count relative to, in standard deviations
-_CHUNK = 256  # pictures that the detector takes at once
+_PLACES = 2  # per keypoint: similar things, left and right, get confused
+_POSITIONS_WIDTH = 4.0  # width of the range relative to which errors count, in standard deviations
+_CHUNK = 256  # pictures per pass of the detector
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,11 +32,11 @@ class StudentConfig:
     hidden_size: int = 256
     batch_size: int = 256
     learning_rate: float = 1e-3
-    warm_up: int = 50  # updates of the detector, which comes first
+    warm_up: int = 50  # updates of the detector, which is trained first
 
 
 class Memory(NamedTuple):
-    """The pictures of the last call, and what was detected in them."""
+    """Pictures of the last call, and the detections in them."""
 
     frames: torch.Tensor  # (n, K, H, W, 3)
     detected: torch.Tensor  # (n, K, F)
@@ -55,9 +55,9 @@ class Student(nn.Module):
             (spec.image_size, spec.image_size),
             config.detector,
         )
-        # Of each place x, y and how probable it is
+        # x, y and probability of each place
         self.num_features = spec.num_keypoints * _PLACES * 3 + spec.num_positions
-        # What it did lately may be still to come, and then no picture shows it.
+        # Recent actions may still be to come, and no picture shows them yet.
         num_seen = spec.num_stacked * self.num_features + spec.most_late * spec.num_actions
         sizes = (num_seen, config.hidden_size, config.hidden_size, spec.num_actions)
         self.head = mlp(sizes, nn.ReLU)
@@ -71,13 +71,13 @@ class Student(nn.Module):
         self._memory: Memory | None = None
 
     def forward(self, detected: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
-        """(B, K, F) what was detected lately, and (B, most_late · A) done, to (B, A) actions."""
+        """(B, K, F) recent detections and (B, most_late · A) recent actions to (B, A) actions."""
         return self.head(torch.cat([detected.flatten(1), latest], 1)).tanh()
 
     def act(self, frames: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
         """Pixels and (n, most_late · A) latest actions to actions.
 
-        Where a stack continues the last one, only its newest frame is new.
+        If a stack continues the last one, only its newest frame is processed.
         """
         memory = self._memory
         if memory and torch.equal(memory.frames[:, 1:], frames[:, :-1]):
@@ -90,7 +90,7 @@ class Student(nn.Module):
             return self(detected, latest)
 
     def detect_recorded(self, frames: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-        """The same of (n, H, W, 3) simulated frames, had a real camera filmed them."""
+        """The same for (n, H, W, 3) simulated frames as a real camera would film them."""
         noise = self._image_noise
         return self.detect(frames, NoisyCameras.draw(noise, 1, generator) if noise else None)
 
@@ -115,7 +115,7 @@ class Student(nn.Module):
         progress: float,
         generator: torch.Generator,
     ) -> torch.Tensor:
-        """One step on (B, H, W, 3) frames of known (B, L, 2) keypoints; the loss.
+        """One step on (B, H, W, 3) frames with known (B, L, 2) keypoints; the loss.
 
         `positions`: (B, P) of the state, with a standard deviation of about 1.
         """
@@ -128,13 +128,13 @@ class Student(nn.Module):
         loss = self.detector.loss(pictures + 2 * config.noise * noise, keypoints, positions, width)
         self._step(self.detector_optimizer, loss, config.learning_rate, progress)
         self.num_updates += 1
-        self._memory = None  # it would detect something else now
+        self._memory = None  # its detections are outdated
         return loss.detach()
 
     def learn_to_act(
         self, detected: torch.Tensor, latest: torch.Tensor, actions: torch.Tensor, progress: float
     ) -> torch.Tensor:
-        """One step towards a teacher's (B, A) actions after (B, K, F) was detected; the loss."""
+        """One step towards a teacher's (B, A) actions, given (B, K, F) detections; the loss."""
         loss = functional.mse_loss(self(detected, latest), actions)
         self._step(self.head_optimizer, loss, self.config.learning_rate, progress)
         return loss.detach()
@@ -142,7 +142,7 @@ class Student(nn.Module):
     def _step(
         self, optimizer: torch.optim.Optimizer, loss: torch.Tensor, peak: float, progress: float
     ) -> None:
-        """`progress`, in [0, 1], is how much of all learning is over: steps get smaller."""
+        """`progress`, in [0, 1], is the share of learning that is over: the rate falls."""
         rate = min(1.0, (self.num_updates + 1) / self.config.warm_up) * max(0.02, 1 - progress)
         optimizer.param_groups[0]["lr"] = peak * rate
         optimizer.zero_grad()

@@ -1,11 +1,11 @@
 """A teacher that knows the simulator's state: an actor and twin critics without pictures.
 
-In simulation the state is free, and a policy on it is learnt in minutes where pixels take hours.
-It never meets the real world: what it knows, a student on pixels is taught (`student.py`).
+In simulation the state is free, and a policy on it is learnt in minutes where pixels take hours. It
+never meets the real world: a student on pixels learns from it (`student.py`).
 
-It is TD3 (Fujimoto et al. 2018, arXiv:1802.09477) as DrQ-v2 has it (Yarats et al. 2021,
-arXiv:2107.09645): no delayed updates, and noise that falls by a schedule. A temperature that is
-learnt, as in SAC, lets go of chance when the first thing pays, and stays with that thing.
+It is TD3 (Fujimoto et al. 2018, arXiv:1802.09477) as in DrQ-v2 (Yarats et al. 2021,
+arXiv:2107.09645): no delayed updates, and scheduled noise. A learnt temperature, as in SAC, stops
+exploring at the first reward, and sticks to what gave it.
 """
 
 import copy
@@ -27,14 +27,14 @@ class TeacherConfig:
     """TD3's and DrQ-v2's settings, unless said otherwise."""
 
     hidden_size: int = 256  # TD3's code
-    batch_size: int = 128  # half of theirs, for nearly the same progress an update
-    learning_rate: float = 1e-3  # with normalised critics this is faster than 3e-4
+    batch_size: int = 128  # half of theirs, for nearly the same progress per update
+    learning_rate: float = 1e-3  # with normalised critics faster than 3e-4
     discount: float = 0.99
     target_rate: float = 0.01  # the paper's critic τ
-    noise: tuple[float, float] = (1.0, 0.1)  # standard deviation, at first and at last: DrQ-v2's
+    noise: tuple[float, float] = (1.0, 0.1)  # standard deviation, first and last: DrQ-v2's
     noise_clip: float = 0.3  # in updates, DrQ-v2's
-    # Of the square of what an action is the tanh of (Andrychowicz et al. 2017, arXiv:1707.01495,
-    # app. A). Far out the tanh has no gradient, and while nothing is earned, anything leads there.
+    # On squared pre-tanh actions (Andrychowicz et al. 2017, arXiv:1707.01495, app. A). Far out the
+    # tanh has no gradient, and without rewards everything drifts there.
     saturation_cost: float = 0.01
 
 
@@ -42,7 +42,7 @@ class Teacher(nn.Module):
     """Acts on (B, D) states. The critics also see the (B, N) parameters of the world.
 
     The actor does not, so that a student without them can follow its policy. `noise` is the
-    standard deviation by which it explores.
+    standard deviation of exploration.
     """
 
     mean: torch.Tensor
@@ -63,23 +63,23 @@ class Teacher(nn.Module):
         self.optimizer = torch.optim.Adam(learning, config.learning_rate, fused=True)
 
     def normalize_by(self, states: torch.Tensor) -> None:
-        """From now on (B, D) such states have mean 0 and standard deviation 1 for the networks."""
+        """Normalise states from now on by the mean and standard deviation of these (B, D)."""
         self.mean.copy_(states.mean(0))
         self.std.copy_(states.std(0) + 1e-3)
 
     def normalized(self, states: torch.Tensor) -> torch.Tensor:
-        """(..., D) states as the networks take them."""
+        """(..., D) states as input of the networks."""
         return ((states - self.mean) / self.std).clamp(-10, 10)
 
     def act(self, states: torch.Tensor) -> torch.Tensor:
-        """(B, D) states as they are to the best (B, A) actions."""
+        """(B, D) unnormalised states to the best (B, A) actions."""
         with torch.no_grad():
             return self.actor(self.normalized(states)).tanh()
 
     def update(
         self, batch: Transitions, noise: float, generator: torch.Generator
     ) -> dict[str, torch.Tensor]:
-        """One step for critics and actor, together; their losses."""
+        """One joint step for critics and actor; their losses."""
         states, next_states = self.normalized(batch.states), self.normalized(batch.next_states)
         known = batch.parameters
         target_q = self.target_q(batch, next_states, noise, generator)
@@ -114,7 +114,7 @@ class Teacher(nn.Module):
 
 
 class TwinCritic(nn.Module):
-    """Two networks of two hidden layers, computed as one; layer norm keeps values in bounds.
+    """Two networks of two hidden layers, computed as one; layer norm bounds their values.
 
     (Ball et al. 2023, arXiv:2302.02948, for the norm.)
     """

@@ -1,7 +1,7 @@
 """The `fast` preset: learn from the state, then teach a student on pixels (DAgger).
 
-Ross, Gordon and Bagnell 2011 (arXiv:1011.0686): the student acts, and learns what the teacher
-would have done in the states that the student got into. Only the student meets the real world.
+Ross, Gordon and Bagnell 2011 (arXiv:1011.0686): the student acts, and learns what the teacher would
+have done in the states that the student reached. Only the student meets the real world.
 """
 
 from dataclasses import dataclass, field, replace
@@ -21,25 +21,25 @@ from simtune.replay import Replay, Transitions
 
 @dataclass(frozen=True, kw_only=True)
 class TeacherStudentConfig:
-    """What learns when; shares are of steps in simulation."""
+    """Schedule of learning; shares are of steps in simulation."""
 
     teacher: TeacherConfig = field(default_factory=TeacherConfig)
     student: StudentConfig = field(default_factory=StudentConfig)
-    teacher_share: float = 0.8  # of the steps before the student is tried out, until it begins
-    noise_share: float = 0.4  # of all steps, in which the teacher's noise falls
-    filmed_share: float = 0.7  # of the steps after that
+    teacher_share: float = 0.8  # of the steps before the student's first trial, until it begins
+    noise_share: float = 0.4  # of all steps, over which the teacher's noise falls
+    filmed_share: float = 0.7  # of the steps after that, which are filmed
     random_steps: int = 3_000  # at the start
     teacher_updates_per_step: float = 0.5
     detector_updates_per_step: float = 0.03
-    first_detector_factor: float = 3.0  # more of them at first, when it cannot see yet
+    first_detector_factor: float = 3.0  # on the number of first updates, when it cannot see yet
     head_updates_per_step: float = 0.25
-    remembered_episodes: int = 96  # filmed ones that the student learns to act in
-    trusting_share: float = 0.1  # of all steps in which teacher and student take turns
-    noise: float = 0.1  # standard deviation, added to what a student does while it learns
+    remembered_episodes: int = 96  # filmed ones, from which the student learns to act
+    trusting_share: float = 0.1  # of all steps, over which the student takes over from the teacher
+    noise: float = 0.1  # standard deviation, added to the student's actions while it learns
 
 
 class TeacherStudent:
-    """An `Agent` that learns by turns: its teacher from states, its student from filmed episodes.
+    """An `Agent` that alternates: its teacher learns from states, its student from filmed episodes.
 
     The teacher's critics also get the `privileged` parameters.
     """
@@ -52,7 +52,7 @@ class TeacherStudent:
         self._num_positions = spec.num_positions
         self._num_latest = spec.most_late * spec.num_actions
         self._latest = torch.zeros(0, self._num_latest)  # actions in n worlds, the newest first
-        # The student begins after these steps: at least a round of them before it is tried out
+        # Steps before the student begins: at least a round before its first trial
         latest = (-(-spec.first_tried // spec.round_steps) - 1) * spec.round_steps - 1
         self._begins = max(1.0, min(config.teacher_share * spec.first_tried, latest))
         with seeded(spec.seed):
@@ -84,9 +84,9 @@ class TeacherStudent:
         return actions.cpu().numpy()
 
     def _remembered(self, frames: torch.Tensor) -> torch.Tensor:
-        """(n, L) actions that `act` returned lately; 0 where a stack is an episode's first one.
+        """(n, L) recent actions that `act` returned; 0 if a stack is an episode's first one.
 
-        That one is a single frame, repeated; a camera's noise makes all others differ.
+        Such a stack is a single frame, repeated; a camera's noise makes all others differ.
         """
         if not self._num_latest or len(self._latest) != len(frames):
             return torch.zeros(len(frames), self._num_latest, device=self.device)
@@ -94,7 +94,7 @@ class TeacherStudent:
         return self._latest.where(~is_first, 0.0)
 
     def explore(self, observation: Observation) -> np.ndarray:
-        """The teacher alone where nothing is filmed; else the student, more and more."""
+        """The teacher alone if nothing is filmed; else the student, more and more."""
         states = torch.from_numpy(observation.state).to(self.device)
         if self.num_steps < self.config.random_steps:
             actions = uniform_actions(len(states), self._num_actions, self._generator)
@@ -157,7 +157,7 @@ class TeacherStudent:
         return losses
 
     def _latest_of(self, states: torch.Tensor) -> torch.Tensor:
-        """(..., D) to (..., L): how states end, see `AgentSpec.most_late`."""
+        """(..., D) to (..., L): the actions at the end of states, see `AgentSpec.most_late`."""
         return states[..., states.shape[-1] - self._num_latest :]
 
     def _sample(self, replay: Replay, batch_size: int) -> Transitions:
@@ -172,7 +172,7 @@ class TeacherStudent:
 
     @property
     def teacher_noise(self) -> float:
-        """The standard deviation by which the teacher explores now."""
+        """The present standard deviation of the teacher's exploration."""
         falls_over = self.config.noise_share * self._total_steps
         return falling(self.config.teacher.noise, self.num_steps / falls_over)
 

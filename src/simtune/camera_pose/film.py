@@ -1,4 +1,4 @@
-"""A film's edges, whatever the colours and the light on both sides of them."""
+"""A film's edges, whatever the colours and the light on both sides."""
 
 from typing import NamedTuple
 
@@ -7,27 +7,27 @@ from scipy.ndimage import gaussian_filter1d
 
 from simtune.camera_pose.robot import Outlines
 
-_SLOPE_PX = 1.0  # over which a picture's slope is taken
-_STANDS_STILL = 0.02  # what an edge counts that is in the picture without the robot, too
-_CLEAR = 0.06  # of the full scale in a pixel: an edge of that contrast is one
+_SLOPE_PX = 1.0  # scale of the derivative filter
+_STANDS_STILL = 0.02  # weight of an edge that is also in the picture without the robot
+_CLEAR = 0.06  # of the full scale per pixel: least contrast of an edge
 
 
 class Across(NamedTuple):
-    """What is found on lines across edges, at S places of each of N lines."""
+    """Edges on lines across outlines, at S places of each of N lines."""
 
-    strength: np.ndarray  # (N, S) of the full scale in a pixel
-    alike: np.ndarray  # (N, S) 0 to 1: whether it runs as the line expects
+    strength: np.ndarray  # (N, S) of the full scale per pixel
+    alike: np.ndarray  # (N, S) 0 to 1: agreement with the line's direction
 
 
 class Film:
     """M frames as structure tensors, summed over their colours (Di Zenzo 1986).
 
-    Of an edge that moves, both the frame and what it adds to the picture without the robot have a
-    slope; the weaker one counts. So neither what stands still nor what the robot hides is an edge.
+    A moving edge is in the frame, and in its difference from the picture without the robot; the
+    weaker slope counts. So neither the background nor what the robot hides is an edge.
     """
 
     def __init__(self, frames: np.ndarray, plate: np.ndarray | None):
-        """(M, H, W, 3) uint8 frames; `plate`: (H, W, 3) what stands still, if anything does."""
+        """(M, H, W, 3) uint8 frames; `plate`: (H, W, 3) background, if there is one."""
         self.num, self.size = len(frames), frames.shape[1:3]
         slopes = _slopes(frames)
         self._tensors = [_tensor(*slopes)]
@@ -36,14 +36,14 @@ class Film:
             self._tensors.append(_tensor(*(a - b for a, b in zip(slopes, still, strict=True))))
 
     def moving(self) -> np.ndarray:
-        """(M, H, W) bool: on clear edges of what moves."""
-        squared = np.min([its[..., 0] + its[..., 2] for its in self._tensors], 0)
+        """(M, H, W) bool: on clear edges of moving things."""
+        squared = np.min([tensor[..., 0] + tensor[..., 2] for tensor in self._tensors], 0)
         return squared > _CLEAR**2
 
     def across(self, outlines: Outlines, pixels: np.ndarray, steps: np.ndarray) -> Across:
         """On lines through N points of outlines, now at (N, 2) pixels, (S,) `steps` along normals.
 
-        Where outlines stand still, so do edges: they count by the share of frames in which they do.
+        If an outline stands still, so do its edges: they count by its share of such frames.
         """
         frames, normals = outlines.frames, outlines.normals
         height, width = self.size
@@ -53,7 +53,7 @@ class Film:
         corner = at.astype(int)
         share = at - corner
         first = (frames[:, None] * height + corner[..., 1]) * width + corner[..., 0]
-        found = [_along(_between(its, first, share, width), normals) for its in self._tensors]
+        found = [_along(_between(tensor, first, share, width), normals) for tensor in self._tensors]
         squared, alike = found[0]
         if len(found) > 1:
             alike = np.where(found[1][0] < squared, found[1][1], alike)
@@ -79,7 +79,7 @@ def _tensor(right: np.ndarray, down: np.ndarray) -> np.ndarray:
 
 
 def _between(tensors: np.ndarray, first: np.ndarray, share: np.ndarray, width: int) -> np.ndarray:
-    """(N, S, 3) between pixels, of which the first one's number is given."""
+    """(N, S, 3) bilinear, between pixels of which the first one's index is given."""
     flat, (x, y) = tensors.reshape(-1, 3), np.moveaxis(share[..., None], 2, 0)
     above = flat[first] * (1 - x) + flat[first + 1] * x
     below = flat[first + width] * (1 - x) + flat[first + width + 1] * x
@@ -87,7 +87,7 @@ def _between(tensors: np.ndarray, first: np.ndarray, share: np.ndarray, width: i
 
 
 def _along(tensors: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N, S) squared slopes along normals, and their shares of all that slopes."""
+    """(N, S) squared slopes along normals, and their shares of all squared slopes."""
     (xx, xy, yy), (x, y) = np.moveaxis(tensors, -1, 0), normals.T[..., None].astype(np.float32)
     squared = np.maximum(xx * x * x + 2 * xy * x * y + yy * y * y, 0)
     return squared, squared / (xx + yy + 1e-9)

@@ -21,15 +21,15 @@ from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
 
-_MOST_FRAMES = 240  # that are looked at
+_MOST_FRAMES = 240  # that are used
 _FEWEST_FRAMES = 8
-_HEIGHT_PX = 240  # of pictures: nothing has to be learnt, so that they may be large
+_HEIGHT_PX = 240  # of pictures; large, since no network has to learn from them
 
 
 def find_camera_pose(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     """A camera's position, orientation and field of view, with 90 % intervals; JSON.
 
-    Raises InputError for what cannot be used.
+    Raises InputError for invalid input.
     """
     config.check()
     budget = Budget(60 * config.budget_minutes, say)
@@ -61,8 +61,8 @@ def camera_by(
     budget: Budget,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """The same of a task `with_any_camera`, by trajectories whose frames are as high as they are
-    to be compared.
+    """The same for a task `with_any_camera`, from trajectories with frames of the height to be
+    compared.
     """
     simulator, camera = task.simulator(image_size=1, views=()), seen.cameras[0].footage.camera
     frames, states = _known(simulator, seen, trajectories)
@@ -77,7 +77,7 @@ def camera_by(
 def _known(
     simulator: Simulator, seen: ObservationModel, trajectories: list[Trajectory]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(F, H, W, 3) frames, evenly spread, and the (F, S) states that joints tell of them."""
+    """(F, H, W, 3) frames, evenly spread, and their (F, S) states from joint readings."""
     nominal, nothing = simulator.space.nominal[None], np.zeros((1, 0, simulator.num_actions))
     rest = simulator.roll_out(nominal, nothing, np.random.default_rng(0)).states[0, 0]
     states = measured_states(simulator.model, seen, trajectories, rest)

@@ -1,6 +1,6 @@
-"""A pinhole camera in unit coordinates: its pose, what it projects, and exact derivatives.
+"""A pinhole camera in unit coordinates: its pose, projection, and exact derivatives.
 
-It is fixed to a body, and points are given in that body's frame: a camera on a robot's wrist is as
+It is fixed to a body, and points are in that body's frame, so a camera on a robot's wrist is like
 one on a wall. The camera looks along its −z, and its y is up.
 """
 
@@ -16,7 +16,7 @@ from simtune.lens import focal_px
 from simtune.parameters import ParameterSpace
 
 _LEAST_DEPTH_M = 0.01
-_OUTSIDE_PX = -1e4  # where points behind the camera are put
+_OUTSIDE_PX = -1e4  # pixels of points behind the camera
 
 
 class Pose(NamedTuple):
@@ -24,28 +24,28 @@ class Pose(NamedTuple):
 
     place: np.ndarray  # (3,) m
     turn: np.ndarray  # (3, 3) its axes as columns
-    fovy_deg: float  # of the picture's height
+    fovy_deg: float  # vertical
 
 
 @dataclass(frozen=True)
 class CameraGeometry:
-    """Of P parameters: x, y, z, pitch, yaw, roll and, if it is tuned, the field of view."""
+    """With P parameters: x, y, z, pitch, yaw, roll and, if it is tuned, the field of view."""
 
     space: ParameterSpace  # of `scene.with_any_camera`
     size: tuple[int, int]  # (height, width) of pictures
-    nominal: np.ndarray  # (3, 3) the camera's axes as columns, where no angle is changed
-    fovy_deg: float  # where that is not tuned
+    nominal: np.ndarray  # (3, 3) the camera's axes as columns, at angles of 0
+    fovy_deg: float  # used if it is not tuned
 
     @classmethod
     def of(
         cls, model: mujoco.MjModel, camera: str, space: ParameterSpace, size: tuple[int, int]
     ) -> "CameraGeometry":
-        its = model.camera(camera)
-        turn = Rotation.from_quat(np.roll(its.quat, -1)).as_matrix()
-        return cls(space, size, turn, float(its.fovy[0]))
+        given = model.camera(camera)
+        turn = Rotation.from_quat(np.roll(given.quat, -1)).as_matrix()
+        return cls(space, size, turn, float(given.fovy[0]))
 
     def pose(self, unit: np.ndarray) -> Pose:
-        """Of (P,) unit coordinates."""
+        """At (P,) unit coordinates."""
         values = self._values(unit)
         turns = [_about(axis, angle) for axis, angle in enumerate(values[3:6])]
         fovy_deg = float(values[6]) if len(values) > 6 else self.fovy_deg
@@ -67,7 +67,7 @@ class CameraGeometry:
         return seen @ pose.turn.T + pose.place
 
     def derivatives(self, unit: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(n, 2, P): how the pixels of (n, 3) points move with each unit coordinate."""
+        """(n, 2, P) derivatives of the pixels of (n, 3) points by each unit coordinate."""
         pose, values = self.pose(unit), self._values(unit)
         away = points - pose.place
         x, y, z = (away @ pose.turn).T
@@ -77,16 +77,16 @@ class CameraGeometry:
         by_seen *= focal / depth**2  # (2, 3, n)
         seen_by = [np.tile(-axis, (len(points), 1)) for axis in pose.turn]
         seen_by += [away @ turned for turned in self._turned(values[3:6])]
-        every = np.einsum("ijn,pnj->nip", by_seen, np.stack(seen_by))
+        by_unit = np.einsum("ijn,pnj->nip", by_seen, np.stack(seen_by))
         if len(values) > 6:
             half = np.radians(pose.fovy_deg) / 2
             zoom = -np.radians(1) / np.sin(2 * half)  # of the focal length, per degree
             beside = focal * np.stack([x, -y], 1) / depth[:, None]
-            every = np.concatenate([every, zoom * beside[..., None]], 2)
-        return every * self._lows_and_ranges[1]
+            by_unit = np.concatenate([by_unit, zoom * beside[..., None]], 2)
+        return by_unit * self._lows_and_ranges[1]
 
     def _turned(self, angles: np.ndarray) -> list[np.ndarray]:
-        """Derivatives (3, 3) of the camera's axes by each angle."""
+        """(3, 3) derivatives of the camera's axes by each angle."""
         turns = [_about(axis, angle) for axis, angle in enumerate(angles)]
         found = []
         for axis in range(3):
@@ -96,7 +96,7 @@ class CameraGeometry:
         return found
 
     def _values(self, unit: np.ndarray) -> np.ndarray:
-        """(P,), beyond the range, too."""
+        """(P,), also beyond the range."""
         low, length = self._lows_and_ranges
         return low + length * unit
 

@@ -1,4 +1,4 @@
-"""The robot in states that joints tell: its outlines before a camera, and points on it."""
+"""The robot in measured states: its outlines before a camera, and points on it."""
 
 from typing import NamedTuple
 
@@ -11,21 +11,21 @@ from simtune.camera_pose.scene import has_outlines, robot_before
 from simtune.simulation.depths import Depths
 
 _MESH, _EACH = mujoco.mjtGeom.mjGEOM_MESH.value, 4  # points of a geom
-_ELSEWHERE_M = 1e4  # where geoms are put that are not to be seen
-_STEP = 0.04  # of its distance, by which what is behind an outline is farther away
-_SMOOTH_PX = 1.2  # over which an outline's direction is taken
-_SAME_PX = 3  # side of the square that is the same place
-_MARGIN_PX = 2.0  # of the picture, where outlines are its own end
+_ELSEWHERE_M = 1e4  # position of geoms to be hidden
+_STEP = 0.04  # relative step of distance that makes an outline
+_SMOOTH_PX = 1.2  # smoothing for an outline's direction
+_SAME_PX = 3  # side of the square that counts as the same place
+_MARGIN_PX = 2.0  # of the picture, where outlines are cut off
 
 
 class Outlines(NamedTuple):
-    """N points on edges: where the robot ends or is farther away beyond, or another part begins."""
+    """N points on edges: the robot's boundary, jumps in distance, or seams between parts."""
 
-    frames: np.ndarray  # (N,) which state
+    frames: np.ndarray  # (N,) index of the state
     points: np.ndarray  # (N, 3) m, in the frame of the body that the camera is fixed to
     normals: np.ndarray  # (N, 2) in the picture, into the robot
     pixels: np.ndarray  # (N, 2) of the film
-    still: np.ndarray  # (N,) share of the other frames that have an edge of the robot there, too
+    still: np.ndarray  # (N,) share of the other frames with an edge of the robot at the same place
 
 
 class Robot:
@@ -36,8 +36,8 @@ class Robot:
     ):
         """(M, S) full states; `geometry`: of the film's pictures."""
         self._geometry, self._moves = geometry, robot_before(model, camera)
-        its = model.camera(camera)
-        self._poses = [_poses(model, int(its.bodyid[0]), state) for state in states]
+        given = model.camera(camera)
+        self._poses = [_poses(model, int(given.bodyid[0]), state) for state in states]
         shown = has_outlines(model)
         self._depths = [Depths(model, camera, _smaller(geometry.size, by), shown) for by in (1, 2)]
         self._model = model
@@ -47,7 +47,7 @@ class Robot:
     ) -> Outlines:
         """Before a camera (P,), in some of the states; `is_rough`: drawn half as large.
 
-        A point lies between two pixels of a drawing, and is as far away as the nearer one.
+        A point lies between two pixels of a drawing, at the distance of the nearer one.
         """
         drawing = self._depths[is_rough]
         geoms, near = self._draw(drawing, self._geometry.pose(unit), which)
@@ -61,15 +61,15 @@ class Robot:
         still = _standing(frames, pixels, near.shape)
         its = (pixels >= _MARGIN_PX).all(1) & (pixels <= size - 1 - _MARGIN_PX).all(1)
         its &= (normals**2).sum(1) > 0
-        some = np.flatnonzero(its)
-        some = some[np.linspace(0, len(some) - 1, min(len(some), at_most)).astype(int)]
-        pixels = (pixels[some] + 0.5) * (np.array(self._geometry.size[::-1]) / size) - 0.5
-        normals = normals[some] / np.linalg.norm(normals[some], axis=1, keepdims=True)
-        points = self._geometry.lift(unit, pixels, 1 / nearness[some])
-        return Outlines(frames[some], points, normals, pixels, still[some])
+        chosen = np.flatnonzero(its)
+        chosen = chosen[np.linspace(0, len(chosen) - 1, min(len(chosen), at_most)).astype(int)]
+        pixels = (pixels[chosen] + 0.5) * (np.array(self._geometry.size[::-1]) / size) - 0.5
+        normals = normals[chosen] / np.linalg.norm(normals[chosen], axis=1, keepdims=True)
+        points = self._geometry.lift(unit, pixels, 1 / nearness[chosen])
+        return Outlines(frames[chosen], points, normals, pixels, still[chosen])
 
     def surface_points(self, which: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """(K, L, 3) of what is drawn of it: vertices of meshes, others' bounding boxes."""
+        """(K, L, 3) on drawn surfaces: vertices of meshes, or points in bounding boxes."""
         geoms = np.flatnonzero(self._moves).tolist()
         offsets = np.stack([_surface(self._model, geom, rng) for geom in geoms])  # (G, each, 3)
         found = []
@@ -81,7 +81,7 @@ class Robot:
     def _draw(
         self, drawing: Depths, pose: Pose, which: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(K + 1, H, W) geoms and 1/m of the robot alone, and last of what stands still, alone."""
+        """(K + 1, H, W) geoms and 1/m: the robot alone in K states, then the background alone."""
         places, turns, body_places, body_turns = (
             np.stack(its) for its in zip(*(self._poses[k] for k in [*which, which[0]]), strict=True)
         )
@@ -97,7 +97,7 @@ class Robot:
 
 
 def _poses(model: mujoco.MjModel, body: int, state: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Places and turns of all geoms, and of the body that the camera is fixed to."""
+    """Positions and rotations of all geoms, and of the body that the camera is fixed to."""
     data = mujoco.MjData(model)
     mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
     mujoco.mj_kinematics(model, data)
@@ -133,7 +133,7 @@ def _steps(
 
 
 def _standing(frames: np.ndarray, pixels: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """(N,) shares of other frames with such points at the same place, or beside it."""
+    """(N,) shares of other frames with such points at the same or a neighbouring place."""
     there = np.zeros(shape, np.uint8)
     column, row = pixels.astype(int).T
     there[frames, row, column] = 1

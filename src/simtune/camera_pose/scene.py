@@ -1,4 +1,4 @@
-"""The task as a camera sees it that may be elsewhere, and what of it moves."""
+"""The task with a camera at an unknown pose, and what moves before it."""
 
 from dataclasses import replace
 
@@ -18,9 +18,9 @@ _LARGEST_FOV_DEG = 170.0
 
 
 def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) -> Task:
-    """The task with one camera, whose pose and field of view are all that is tuned.
+    """The task with one camera, of which only pose and field of view are tuned.
 
-    Raises InputError where no joints are measured.
+    Raises InputError if no joints are measured.
     """
     if not joints_of(task.sensors):
         raise InputError(
@@ -29,14 +29,14 @@ def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) ->
             "`simtune tune` find a camera_pose"
         )
     model = task.load_model()
-    its = model.camera(footage.camera)
-    x, y, z = map(float, its.pos)
+    given = model.camera(footage.camera)
+    x, y, z = map(float, given.pos)
     within_rad = float(np.radians(options.within_deg))
     camera = camera_pose(
         "camera", footage.camera, (x, y, z), within_m=options.within_m, within_rad=within_rad
     )
     if footage.lens is None and options.within_fov_deg:
-        fovy = float(its.fovy[0])
+        fovy = float(given.fovy[0])
         low = max(fovy - options.within_fov_deg, fovy / 4)
         high = min(fovy + options.within_fov_deg, _LARGEST_FOV_DEG)
         seen = field_of_view("camera_field_of_view", footage.camera, fovy)
@@ -45,29 +45,29 @@ def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) ->
 
 
 def has_outlines(model: mujoco.MjModel) -> np.ndarray:
-    """(ngeom,) bool: what a camera sees, but endless ground."""
+    """(ngeom,) bool: what a camera sees, without endless ground."""
     return is_drawn(model) & ~np.isin(model.geom_type, ENDLESS)
 
 
 def robot_before(model: mujoco.MjModel, camera: str) -> np.ndarray:
-    """(ngeom,) bool: the robot, as a camera sees it: what is drawn and not fixed to the camera.
+    """(ngeom,) bool: the robot as a camera sees it: drawn, and not fixed to the camera.
 
     Raises InputError for a camera that turns by itself, or before which nothing moves.
     """
-    its = model.camera(camera)
-    if model.cam_mode[its.id] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value:
+    given = model.camera(camera)
+    if model.cam_mode[given.id] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value:
         raise InputError(
             f"camera {camera!r} follows what moves; --camera-pose finds cameras that are fixed to "
             'a body: expected mode="fixed"'
         )
-    moves = has_outlines(model) & moves_before(model, its.id)
+    moves = has_outlines(model) & moves_before(model, given.id)
     if not moves.any():
         raise InputError(f"nothing that the model draws moves before camera {camera!r}")
     return moves
 
 
 def stands_still(model: mujoco.MjModel, camera: str) -> bool:
-    """Whether what is fixed to the world stays where it is in the camera's picture."""
+    """Whether the camera is fixed to the world, so that its background stands still."""
     return bool(model.body_weldid[model.camera(camera).bodyid[0]] == 0)
 
 
@@ -77,16 +77,16 @@ def measured_states(
     trajectories: list[Trajectory],
     full_state: np.ndarray,
 ) -> np.ndarray:
-    """(F, S) full states at all frames, one episode after the other, at rest.
+    """(F, S) full states at all frames of all episodes in turn, at rest.
 
-    Joints that nobody measures are as in `full_state`; where a reading is missing it is NaN.
+    Unmeasured joints are as in `full_state`; missing readings are NaN.
     """
     states = []
     for trajectory in trajectories:
-        its = np.tile(full_state, (len(trajectory) + 1, 1))
-        its[:, 1 + model.nq : 1 + model.nq + model.nv] = 0.0
+        full = np.tile(full_state, (len(trajectory) + 1, 1))
+        full[:, 1 + model.nq : 1 + model.nq + model.nv] = 0.0
         for sensor in joints_of(observation.sensors):
             if not sensor.is_velocity:
-                its[:, 1 + sensor.places] = trajectory.readings[sensor.name]
-        states.append(its)
+                full[:, 1 + sensor.places] = trajectory.readings[sensor.name]
+        states.append(full)
     return np.concatenate(states)

@@ -1,4 +1,4 @@
-"""The search for a camera: where things move, then edge by edge, from several starts."""
+"""The search for a camera: silhouettes, then edges, from several starts."""
 
 import itertools
 import time
@@ -18,21 +18,21 @@ from simtune.errors import InputError
 from simtune.pictures import resize
 
 _STARTS, _FEWEST_STARTS = 3, 2  # the given camera, and by silhouettes; the latter if time is short
-_STARTING = 0.5  # of the time: until then there are more, where no end is sure
-_SURE = 0.4  # by which more outlines are on edges than by chance
+_STARTING = 0.5  # of the time, within which more starts are tried if no end is sure
+_SURE = 0.4  # share of outlines on edges in excess of chance
 _BESIDE = 0.05  # of the range
-_KEPT = 2  # of all ends, that are looked at closely
-_AS_GOOD = 0.8  # of the best score: an end that may be the right one, too
-_SILHOUETTES, _SMALL_PX = 12, 64  # frames that are looked at for that, and their height
+_KEPT = 2  # ends that are refined
+_AS_GOOD = 0.8  # of the best score: such an end may be right, too
+_SILHOUETTES, _SMALL_PX = 12, 64  # frames for the silhouettes, and their height
 _ROUGH_PICTURES, _FEWEST_PICTURES, _MOST_PICTURES = 16, 8, 48
 _TIMED = 4  # pictures
-_SHARE = 0.7  # of the time left for fine fits
+_SHARE = 0.7  # of the time left, for fine fits
 
 Judged = tuple[Alike, Fit]
 
 
 class Found(NamedTuple):
-    """A camera, and where fits end that are about as good, itself among them."""
+    """A camera, and the ends of all fits that are about as good, including its own."""
 
     fit: Fit
     alike: Alike
@@ -50,14 +50,14 @@ class CameraSearch:
         geometry: CameraGeometry,
         seed: int,
     ):
-        """(F, H, W, 3) frames in which the robot was in its F states; `plate`: as `Film` has it."""
+        """(F, H, W, 3) frames in which the robot was in its F states; `plate`: see `Film`."""
         self._frames, self._plate, self._robot, self._geometry = frames, plate, robot, geometry
         self._rng = np.random.default_rng((seed, 1))
 
     def run(self, budget: Budget) -> Found:
-        """The camera before which the robot explains the film best.
+        """The camera with which the robot explains the film best.
 
-        Raises InputError where none shows it.
+        Raises InputError if the robot is never in sight.
         """
         kept, fine = self._ends(budget), []
         if not kept:
@@ -71,11 +71,11 @@ class CameraSearch:
             fine += _judged(tracker, fit.unit, FINE)
         fine = fine or kept
         alike, best = max(fine, key=_score)
-        as_good = [fit.unit for its, fit in fine if its.score > _AS_GOOD * alike.score]
+        as_good = [fit.unit for candidate, fit in fine if candidate.score > _AS_GOOD * alike.score]
         return Found(best, alike, np.array([best.unit, *as_good]))
 
     def _ends(self, budget: Budget) -> list[Judged]:
-        """The best ones where rough fits end, the best last."""
+        """The best ends of rough fits, the best last."""
         budget.report("looking where things move")
         ends: list[Judged] = []
         tries = self._tries(ends, self._silhouettes())
@@ -95,9 +95,9 @@ class CameraSearch:
     def _tries(
         self, ends: list[Judged], guess: Callable[[], np.ndarray]
     ) -> Iterator[tuple[np.ndarray, tuple[tuple[float, ...], ...]]]:
-        """From where to start, and how far to look from there: less far first.
+        """Starts, and schedules of how far to look from there, the shortest first.
 
-        The camera that is given, some by silhouettes, and some beside the best of `ends`.
+        Starts are the given camera, some by silhouettes, and some beside the best of `ends`.
         """
         given = np.full(len(self._geometry.space), 0.5)
         yield given, (NEAR, MIDDLE)
@@ -110,7 +110,7 @@ class CameraSearch:
             yield guess(), (NEAR, MIDDLE, FAR)
 
     def _silhouettes(self) -> Callable[[], np.ndarray]:
-        """What gives likely cameras (P,), another each time."""
+        """A function that gives likely cameras (P,), another one each time."""
         height, width = self._geometry.size
         small = (_SMALL_PX, max(1, round(width * _SMALL_PX / height)))
         geometry = replace(self._geometry, size=small)
@@ -126,7 +126,7 @@ class CameraSearch:
     def _choose(self, near: np.ndarray, seconds: float) -> np.ndarray:
         """(M,) frames, evenly spread, as many as can be compared in the time."""
         few = self._tracker(self._spread(_TIMED))
-        few.fit(near, FINE[-1:])  # the first time is longer
+        few.fit(near, FINE[-1:])  # the first call is slower
         began_s = time.monotonic()
         few.fit(near, FINE[-1:])
         each_s = (time.monotonic() - began_s) / _TIMED * len(FINE) * _KEPT
@@ -134,8 +134,8 @@ class CameraSearch:
         return self._spread(most)
 
     def _spread(self, num: int) -> np.ndarray:
-        every = len(self._frames)
-        return np.linspace(0, every - 1, min(every, num)).astype(int)
+        count = len(self._frames)
+        return np.linspace(0, count - 1, min(count, num)).astype(int)
 
     def _tracker(self, at: np.ndarray) -> Tracker:
         film = Film(self._frames[at], self._plate)
@@ -147,7 +147,7 @@ def _is_sure(ends: list[Judged]) -> bool:
 
 
 def _judged(tracker: Tracker, start: np.ndarray, off_px: tuple[float, ...]) -> list[Judged]:
-    """One, or none where the robot is out of sight."""
+    """One, or none if the robot is out of sight."""
     fit = tracker.fit(start, off_px)
     return [(tracker.alike(fit.unit), fit)] if fit else []
 

@@ -1,4 +1,4 @@
-"""How wrong a camera may be that was found by edges."""
+"""Uncertainty of a camera that was found by edges."""
 
 import numpy as np
 from scipy.special import stdtrit
@@ -6,19 +6,18 @@ from scipy.special import stdtrit
 from simtune.camera_pose.search import Found
 from simtune.camera_pose.tracking import Alike, Fit
 
-_ALIKE = 30.0  # points err so much alike, in a frame and between frames, that as many count as one
+_ALIKE = 30.0  # points with errors so correlated, within and between frames, that they count as one
 _SWOLLEN_PX = 0.3  # by which all outlines may be too large or too small: dark rims, compression
-# Of the outlines, that have to be on edges of their frame and not on those of another one: .4 to .6
-# are before simulated cameras that were found, .15 to .3 before a real one, up to .06 before wrong
-# ones.
+# Least share of outlines on edges in excess of chance: .4 to .6 for simulated cameras that were
+# found, .15 to .3 for a real one, up to .06 for wrong ones.
 _BY_CHANCE = 0.1
-_CLUSTERS = 8  # stretches of frames; what is wrong in one is alike
+_CLUSTERS = 8  # stretches of frames with correlated errors
 
 
 def spread(found: Found) -> np.ndarray:
-    """(P,) half the widths of 90 % intervals, in unit coordinates, at most the whole range.
+    """(P,) half-widths of 90 % intervals, in unit coordinates, at most the whole range.
 
-    That is what they are where outlines are on the film's edges as if by chance.
+    The whole range if outlines are on the film's edges only by chance.
     """
     if is_by_chance(found.alike):
         return np.ones(len(found.fit.unit))
@@ -28,12 +27,12 @@ def spread(found: Found) -> np.ndarray:
 
 
 def is_by_chance(alike: Alike) -> bool:
-    """Whether the camera is not the film's, as far as its edges tell."""
+    """Whether the camera is not the film's, judging by edges."""
     return alike.beyond_chance < _BY_CHANCE
 
 
 def covariance(fit: Fit) -> np.ndarray:
-    """(P, P), of errors of points, of what frames one after the other have in common, and all.
+    """(P, P), from errors of points, of consecutive frames, and common to all.
 
     With slopes A of N points, weights W, residuals r, G stretches of frames (Liang and Zeger 1986)
     and outlines that are all b pixels too large:

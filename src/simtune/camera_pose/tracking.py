@@ -1,7 +1,7 @@
-"""The camera before which the robot's outlines lie on the film's edges, found edge by edge.
+"""Aligns the robot's outlines with the film's edges: model-based edge tracking.
 
-Model-based edge tracking (Harris 1992; Drummond and Cipolla 2002): the robot is drawn, and each
-point of its outlines looks along its normal for edges of the film.
+(Harris 1992; Drummond and Cipolla 2002): the robot is drawn, and each point of its outlines looks
+along its normal for edges of the film.
 """
 
 from typing import NamedTuple
@@ -14,39 +14,39 @@ from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
 from simtune.fit.combine import newton_within
 
-# Pixels by which outlines are taken to be off, iteration by iteration: the robot is drawn in each.
+# Expected offset of outlines in pixels, for each iteration; the robot is drawn in each.
 NEAR = (5.0, 5.0, 5.0, 3.0, 3.0, 3.0)
 MIDDLE = (8.0, 8.0, 8.0, *NEAR)
 FAR = (16.0, 16.0, 16.0, *MIDDLE)
 FINE = (2.0, 2.0, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0)
-_BEYOND = 0.3  # of the range, how far beyond it a fit may go on its way
-_REACH = 2.5  # times that, how far edges are looked for
-_FAINT = 0.02  # of the full scale in a pixel: an edge of that contrast counts half
-_NONE = 0.15  # what it counts that a point has no edge
-_ANEW = 3  # times that edges are looked for, before the robot is drawn again
-_FARTHEST = 1.5  # times by which outlines are off: how far a step may move them
+_BEYOND = 0.3  # of the range, by which a fit may leave it on its way
+_REACH = 2.5  # factor on the expected offset, within which edges are searched
+_FAINT = 0.02  # of the full scale per pixel: contrast at which an edge has half the weight
+_NONE = 0.15  # weight of having no edge
+_ANEW = 3  # searches for edges per drawing of the robot
+_FARTHEST = 1.5  # factor on the expected offset: limit of a step's motion
 _SLACK = 1e-5  # of the mean information
 _POINTS, _ROUGH_POINTS = 8000, 2000
 _FEWEST_POINTS = 50
-_OFF_EDGE_PX, _OFF_OUTLINE_PX = 2.0, 3.0  # as far as an outline, and an edge, may be beside
+_OFF_EDGE_PX, _OFF_OUTLINE_PX = 2.0, 3.0  # largest distance between an edge and an outline
 
 
 class Fit(NamedTuple):
     """A camera of P parameters, and N points of outlines before it."""
 
     unit: np.ndarray  # (P,)
-    frames: np.ndarray  # (N,) which frame a point is in
-    weights: np.ndarray  # (N,) 0 to 1: how surely it has an edge
-    off_px: np.ndarray  # (N,) where that is, along the normal, into the robot
-    slopes: np.ndarray  # (N, P) of where the point is, along the normal
+    frames: np.ndarray  # (N,) each point's frame
+    weights: np.ndarray  # (N,) 0 to 1: certainty of its edge
+    off_px: np.ndarray  # (N,) distance to its edge along the normal, into the robot
+    slopes: np.ndarray  # (N, P) derivatives of the point along the normal
 
 
 class Alike(NamedTuple):
-    """Shares, 0 to 1, of what fits."""
+    """Shares, 0 to 1, of what agrees."""
 
-    on_edges: float  # of the outlines, that lie on edges of their frame
-    by_chance: float  # of the outlines, that lie on edges of another frame
-    explained: float  # of what moves in the film, that outlines lie on
+    on_edges: float  # of outlines, on edges of their frame
+    by_chance: float  # of outlines, on edges of another frame
+    explained: float  # of the film's motion, on outlines
 
     @property
     def beyond_chance(self) -> float:
@@ -54,22 +54,22 @@ class Alike(NamedTuple):
 
     @property
     def score(self) -> float:
-        """A robot that is out of sight explains nothing, a wrong one is on edges by chance."""
+        """A robot out of sight explains nothing; a wrong one is on edges only by chance."""
         return self.beyond_chance * self.explained
 
 
 class Tracker:
-    """Of frames of a film in which a robot was in known states."""
+    """For frames of a film with the robot in known states."""
 
     def __init__(self, film: Film, robot: Robot, geometry: CameraGeometry, which: np.ndarray):
         """`which`: (M,) states of the robot, for the film's M frames."""
         self._film, self._robot, self._geometry, self._which = film, robot, geometry, which
 
     def fit(self, start: np.ndarray, off_px: tuple[float, ...]) -> Fit | None:
-        """From a camera (P,), by so many iterations; None where the robot is out of sight."""
+        """From a camera (P,), an iteration per `off_px`; None if the robot is out of sight."""
         unit, found = start, None
-        for its in off_px:
-            is_rough = its > FINE[0]
+        for expected_px in off_px:
+            is_rough = expected_px > FINE[0]
             beyond = _BEYOND if is_rough else 0.0
             unit = np.clip(unit, -beyond, 1 + beyond)
             most = _ROUGH_POINTS if is_rough else _POINTS
@@ -77,8 +77,8 @@ class Tracker:
             if len(outlines.frames) < _FEWEST_POINTS:
                 return None
             for _ in range(_ANEW):
-                found = self._look(unit, outlines, its)
-                step = _step(found, _FARTHEST * its, beyond)
+                found = self._look(unit, outlines, expected_px)
+                step = _step(found, _FARTHEST * expected_px, beyond)
                 unit = np.clip(unit + step, -beyond, 1 + beyond)
         return found and found._replace(unit=unit)
 
@@ -101,7 +101,7 @@ class Tracker:
         return Alike(on_edges, by_chance, float(np.sum(explained)) / num)
 
     def _on_edges(self, outlines: Outlines) -> float:
-        """Of those that move."""
+        """Share of moving outlines that lie on edges."""
         places, clear = self._edges(outlines.pixels, outlines, _OFF_EDGE_PX)
         found, moves = (clear * (np.abs(places) < _OFF_EDGE_PX)).max(1), 1 - outlines.still
         return float((found * moves).sum() / max(moves.sum(), 1e-9))
@@ -110,33 +110,33 @@ class Tracker:
         pixels = self._geometry.project(unit, outlines.points)
         places, clear = self._edges(pixels, outlines, _REACH * off_px)
         likely = clear * np.exp(-0.5 * (places / off_px) ** 2)
-        every = likely.sum(1)
-        mean = (likely * places).sum(1) / np.maximum(every, 1e-9)
+        total = likely.sum(1)
+        mean = (likely * places).sum(1) / np.maximum(total, 1e-9)
         moved = self._geometry.derivatives(unit, outlines.points)
         slopes = np.einsum("nip,ni->np", moved, outlines.normals)
-        return Fit(unit, outlines.frames, every / (every + _NONE), mean, slopes)
+        return Fit(unit, outlines.frames, total / (total + _NONE), mean, slopes)
 
     def _edges(
         self, pixels: np.ndarray, outlines: Outlines, reach_px: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(N, S) places along normals, px, and how clear an edge there is, 0 to 1.
+        """(N, S) places along normals, px, and the clarity of an edge there, 0 to 1.
 
-        Edges are where the slope is largest among its neighbours, to a part of a step.
+        Edges are local maxima of the slope, interpolated within a step.
         """
         step_px = min(1.0, max(0.5, reach_px / 8))
         num = int(np.ceil(reach_px / step_px)) + 1
         steps = step_px * np.arange(-num, num + 1)
         strength, alike = self._film.across(outlines, pixels, steps)
-        before, its, after = strength[:, :-2], strength[:, 1:-1], strength[:, 2:]
-        is_peak = (its >= before) & (its > after)
-        bend = np.maximum(2 * its - before - after, 1e-9)
+        before, here, after = strength[:, :-2], strength[:, 1:-1], strength[:, 2:]
+        is_peak = (here >= before) & (here > after)
+        bend = np.maximum(2 * here - before - after, 1e-9)
         beside = np.where(is_peak, np.clip((after - before) / (2 * bend), -0.5, 0.5), 0)
-        clear = is_peak * its**2 / (its**2 + _FAINT**2) * alike[:, 1:-1] ** 2
+        clear = is_peak * here**2 / (here**2 + _FAINT**2) * alike[:, 1:-1] ** 2
         return steps[1:-1] + step_px * beside, clear
 
 
 def _step(found: Fit, farthest_px: float, beyond: float) -> np.ndarray:
-    """(P,) Gauss and Newton's, shortened so that hardly a point moves farther."""
+    """(P,) Gauss-Newton step, shortened so that hardly any point moves by more."""
     weighted = found.slopes.T * found.weights
     information, pull = weighted @ found.slopes, weighted @ found.off_px
     num = len(pull)

@@ -1,4 +1,4 @@
-"""What is said of a camera that was found."""
+"""Output on a camera that was found."""
 
 import json
 from typing import Any
@@ -21,11 +21,11 @@ def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
     mean, low, high = (space.from_unit(np.clip(unit + sign * reach, 0, 1)) for sign in (0, -1, 1))
     model = task.load_model()
     ModelWriter(space, model).write(model, mean)
-    its, lens = model.camera(task.cameras[0].camera), task.cameras[0].lens
-    # A lens says the field of view itself, and a camera in the world needs no body.
-    where = {} if lens else {"field_of_view_deg": float(its.fovy[0])}
-    if its.bodyid[0]:
-        where["body"] = model.body(its.bodyid[0]).name
+    given, lens = model.camera(task.cameras[0].camera), task.cameras[0].lens
+    # A lens defines the field of view, and a camera in the world needs no body.
+    where = {} if lens else {"field_of_view_deg": float(given.fovy[0])}
+    if given.bodyid[0]:
+        where["body"] = model.body(given.bodyid[0]).name
     parameters = {
         p.name: {"unit": p.unit, "mean": mean[i], "low": low[i], "high": high[i]}
         for i, p in enumerate(space)
@@ -33,8 +33,8 @@ def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
     return plain(
         {
             "camera": task.cameras[0].name,
-            "position_m": its.pos.tolist(),
-            "quat": lens.from_region(its.quat) if lens else its.quat.tolist(),
+            "position_m": given.pos.tolist(),
+            "quat": lens.from_region(given.quat) if lens else given.quat.tolist(),
             **where,
             "parameters": parameters,
             "frames": num_frames,
@@ -62,7 +62,7 @@ def _warnings(task: Task, found: Found) -> list[str]:
 
 
 def lines(result: dict[str, Any], path: object) -> list[str]:
-    """What is printed."""
+    """Lines to print."""
     rows = [
         f"{name:22s} {p['mean']:10.4g} {p['unit']:4s} {p['low']:.4g} to {p['high']:.4g}"
         for name, p in result["parameters"].items()
@@ -72,7 +72,7 @@ def lines(result: dict[str, Any], path: object) -> list[str]:
 
 
 def tuning_table(result: dict[str, Any]) -> str:
-    """The pose as a tuning file has it."""
+    """The pose as in a tuning file."""
     keys = ("body", "position_m", "quat", "field_of_view_deg")
     rows = [f"{key} = {json.dumps(result[key])}" for key in keys if key in result]
     return "\n".join(["[camera]", *rows, ""])

@@ -1,4 +1,4 @@
-"""Before any training: does each parameter show, and are the recordings sound?"""
+"""Checks before any training: does each parameter show, and are the recordings sound?"""
 
 from simtune.checking.check import check
 from simtune.checking.table import table

@@ -30,14 +30,14 @@ from simtune.views import View, apart
 
 _EPISODES = 5
 _MOST_NAMED = 5  # of unsound episodes
-_LOOKED_AT = 3  # episodes of which pictures are compared
-_PICTURES, _FEWEST_PICTURES = 24, 8  # of all of them, and of each
+_LOOKED_AT = 3  # episodes whose pictures are compared
+_PICTURES, _FEWEST_PICTURES = 24, 8  # in total, and at least per episode
 
 
 def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
-    """What each parameter changes, how well it can be found, facts of the recordings; JSON.
+    """Sensitivity to each parameter, how well it can be found, facts of the recordings; JSON.
 
-    Raises InputError for what cannot be used.
+    Raises InputError for invalid input.
     """
     config.check()
     task = load_task(config.task)
@@ -78,7 +78,7 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
 def _of_recordings(
     config: CheckConfig, task: Task, image_size: int, seen: ObservationModel, say: ReportProgress
 ) -> tuple[Simulator, np.ndarray, ReadEpisodes | None, dict[str, Any]]:
-    """A simulator at their rate, their actions (E, T, A), their readings, and what is to be said.
+    """A simulator at the recordings' rate, their actions (E, T, A), readings, facts and warnings.
 
     Actions are cut to the shortest episode's.
     """
@@ -110,7 +110,7 @@ def _of_recordings(
 
 
 class _Films(NamedTuple):
-    """What each camera filmed, (E, K, H, W, 3), and its view, before plates as large."""
+    """Each camera's film, (E, K, H, W, 3), and its view with a plate of the same size."""
 
     names: list[str]
     films: list[np.ndarray]
@@ -118,7 +118,7 @@ class _Films(NamedTuple):
 
     @classmethod
     def of(cls, seen: ObservationModel, film: np.ndarray) -> "_Films":
-        """Of (E, K, H, W, 3) frames that show all views side by side."""
+        """From (E, K, H, W, 3) frames that show all views side by side."""
         films = apart(film, [view.width(film.shape[2]) for view in seen.views()])
         footage = [camera.footage for camera in seen.cameras]
         plates = [f.plate(its, its.shape[2:4]) for f, its in zip(footage, films, strict=True)]
@@ -126,7 +126,7 @@ class _Films(NamedTuple):
 
 
 def _shrunk(view: View, height: int) -> View:
-    """Its plate as high as the simulator's pictures."""
+    """The view with its plate scaled to the height of the simulator's pictures."""
     if view.plate is None:
         return view
     return replace(view, plate=resize(view.plate, (height, view.width(height))))
@@ -135,7 +135,7 @@ def _shrunk(view: View, height: int) -> View:
 def _look_at(
     films: _Films, task: Task, simulator: Simulator, actions: np.ndarray, config: CheckConfig
 ) -> tuple[dict[str, Any], list[str]]:
-    """What to note down of each camera's film, by its name, and warnings; pictures are saved."""
+    """Facts of each camera's film, by name, and warnings; saves pictures."""
     libraries = make_libraries(simulator, actions[:_LOOKED_AT], config.seed)
     if not libraries:
         return {}, ["the film was not looked at: nearly all of the simulator's worlds diverge"]
@@ -158,18 +158,18 @@ def _look_at(
 def look_through(
     dataset: Dataset, say: ReportProgress, num_looked_at: int = 0
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Actions (T, A) of all episodes, each of whose frames was looked at, and a few frames.
+    """Actions (T, A) of all episodes, after a look at each one's frames, and a few frames.
 
-    Those are of the first `num_looked_at` episodes, (num_looked_at, K, H, W, 3).
-    Raises InputError, after the last episode, where one is unsound; which others are is said too.
+    The frames are of the first `num_looked_at` episodes, (num_looked_at, K, H, W, 3). Raises
+    InputError, after the last episode, if any is unsound, naming the others as well.
     """
     actions, film, faults = [], [], {}
-    each = max(_FEWEST_PICTURES, _PICTURES // max(num_looked_at, 1))
+    num_frames = max(_FEWEST_PICTURES, _PICTURES // max(num_looked_at, 1))
     for episode, name in enumerate(dataset.episodes):
         say("reading the recordings", episode / len(dataset.episodes))
         try:
             its_actions, frames = dataset.skim(
-                episode, each * (episode < num_looked_at), within_steps=MOST_STEPS
+                episode, num_frames * (episode < num_looked_at), within_steps=MOST_STEPS
             )
         except InputError as error:
             faults[name] = str(error)

@@ -1,4 +1,4 @@
-"""From what parameters change to what can be said of them."""
+"""Conclusions on each parameter from its sensitivity."""
 
 from typing import Any, Literal
 
@@ -11,8 +11,8 @@ from simtune.tuning.range_update import RangeUpdateConfig
 Shows = Literal["shows clearly", "shows weakly", "does not show"]
 CLEAR: Shows = "shows clearly"
 
-_INTERVAL = 2 * 1.645  # standard deviations: the central 90 % of a normal distribution
-_TOGETHER = 0.8  # correlation from which on two errors are rather one: (1 + r) / (1 − r) is 9
+_INTERVAL = 2 * 1.645  # width of a normal distribution's central 90 %, in standard deviations
+_TOGETHER = 0.8  # correlation from which two errors count as one: (1 + r) / (1 − r) is 9
 _NOTHING = "changes neither picture nor motion: it cannot be found from video"
 _NOTHING_READ = "changes no reading: it cannot be found from these sensors"
 _NOTHING_AT_ALL = "changes neither picture, motion nor readings: it cannot be found from them"
@@ -20,7 +20,7 @@ _NOTHING_AT_ALL = "changes neither picture, motion nor readings: it cannot be fo
 
 def conclude(space: ParameterSpace, information: Sensitivity) -> dict[str, Any]:
     """{"parameters": an object each, by name, "pairs": what shows only together}; JSON."""
-    # What shows in a picture alone needs no motion; the others do, whatever they look like.
+    # Parameters that a single picture shows need no motion; the others do, however they look.
     picture_std = np.where(space.is_visible, information.picture_std, np.inf)
     std = np.minimum(picture_std, information.motion_std)
     share = _INTERVAL * std / information.first_width
@@ -40,11 +40,10 @@ def conclude(space: ParameterSpace, information: Sensitivity) -> dict[str, Any]:
 
 
 def _shows(share: float) -> Shows:
-    """By the 90 % interval's share of the first range searched, as a search's verdict is.
+    """By the 90 % interval's share of the first search range, like a search's verdict.
 
-    That range is a factor of 3 up and down, or all of a linear scale's bounds. "Clearly" is what
-    tuning can call identified, "weakly" what it can call weak: at best, since no real fit knows
-    more than this.
+    That range is a factor of 3 up and down, or the bounds of a linear scale. "Clearly" is what
+    tuning can call identified, "weakly" what it can call weak, at best: no real fit knows more.
     """
     limits = RangeUpdateConfig()
     if share <= limits.identified_share:
@@ -53,7 +52,7 @@ def _shows(share: float) -> Shows:
 
 
 def _nothing(information: Sensitivity) -> str:
-    """What to say of a parameter that shows nowhere."""
+    """Note on a parameter that shows nowhere."""
     if information.readings is None:
         return _NOTHING
     return _NOTHING_AT_ALL if information.sees_pictures else _NOTHING_READ
@@ -89,14 +88,14 @@ def _numbers(space: ParameterSpace, information: Sensitivity, i: int) -> dict[st
             "reading_largest": float(readings.largest[i, main]),
         }
     if parameter.is_appearance:
-        return numbers  # a picture tells at once how bright things are: no motion to predict by
+        return numbers  # pictures show brightness directly: there is no motion to predict from
     return numbers | ({"std_percent": 100 * std} if space.is_log[i] else {"std": std})
 
 
 def _pair(
     space: ParameterSpace, information: Sensitivity, shows: list[Shows], i: int, j: int
 ) -> dict[str, Any]:
-    """Two parameters whose errors go together, and what is known of them nevertheless."""
+    """Two parameters with correlated errors, and the combination that is known."""
     names = [space.names[i], space.names[j]]
     correlation = float(information.correlation[i, j])
     combination = _combination(space, information, i, j)
@@ -111,7 +110,7 @@ def _pair(
 
 
 def _combination(space: ParameterSpace, information: Sensitivity, i: int, j: int) -> str:
-    """What stays the same while the errors of two parameters go together, in words."""
+    """The combination of two parameters that stays the same when their errors are correlated."""
     a, b = space.names[i], space.names[j]
     rise_together = information.correlation[i, j] > 0
     ratio = information.motion_std[i] / information.motion_std[j]
@@ -122,7 +121,7 @@ def _combination(space: ParameterSpace, information: Sensitivity, i: int, j: int
     same_unit = space.parameters[i].unit == space.parameters[j].unit
     if (
         not space.is_log[i] and not space.is_log[j] and same_unit
-    ):  # metres and radians add to nothing
+    ):  # metres and radians cannot be added
         b = b if slope == 1 else f"{slope:g} {b}"
         return f"their difference, {a} − {b}" if rise_together else f"their sum, {a} + {b}"
     return f"a larger {a} looks like a {'smaller' if rise_together else 'larger'} {b}"

@@ -1,4 +1,4 @@
-"""How large what moves is in pictures: a few pixels tell a detector little."""
+"""Size of moving bodies in pictures: a detector learns little from a few pixels."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -12,16 +12,16 @@ from simtune.parameters import Parameter
 from simtune.simulation import Simulator
 from simtune.vision.keypoints import Keypoints, candidate_keypoints, is_drawn
 
-_STEPS, _EPISODES = 12, 4  # that are looked at, at most
-_FEW_PX, _ENOUGH_PX = 3.5, 5.0  # across: what is found within .2 pixels or so is known to 5 %
+_STEPS, _EPISODES = 12, 4  # used at most
+_FEW_PX, _ENOUGH_PX = 3.5, 5.0  # across: at an accuracy of about 0.2 pixels, a size is known to 5 %
 _OUT_OF_SIGHT_PX = 0.05
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box
 
 
 def extents_px(simulator: Simulator, states: np.ndarray) -> dict[str, float]:
-    """{body: pixels} across what moves, where it is narrow, as the camera that shows most sees it.
+    """{body: pixels} across the narrow side of what moves, in the camera that shows it largest.
 
-    In the median over some of the (E, T + 1, S) states of nominal worlds.
+    Median over some of the (E, T + 1, S) states of nominal worlds.
     """
     corners = _corners(simulator)
     if not len(corners):
@@ -36,18 +36,18 @@ def extents_px(simulator: Simulator, states: np.ndarray) -> dict[str, float]:
     bodies = model.body_weldid[model.geom_bodyid[corners.geoms]]
     found: dict[str, float] = {}
     for body, view in sorted(set(zip(bodies.tolist(), corners.views.tolist(), strict=True))):
-        its = pixels[:, (bodies == body) & (corners.views == view)]
+        corners_px = pixels[:, (bodies == body) & (corners.views == view)]
         name = model.body(body).name or f"body {body}"
-        found[name] = max(found.get(name, 0.0), float(np.median(_across(its))))
+        found[name] = max(found.get(name, 0.0), float(np.median(_across(corners_px))))
     return found
 
 
 def small(
     extents: dict[str, float], image_size: int, unclear: Mapping[str, Collection[str]]
 ) -> list[str]:
-    """Warnings where even the largest of what moves is small, or what a parameter is of.
+    """Warnings if even the largest moving body is small, or a body with an unclear parameter.
 
-    `unclear`: {body: parameters of it that do not show clearly}.
+    `unclear`: {body: its parameters that do not show clearly}.
     """
     if not extents:
         return []
@@ -85,7 +85,7 @@ def unclear_of(
 
 
 def _bodies(model: mujoco.MjModel, parameter: Parameter) -> list[str]:
-    """By name, as `extents_px` has them; none for what is of no body."""
+    """Names as in `extents_px`; empty for a parameter of no body."""
     prefix = parameter.field_info.prefix
     if prefix not in ("body", "geom"):
         return []
@@ -95,19 +95,19 @@ def _bodies(model: mujoco.MjModel, parameter: Parameter) -> list[str]:
 
 
 def _corners(simulator: Simulator) -> Keypoints:
-    """Of the bounding boxes of all geoms that move before a camera."""
+    """Corners of the bounding boxes of all geoms that move before a camera."""
     model = simulator.model
-    every = candidate_keypoints(model, simulator.views, simulator.image_size)
-    pairs = np.unique(np.stack([every.views, every.geoms], 1), axis=0)
+    candidates = candidate_keypoints(model, simulator.views, simulator.image_size)
+    pairs = np.unique(np.stack([candidates.views, candidates.geoms], 1), axis=0)
     pairs = pairs[is_drawn(model)[pairs[:, 1]]]
     views, geoms = np.repeat(pairs, len(_CORNERS), 0).T
     middle, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
     offsets = middle + half * np.tile(_CORNERS, (len(pairs), 1))
-    return replace(every, geoms=geoms, offsets=offsets, views=views)
+    return replace(candidates, geoms=geoms, offsets=offsets, views=views)
 
 
 def _across(pixels: np.ndarray) -> np.ndarray:
-    """(n,) how far (n, L, 2) points reach along the axis along which they reach least."""
+    """(n,) extent of (n, L, 2) points along their shortest principal axis."""
     away = pixels - pixels.mean(1, keepdims=True)
     _, axes = np.linalg.eigh(np.einsum("nli,nlj->nij", away, away))
     return np.ptp(np.einsum("nli,ni->nl", away, axes[:, :, 0]), axis=1)

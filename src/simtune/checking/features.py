@@ -1,7 +1,7 @@
-"""What of pictures can be compared where colours, light and the moment differ.
+"""Picture features that can be compared across colours, light and moments.
 
-Two things are: which way edges run, whatever lies on their sides (doubled angles of the structure
-tensor, as in Bigün and Granlund, 1987), and which pixels differ from what stands still.
+They are the direction of edges, whatever is on either side (doubled angles of the structure tensor,
+as in Bigün and Granlund, 1987), and the pixels that differ from the static background.
 """
 
 from dataclasses import dataclass
@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-SIZE = 64  # pixels a side of the pictures compared
-_EDGE_LEVELS = 6.0  # of 256 a pixel: steeper slopes all count as edges
-_MOVING_LEVELS = 20.0  # of 256: what differs by more from what stands still all counts as moving
-_NOISE = 3  # times the median difference: less is the camera's noise
+SIZE = 64  # side of the pictures compared, in pixels
+_EDGE_LEVELS = 6.0  # of 256 per pixel: steeper slopes all count as edges
+_MOVING_LEVELS = 20.0  # of 256: larger differences from the background all count as moving
+_NOISE = 3  # factor on the median difference: less is camera noise
 
 
 @dataclass(frozen=True)
 class Features:
-    """Of n pictures; what was not seen of them is 0."""
+    """Of n pictures; 0 where nothing was seen."""
 
     edges: np.ndarray  # (n, D) float32
     moving: np.ndarray  # (n, D / 2) float32, from 0 to 1
@@ -29,7 +29,7 @@ def describe(episodes: np.ndarray, seen: np.ndarray | None = None) -> Features:
     if seen is None:
         seen = np.ones(episodes.shape[2:4], bool)
     edges, moving = [], []
-    for pictures in episodes:  # one after the other, to stay in the cache
+    for pictures in episodes:  # one by one, to stay in the cache
         smooth = _smoothed(pictures.astype(np.float32))
         edges.append(_edges(smooth))
         moving.append(_moving(smooth, seen))
@@ -40,7 +40,7 @@ def describe(episodes: np.ndarray, seen: np.ndarray | None = None) -> Features:
 
 
 def likeness(pictures: Features, library: Features) -> np.ndarray:
-    """(2, n, m) cosines of edges, and of what moves, where the n `pictures` show something."""
+    """(2, n, m) cosines of edges, and of motion, where the n `pictures` show something."""
     return np.stack(
         [
             _cosines(pictures.edges, library.edges, np.repeat(pictures.seen, 2)),
@@ -56,14 +56,14 @@ def outlines(picture: np.ndarray) -> np.ndarray:
 
 
 def moving_share(episodes: np.ndarray) -> np.ndarray:
-    """(E,) the share of pixels that moving things cover, on average over K pictures."""
+    """(E,) mean share of pixels that moving things cover, over K pictures."""
     everywhere = np.ones(episodes.shape[2:4], bool)
     smooth = (_smoothed(pictures.astype(np.float32)) for pictures in episodes)
     return np.array([_moving(pictures, everywhere).mean() for pictures in smooth])
 
 
 def _edges(smooth: np.ndarray) -> np.ndarray:
-    """(K, SIZE / 2, SIZE / 2, 2) how edges run: the cosine and the sine of twice their angle."""
+    """(K, SIZE / 2, SIZE / 2, 2) edge directions: cosine and sine of twice their angle."""
     across, diagonal, strength = _tensor(smooth)
     weight = 1 / (strength + _EDGE_LEVELS**2)
     return _halved(_smoothed(np.stack([across * weight, diagonal * weight], -1)))
@@ -79,7 +79,7 @@ def _tensor(smooth: np.ndarray) -> np.ndarray:
 
 
 def _moving(smooth: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(K, SIZE / 2, SIZE / 2, 1) how far pixels differ from their median over K pictures."""
+    """(K, SIZE / 2, SIZE / 2, 1) difference of pixels from their median over K pictures."""
     change = smooth - np.median(smooth, 0)
     change = np.einsum("...c,...c", change, change)
     change = np.maximum(change - _NOISE * np.median(change[:, seen]), 0)
@@ -87,13 +87,13 @@ def _moving(smooth: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def _smoothed(pictures: np.ndarray) -> np.ndarray:
-    """(K, H, W, C) each pixel mixed with its neighbours; edges repeat."""
+    """(K, H, W, C) smoothed with weights 1, 2, 1; edges are repeated."""
     for axis in (1, 2):
         mixed = 2 * pictures
-        its, old = np.moveaxis(mixed, axis, 0), np.moveaxis(pictures, axis, 0)
-        its[1:] += old[:-1]
-        its[:-1] += old[1:]
-        its[[0, -1]] += old[[0, -1]]
+        new, old = np.moveaxis(mixed, axis, 0), np.moveaxis(pictures, axis, 0)
+        new[1:] += old[:-1]
+        new[:-1] += old[1:]
+        new[[0, -1]] += old[[0, -1]]
         pictures = mixed / 4
     return pictures
 
@@ -105,7 +105,7 @@ def _halved(pictures: np.ndarray) -> np.ndarray:
 
 
 def _seen_blocks(seen: np.ndarray) -> np.ndarray:
-    """(SIZE² / 4,) bool: blocks of pixels seen, with all their neighbours: no edge is made up."""
+    """(SIZE² / 4,) bool: blocks seen with all neighbouring pixels, so without false edges."""
     all_seen = np.pad(seen, 2, mode="edge")
     for axis in (0, 1):
         rows = np.moveaxis(all_seen, axis, 0)
@@ -120,8 +120,8 @@ def _flat(parts: list[np.ndarray]) -> np.ndarray:
 
 
 def _cosines(one: np.ndarray, other: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(n, m) of (n, D) and (m, D) vectors, as far as they are `seen` (D,); 0 of nothing."""
-    # NumPy's threads would wait for each other by spinning; torch's sleep.
+    """(n, m) cosines of (n, D) and (m, D) vectors, where `seen` (D,); 0 for zero vectors."""
+    # NumPy's threads would spin while waiting for each other; torch's sleep.
     a, b, weight = (torch.from_numpy(array) for array in (one, other, seen))
     lengths = torch.sqrt(torch.outer((a**2).sum(1), b**2 @ weight))
     return (a @ b.T / lengths.clamp(min=1e-6)).numpy()

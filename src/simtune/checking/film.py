@@ -1,9 +1,8 @@
-"""Whether a film can be of the simulator's scene: what stands, what moves, how it is framed.
+"""Whether a film can be of the simulator's scene: background, motion, framing.
 
-Neither the parameters nor where things were is known. So pictures are compared with those of many
-worlds drawn from the first range of a search, which play the recorded actions, by `features`
-alone. How like each other pictures of one scene are is asked of these worlds, too: what counts as
-unlike differs from scene to scene.
+Neither the parameters nor the states are known. So pictures are compared with those of many worlds
+drawn from the first search range, which play the recorded actions, by `features` alone. How similar
+pictures of one scene are is measured in these worlds, too, since it differs from scene to scene.
 """
 
 from dataclasses import dataclass
@@ -15,12 +14,12 @@ from simtune.checking.features import describe, likeness, moving_share
 from simtune.checking.framing import AS_IT_IS, FRAMINGS, Framing
 from simtune.checking.library import Library, brought_to_size
 
-_JUDGED = (10, 6)  # worlds and pictures of each, which are taken for films themselves
-_ALIKE = 0.6  # times as like as the simulator's worlds are to each other
-_GAIN = 1.03  # by which another framing has to be liker than the film's own
-_SLACK = 0.75  # times what another framing gains in the simulator's own worlds
-_STILL = 0.05  # of what moves in the other, the film or the simulator's worlds
-_SOME = 1e-3  # of the pixels: a film in which less moves is of nothing that moves
+_JUDGED = (10, 6)  # worlds, and pictures of each, that are judged as if they were films
+_ALIKE = 0.6  # least similarity, relative to that among the simulator's worlds
+_GAIN = 1.03  # factor by which another framing must be more similar than the film's own
+_SLACK = 0.75  # factor on the gain of other framings in the simulator's own worlds
+_STILL = 0.05  # of the motion in the other one, film or simulator
+_SOME = 1e-3  # share of pixels below which nothing moves in a film
 _STUCK = (
     "things move in the film, and nothing moves in the simulator as it plays the recorded actions: "
     "the model is stuck, and no motion can be compared; does an actuator reach the joint, is it "
@@ -30,24 +29,24 @@ _STUCK = (
 
 @dataclass(frozen=True)
 class Comparison:
-    """Of a film with a simulator's pictures."""
+    """Comparison of a film with a simulator's pictures."""
 
-    alike: float  # 1: as like them as pictures of the simulator's own worlds are
-    framing: Framing  # among those known, the one whose undoing makes the film liker
-    gain: float  # by so many times
-    needed_gain: float  # before that tells anything in this scene
-    framed_alike: float  # `alike`, once the framing is undone
+    alike: float  # 1: as similar as pictures of the simulator's own worlds
+    framing: Framing  # the known one whose reversal makes the film most similar
+    gain: float  # factor of similarity by that
+    needed_gain: float  # below which a gain means nothing in this scene
+    framed_alike: float  # `alike`, after the framing is reversed
     moving_share: float  # of the pixels
     simulated_moving_share: float
-    nearest: np.ndarray  # (E, K) of the library's W · K pictures, to each of the film's
+    nearest: np.ndarray  # (E, K) nearest of the library's W · K pictures, for each of the film's
 
     @property
     def is_reframed(self) -> bool:
-        """Whether the film is surely framed in another way."""
+        """Whether the film is clearly framed differently."""
         return self.gain > self.needed_gain
 
     def facts(self) -> dict[str, Any]:
-        """What to note down; JSON."""
+        """Facts for the result; JSON."""
         return {
             "alike": self.alike,
             "framing": self.framing.says if self.is_reframed else None,
@@ -59,7 +58,7 @@ class Comparison:
 
     @property
     def warnings(self) -> list[str]:
-        """A sentence, where the film cannot be of the simulator's scene as its camera sees it."""
+        """A sentence if the film cannot show the simulator's scene as its camera sees it."""
         if self.simulated_moving_share < _STILL * self.moving_share > _STILL * _SOME:
             return [_STUCK]
         if self.moving_share < _STILL * self.simulated_moving_share:
@@ -77,8 +76,8 @@ class Comparison:
 
 
 def compare(film: np.ndarray, library: Library) -> Comparison:
-    """One camera's film, (E, K, H, W, 3) uint8 of E episodes, with a library."""
-    film = np.stack([brought_to_size(each) for each in film])
+    """Compare one camera's film, (E, K, H, W, 3) uint8 of E episodes, with a library."""
+    film = np.stack([brought_to_size(episode) for episode in film])
     usual = np.maximum(_own_likeness(library), 1e-3)
     found = [_best(film, framing, library).mean((1, 2)) for framing in FRAMINGS]
     best = int(np.argmax([f.sum() for f in found]))
@@ -99,9 +98,9 @@ def compare(film: np.ndarray, library: Library) -> Comparison:
 def _best(
     film: np.ndarray, framing: Framing, library: Library, but: np.ndarray | None = None
 ) -> np.ndarray:
-    """(2, E, K) how like each picture, brought back, is to the liker of the library's, both ways.
+    """(2, E, K) similarity of each picture, after reversing `framing`, to the most similar one.
 
-    For episode e pictures of the world `but[e]` are left out.
+    For episode e, pictures of the world `but[e]` are left out.
     """
     undone, seen = framing.undo(film) if framing is not AS_IT_IS else (film, None)
     alike = likeness(describe(undone, seen), library.features)
@@ -112,22 +111,22 @@ def _best(
 
 
 def _own_likeness(library: Library) -> np.ndarray:
-    """(2,) the median over worlds of how like a world's pictures are to those of others."""
+    """(2,) median over worlds of how similar a world's pictures are to those of others."""
     worlds = library.worlds
     alike = likeness(library.features, library.features)
     alike[:, worlds[:, None] == worlds] = -np.inf
-    each = _of_nearest(alike).reshape(2, len(library.frames), -1)
-    return np.median(each.mean(2), 1)
+    nearest = _of_nearest(alike).reshape(2, len(library.frames), -1)
+    return np.median(nearest.mean(2), 1)
 
 
 def _of_nearest(alike: np.ndarray) -> np.ndarray:
-    """(2, n) of (2, n, m) likenesses those to the picture that is the liker in both ways."""
+    """(2, n) of (2, n, m) similarities: to the picture with the largest sum."""
     nearest = alike.sum(0).argmax(1)
     return alike[:, np.arange(len(nearest)), nearest]
 
 
 def _own_gain(library: Library) -> float:
-    """The largest gain by another framing that some of the library's own worlds show."""
+    """Largest gain by another framing among some of the library's own worlds."""
     worlds, pictures = (
         np.linspace(0, length - 1, num).astype(int)
         for length, num in zip(library.frames.shape, _JUDGED, strict=False)
@@ -139,10 +138,10 @@ def _own_gain(library: Library) -> float:
 
 
 def _gain(framed: np.ndarray, own: np.ndarray) -> float:
-    """How many times as like, in both ways together."""
+    """Ratio of similarities, both kinds together."""
     return float(max(framed.sum(), 0) / max(own.sum(), 1e-3))
 
 
 def _times(alike: np.ndarray, usual: np.ndarray) -> float:
-    """(2,) likenesses in units of the usual ones, multiplied: one that lacks spoils all."""
+    """Product of (2,) similarities relative to the usual ones: one low value spoils all."""
     return float(np.prod(np.maximum(alike, 0) / usual))

@@ -1,4 +1,4 @@
-"""A PNG of a film beside the simulator's pictures, for people to judge themselves."""
+"""A PNG of a film beside the simulator's pictures, for people to judge."""
 
 import os
 import tempfile
@@ -19,8 +19,8 @@ from simtune.pictures import resize
 from simtune.tasks import Task
 from simtune.views import View
 
-_HEIGHT_PX = 192  # at least as high are pictures drawn
-_OUTLINES_PX = 96  # at which outlines are looked for: what is finer is mostly texture
+_HEIGHT_PX = 192  # least height of the pictures
+_OUTLINES_PX = 96  # height for outlines: finer detail is mostly texture
 _COLUMNS = ("the film", "the simulator, where most alike", "outlines")
 _LEGEND = (
     ("white: both", "#6b7075"),
@@ -33,7 +33,7 @@ _LEFT, _RIGHT = 0.11, 0.985
 
 
 def new_file() -> Path:
-    """An empty file of its own in the system's folder for temporary ones."""
+    """A new empty file in the system's temporary folder."""
     handle, name = tempfile.mkstemp(prefix="simtune-check-", suffix=".png")
     os.close(handle)
     return Path(name)
@@ -43,12 +43,12 @@ class Shown(NamedTuple):
     """What one camera filmed, and what a simulator's would."""
 
     film: np.ndarray  # (E, K, H, W, 3) uint8
-    view: View  # whose plate, if there is one, is as large as the film
+    view: View  # whose plate, if any, is as large as the film
     library: Library
 
 
 def draw_film(path: Path, task: Task, shown: Shown, comparison: Comparison) -> None:
-    """Save real, simulated and both pictures side by side: some moments, and what stands still.
+    """Save real, simulated and both pictures side by side: some moments, and the background.
 
     The simulator's are of the library's states nearest to the film's, in the nominal parameters'
     colours.
@@ -81,7 +81,7 @@ def draw_film(path: Path, task: Task, shown: Shown, comparison: Comparison) -> N
 def _simulated(
     task: Task, library: Library, nearest: list[int], view: View, height: int
 ) -> list[np.ndarray]:
-    """Pictures of these of the library, and of what stands still in the first one's world."""
+    """Pictures of the library's `nearest` states, and the background in the first one's world."""
     simulator = task.simulator(image_size=height, supersampling=2, views=[view])
     num_kept, size = library.states.shape[1:]
     states = library.states.reshape(-1, size)[nearest]
@@ -150,7 +150,7 @@ def _save(
 
 
 def _legend(figure: Figure, y: float) -> None:
-    """What the outlines' colours mean, below them."""
+    """Meaning of the outlines' colours, below them."""
     x = _RIGHT
     for says, colour in reversed(_LEGEND):
         figure.text(x, y, says, ha="right", fontsize=9, color=colour, weight="bold")

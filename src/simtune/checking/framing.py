@@ -1,4 +1,4 @@
-"""Ways in which a film may be framed otherwise than the simulator's pictures."""
+"""Ways in which a film's framing may differ from the simulator's pictures."""
 
 from dataclasses import dataclass
 
@@ -7,16 +7,16 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Framing:
-    """What would bring pictures of such a film back, and what is wrong with them, in words."""
+    """A change of framing: how to reverse it, and a description."""
 
     says: str  # "the film looks ..."
-    # (2, 3): a point of the simulator's picture to that of the film; from −1 (left, top) to 1
+    # (2, 3): maps a point of the simulator's picture to that of the film; −1 (left, top) to 1
     matrix: np.ndarray
 
     def undo(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(..., H, W, 3) uint8 frames as the simulator's camera would see them, and (H, W) bool.
 
-        These say where the film shows something at all. Bilinear; elsewhere the edge is repeated.
+        The latter is where the film shows anything. Bilinear; elsewhere edges are repeated.
         """
         height, width = frames.shape[-3:-1]
         x, y = ((np.arange(n) + 0.5) * 2 / n - 1 for n in (width, height))
@@ -26,7 +26,7 @@ class Framing:
         column = ((at[0] + 1) / 2 * width - 0.5).clip(0, width - 1)
         row = ((at[1] + 1) / 2 * height - 0.5).clip(0, height - 1)
         left, top = (np.minimum(i.astype(int), n - 2) for i, n in ((column, width), (row, height)))
-        right, down = (its[..., None].astype(np.float32) for its in (column - left, row - top))
+        right, down = (part[..., None].astype(np.float32) for part in (column - left, row - top))
         upper, lower = (
             frames[..., t, left, :] * (1 - right) + frames[..., t, left + 1, :] * right
             for t in (top, top + 1)
@@ -56,7 +56,7 @@ def _stretched(by: float) -> list[Framing]:
 
 
 def _shifted(by: float) -> list[Framing]:
-    """Things are elsewhere by this share of the picture's width or height."""
+    """Things are shifted by this share of the picture's width or height."""
     return [
         _framing(f"shifted to the right by {by:g} of its width", right=by),
         _framing(f"shifted to the left by {by:g} of its width", right=-by),
@@ -67,8 +67,8 @@ def _shifted(by: float) -> list[Framing]:
 
 AS_IT_IS = _framing("as it should")
 MIRRORED = _framing("mirrored left to right", x=-1)
-# Those that are recognised. Between them lies less than what can be told from a difference of
-# the renderers; 1.33 is what becomes of 4:3 in a square, 1.78 of 16:9.
+# Framings that are recognised. Smaller changes cannot be told from a difference of renderers; 1.33
+# results from 4:3 in a square, 1.78 from 16:9.
 FRAMINGS = (
     MIRRORED,
     _framing("mirrored top to bottom", y=-1),

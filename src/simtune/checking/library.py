@@ -1,4 +1,4 @@
-"""Pictures of a simulator's worlds, for a film to be compared with."""
+"""Pictures of a simulator's worlds, for comparison with a film."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.views import apart
 
-MOST_STEPS = 200  # of an episode that are looked at
+MOST_STEPS = 200  # of an episode that are used
 _WORLDS, _PICTURES = 32, 24  # of each world
 _FEWEST_WORLDS = 8  # that do not diverge
 
@@ -32,7 +32,7 @@ class Library:
 def make_libraries(simulator: Simulator, actions: np.ndarray, seed: int) -> list[Library]:
     """Worlds that play (E, T, A) actions, an episode each, as each camera sees them.
 
-    None at all where nearly all worlds diverge.
+    Empty if nearly all worlds diverge.
     """
     rng, space = np.random.default_rng((seed, 2)), simulator.space
     worlds = Distribution.first(space, space.nominal).sample(_WORLDS, rng)

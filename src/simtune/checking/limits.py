@@ -1,4 +1,4 @@
-"""Joints that the model keeps at their limits, whatever actions ask of them."""
+"""Joints that the model keeps at their limits, whatever the actions."""
 
 import mujoco
 import numpy as np
@@ -6,7 +6,7 @@ import numpy as np
 from simtune.parameters.fields import HINGE_OR_SLIDE
 from simtune.simulation import Simulator
 
-_AT_LIMIT = 0.02  # of a joint's range: limits are soft
+_AT_LIMIT = 0.02  # of a joint's range, since limits are soft
 _NEARLY_ALWAYS = 0.8  # of all steps
 
 

@@ -1,7 +1,7 @@
-"""How far a joint stays behind whichever way it comes: play of gears, or dry friction.
+"""Hysteresis of a joint, from play of gears or dry friction.
 
-Both leave the same: what is read rests at a reversal until its command has gone on by the play. By
-a servo of stiffness kp with dry friction f that is 2 f / kp.
+Both look the same: after a reversal the reading rests until its command has moved on by the play.
+For a servo of stiffness kp with dry friction f that is 2 f / kp.
 """
 
 from dataclasses import replace
@@ -11,19 +11,19 @@ import numpy as np
 
 from simtune.checking.servos import Episodes, Servo, predict
 
-_WIDTHS, _FINER, _TIMES = 8, 3, 3  # looked at first, and then around the best one
-_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the lag's delay, that are looked at
-_WIDEST = 0.25  # of how far the joint is commanded
-_BETTER = 0.85  # times what is left without a play, at most, or it is not worth a word
-_NOISES = 3.0  # times the readings' noise: a smaller play is none
+_WIDTHS, _FINER, _TIMES = 8, 3, 3  # of a first grid, and of finer ones around the best
+_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the lag's delay, that are tried
+_WIDEST = 0.25  # of the commanded travel
+_BETTER = 0.85  # ratio of residuals with and without a play, below which it is reported
+_NOISES = 3.0  # factor on the readings' noise: smaller plays are ignored
 
 
 class Play(NamedTuple):
-    """Between what a lagging servo would do, and what is read; in the sensor's unit."""
+    """Between a lagging servo's motion and the reading; in the sensor's unit."""
 
     width: float  # from end to end
-    rms: float  # what is left with it
-    rms_without: float  # ... with a play of 0, all else alike
+    rms: float  # of the residuals
+    rms_without: float  # ... with a play of 0, all else equal
 
     def is_clear(self, noise: float) -> bool:
         """Whether it explains more than noise does."""
@@ -31,24 +31,24 @@ class Play(NamedTuple):
 
 
 def find_play(servo: Servo, commands: Episodes, measured: Episodes, step_s: float) -> Play:
-    """Of a joint's (T,) commands and (T + 1,) readings; NaN where its command tells nothing."""
+    """Of a joint's (T,) commands and (T + 1,) readings; NaN if its command tells nothing."""
     if not np.isfinite(servo.filtered_rms):
         return Play(np.nan, np.nan, np.nan)
-    # A lag that was fitted alone is too long: it makes up for some of the play.
+    # A lag fitted alone is too long: it compensates for some of the play.
     lags = (replace(servo, filtered_lag_s=share * servo.filtered_lag_s) for share in _SHARES)
-    plays = [_behind(predict(its, commands, step_s), measured, servo.commanded) for its in lags]
+    plays = [_behind(predict(lag, commands, step_s), measured, servo.commanded) for lag in lags]
     best = min(plays, key=lambda play: play.rms)
     return best._replace(rms_without=min(play.rms_without for play in plays))
 
 
 def _behind(followed: Episodes, measured: Episodes, commanded: float) -> Play:
-    """Of what a servo without a play would do, and (T + 1,) readings."""
+    """Between the motion of a servo without play, and (T + 1,) readings."""
     speed = np.concatenate([np.gradient(x) for x in followed])
     read = np.concatenate([y[: len(x)] for x, y in zip(followed, measured, strict=True)])
     known = np.isfinite(read)
 
     def left(width: float) -> float:
-        """The lag may be another one, and the servo soft: speed and scale are fitted along."""
+        """Residuals; speed and scale are fitted as well, since lag and stiffness may differ."""
         moved = np.concatenate([through_play(x, width) for x in followed])
         columns = np.stack([np.ones_like(moved), moved, speed], 1)[known]
         best = np.linalg.lstsq(columns, read[known], rcond=None)[0]

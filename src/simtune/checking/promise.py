@@ -1,4 +1,4 @@
-"""What `simtune check` says could be told, for a run to put beside what came out."""
+"""What `simtune check` predicts, for comparison with a run's result."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ def promises(
 ) -> dict[str, dict[str, Any]]:
     """{parameter: what the best fit to such episodes could tell, near the nominal values}; JSON.
 
-    Empty where nothing can be said: without a MuJoCo model, or where all nominal worlds diverge.
+    Empty without a MuJoCo model, or if all nominal worlds diverge.
     """
     if not isinstance(simulator, Simulator):
         return {}

@@ -1,4 +1,4 @@
-"""What `check` asks of joint readings: how servos follow, and what parameters change in them."""
+"""Joint readings in `check`: how servos follow, and what parameters change in them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -19,8 +19,8 @@ from simtune.run.files import plain
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 
-_CORRELATED_S = 0.5  # for which what is left of a reading goes on: a model's fault, no noise
-_LEFT = 0.03  # of how far a reading moves, that a fit may leave where no servo says how much
+_CORRELATED_S = 0.5  # correlation time of a reading's residuals: model errors, not noise
+_LEFT = 0.03  # of a reading's travel: assumed residuals of a fit if no servo gives them
 _FEWEST_STEPS = 8
 _ASSUMED_OF_RECORDINGS = (
     f"as if what a lag and an offset leave of each reading, for {_CORRELATED_S:g} s at a "
@@ -30,7 +30,7 @@ _ASSUMED = "as if readings had no errors but their sensors' noise"
 
 
 class ReadEpisodes(NamedTuple):
-    """Recorded readings, and how their joints followed."""
+    """Recorded readings, and how their joints follow commands."""
 
     trajectories: list[Trajectory]  # without pictures
     servos: dict[str, Servo]  # by reading
@@ -41,7 +41,7 @@ class ReadEpisodes(NamedTuple):
 def read_episodes(
     dataset: Dataset, num: int, simulator: Simulator, observation: ObservationModel
 ) -> ReadEpisodes:
-    """The first `num` episodes. Raises InputError where one is unsound."""
+    """The first `num` episodes. Raises InputError if one is unsound."""
     trajectories = [_trajectory(dataset, episode, observation) for episode in range(num)]
     return look_at_servos(trajectories, simulator, observation)
 
@@ -49,17 +49,17 @@ def read_episodes(
 def look_at_servos(
     trajectories: list[Trajectory], simulator: Simulator, observation: ObservationModel
 ) -> ReadEpisodes:
-    """How joints of read episodes followed."""
+    """How the joints of episodes follow their commands."""
     servos, plays, found = dict[str, Servo](), dict[str, float | None](), list[str]()
     sensors = joints_of(observation.sensors)
     labels, units = observation.reading_labels, units_of(sensors)
     followed = servos_of(simulator, sensors)
     commands = commands_of(simulator, sensors, trajectories) if any(followed) else []
     read = Readings.of(trajectories, sensors).values
-    for column, its in enumerate(followed):
-        if its is None or len(trajectories[0]) < _FEWEST_STEPS:
+    for column, command_of in enumerate(followed):
+        if command_of is None or len(trajectories[0]) < _FEWEST_STEPS:
             continue
-        asked = [its.targets(c) for c in commands]
+        asked = [command_of.targets(c) for c in commands]
         measured = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
         servo = fit_servo(asked, measured, simulator.step_s)
         label, unit = labels[column], units[column]
@@ -80,7 +80,7 @@ def reading_changes(
     recorded: ReadEpisodes | None,
     seed: int,
 ) -> tuple[ReadingChanges, str]:
-    """Of every parameter, in episodes of (E, T, A) actions; and what is assumed of errors."""
+    """For every parameter, in episodes of (E, T, A) actions; and the assumption on errors."""
     sensors = joints_of(observation.sensors)
     nominal = where_analyzed(simulator.space)
     readings = Readings.of(recorded.trajectories, sensors) if recorded else None
@@ -94,7 +94,7 @@ def reading_changes(
 
 
 def _left(values: np.ndarray, servos: Mapping[str, Servo], labels: Sequence[str]) -> np.ndarray:
-    """(D,) root mean square of what the best fit may leave of (E, T + 1, D) readings."""
+    """(D,) root mean square residuals that the best fit may leave of (E, T + 1, D) readings."""
     flat = values.reshape(-1, values.shape[-1])
     usual = _LEFT * np.ptp(np.nanpercentile(flat, (1, 99), axis=0), axis=0)
     known = np.array([servos[n].filtered_rms if n in servos else np.nan for n in labels])
@@ -102,7 +102,7 @@ def _left(values: np.ndarray, servos: Mapping[str, Servo], labels: Sequence[str]
 
 
 def _trajectory(dataset: Dataset, episode: int, observation: ObservationModel) -> Trajectory:
-    """Its readings in their sensors' units, without pictures."""
+    """Readings in their sensors' units, without pictures."""
     actions, recorded = dataset.measured(episode)
     readings = observation.in_units(recorded, dataset.step_s, dataset.where)
     frames = np.empty((len(actions) + 1, 0, 0, 3), np.uint8)

@@ -1,4 +1,4 @@
-"""What may be wrong with recordings, before anything is learnt from them."""
+"""Possible problems of recordings, before anything is learnt from them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,7 +20,7 @@ def warnings(
     num_replayed: int,
     search: str | None = "posterior",
 ) -> list[str]:
-    """Of recordings that a task's worlds are to replay, a sentence each.
+    """Sentences on recordings that a task's worlds are to replay.
 
     `facts` are a dataset's, `recorded` the actions (T, A) of its episodes, of which the first
     `num_replayed` would be tuned to by this `search`.
@@ -39,7 +39,7 @@ def warnings(
             f"frames are up to {largest_ms:.3g} ms away from their steps of {step_ms:.3g} ms: "
             "motion will seem to stand still and jump; take a smaller --control-hz"
         )
-    if search == "posterior" and facts["cameras"]:  # readings take all steps
+    if search == "posterior" and facts["cameras"]:  # readings use all steps
         found += _of_lengths([len(actions) for actions in recorded[:num_replayed]])
     return found + _of_actions(task, np.concatenate(recorded))
 
@@ -50,14 +50,14 @@ def warnings_of(
     trajectories: Sequence[Trajectory],
     search: str | None,
 ) -> list[str]:
-    """The same of what a real world with such `facts` gave; none where it is no recording."""
+    """The same for a real world with such `facts`; none if it is no recording."""
     if "cameras" not in facts:
         return []
     return warnings(task, facts, [t.actions for t in trajectories], len(trajectories), search)
 
 
 def _of_lengths(lengths: list[int]) -> list[str]:
-    """Of episodes of these numbers of steps."""
+    """On episodes of these numbers of steps."""
     found = []
     unused = sum(lengths) - len(lengths) * min(lengths)
     if unused:
@@ -73,7 +73,7 @@ def _of_lengths(lengths: list[int]) -> list[str]:
 
 
 def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:
-    """Of (steps, A) actions that the model cuts off, or that tell nothing."""
+    """On (steps, A) actions that the model clips, or that tell nothing."""
     found, still, mapping = [], [], task.load_actions()
     for i, (low, high) in enumerate(zip(actions.min(0), actions.max(0), strict=True)):
         name, (least, most) = mapping.names[i], mapping.range[i]

@@ -1,4 +1,4 @@
-"""What actions command servos to: the controls they are, as angles and lengths of joints."""
+"""Servo commands of actions: controls, as angles and lengths of joints."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,14 +11,14 @@ from simtune.observation import JointSensor
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 
-_CHUNK = 256  # worlds of which controls are asked at once
+_CHUNK = 256  # worlds whose controls are computed at once
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 _AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
 _INTEGRATOR = mujoco.mjtDyn.mjDYN_INTEGRATOR.value
 
 
 class ServoOf(NamedTuple):
-    """A servo of positions: its joint's target is shift + factor · control."""
+    """A position servo: its joint's target is shift + factor · control."""
 
     control: int
     factor: float
@@ -26,12 +26,12 @@ class ServoOf(NamedTuple):
     limits: tuple[float, float]
 
     def targets(self, controls: np.ndarray) -> np.ndarray:
-        """(T,) where (T, nu) controls want the joint to be."""
+        """(T,) target of the joint for (T, nu) controls."""
         return self.shift + self.factor * np.clip(controls[:, self.control], *self.limits)
 
 
 def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[ServoOf | None]:
-    """Of each reading the servo that actions command; None where there is none."""
+    """For each reading the servo that actions command, or None."""
     model, commanded = simulator.model, simulator.action_mapping.names
     by_joint: dict[str, ServoOf] = {}
     for i in range(model.nu):
@@ -56,7 +56,7 @@ def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[Serv
 
 
 def _is_of_positions(model: mujoco.MjModel, i: int) -> bool:
-    """Whether an actuator pulls its joint to where the control says; not one that integrates it."""
+    """Whether an actuator drives its joint to the control; not one that integrates it."""
     is_affine = model.actuator_biastype[i] == _AFFINE and model.actuator_biasprm[i, 1] < 0
     moves_joint = model.actuator_trntype[i] == _JOINT
     return bool(is_affine and moves_joint and model.actuator_dyntype[i] != _INTEGRATOR)
@@ -67,19 +67,19 @@ def commands_of(
 ) -> list[np.ndarray]:
     """(T, nu) controls of each episode, as the task's actions give them.
 
-    Relative ones displace joints from where they were measured.
+    Relative actions displace joints from their measured positions.
     """
-    batch, every = Batch(simulator.model, _CHUNK), []
+    batch, by_episode = Batch(simulator.model, _CHUNK), []
     for trajectory in trajectories:
         controls = []
         for start in range(0, len(trajectory), _CHUNK):
             actions = trajectory.actions[start : start + _CHUNK].astype(float)
             for sensor in sensors:
                 if not sensor.is_velocity:
-                    its = trajectory.readings[sensor.name][start : start + len(actions)]
-                    batch.qpos[: len(its), sensor.places] = np.nan_to_num(its)
+                    read = trajectory.readings[sensor.name][start : start + len(actions)]
+                    batch.qpos[: len(read), sensor.places] = np.nan_to_num(read)
             padded = np.pad(actions, ((0, _CHUNK - len(actions)), (0, 0)), mode="edge")
             applied = simulator.action_mapping.apply(batch, padded)
             controls.append(applied[: len(actions)])
-        every.append(np.concatenate(controls))
-    return every
+        by_episode.append(np.concatenate(controls))
+    return by_episode

@@ -1,4 +1,4 @@
-"""What of a joint's readings no servo in a model can explain: a sentence each."""
+"""Features of a joint's readings that no servo in a model can explain, a sentence each."""
 
 from typing import NamedTuple
 
@@ -6,29 +6,29 @@ import numpy as np
 
 from simtune.checking.servos import Episodes, Servo, delayed_by, predict
 
-_MOVED = 0.05  # of what is commanded: a joint that moves less stands
-_STUCK_S = 0.7  # of the very same reading
-_STUCK_COMMANDED = 0.15  # of all that is commanded, meanwhile
-_FOLLOWS = 0.8  # correlation, from which on a joint follows its command
+_MOVED = 0.05  # of what is commanded: a joint that moves less stands still
+_STUCK_S = 0.7  # with exactly the same reading
+_STUCK_COMMANDED = 0.15  # of the commanded travel, in the meantime
+_FOLLOWS = 0.8  # correlation from which a joint follows its command
 _HARDLY = 0.4
-_SCALE = 1.25  # a slope this many times another one may be the same
-_FAR = (0.5, 0.75)  # of the way to where a command goes at most: near below, far above
-_SHORT, _CLEARLY = 0.1, 4.0  # of that way; times what is left near by
+_SCALE = 1.25  # factor within which two slopes may be the same
+_FAR = (0.5, 0.75)  # of the way to the farthest command: near below, far above
+_SHORT, _CLEARLY = 0.1, 4.0  # of that way; factor on the residuals near by
 _FEWEST = 20  # frames far out
-_WAYS = 30  # delays, with which readings are compared with commands
+_WAYS = 30  # delays at which readings are compared with commands
 _DEGREES = 180 / np.pi
 _UNITS = {"rad": (_DEGREES, "degrees", "deg"), "m": (1000.0, "mm", "mm")}
 
 
 class Following(NamedTuple):
-    correlation: float  # at the delay where it is largest either way
-    slope: float  # of readings against commands, there
+    correlation: float  # the largest in magnitude over all delays
+    slope: float  # of readings against commands, at that delay
 
 
 def doubts(
     name: str, unit: str, commands: Episodes, measured: Episodes, servo: Servo, step_s: float
 ) -> list[str]:
-    """Of a joint's (T,) commands and (T + 1,) readings in each episode, in `unit`."""
+    """On a joint's (T,) commands and (T + 1,) readings in each episode, in `unit`."""
     if not servo.commanded > 0 or not np.isfinite(servo.travel):
         return []
     values = np.concatenate(list(measured))
@@ -56,9 +56,9 @@ def doubts(
 
 
 def follows(commands: Episodes, measured: Episodes, servo: Servo) -> Following:
-    """How readings go with commands, whatever their units and signs."""
+    """Correlation of readings with commands, for any unit and sign."""
     longest = 2 * servo.lag_steps + 0.5 * _WAYS
-    y = np.concatenate([its[: len(c)] for c, its in zip(commands, measured, strict=True)])
+    y = np.concatenate([read[: len(c)] for c, read in zip(commands, measured, strict=True)])
     known, best = np.isfinite(y), Following(0.0, 0.0)
     for lag in np.linspace(0, longest, _WAYS):
         x = np.concatenate([delayed_by(c, lag) for c in commands])[known]
@@ -88,15 +88,15 @@ def _other_scale(name: str, unit: str, following: Following) -> str | None:
 def _stuck(
     name: str, unit: str, commands: Episodes, measured: Episodes, servo: Servo, step_s: float
 ) -> list[str]:
-    """The longest time for which the very same number is read, while it is commanded elsewhere."""
+    """The longest time with exactly the same reading, while the command changes."""
     longest = (0, 0.0, 0)  # steps, the reading, the episode
-    for episode, (command, its) in enumerate(zip(commands, measured, strict=True)):
+    for episode, (command, read) in enumerate(zip(commands, measured, strict=True)):
         late = delayed_by(command, servo.lag_steps)
-        ends = np.flatnonzero(np.append(np.diff(its[: len(late)]) != 0, True)) + 1
+        ends = np.flatnonzero(np.append(np.diff(read[: len(late)]) != 0, True)) + 1
         for start, end in zip([0, *ends[:-1]], ends, strict=True):
             meanwhile = np.ptp(late[start:end])
             if meanwhile > _STUCK_COMMANDED * servo.commanded and end - start > longest[0]:
-                longest = int(end - start), float(its[start]), episode
+                longest = int(end - start), float(read[start]), episode
     steps, value, episode = longest
     if steps * step_s < _STUCK_S:
         return []
@@ -109,9 +109,9 @@ def _stuck(
 def _falls_short(
     name: str, unit: str, commands: Episodes, measured: Episodes, servo: Servo, step_s: float
 ) -> list[str]:
-    """Where commands go farthest, readings that stay behind what holds near by."""
+    """Readings that fall short of the farthest commands, compared with nearer ones."""
     x = np.concatenate(predict(servo, commands, step_s))
-    y = np.concatenate([its[: len(c)] for c, its in zip(commands, measured, strict=True)])
+    y = np.concatenate([read[: len(c)] for c, read in zip(commands, measured, strict=True)])
     x, y = x[np.isfinite(y)], y[np.isfinite(y)]
     middle = float(np.median(x))
     for end in np.percentile(x, (1, 99)):

@@ -17,13 +17,13 @@ _PLAY = (
 
 
 def servo_lines(servos: dict[str, dict[str, Any]]) -> list[str]:
-    """A line a joint, in its unit, but for those too small: in thousandths of it."""
+    """A line per joint, in its unit; small numbers in thousandths of it."""
     rows = [_HEAD, *(_cells(name, s) for name, s in servos.items())]
     return [*aligned(rows, left=(0, len(_HEAD) - 1)), "", *_LEGEND, *_behind(servos)]
 
 
 def _behind(servos: dict[str, dict[str, Any]]) -> list[str]:
-    """Which joints stay behind whichever way they come, and what to declare."""
+    """Joints with hysteresis, and what to declare."""
     found = [f"{n} by {s['play']:.2g} {s['unit']}" for n, s in servos.items() if s["play"]]
     return [f"Behind to both sides, from end to end: {', '.join(found)}.", *_PLAY] * bool(found)
 

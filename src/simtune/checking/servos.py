@@ -1,8 +1,8 @@
-"""How joints follow their commands: delay, offset, and what these leave. No simulator is asked.
+"""How joints follow their commands: delay, offset, residuals. No simulator is used.
 
-A command at time t is that of the action that begins then; between two of them it is read on a
-straight line, and before an episode's first one it was held. So a servo that is perfect, and holds
-each action for a step, is late by about half a step.
+A command at time t is that of the action that begins then; between two of them it is interpolated
+linearly, and before an episode's first one it was constant. So a perfect servo, which holds each
+action for a step, is late by about half a step.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,37 +12,37 @@ import numpy as np
 from scipy.signal import lfilter
 
 _LONGEST_LAG_S = 0.6
-_FEWEST_LAG_STEPS = 4.0  # looked at, however long a step is
-_GRID = 25  # delays looked at first
-_FINER, _TIMES = 5, 4  # each time the spacing is a fifth
-_TIME_CONSTANTS = 10  # of a first-order lag, looked at first
-_NORMAL = 1.4826  # standard deviations in a median absolute deviation
-_MOST = (1, 99)  # percentiles, between which a joint moves: a lost packet is no motion
+_FEWEST_LAG_STEPS = 4.0  # tried, however long a step is
+_GRID = 25  # delays tried first
+_FINER, _TIMES = 5, 4  # each time with a fifth of the spacing
+_TIME_CONSTANTS = 10  # of a first-order lag, tried first
+_NORMAL = 1.4826  # standard deviations per median absolute deviation
+_MOST = (1, 99)  # percentiles that bound a joint's travel: a lost packet is no motion
 
 Episodes = Sequence[np.ndarray]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Servo:
-    """Of one joint; all lengths in its sensor's unit."""
+    """One joint's servo; all lengths in its sensor's unit."""
 
-    lag_s: float  # the constant delay that leaves least
+    lag_s: float  # the constant delay with the least residuals
     lag_steps: float
     offset: float  # measured − command, delayed
-    rms: float  # what delay and offset leave
-    time_constant_s: float  # of a first-order lag, where a shorter delay and an offset go with it
+    rms: float  # residuals with delay and offset
+    time_constant_s: float  # of a first-order lag, with its own delay and offset
     filtered_lag_s: float
     filtered_offset: float
-    filtered_rms: float  # what these leave
-    noise: float  # standard deviation; motion that jerks counts as noise, too
-    travel: float  # how far it moves
-    commanded: float  # how far its command does
+    filtered_rms: float  # residuals with these
+    noise: float  # standard deviation; jerky motion counts as noise, too
+    travel: float  # how far the joint moves
+    commanded: float  # how far its command moves
 
 
 def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> Servo:
-    """Of a joint's (T,) commands and (T + 1,) readings in each episode; NaN is no reading.
+    """Fit a joint's (T,) commands and (T + 1,) readings in each episode; NaN is no reading.
 
-    What its command does not tell is NaN, such as the delay of one that never changes.
+    NaN for what its command cannot tell, such as the delay of a constant one.
     """
     travel, commanded = _travel(measured), _travel(commands)
     noise = noise_of(measured)
@@ -82,15 +82,15 @@ def predict(servo: Servo, commands: Episodes, step_s: float) -> list[np.ndarray]
 
 
 def delayed_by(command: np.ndarray, steps: float) -> np.ndarray:
-    """(T,) of (T,) a command, `steps` steps ago; before, the first one."""
+    """(T,) command, delayed by `steps` steps; before, the first value."""
     times = np.arange(len(command))
     return np.interp(times - steps, times, command)
 
 
 def filtered_by(command: np.ndarray, steps: float) -> np.ndarray:
-    """(T,) what follows a (T,) command with a time constant of `steps` steps; 0: at once.
+    """(T,) command, filtered by a first-order lag of `steps` steps; 0: unchanged.
 
-    Exact where the command runs on straight lines, and was held before.
+    Exact for a piecewise linear command that was constant before.
     """
     if steps < 1e-3:
         return command
@@ -101,9 +101,9 @@ def filtered_by(command: np.ndarray, steps: float) -> np.ndarray:
 
 
 def noise_of(measured: Episodes) -> float:
-    """Standard deviation of white noise, by second differences: their variance is 6 times its.
+    """Standard deviation of white noise, from second differences, whose variance is 6-fold.
 
-    By their median, so that what jumps now and then does not count.
+    By their median, so that occasional jumps do not count.
     """
     second = np.concatenate([np.diff(values, 2) for values in measured])
     second = np.abs(second[np.isfinite(second)])
@@ -117,7 +117,7 @@ def _offset_and_rms(commands: Episodes, measured: Episodes, lag: float) -> tuple
 
 
 def _first_order(commands: Episodes, measured: Episodes, longest: float) -> tuple[float, float]:
-    """Time constant and delay, steps, that leave least."""
+    """Time constant and delay, in steps, with the least residuals."""
 
     def with_constant(steps: float) -> tuple[float, float]:
         filtered = [filtered_by(c, steps) for c in commands]
@@ -135,7 +135,7 @@ def _first_order(commands: Episodes, measured: Episodes, longest: float) -> tupl
 def _lowest(
     cost: Callable[[float], float], most: float, num: int = _GRID, times: int = _TIMES
 ) -> float:
-    """Between 0 and `most`, where the cost is lowest: of a grid, and of finer ones around."""
+    """Minimum of the cost between 0 and `most`, on a grid, then on finer ones around it."""
     grid = np.linspace(0, most, num)
     spacing = grid[1]
     for _ in range(times):

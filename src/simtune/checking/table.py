@@ -1,4 +1,4 @@
-"""What `simtune check` prints."""
+"""Output of `simtune check`."""
 
 from typing import Any
 
@@ -48,7 +48,7 @@ def _extents(extents: dict[str, float], image_size: int) -> str:
 
 
 def _across(px: float) -> str:
-    """Of what is out of the picture in most of the frames looked at, nothing is seen."""
+    """Nothing is seen of a body that is out of the picture in most frames."""
     return f"{px:.1f}" if px >= 0.05 else "mostly out of sight"
 
 
@@ -63,13 +63,13 @@ def _legend(result: dict[str, Any]) -> list[str]:
 
 
 def _shown(parameters: dict[str, dict[str, Any]]) -> tuple[bool, bool]:
-    """Whether pictures, and whether readings were looked at."""
+    """Whether pictures, and whether readings were used."""
     some = next(iter(parameters.values()), {"picture_levels": 0.0})
     return "picture_levels" in some, "reading" in some
 
 
 def _rows(parameters: dict[str, dict[str, Any]]) -> list[str]:
-    """A line a parameter, columns below each other, numbers to the right."""
+    """A line per parameter, in columns, numbers aligned to the right."""
     pictures, readings = _shown(parameters)
     columns = (*_PICTURE * pictures, *_READING * readings)
     head = ("parameter", "value", "tried", *columns, "told to", "verdict")

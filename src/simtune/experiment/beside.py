@@ -1,4 +1,4 @@
-"""What was observed beside the simulator, before and after: videos, moving parts, readings."""
+"""Comparison of observations with the simulator, before and after: videos, parts, readings."""
 
 from typing import Any
 
@@ -16,25 +16,25 @@ from simtune.vision.keypoints import Keypoints
 def write_beside(
     experiment: Experiment, folder: RunFolder, found: Estimate, real: list[Trajectory]
 ) -> dict[str, Any]:
-    """Write videos and replay.json of the first real episode; what result.json says of them."""
-    said, curves = {}, {}
+    """Write videos and replay.json of the first real episode; returns their part of result.json."""
+    facts, curves = {}, {}
     if real[0].readings:
         replayed = _replay(experiment, found, real)
-        said["sensors"], curves = replayed.scores(), replayed.curves()
+        facts["sensors"], curves = replayed.scores(), replayed.curves()
     if real[0].has_pictures and (parts := _film(experiment, folder, found, real[0])):
-        said["moving_parts"] = parts.scores()
+        facts["moving_parts"] = parts.scores()
         curves |= {"step_s": real[0].step_s, "keypoints": parts.to_json()}
     if curves:
         folder.write_replay(curves)
-    return said
+    return facts
 
 
 def _film(
     experiment: Experiment, folder: RunFolder, found: Estimate, real: Trajectory
 ) -> MovingParts | None:
-    """Write the videos of the episode that the estimate's start is of.
+    """Write the videos of the episode whose initial state the estimate holds.
 
-    Returns what moves in them, where a detector tells that.
+    Returns the parts that move in them, if there is a detector for keypoints.
     """
     simulator, keypoints = experiment.simulator, experiment.keypoints
     seed, config = experiment.config.seed, experiment.settings.comparison

@@ -44,14 +44,14 @@ from simtune.vision.keypoints import Keypoints, every_keypoint, find_keypoints
 
 @dataclass(frozen=True, kw_only=True)
 class World:
-    """A real world, and the simulator that is to become like it."""
+    """A real world, and the simulator to be tuned to it."""
 
     config: TuneConfig | TrainConfig
-    run_config: dict[str, Any]  # what config.json remembers: only the same goes on
+    run_config: dict[str, Any]  # stored in config.json: only a run with the same resumes
     task: AnyTask
     real: RealWorld
-    recordings: list[Trajectory]  # the real episodes that are there before the run begins
-    truth: Truth | None  # of a pseudo-real world: it scores, and the oracle lives in it
+    recordings: list[Trajectory]  # real episodes available before the run begins
+    truth: Truth | None  # of a pseudo-real world: for scores, and for the oracle
     context: SearchContext
 
     @property
@@ -60,7 +60,7 @@ class World:
 
     @property
     def sources(self) -> list[Path]:
-        """The files that the run folder keeps: what is asked of it later needs them."""
+        """Files that the run folder keeps, for later commands."""
         truth = self.config.real_parameters
         return [*self.task.files, *([truth.resolve()] if truth else [])]
 
@@ -75,7 +75,7 @@ class World:
 
     @property
     def keypoints(self) -> Keypoints | Points:
-        """Chosen once a run: search, environment and agent mean the same by keypoint k."""
+        """Chosen once per run: keypoint k means the same to search, environment and agent."""
         return self.context.keypoints
 
 
@@ -84,15 +84,15 @@ class Experiment(World):
     """What `tune` works with; `TrainingExperiment` adds what learns to act."""
 
     settings: Settings
-    search_name: SearchName | None  # None: nothing is searched for
+    search_name: SearchName | None  # None: no search
     search: Search
 
     def warnings(self, real: list[Trajectory]) -> list[str]:
-        """What may be wrong with recordings; of other real episodes nothing is known."""
+        """Possible problems of recordings; none are known for other real episodes."""
         return warnings_of(self.task, self.real.facts, real, self.search_name)
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        """What a checkpoint has to hold besides `state`."""
+        """What a checkpoint must hold besides `state`."""
         return {
             f"{name}/{key}": value
             for name, part in self._changing().items()
@@ -105,7 +105,7 @@ class Experiment(World):
         return states | {"keypoints": self.keypoints.state()}
 
     def load(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
-        """Go on from a checkpoint, whose keypoints this was built with."""
+        """Continue from a checkpoint, with whose keypoints this was built."""
         self.search.load(under("search/", tensors), state["search"])
 
     def _changing(self) -> dict[str, Any]:
@@ -118,10 +118,9 @@ def build_experiment(
     settings: Settings | None = None,
     task: AnyTask | None = None,
 ) -> Experiment:
-    """What `tune` works with; `task`: what `config.task` names, where that is loaded already.
+    """What `tune` works with; `task`: the task that `config.task` names, if loaded already.
 
-    A robot films into `config.out`; nothing else is written. Raises InputError for what cannot be
-    used.
+    A robot films into `config.out`; nothing else is written. Raises InputError for invalid input.
     """
     config.check()
     task, settings = task or load_any_task(config.task), settings or Settings()
@@ -150,8 +149,8 @@ def build_world(
     """The real world that was asked for, with its first `num_recorded` episodes (None: a few).
 
     `tune` works with these. In a training, where a robot or a policy films later, they are read
-    from recordings only. `trained`: the state of a checkpoint that is to be loaded, which stands
-    for a real world that a camera filmed. Raises InputError for what cannot be used.
+    only from recordings. `trained`: state of a checkpoint to be loaded, which replaces a real world
+    that a camera filmed. Raises InputError for invalid input.
     """
     tunes = isinstance(config, TuneConfig)
     if not trained:
@@ -167,7 +166,7 @@ def build_world(
     is_read = tunes or (num_recorded != 0 and isinstance(real, RecordedReal))
     recordings = real.collect(num_recorded) if is_read else []
     run_config = outcome.run_config(config, task, start, real.facts, truth)
-    state = trained or stored_state(config.out, run_config)  # of the run that goes on there
+    state = trained or stored_state(config.out, run_config)  # of the run that resumes there
     simulator = _simulator_like(real, recordings, task, image_size, tunes)
     context = SearchContext(
         simulator=simulator,
@@ -192,7 +191,7 @@ def build_world(
 def _simulator_like(
     real: RealWorld, recordings: list[Trajectory], task: AnyTask, image_size: int, tunes: bool
 ) -> AnySimulator:
-    """One whose actions last as long as the real world's, and whose pictures are alike."""
+    """A simulator with the real world's step length, views and supersampling."""
     seen = real.observation
     films = [camera.footage for camera in seen.cameras]
     if not tunes and any(footage.background == "recording" for footage in films):
@@ -203,7 +202,7 @@ def _simulator_like(
     widths = [view.width(image_size) for view in seen.views()]
     recorded = [apart(trajectory.frames, widths) for trajectory in recordings]
     plates = [
-        footage.plate([its[number] for its in recorded], (image_size, widths[number]))
+        footage.plate([parts[number] for parts in recorded], (image_size, widths[number]))
         for number, footage in enumerate(films)
     ]
     return task.simulator(
@@ -217,9 +216,9 @@ def _simulator_like(
 def _choose_keypoints(
     simulator: AnySimulator, task: AnyTask, seed: int, state: Mapping[str, Any] | None
 ) -> Keypoints | Points:
-    """Those of a checkpoint's state, if there is one: its networks were trained on them.
+    """Those of a checkpoint's state, if there is one, since its networks were trained on them.
 
-    Another machine may find others. Where no camera films there are none.
+    Another machine may find others. Without a camera there are none.
     """
     if state is not None:
         return every_keypoint(simulator).with_state(state["keypoints"])
@@ -228,7 +227,7 @@ def _choose_keypoints(
 
 
 def build_search(world: World, name: SearchName, settings: Settings) -> Search:
-    """The search of that name. Raises InputError where the recordings do not suit it."""
+    """The search with this name. Raises InputError if the recordings do not suit it."""
     if not world.context.observation.cameras:
         search = _search_readings(world, name)
     else:

@@ -1,4 +1,4 @@
-"""A run from its folder's opening to its report: what `tune` and `train` have in common."""
+"""A run from opening its folder to its report, common to `tune` and `train`."""
 
 import logging
 import time
@@ -20,27 +20,27 @@ from simtune.tuning.joint import NUM_DRAWS, Joint
 from simtune.tuning.search import Estimate, Round, unsure
 
 log = logging.getLogger(__name__)
-_TOLD_EARLY = 4  # parameters, in a line
+_TOLD_EARLY = 4  # parameters per line
 
 
 class Run:
-    """An experiment that is carried out in a folder; a context manager, since that is locked.
+    """An experiment carried out in a folder; a context manager, since the folder is locked.
 
-    What it counts only grows, so that a run can go on from any of its checkpoints.
+    Its counts only grow, so that a run can resume from any of its checkpoints.
     """
 
     def __init__(self, experiment: Experiment, report: ReportProgress = silent):
-        """Raises InputError where `config.out` cannot be written, or holds anything else."""
+        """Raises InputError if `config.out` cannot be written, or holds anything else."""
         self.experiment, self._report = experiment, report
         self.folder = RunFolder.create(
             experiment.config.out, experiment.run_config, experiment.sources
         )
         self.estimate = unsure(experiment.search.distribution, "not identifiable")
         self.num_rounds = 0  # of the search
-        self.round_s = 0.0  # that the last one took
-        self.step = 0  # simulated ones, in which logs count: all of `tune`, the policy's of `train`
+        self.round_s = 0.0  # seconds of the last round
+        self.step = 0  # simulated steps, the x axis of logs: all in `tune`, the policy's in `train`
         self._start_s = time.monotonic()
-        self._counts = self._simulated()  # when the round in progress began
+        self._counts = self._simulated()  # at the start of the present round
 
     def __enter__(self) -> "Run":
         return self
@@ -50,11 +50,11 @@ class Run:
 
     @property
     def wall_s(self) -> float:
-        """Seconds spent on the run, over all sittings."""
+        """Seconds spent on the run, over all sessions."""
         return time.monotonic() - self._start_s
 
     def resume(self) -> dict[str, Any] | None:
-        """Go on from the newest sound checkpoint; its state, or None where there is none.
+        """Continue from the newest valid checkpoint; returns its state, or None if there is none.
 
         Raises RuntimeError for the checkpoint of another version's networks.
         """
@@ -65,19 +65,19 @@ class Run:
         simulator = self.experiment.simulator
         simulator.num_steps, simulator.num_diverged = state["sim_steps"], state["num_diverged"]
         self.step, self.num_rounds = state["step"], state["rounds"]
-        self.round_s = state.get("round_s", 0.0)  # earlier versions stored none
+        self.round_s = state.get("round_s", 0.0)  # absent in older versions
         self.estimate = outcome.from_json(state["estimate"])
         self._start_s = time.monotonic() - state["wall_s"]
         self._counts = self._simulated()
         return state
 
     def save(self, **own: Any) -> None:
-        """Write a checkpoint; `own`: JSON that the caller wants back from `resume`."""
+        """Write a checkpoint; `own`: JSON that `resume` returns to the caller."""
         self._counts = self._simulated()
         self._save(own)
 
     def save_within(self) -> None:
-        """Write a checkpoint of a round that is not over, and whose worlds are simulated again."""
+        """Write a checkpoint of an unfinished round, whose worlds will be simulated again."""
         self._save({"is_within": True})
 
     def _save(self, own: dict[str, Any]) -> None:
@@ -96,7 +96,7 @@ class Run:
         self.folder.log_metrics(self.step, num_real, self.wall_s, scalars)
 
     def log_round(self, found: Round, num_real: int) -> None:
-        """Take a round's estimate, and write down what it found."""
+        """Store a round's estimate, and log its results."""
         self.estimate = found.estimate
         self.num_rounds += 1
         for event in found.events:
@@ -105,13 +105,13 @@ class Run:
         self.log(num_real, {"round": self.num_rounds} | estimates | found.metrics)
 
     def tell_early(self, early: Estimate) -> None:
-        """Write down an estimate of a round that is not over, and say so."""
+        """Log an estimate of an unfinished round."""
         experiment = self.experiment
         estimates = outcome.scalars(experiment.search, early)
         self.log(len(experiment.recordings), estimates | {"is_early": 1.0})
         rows = zip(experiment.space, early.mean, strict=True)
-        said = cut([f"{p.name} {value:.4g}" for p, value in rows], _TOLD_EARLY)
-        log.info("a first answer, how sure is not known yet: %s", said)
+        values = cut([f"{p.name} {value:.4g}" for p, value in rows], _TOLD_EARLY)
+        log.info("a first answer, how sure is not known yet: %s", values)
 
     def finish(
         self,
@@ -122,7 +122,7 @@ class Run:
     ) -> dict[str, Any]:
         """Write result.json, the posterior, the comparison of `real`'s first episode, the report.
 
-        `metadata`: what result.json holds besides what is known of every run. Returns its content.
+        `metadata`: content of result.json beyond what every run has. Returns all its content.
         """
         experiment = self.experiment
         metadata = self._metadata(len(real)) | dict(metadata)
@@ -134,7 +134,7 @@ class Run:
         if real and experiment.search_name:
             self._report("filming the comparison", 1.0)
             result |= write_beside(experiment, self.folder, self.estimate, real)
-        # Last and at once: until then another sitting's result stays.
+        # Last, in one go: until then the result of an earlier session stays.
         if experiment.search_name:
             result |= self._write_posterior()
         self.folder.write_result(result)
@@ -142,14 +142,14 @@ class Run:
         return result
 
     def _write_posterior(self) -> dict[str, Any]:
-        """Write posterior.npz; what result.json says of it."""
+        """Write posterior.npz; returns its part of result.json."""
         joint = Joint.of(self.estimate, self.experiment.space)
         draws = joint.draw(NUM_DRAWS, np.random.default_rng(self.experiment.config.seed))
         self.folder.write_posterior(joint.space.names, draws, joint.correlation)
         return outcome.joint_posterior(joint, self.estimate, draws)
 
     def _metadata(self, num_real: int) -> dict[str, Any]:
-        """What result.json says of how its figures came about."""
+        """The part of result.json on how its figures were obtained."""
         experiment = self.experiment
         metadata = {
             "task": experiment.task.name,

@@ -1,4 +1,4 @@
-"""What no option of the command line asks, and callers from Python may choose."""
+"""Settings for callers from Python, without an option on the command line."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,11 +11,11 @@ from simtune.tuning import SearchSettings
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """None: as the preset has it. They are not stored: a run goes on with the same ones only."""
+    """None: from the preset. They are not stored: resume a run with the same ones only."""
 
-    search: SearchSettings | None = None  # of the search that the options ask for
+    search: SearchSettings | None = None  # of the search that the options select
     comparison: StartSearchConfig = field(default_factory=StartSearchConfig)
-    # Of `train` alone
+    # For `train` only
     schedule: Schedule | None = None
     make_agent: Callable[[str, AgentSpec], Agent] = make_agent
-    checkpoint_every_s: float = 60.0  # of policy training; other phases save at their end
+    checkpoint_every_s: float = 60.0  # in policy training; other phases save at their end

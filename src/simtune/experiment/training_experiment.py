@@ -1,4 +1,4 @@
-"""What a training is made of besides: the schedule, the environment, the agent, its replay."""
+"""Additional parts of a training: the schedule, the environment, the agent, its replay."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -35,18 +35,18 @@ class TrainingExperiment(Experiment):
     task: Task
     schedule: Schedule
     environment: Environment
-    scored_in: Environment  # behind the reality gap, where there is one
+    scored_in: Environment  # with the reality gap, if there is one
     agent: Agent
     replay: Replay
 
     def score(
         self, world: np.ndarray, num_episodes: int, seed: int
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """(num_episodes,) of "return" and of goals reached, by pixels alone; and a film.
+        """(num_episodes,) of "return" and of goals reached, acting on pixels alone; and a film.
 
-        In a world of (N,) parameters, behind the reality gap if there is one.
+        In a world of (N,) parameters, with the reality gap if there is one.
         """
-        rng = np.random.default_rng((seed, 3))  # episodes that nothing was learnt from
+        rng = np.random.default_rng((seed, 3))  # not used in training
         worlds = np.tile(world, (num_episodes, 1))
 
         def act(observation: Observation) -> np.ndarray:
@@ -60,9 +60,9 @@ class TrainingExperiment(Experiment):
         return {"return": played.rewards.sum(1), **scores}, played.frames[0]
 
     def delay_steps(self, estimated: int | None, rng: np.random.Generator) -> int:
-        """By which actions are late in simulated episodes: as `estimated`, or else any number.
+        """Delay of actions in simulated episodes: `estimated`, or random if None.
 
-        An oracle knows the gap's.
+        An oracle knows the reality gap's.
         """
         if self.config.method == "oracle" and self.scored_in.gap:
             return self.scored_in.gap.delay_steps
@@ -72,7 +72,7 @@ class TrainingExperiment(Experiment):
         return any_number if estimated is None else estimated
 
     def policy_warnings(self, num_skipped: int) -> list[str]:
-        """What may be wrong with the policy, which came too late for `num_skipped` real trials."""
+        """Possible problems of the policy, which was too late for `num_skipped` real trials."""
         if not self.agent.can_act:
             return ["the policy had not begun to learn: give more --policy-steps"]
         if num_skipped and not isinstance(self.real, RecordedReal):
@@ -85,7 +85,7 @@ class TrainingExperiment(Experiment):
     def load(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
         super().load(tensors, state)
         self.load_agent(tensors, state)
-        film = self.environment.simulator.render  # what is stored has no frames
+        film = self.environment.simulator.render  # frames are not stored
         self.replay.load(under("replay/", tensors), state["replay"], film)
 
     def load_agent(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
@@ -105,8 +105,8 @@ def build_training(
 ) -> TrainingExperiment:
     """What `train` works with.
 
-    `trained`: the state of a checkpoint whose agent is to be loaded, and nothing to go on: no
-    robot is asked then, and no recording read. Raises InputError for what cannot be used.
+    `trained`: state of a checkpoint whose agent is loaded, without resuming: no robot is used then,
+    and no recording read. Raises InputError for invalid input.
     """
     config.check()
     task = before_one_camera(with_known_colours(load_task(config.task), config.known_colour))
@@ -121,7 +121,7 @@ def build_training(
     report("looking at the real world", 0.0)
     num = config.real_episodes if name else 0
     world = build_world(config, task, schedule.image_size, num, device=device, trained=trained)
-    if world.recordings:  # where no number is asked for, there may be fewer than the usual
+    if world.recordings:  # without a requested number there may be fewer than usual
         later = schedule.real_episodes[1:]
         schedule = replace(schedule, real_episodes=(len(world.recordings), *later))
     assert isinstance(world.simulator, Simulator), "load_task gives models' only"
@@ -155,7 +155,7 @@ def build_training(
 
 
 def _fixed_range(config: TrainConfig, world: World) -> FixedRange:
-    """Where a method that searches for nothing stays."""
+    """The range of a method without a search."""
     mean = world.start
     if config.method == "oracle":
         assert world.truth is not None, "checked"
@@ -192,7 +192,7 @@ def _agent(
 
 
 def _replay(schedule: Schedule, task: Task, device: str) -> Replay:
-    """Room for all episodes, but for the frames of the latest only."""
+    """Room for all episodes, but only for the latest frames."""
     num_episodes = -(-schedule.total_steps // task.episode_steps)
     num_filmed = -(-schedule.filmed_steps // task.episode_steps)
     return Replay(
@@ -205,7 +205,7 @@ def _replay(schedule: Schedule, task: Task, device: str) -> Replay:
 
 
 def _device(name: str) -> str:
-    """Raises InputError for one that is not there."""
+    """Raises InputError if it is not available."""
     if name == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
     if name.partition(":")[0] not in ("cpu", "cuda"):

@@ -46,7 +46,7 @@ class Bootstrap:
     errors: np.ndarray  # (K, N) divided by the standard deviations that each fit claims
     is_moving: np.ndarray  # (N,) bool; the others are appearance, which is easier to find
     misfits: list[Misfit] = field(default_factory=list)  # failed fits included
-    # (N,) standard deviations that such fits usually claim; None: use the ones asked about
+    # (N,) standard deviations that fits like these usually claim; None: use those asked about
     usual_std: np.ndarray | None = None
     # (K,) indices of known parameters: they are not fitted, so their errors of 0 mean nothing
     known: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
@@ -63,13 +63,13 @@ class Bootstrap:
 
         A claim depends mostly on how far apart the fit's two sides end, which is a single draw: two
         wrong sides may meet, and two good ones differ if one has not converged. So the result is
-        the geometric mean of the claim and of what such fits usually claim; without refits, the
-        larger.
+        the geometric mean of the claim and of what fits like these usually claim; without refits,
+        the larger.
         """
         return std if self.usual_std is None else _believed(std, self.usual_std, len(self.errors))
 
     def bias(self) -> np.ndarray:
-        """(N,) bias of such fits, in units of the standard deviations they claim.
+        """(N,) bias of fits like these, in units of the standard deviations they claim.
 
         Subtract it from the estimate (Efron 1979). It is the mean error of the refits, shrunk by
         how much of it may be chance.

@@ -41,7 +41,7 @@ _MORE_ITERATIONS = 5  # with all derivatives computed anew
 class ReplayStage(NamedTuple):
     steps: int  # of a stretch; 0: the whole episode
     iterations: int
-    at_most: int  # number of stretches
+    at_most: int  # limit on the number of stretches
 
 
 @dataclass(frozen=True)

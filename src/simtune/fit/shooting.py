@@ -138,7 +138,7 @@ class Shooting:
         point = LinearizationPoint(whole.states.copy(), unit, damping, FIRST_VARIANCE)
         fitted, late = np.split(self._step.fitted, [len(self.fitted)])
         covariance = np.zeros((len(self._step.fitted),) * 2)
-        every = _DERIVED_EVERY_WITH_LAGS if self._lags else DERIVED_EVERY
+        period = _DERIVED_EVERY_WITH_LAGS if self._lags else DERIVED_EVERY
         for stage in stages:
             windows = whole.first(stage.window)
             point = replace(point, damping=damping, step_scale=1.0)
@@ -146,7 +146,7 @@ class Shooting:
             for iteration in range(stage.iterations):
                 share = 1.0 if iteration < _FULL_STEPS else 0.5
                 share = 0.0 if stage.blur > _STATES_ONLY else share
-                if slopes is None or iteration % every == 0:
+                if slopes is None or iteration % period == 0:
                     windows = self._with_lags(windows, point.unit, replay)
                     slopes = self._step.player.differentiate(windows, point)
                 taken = self._step.take(windows, point, slopes, share, stage.blur)

@@ -29,8 +29,8 @@ _NOT_JUDGED = (
 def judged(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitResult:
     """The fit with bias removed, and with the standard deviations that refits show.
 
-    These include the discrepancy and what such fits usually claim; they grow if this fit is worse
-    than the refits. Then less of the bias is removed, since something else is wrong.
+    These include the discrepancy and what fits like this usually claim; they grow if this one is
+    worse than the refits. Then less of the bias is removed, since something else is wrong.
     """
     worse_motion = max(1.0, *bootstrap.motion_ratios(fit.misfit))
     worse_picture = max(1.0, bootstrap.picture_ratio(fit.misfit))
@@ -114,9 +114,9 @@ def held_out_misfit(fit: FitResult, bootstrap: Bootstrap) -> dict[str, Any]:
     """
     known = [misfit.motion for misfit in bootstrap.misfits]
     passed = not moves_otherwise(fit, bootstrap) if np.isfinite(known).any() else None
-    real, *others = ([_or_none(d) for d in its] for its in (fit.misfit.motion, *known))
+    real, *others = ([_or_none(d) for d in motion] for motion in (fit.misfit.motion, *known))
     sensors = {
-        name: {"unit": unit, "distance": real[i], "known_worlds": [its[i] for its in others]}
+        name: {"unit": unit, "distance": real[i], "known_worlds": [world[i] for world in others]}
         for i, (name, unit) in enumerate(fit.sensors)
     }
     episode = None if fit.held_out is None else fit.held_out + 1

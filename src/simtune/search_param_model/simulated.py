@@ -18,8 +18,8 @@ class SimulatedWorlds:
     parameters: np.ndarray  # (W, N)
     actions: np.ndarray  # (W, E, T, A)
     keypoints: np.ndarray  # (W, E, T + 1, L, 2) pixels, true
-    frames: np.ndarray  # (W, F, H, W, 3) uint8: F successive frames of each world's
-    filmed_from: np.ndarray  # (W,) first episode, from this step on
+    frames: np.ndarray  # (W, F, H, W, 3) uint8: successive ones of each world's first episode
+    filmed_from: np.ndarray  # (W,) step of the first frame
     states: np.ndarray  # (W, F, S) full states of `frames`
     # {sensor: (W, F, D)} measured with `frames`
     readings: dict[str, np.ndarray] = field(default_factory=dict)

@@ -1,34 +1,34 @@
-"""Simulated worlds, many at once: each has parameters of its own.
+"""Simulated worlds in batches; each has its own parameters.
 
     simulator = task.simulator(image_size=64)            # a Simulator: worlds of a MuJoCo model
     rollouts = simulator.roll_out(parameters, actions, rng)       # (n, N) and (n, T, A)
     frames = simulator.film(rollouts)                    # (n, T + 1, H, W, 3) uint8
 
-`play` is the same for actions that depend on the states. An `EnvironmentSimulator` does it with
-a gymnasium environment; what both can do is `AnySimulator`. Where they differ, it says what it can
+`play` is the same for actions that depend on the states. An `EnvironmentSimulator` runs a
+gymnasium environment; `AnySimulator` is the interface of both, and says where they differ
 (`can_start_anywhere`). Renderers draw states, so frames need not be kept: the same states and
-parameters give the same frames. `StateSpace` knows how a full state, (S,), is laid out.
+parameters give the same frames. `StateSpace` knows the layout of a full state, (S,).
 
 In MuJoCo's terms, n worlds are a `mujoco.batch.Batch`: n rows of full states over one model, of
 which `ModelWriter` gives each world its own fields. `observe`, `initialize`, rewards, scripts and
 action mappings get that batch. Its pitfalls:
 
 * **A field that was bound late is zero.** A derived field (`xpos`, `sensordata`, ...) is computed
-  only once something has read it, from the next call on. So `play` calls `observe` once before it
-  starts the worlds; what is first read later needs a `forward` (`tasks.batch_state.computed`).
+  only from the call after something first read it. So `play` calls `observe` once before it starts
+  the worlds; a field first read later needs a `forward` (`tasks.batch_state.computed`).
 * **Derived fields may be one substep behind.** After MuJoCo's plain `step` they belong to the state
-  before it. `Worlds` steps with stage=mjSTAGE_VEL, which computes positions and velocities anew;
-  what comes after them (accelerations, forces, contact forces) is still of the substep before.
+  before it. `Worlds` steps with stage=mjSTAGE_VEL, which recomputes positions and velocities; later
+  stages (accelerations, forces, contact forces) are still of the substep before.
 * **Diverged worlds stay in the batch.** They hold NaN or huge values, are stepped no further, and
-  are left out by `roll_out` and `Rollouts.finished` alone. MuJoCo's silent reset is off.
-* **Controls may come late.** Actuators with a delay need room for past controls before the model
-  is compiled (`prepare_spec`); Runge and Kutta's integrator shifts them by half a step.
+  only `roll_out` and `Rollouts.finished` leave them out. MuJoCo's silent reset is off.
+* **Controls may be late.** Actuators with a delay need room for past controls before the model is
+  compiled (`prepare_spec`); the Runge-Kutta integrator shifts them by half a step.
 * **Servos have held their first control** when an episode begins (`held_controls`). MuJoCo's own
-  delays and filters begin at 0, and would swing a robot there.
+  delays and filters begin at 0, which would swing a robot there.
 * **Steps need not divide evenly.** At a recording's rate the timestep is adjusted, and parts of a
   policy step may differ by one substep.
-* **A `Simulator` keeps one batch**, for the last number of worlds asked for: `play` is not
-  reentrant, and other numbers in turn allocate anew. Renderers use all cores the process may use.
+* **A `Simulator` keeps few batches**, by number of worlds: `play` is not reentrant, and other
+  numbers allocate anew. Renderers use all cores the process may use.
 """
 
 from simtune.simulation.acting import (

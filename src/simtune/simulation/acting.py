@@ -1,4 +1,4 @@
-"""Acting on pictures: the latest ones as a stack, and actions in a task's own units."""
+"""Acting on pictures: stacks of the latest ones, and actions in a task's own units."""
 
 from collections import deque
 from collections.abc import Callable
@@ -15,16 +15,16 @@ PixelPolicy = Callable[[np.ndarray], np.ndarray]
 
 
 class LiveCamera(NamedTuple):
-    """What stands between drawn pictures and a policy, at every step."""
+    """A camera between drawn pictures and a policy, at every step."""
 
-    image_size: int  # H' of what it delivers
-    film: Callable[[np.ndarray], np.ndarray]  # (n, H, W, 3) uint8 to (n, H', W', 3), as in shape
+    image_size: int  # H' of its pictures
+    film: Callable[[np.ndarray], np.ndarray]  # (n, H, W, 3) uint8 to (n, H', W', 3), same aspect
 
 
 class FrameStacker:
-    """Films n worlds of (n, N) parameters while they are played; the latest frames are a stack."""
+    """Films n worlds of (n, N) parameters while they are played, and stacks the latest frames."""
 
-    frames: np.ndarray  # (n, num_steps + 1, H, W, 3) uint8, of the steps that were drawn
+    frames: np.ndarray  # (n, num_steps + 1, H, W, 3) uint8, of the steps drawn so far
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class FrameStacker:
         camera: LiveCamera | None = None,
         stray: StrayLight | None = None,
     ):
-        """`camera`: None: pictures are seen as they are drawn. `stray`: of the n worlds."""
+        """`camera`: None: pictures are seen as drawn. `stray`: of the n worlds."""
         height, width = simulator.shape
         if camera:
             height, width = camera.image_size, camera.image_size * width // height
@@ -47,7 +47,7 @@ class FrameStacker:
     def draw(self, t: int, states: np.ndarray) -> np.ndarray:
         """Draw the (n, S) states of step t: (n, K, H, W, 3) uint8, the newest last.
 
-        Before an episode's first frame that one is repeated.
+        An episode's first frame is repeated for the steps before it.
         """
         drawn = self._simulator.render(states, self._parameters, self._stray)
         self.frames[:, t] = self._film(drawn) if self._film else drawn
@@ -70,7 +70,7 @@ def on_pictures(simulator: AnySimulator, stacker: FrameStacker, policy: PixelPol
 
 
 def acting_late(act: Act, steps: int, num_worlds: int, num_actions: int) -> Act:
-    """The same, but each action is carried out so many steps later; until then nothing moves."""
+    """The same, with each action carried out `steps` steps later; until then actions are 0."""
     coming = deque([np.zeros((num_worlds, num_actions))] * steps)
 
     def act_late(t: int, states: np.ndarray) -> np.ndarray:

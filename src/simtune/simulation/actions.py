@@ -1,11 +1,11 @@
-"""What actions do to a model: they are its controls, scaled ones, or displace joints or a body.
+"""Action mappings: actions are controls, scaled controls, or displacements of joints or a body.
 
-Actions are what a recording holds and a policy gives. `Simulator.play` passes them to a mapping,
-once a policy step; no other module needs to know of controls. A mapping is made for a model, so a
-task holds its maker: `DirectActions`, or `functools.partial(MocapActions, body="hand", ...)`.
+Actions are what recordings hold and policies give. `Simulator.play` passes them to a mapping, once
+per policy step; no other module knows about controls. A mapping is made for a model, so a task
+holds its factory: `DirectActions`, or `functools.partial(MocapActions, body="hand", ...)`.
 
-A mapping remembers nothing: what an action does depends on the present state only, because a fit
-replays stretches from the middle of episodes.
+A mapping is stateless: an action's effect depends on the present state only, because a fit replays
+stretches from the middle of episodes.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,23 +22,23 @@ _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 
 
 class ActionSpace(Protocol):
-    """What actions there are."""
+    """The available actions."""
 
     names: tuple[str, ...]  # (A,) what each moves
-    range: np.ndarray  # (A, 2) lowest and highest: where random ones are drawn, what policies use
-    is_limited: np.ndarray  # (A,) bool: beyond its range an action is cut off
+    range: np.ndarray  # (A, 2) lowest and highest: for random actions and policies
+    is_limited: np.ndarray  # (A,) bool: actions beyond the range are clipped
 
 
 class ActionMapping(ActionSpace, Protocol):
-    """(n, A) actions to what moves n worlds."""
+    """Maps (n, A) actions to the controls of n worlds."""
 
-    is_relative: bool = False  # to where what it moves is at the time
+    is_relative: bool = False  # to the present position of what it moves
 
     def settle(self, batch: Batch) -> None:
-        """Put what the actions move to where fresh starts have it; controls need no start."""
+        """Move what actions displace to where a fresh start has it; controls need no start."""
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
-        """The (n, nu) controls for the next policy step; what is no control is moved at once."""
+        """The (n, nu) controls for the next policy step; anything else is moved at once."""
         ...
 
 
@@ -51,7 +51,7 @@ class DirectActions(ActionMapping):
     def __init__(self, model: mujoco.MjModel, *, actuators: Sequence[str] | None = None):
         """`actuators`: whose controls, in the actions' order; None: all, in the model's order.
 
-        The other actuators keep the control that they start with. Raises UnknownName, InputError.
+        The other actuators keep their initial control. Raises UnknownName, InputError.
         """
         self._ids, self.names = _actuators(model, actuators)
         self.range, self.is_limited = _control_range(model, self._ids)
@@ -75,8 +75,8 @@ class ScaledActions(ActionMapping):
     ):
         """`action_range`: (2,) or (A, 2); `gain`, `offset`: numbers or (A,). Actuators as above.
 
-        By default the range is [−1, 1], or, with a gain, what covers the control's range if that
-        is limited. Raises UnknownName, InputError.
+        By default the range is [−1, 1], or, with a gain, what covers the control's range if that is
+        limited. Raises UnknownName, InputError.
         """
         ids, self.names = _actuators(model, actuators)
         self._ids = ids
@@ -105,9 +105,9 @@ class ScaledActions(ActionMapping):
 
 
 class JointActions(ActionMapping):
-    """An action displaces a joint from where it really is: the target of the joint's servo.
+    """An action displaces a joint from its present position: that is the target of its servo.
 
-    As a real robot does that is sent to where it is measured to be, and a little farther.
+    As for a real robot that is sent a little farther than its measured position.
     """
 
     is_relative = True
@@ -122,8 +122,8 @@ class JointActions(ActionMapping):
     ):
         """`per_unit`: rad or m by an action of 1, a number or (A,). The others are as above.
 
-        Raises UnknownName, InputError, also for an actuator that moves no hinge and no slide, or
-        that is no servo of positions.
+        Raises UnknownName, InputError, also for an actuator that moves no hinge or slide, or that
+        is no position servo.
         """
         ids, self.names = _actuators(model, actuators)
         self._ids = ids
@@ -131,7 +131,7 @@ class JointActions(ActionMapping):
         for name, kind, joint in zip(self.names, model.actuator_trntype[ids], joints, strict=True):
             if kind != _JOINT or model.jnt_type[joint] not in HINGE_OR_SLIDE:
                 raise InputError(f"{name} moves no hinge and no slide, so it displaces none")
-        # Force by how far the joint is from the control: MuJoCo's <position>, or the like
+        # Its force depends on the joint's distance from the control, as of MuJoCo's <position>
         for name, pull in zip(self.names, model.actuator_biasprm[ids, 1], strict=True):
             if pull >= 0:
                 raise InputError(
@@ -144,7 +144,7 @@ class JointActions(ActionMapping):
         self.is_limited = np.full(len(ids), True)
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
-        """See `ActionMapping`; only a displacement in range is applied."""
+        """See `ActionMapping`; displacements are clipped to the range."""
         wanted = self._per_unit * np.clip(actions, *self.range.T)
         gear = batch.expand("actuator_gear")[:, self._ids, 0]  # each world's own
         targets = gear * (batch.qpos[:, self._places] + wanted)
@@ -154,7 +154,7 @@ class JointActions(ActionMapping):
 def _actuators(
     model: mujoco.MjModel, chosen: Sequence[str] | None
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """(A,) ids and names of the chosen ones; None: of all.
+    """(A,) ids and names of the chosen actuators; None: of all.
 
     Raises UnknownName for one that the model lacks, InputError for one named twice.
     """
@@ -170,16 +170,16 @@ def _actuators(
 
 
 def _control_range(model: mujoco.MjModel, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(A, 2) of the controls, [−1, 1] where there are no limits; (A,) whether there are."""
+    """(A, 2) of the controls, [−1, 1] without limits; (A,) whether there are limits."""
     limited = np.asarray(model.actuator_ctrllimited, bool)[ids]
     return np.where(limited[:, None], model.actuator_ctrlrange[ids], [-1.0, 1.0]), limited
 
 
 def _among_others(batch: Batch, ids: np.ndarray, controls: np.ndarray) -> np.ndarray:
-    """(n, nu): (n, A) controls of some actuators, and those that the others have."""
-    every = batch.ctrl.copy()
-    every[:, ids] = controls
-    return every
+    """(n, nu) with (n, A) controls of some actuators, and unchanged ones of the others."""
+    merged = batch.ctrl.copy()
+    merged[:, ids] = controls
+    return merged
 
 
 def _each(what: str, given: np.ndarray | Sequence[float] | float, ids: np.ndarray) -> np.ndarray:
@@ -192,7 +192,7 @@ def _each(what: str, given: np.ndarray | Sequence[float] | float, ids: np.ndarra
 
 
 def _numbers(given: np.ndarray | Sequence | float) -> np.ndarray:
-    """An array; an empty (0, 0) one where lists make none, which no caller accepts."""
+    """An array; an empty (0, 0) one for ragged lists, which no caller accepts."""
     try:
         return np.array(given, float)
     except ValueError:
@@ -208,7 +208,7 @@ def finite_range(given: np.ndarray | Sequence | None, num: int) -> np.ndarray:
 
 
 def checked_range(given: np.ndarray | Sequence, num: int) -> np.ndarray:
-    """(num, 2) from one pair or as many, of which ends may be infinite. Raises InputError."""
+    """(num, 2) from one pair or as many, whose ends may be infinite. Raises InputError."""
     pairs = _numbers(given)
     if pairs.shape not in ((2,), (num, 2)):
         raise InputError(

@@ -1,4 +1,4 @@
-"""What every simulator can do: play worlds and draw their states; and what comes of playing."""
+"""Interface of all simulators: play worlds and draw their states; and the result of playing."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -21,14 +21,14 @@ Act = Callable[[int, np.ndarray], np.ndarray]  # step t and (n, S) states to (n,
 
 @dataclass(frozen=True)
 class Rollouts:
-    """What came of playing n worlds for T steps."""
+    """Result of playing n worlds for T steps."""
 
     parameters: np.ndarray  # (n, N) of each world
-    states: np.ndarray  # (n, T + 1, S) full states, which a renderer draws
+    states: np.ndarray  # (n, T + 1, S) full states, for a renderer
     actions: np.ndarray  # (n, T, A)
     lengths: np.ndarray  # (n,) steps after which the physics was still finite
     observed: np.ndarray  # (n, 1 + T · observations per step, D); without `observe` D is 0
-    index: np.ndarray  # (n,) of each world among those that were asked for
+    index: np.ndarray  # (n,) of each world among those requested
 
     def __len__(self) -> int:
         return len(self.states)
@@ -43,21 +43,21 @@ class AnySimulator(ABC):
     """Worlds of any kind: a MuJoCo model's (`Simulator`) or a gymnasium environment's."""
 
     space: ParameterSpace
-    step_s: float  # for which an action is held
-    image_size: int  # pixels, of pictures' height
-    views: tuple[View, ...]  # what pictures show, side by side
-    supersampling: int  # k × k points of each pixel are averaged
+    step_s: float  # duration of an action
+    image_size: int  # height of pictures in pixels
+    views: tuple[View, ...]  # shown side by side in pictures
+    supersampling: int  # k × k points are averaged per pixel
     num_steps: int = 0  # policy steps simulated so far
-    num_diverged: int = 0  # worlds that ended before their time
+    num_diverged: int = 0  # worlds that ended early
 
     @property
     @abstractmethod
     def action_mapping(self) -> ActionSpace:
-        """What actions there are, and for a model what they do."""
+        """The available actions, and for a model their effects."""
 
     @property
     def state_space(self) -> StateSpace | None:
-        """How states are laid out; None where they are no physical quantities."""
+        """Layout of states; None if they are no physical quantities."""
         return None
 
     @property
@@ -76,7 +76,7 @@ class AnySimulator(ABC):
         starts: np.ndarray | None = None,
         observe: Observe | None = None,
     ) -> Rollouts:
-        """Act in n worlds of (n, N) parameters, each from its own start; all of them are returned.
+        """Act in n worlds of (n, N) parameters, each from its own start; returns all of them.
 
         `starts`, (n, S), are states to start from instead. `observe` is called in every state.
         """
@@ -87,17 +87,17 @@ class AnySimulator(ABC):
     ) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB.
 
-        `stray`: of each, where simple shapes are drawn by the ray caster; others are as ever.
+        `stray`: of each, for simple shapes drawn by the ray caster; ignored otherwise.
         """
 
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
-        """What excites `num_worlds` worlds: random actions."""
+        """Random actions that excite `num_worlds` worlds."""
         drawn = random_actions(num_worlds, num_steps, self.action_mapping, rng)
         return lambda t, _: drawn[:, t]
 
     @property
     def widths(self) -> list[int]:
-        """Pixels of each view."""
+        """Width of each view in pixels."""
         return [view.width(self.image_size) for view in self.views]
 
     @property
@@ -112,7 +112,7 @@ class AnySimulator(ABC):
 
     @property
     def action_scale(self) -> np.ndarray:
-        """(A,) the largest magnitude of each action: 1 where there is no limit."""
+        """(A,) largest magnitude of each action: 1 without limits."""
         return np.abs(self.action_mapping.range).max(-1)
 
     def roll_out(
@@ -126,8 +126,8 @@ class AnySimulator(ABC):
     ) -> Rollouts:
         """Play (n, T, A) actions in n worlds of (n, N) parameters; see `play`.
 
-        Worlds that diverge are left out of the result; with `keep_diverged` they stay in it,
-        where their physics stopped.
+        Worlds that diverge are left out of the result; with `keep_diverged` they stay in it, where
+        their physics stopped.
         """
         rollouts = self.play(
             parameters,
@@ -143,8 +143,8 @@ class AnySimulator(ABC):
         """Draw every state of n episodes: (n, T + 1, H, W, 3) uint8 RGB. `stray`: of n worlds."""
         n, num_frames, size = rollouts.states.shape
         parameters = np.repeat(rollouts.parameters, num_frames, axis=0)
-        each = stray and stray.of(np.repeat(np.arange(n), num_frames))
-        frames = self.render(rollouts.states.reshape(n * num_frames, size), parameters, each)
+        by_frame = stray and stray.of(np.repeat(np.arange(n), num_frames))
+        frames = self.render(rollouts.states.reshape(n * num_frames, size), parameters, by_frame)
         return frames.reshape(n, num_frames, *frames.shape[1:])
 
 
@@ -157,7 +157,7 @@ def random_actions(
 ) -> np.ndarray:
     """(num_episodes, num_steps, A) uniform in the actions' ranges, each held for `hold` steps.
 
-    `of`: what actions there are, or a model whose controls they are. Held, they move the robot;
+    `of`: an action space, or a model whose controls are the actions. Held actions move the robot;
     drawn anew every step, their effects would average out.
     """
     low, high = (DirectActions(of) if isinstance(of, mujoco.MjModel) else of).range.T

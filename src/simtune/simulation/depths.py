@@ -1,4 +1,4 @@
-"""What a camera sees and how far that is, pixel by pixel: no colours and no light."""
+"""Geoms and depths before a camera, per pixel, without colours and light."""
 
 import copy
 
@@ -9,24 +9,24 @@ import warp
 
 from simtune.simulation.raycaster import assign, init_warp
 
-_CHUNK = 16  # pictures a launch
+_CHUNK = 16  # pictures per launch
 _DRAWN_GROUP, _HIDDEN_GROUP = 0, 5
 
 
 class Depths:
-    """Draws geoms by mujoco_warp's ray caster, with poses of geoms and camera as they are given.
+    """Draws geoms with mujoco_warp's ray caster, at given poses of geoms and camera.
 
-    Flexes are not there.
+    Flexes are not drawn.
     """
 
     def __init__(
         self, model: mujoco.MjModel, camera: str, size: tuple[int, int], shown: np.ndarray
     ):
-        """`size`: (height, width) of pictures; `shown`: (ngeom,) bool, all others are not there."""
+        """`size`: (height, width) of pictures; `shown`: (ngeom,) bool, the geoms to draw."""
         init_warp()
         self.size, model = size, copy.copy(model)
         model.geom_group[:] = np.where(shown, _DRAWN_GROUP, _HIDDEN_GROUP)
-        model.geom_rgba[shown, 3], model.geom_matid[:] = 1, -1  # nothing is seen through
+        model.geom_rgba[shown, 3], model.geom_matid[:] = 1, -1  # everything is opaque
         self._camera = model.camera(camera).id
         self._fovy, self._num_cameras = model.cam_fovy.astype(np.float32), model.ncam
         self._has_flexes = model.nflex > 0
@@ -53,10 +53,10 @@ class Depths:
         camera_turns: np.ndarray,
         fovy_deg: float,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(n, H, W) geoms, −1 where nothing is hit, and m along the camera's axis, 0 there.
+        """(n, H, W) geoms, −1 for none, and depths in m along the camera's axis, 0 for none.
 
-        Of geoms at (n, ngeom, 3) `places`, turned by (n, ngeom, 3, 3), before cameras at (n, 3),
-        turned by (n, 3, 3).
+        Of geoms at (n, ngeom, 3) `places` with (n, ngeom, 3, 3) rotations `turns`, before cameras
+        at (n, 3) with (n, 3, 3) rotations.
         """
         self._fovy[self._camera] = fovy_deg
         self._model.cam_fovy = warp.array(np.tile(self._fovy, (_CHUNK, 1)), dtype=float)
@@ -69,7 +69,7 @@ class Depths:
             assign(self._data.geom_xmat, turns[chunk])
             assign(self._data.cam_xpos, self._of_camera(camera_places[chunk]))
             assign(self._data.cam_xmat, self._of_camera(camera_turns[chunk]))
-            # Flexes' search trees are of a fixed number of worlds; no vertex of theirs has a place
+            # Flexes' search trees have a fixed number of worlds; vertices have no positions here
             self._data.nworld = _CHUNK if self._has_flexes else n
             mujoco_warp.refit_bvh(self._model, self._data, self._context)
             mujoco_warp.render(self._model, self._data, self._context)
@@ -80,6 +80,6 @@ class Depths:
 
     def _of_camera(self, values: np.ndarray) -> np.ndarray:
         """(n, …) of this camera, among (n, ncam, …)."""
-        every = np.zeros((len(values), self._num_cameras, *values.shape[1:]))
-        every[:, self._camera] = values
-        return every
+        by_camera = np.zeros((len(values), self._num_cameras, *values.shape[1:]))
+        by_camera[:, self._camera] = values
+        return by_camera

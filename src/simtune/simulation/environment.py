@@ -1,15 +1,15 @@
 """Worlds of a gymnasium environment: any simulator that takes parameters and draws pictures.
 
-Beside gymnasium's usual, an environment has to provide:
+Beyond gymnasium's usual interface, an environment must provide:
 
-* `reset(seed=..., options={"parameters": {name: value, ...}})` starts a world of these
+* `reset(seed=..., options={"parameters": {name: value, ...}})` starts a world with these
   parameters; the same seed, parameters and actions give the same episode;
 * `render()` gives the present picture, (H, W, 3) uint8 RGB;
-* `info["points"]` of `reset` and `step`, (L, 2), says where in the picture points are that move
+* `info["points"]` of `reset` and `step`, (L, 2), are positions in the picture of points that move
   with its parts: 0 to 1 from the left and from the top. Only a simulator knows them, and the
-  detector learns to see them.
+  detector is trained on them.
 
-Pictures that are not square are cut to the square in their middle.
+Pictures that are not square are cut to their central square.
 """
 
 from collections.abc import Iterator
@@ -25,14 +25,14 @@ from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollout
 from simtune.simulation.stray_light import StrayLight
 from simtune.views import View
 
-_MARGIN_PX = 1.0  # a point outside the picture is taken to be this far beyond its edge
+_MARGIN_PX = 1.0  # points outside the picture are clipped to this far beyond its edge
 
 
 @dataclass(frozen=True)
 class Points:
-    """L of the points that an environment gives, in a square picture of `image_size` pixels."""
+    """L of an environment's points, in a square picture of `image_size` pixels."""
 
-    chosen: np.ndarray  # (L,) among info["points"]
+    chosen: np.ndarray  # (L,) indices into info["points"]
     image_size: int
 
     def __len__(self) -> int:
@@ -45,20 +45,20 @@ class Points:
         return seen.astype(np.float32).reshape(len(points), -1)
 
     def select(self, indices: list[int]) -> "Points":
-        """Those of the chosen points at these indices."""
+        """The chosen points at these indices."""
         return Points(self.chosen[indices], self.image_size)
 
     def state(self) -> list:
-        """JSON to choose the same again by."""
+        """JSON, to restore the same choice."""
         return self.chosen.tolist()
 
     def with_state(self, state: list) -> "Points":
-        """Those that `state` was asked of."""
+        """The choice that `state` describes."""
         return Points(np.array(state, int), self.image_size)
 
 
 class BoxActions:
-    """Actions are what the environment's action space, a Box of one dimension, takes."""
+    """Actions as the environment's action space, a one-dimensional Box, takes them."""
 
     def __init__(self, space: Any):
         """Raises InputError for any other space."""
@@ -74,13 +74,13 @@ class BoxActions:
 class EnvironmentSimulator(AnySimulator):
     """Plays worlds of one environment, one after the other; see `Simulator`.
 
-    A state is the number of an episode and a step of it: to draw it, the episode is played again.
+    A state is an episode's number and a step: to draw it, the episode is played again.
     """
 
-    supersampling = 1  # the environment itself decides how it draws
+    supersampling = 1  # drawing is up to the environment
 
     def __init__(self, env: Any, space: ParameterSpace, *, step_s: float, image_size: int):
-        """`env`: a gymnasium.Env, or what acts like one. Raises InputError for other actions."""
+        """`env`: a gymnasium.Env, or a look-alike. Raises InputError for other actions."""
         self.space, self.step_s, self.image_size = space, step_s, image_size
         self.views = (View("render"),)
         self._actions = BoxActions(env.action_space)
@@ -90,11 +90,11 @@ class EnvironmentSimulator(AnySimulator):
 
     @property
     def action_mapping(self) -> BoxActions:
-        """What actions there are."""
+        """The available actions."""
         return self._actions
 
     def points(self) -> Points:
-        """All that the environment gives, of which there may be none."""
+        """All points of the environment; there may be none."""
         num = len(_checked_points(self._begin(0, self.space.nominal)))
         return Points(np.arange(num), self.image_size)
 
@@ -112,7 +112,7 @@ class EnvironmentSimulator(AnySimulator):
 
         `act` is called for all actions first, so it sees no states. `starts`: states of episodes
         that begin alike. `observe` gets the points, (1, all, 2), of every state. Worlds that end
-        before their time stay where they ended, as diverged ones do.
+        early stay where they ended, as diverged ones do.
         """
         n = len(parameters)
         actions = np.stack([act(t, np.empty((n, 2))) for t in range(num_steps)], 1)
@@ -134,8 +134,8 @@ class EnvironmentSimulator(AnySimulator):
                 observed.append(np.concatenate([observe(p) for p in points]))
         self.num_diverged += int((lengths < num_steps).sum())
         self.num_steps += n * num_steps
-        every = np.stack(observed) if observe else np.empty((n, num_steps + 1, 0))
-        return Rollouts(parameters, states, actions, lengths, every, np.arange(n))
+        all_observed = np.stack(observed) if observe else np.empty((n, num_steps + 1, 0))
+        return Rollouts(parameters, states, actions, lengths, all_observed, np.arange(n))
 
     def render(
         self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
@@ -156,7 +156,7 @@ class EnvironmentSimulator(AnySimulator):
         return frames
 
     def _play(self, seed: int, world: np.ndarray, actions: np.ndarray) -> Iterator[dict[str, Any]]:
-        """What the environment says of each state, in turn, until its time or its end."""
+        """The environment's info on each state in turn, until its time or its end."""
         yield self._begin(seed, world)
         for action in actions.astype(np.float32):
             with blame("the environment's step() failed"):
@@ -182,7 +182,7 @@ class EnvironmentSimulator(AnySimulator):
         return picture
 
     def _points_of(self, info: dict[str, Any]) -> np.ndarray:
-        """(L, 2) shares of the square in the middle, which may lie outside of it."""
+        """(L, 2) shares of the central square, which may lie outside of it."""
         if self._shape is None:
             self._shape = self._picture().shape[:2]
         width_height = np.array(self._shape[::-1])

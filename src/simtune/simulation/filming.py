@@ -1,4 +1,4 @@
-"""Pictures of all cameras that film, side by side, as a camera's sensor would average them."""
+"""Pictures of all cameras, side by side, averaged over pixels as by a camera's sensor."""
 
 import mujoco
 import numpy as np
@@ -9,7 +9,7 @@ from simtune.simulation.scene import Drawing
 from simtune.simulation.stray_light import StrayLight
 from simtune.views import View
 
-_CHUNK = 256  # supersampled pictures drawn at a time: the large ones never all at once
+_CHUNK = 256  # supersampled pictures drawn at a time, to limit memory
 
 
 class Filming:
@@ -25,7 +25,7 @@ class Filming:
     ) -> np.ndarray:
         """(n, S) states of worlds of (n, N) parameters to (n, H, W, 3) uint8 RGB.
 
-        Raises ValueError where no camera films.
+        Raises ValueError if there is no camera.
         """
         if not self._renderers:
             raise ValueError("nothing can be drawn: no camera films this scene")
@@ -35,8 +35,8 @@ class Filming:
         frames = np.empty((len(states), height, width, 3), np.uint8)
         for start in range(0, len(states), _CHUNK):
             part = slice(start, start + _CHUNK)
-            its = stray.of(part) if stray else None
-            large = self._side_by_side(states[part], parameters[part], its)
+            chunk_stray = stray.of(part) if stray else None
+            large = self._side_by_side(states[part], parameters[part], chunk_stray)
             blocks = large.reshape(-1, height, k, width, k, 3)
             frames[part] = (blocks.sum((2, 4), dtype=np.uint16) + k * k // 2) // (k * k)
         return frames

@@ -10,10 +10,10 @@ _AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
 
 
 class HeldControls:
-    """Before an episode, servos of positions have been sent for long to where its first control is.
+    """Before an episode, position servos have long been at their first control.
 
     Filters have settled on it, and delays still bring it. A control of 0, as MuJoCo begins with,
-    would swing a robot to its zero first. Motors were off: their controls were 0.
+    would first swing a robot to its zero. Motors were off: their controls were 0.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -25,7 +25,7 @@ class HeldControls:
         self._act_controls = model.actuator_ctrladr[filtered]
         places, controls = [], []
         for actuator in np.flatnonzero(is_servo & (model.actuator_historyadr >= 0)):
-            # Of each actuator: two numbers of bookkeeping, the samples' times, then their values
+            # Layout per actuator: two numbers of bookkeeping, the samples' times, then their values
             num, at = int(model.actuator_history[actuator, 0]), model.actuator_historyadr[actuator]
             places += range(at + 2 + num, at + 2 + 2 * num)
             controls += [model.actuator_ctrladr[actuator]] * num
@@ -36,7 +36,7 @@ class HeldControls:
         self._low[controls], self._high[controls] = model.actuator_ctrlrange[limited].T
 
     def settle(self, batch: Batch, controls: np.ndarray) -> None:
-        """Of worlds whose first (n, nu) controls these are."""
+        """Set the memory of worlds whose first (n, nu) controls these are."""
         within = np.clip(controls, self._low, self._high)
         if self._acts.size:
             batch.act[:, self._acts] = within[:, self._act_controls]

@@ -1,4 +1,4 @@
-"""Actions that displace a mocap body, and what hangs on it by a weld."""
+"""Actions that displace a mocap body, and what is welded to it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ _SITE = mujoco.mjtObj.mjOBJ_SITE.value
 class MocapActions(ActionMapping):
     """An action displaces a mocap body that something is welded to, such as a robot's hand.
 
-    The target is where the welded body really is, plus the displacement, within the workspace; the
-    mocap body keeps its orientation and the coordinates along other axes. It jumps there at once,
-    and the weld pulls. Gravity pulls, too: a robot that carries itself needs gravcomp="1".
+    The target is the welded body's present position plus the displacement, within the workspace;
+    the mocap body keeps its orientation and its coordinates along other axes. It jumps there at
+    once, and the weld pulls. Gravity pulls, too: a robot that carries itself needs gravcomp="1".
     """
 
     is_relative = True
@@ -35,9 +35,9 @@ class MocapActions(ActionMapping):
         action_range: np.ndarray | Sequence | None = None,
         workspace_m: np.ndarray | Sequence | None = None,
     ):
-        """`axes` of the world, one an action; `action_range`: (2,) or (A, 2), by default [−1, 1].
+        """`axes` of the world, one per action; `action_range`: (2,) or (A, 2), by default [−1, 1].
 
-        `workspace_m`: (A, 2) lowest and highest place of the mocap body, infinite by default.
+        `workspace_m`: (A, 2) lowest and highest position of the mocap body, by default infinite.
         Raises UnknownName, InputError.
         """
         if not axes or len(set(axes)) < len(axes) or not set(axes) <= set(_AXES):
@@ -52,7 +52,7 @@ class MocapActions(ActionMapping):
         self._workspace = checked_range(given, len(axes))
 
     def settle(self, batch: Batch) -> None:
-        """The mocap body to what it holds, which would be pulled away from its start otherwise."""
+        """Move the mocap body to what it holds, which it would else pull away from its start."""
         self._held.compute(batch)
         place = self._held.place(batch)[:, self._axes]
         batch.mocap_pos[:, self._held.mocap, self._axes] = place
@@ -68,7 +68,7 @@ class MocapActions(ActionMapping):
 
 @dataclass(frozen=True)
 class Held:
-    """What a mocap body holds: a point of another body that a weld brings to a point of its own."""
+    """A mocap body's weld: a point of another body that is pulled to a point of its own."""
 
     mocap: int  # index among the mocap bodies
     mocap_body: int
@@ -77,14 +77,14 @@ class Held:
     point: np.ndarray  # (3,) in the held body's frame, m
 
     def compute(self, batch: Batch) -> None:
-        """Have the places of bodies computed from now on: what is not bound is not."""
+        """Have body positions computed from now on: unbound fields are not."""
         for field in ("xpos", "xmat"):
             batch.bind(field)
         batch.forward(stage=mujoco.mjtStage.mjSTAGE_POS.value)
 
     def place(self, batch: Batch) -> np.ndarray:
-        """(n, 3) where the mocap body would pull at nothing, as it is turned; m, of the world."""
-        with np.errstate(invalid="ignore"):  # of worlds that diverged
+        """(n, 3) positions where the mocap body, as oriented, would not pull; m, in the world."""
+        with np.errstate(invalid="ignore"):  # in diverged worlds
             held = batch.xpos[:, self.body] + _turned(batch, self.body, self.point)
             return held - _turned(batch, self.mocap_body, self.mocap_point)
 
@@ -92,7 +92,7 @@ class Held:
 def find_held(model: mujoco.MjModel, name: str) -> Held:
     """What the mocap body `name` is welded, or connected, to.
 
-    Raises UnknownName where there is no such mocap body, InputError where it holds nothing.
+    Raises UnknownName if there is no such mocap body, InputError if it holds nothing.
     """
     mocaps = np.flatnonzero(model.body_mocapid >= 0)
     names = {model.body(i).name: int(i) for i in mocaps if model.body(i).name}
@@ -118,7 +118,7 @@ def _ends(model: mujoco.MjModel, equality: int) -> list[tuple[int, np.ndarray]]:
     if model.eq_objtype[equality] == _SITE:
         return [(int(model.site_bodyid[i]), model.site_pos[i].copy()) for i in ids]
     points = [data[:3].copy(), data[3:6].copy()]
-    if model.eq_type[equality] == _WELD:  # there the anchor, in the second body's frame, is first
+    if model.eq_type[equality] == _WELD:  # a weld's anchor, in the second body's frame, is first
         points.reverse()
     return [(int(body), point) for body, point in zip(ids, points, strict=True)]
 

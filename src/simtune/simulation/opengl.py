@@ -1,4 +1,4 @@
-"""MuJoCo's classic renderer: OpenGL through EGL or OSMesa, no display."""
+"""MuJoCo's classic renderer: OpenGL through EGL or OSMesa, without a display."""
 
 import atexit
 import copy
@@ -16,19 +16,23 @@ from simtune.simulation.opengl_quality import OPENGL_FAST, OpenGLQuality
 from simtune.simulation.stray_light import StrayLight
 
 _HEADLESS = {"egl": "EGL", "osmesa": "OSMesa"}  # libraries of the backends without a display
+<<<<<<< HEAD
 _MAX_GEOMS = 10_000  # as mujoco.Renderer has it
 # A shadow map has at most so many texels for a pixel of the picture. A finer one costs most of the
 # time without a GPU and shows nothing: walker at 128 pixels is drawn three times as fast, and one
 # pixel in a thousand differs by more than 8 of 255.
 _TEXELS_PER_PIXEL = 8
+=======
+_MAX_GEOMS = 10_000  # as in mujoco.Renderer
+>>>>>>> code-prose
 _ALL, _FULL_STATE = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class OpenGLRenderer:
     """Draws all that MuJoCo's viewer draws, tendons and sites too, one picture after another.
 
-    Use one from one thread only, as OpenGL demands. MUJOCO_GL=egl or osmesa chooses how OpenGL is
-    reached. Raises InputError where there is no OpenGL.
+    Use it from one thread only, as OpenGL demands. MUJOCO_GL=egl or osmesa chooses the backend.
+    Raises InputError without OpenGL.
     """
 
     def __init__(
@@ -53,7 +57,7 @@ class OpenGLRenderer:
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = quality.shadow_map_px > 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = quality.reflections
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = quality.skybox
-        # what a context reads when it is made
+        # read when a context is made
         self._model.vis.global_.offheight, self._model.vis.global_.offwidth = size
         finest = _TEXELS_PER_PIXEL * max(size)
         self._model.vis.quality.shadowsize = min(quality.shadow_map_px, finest)
@@ -82,7 +86,7 @@ class OpenGLRenderer:
 
 
 class _Canvas:
-    """An OpenGL context and what MuJoCo keeps in it."""
+    """An OpenGL context and MuJoCo's resources in it."""
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int]):
         height, width = size
@@ -90,11 +94,11 @@ class _Canvas:
         self._gl = _make_gl_context(width, height)
         self._mjr = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._mjr)
-        atexit.register(self.close)  # before EGL, which ends at exit, too, and complains later
+        atexit.register(self.close)  # before EGL, which also ends at exit and would complain
 
     def draw(self, scene: mujoco.MjvScene, frame: np.ndarray) -> None:
         """Draw into `frame`, (H, W, 3) uint8."""
-        self._gl.make_current()  # another renderer may have been
+        self._gl.make_current()  # another renderer may have been current
         mujoco.mjr_render(self._rectangle, scene, self._mjr)
         upside_down = np.empty_like(frame)
         mujoco.mjr_readPixels(upside_down, None, self._rectangle, self._mjr)
@@ -121,7 +125,7 @@ def _make_gl_context(width: int, height: int):
         # Imported only here: it fixes the backend for the whole process.
         context = importlib.import_module(module).GLContext(width, height)
         context.make_current()
-    except Exception as error:  # each backend and platform fails in ways of its own
+    except Exception as error:  # each backend and platform fails differently
         raise InputError(_no_opengl(f"{backend or 'OpenGL'} does not start")) from error
     return context
 

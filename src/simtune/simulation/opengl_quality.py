@@ -1,4 +1,4 @@
-"""What OpenGL is asked to draw; apart from its renderer, which is slow to load."""
+"""Quality settings of OpenGL; apart from its renderer, which is slow to load."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ class OpenGLQuality:
     """What OpenGL draws beyond lit, textured surfaces; each costs time without a GPU."""
 
     shadow_map_px: int = 0  # side of the shadow map, at most; 0 draws no shadows
-    multisamples: int = 0  # of a pixel, against jagged edges; 0 is one
+    multisamples: int = 0  # per pixel, against jagged edges; 0 is one
     reflections: bool = False
     skybox: bool = True
 

@@ -1,4 +1,4 @@
-"""A plate: a picture of what stands still, behind the simulator's things (as in film-making)."""
+"""A plate: a background picture behind the simulator's moving things (as in film-making)."""
 
 import copy
 
@@ -10,9 +10,9 @@ from simtune.parameters import ParameterSpace, field_of
 
 
 def before_plate(model: mujoco.MjModel, space: ParameterSpace) -> mujoco.MjModel:
-    """A copy in which what stands still is not drawn, but for what a parameter paints.
+    """A copy that does not draw static geoms, except those whose colour is a parameter.
 
-    It is there as before for all that touches it.
+    Their contacts stay as they are.
     """
     model = copy.copy(model)
     still = model.body_weldid[model.geom_bodyid] == 0
@@ -22,11 +22,11 @@ def before_plate(model: mujoco.MjModel, space: ParameterSpace) -> mujoco.MjModel
 
 
 def check_stands_still(model: mujoco.MjModel, camera: str) -> None:
-    """Raises InputError for a camera before which no picture stays in its place."""
-    its = model.camera(camera)
-    body = int(model.cam_bodyid[its.id])
+    """Raises InputError for a camera that moves, whose background is no fixed picture."""
+    given = model.camera(camera)
+    body = int(model.cam_bodyid[given.id])
     moves = model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0
-    if moves or model.cam_mode[its.id] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value:
+    if moves or model.cam_mode[given.id] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value:
         raise InputError(
             f"camera {camera!r} moves, and a background is a picture that stands still; leave "
             "background out, or name a camera that does not move"
@@ -34,7 +34,7 @@ def check_stands_still(model: mujoco.MjModel, camera: str) -> None:
 
 
 def _painted(model: mujoco.MjModel, space: ParameterSpace) -> np.ndarray:
-    """(ngeom,) bool: whether its own colour, or that of its material, is a parameter."""
+    """(ngeom,) bool: whether a geom's own colour, or its material's, is a parameter."""
     painted = np.zeros(model.ngeom, bool)
     for parameter in space:
         if not parameter.is_appearance:

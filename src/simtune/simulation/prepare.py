@@ -1,4 +1,4 @@
-"""What a model must have before it is compiled, so that its parameters are there to be tuned."""
+"""What a model needs before it is compiled, so that its parameters can be tuned."""
 
 from collections.abc import Iterator
 
@@ -13,7 +13,7 @@ _HARDLY = 1e-9  # of a weight
 
 
 def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> None:
-    """Give a model the memory, filters, limits and so on that `space` tunes; twice is once.
+    """Give a model the memory, filters, limits etc. that `space` tunes; idempotent.
 
     `step_s`: of a policy step.
     """
@@ -27,9 +27,9 @@ def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> N
 
 
 def compensate_weight(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
-    """Hold the bodies against gravity of which `space` tunes by how much.
+    """Compensate the weight of the bodies whose compensation `space` tunes.
 
-    MuJoCo looks for such bodies as a model is compiled, and never again.
+    MuJoCo looks for such bodies only when a model is compiled.
     """
     for parameter in space:
         for name in parameter.objects if parameter.compensates_weight else ():
@@ -38,7 +38,7 @@ def compensate_weight(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
 
 
 def filter_controls(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
-    """Have the actuators that `space` lets lag follow a filter of their control.
+    """Let the actuators to which `space` gives a lag follow a filter of their control.
 
     It is integrated exactly, so that no time constant is too short for the timestep. In keyframes
     the filters have settled on the control.
@@ -67,7 +67,7 @@ def filter_controls(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
 def _actuators(
     spec: mujoco.MjSpec, space: ParameterSpace
 ) -> Iterator[tuple[Parameter, mujoco.MjsActuator]]:
-    """Of the parameters that change one; ModelWriter complains of unknown ones."""
+    """With the parameters that change them; ModelWriter reports unknown ones."""
     for parameter in space:
         for name in parameter.objects if parameter.changes_model else ():
             if actuator := spec.actuator(name):

@@ -1,9 +1,9 @@
 """Planes, spheres, capsules, ellipsoids, cylinders and boxes, drawn fast on a CPU.
 
-mujoco_warp's ray caster draws much more, but begins anew at each pixel, with eighty arguments
-and a search tree. Here a thread draws a row of pixels, what is the same all over a picture is
-worked out once, and geoms have bounding spheres: the same pictures, in a third of the time.
-Where there is `StrayLight`, planes reflect and lights that cast shadows do.
+mujoco_warp's ray caster draws much more, but begins anew at each pixel, with eighty arguments and a
+search tree. Here a thread draws a row of pixels, what is constant over a picture is computed once,
+and geoms have bounding spheres: the same pictures, in a third of the time. With `StrayLight`,
+planes reflect, and lights that cast shadows do so.
 """
 
 import mujoco
@@ -18,8 +18,8 @@ from simtune.simulation.primitives_geoms import Geom
 from simtune.simulation.primitives_kernel import DIRECTIONAL, Light, Stray, draw_row
 from simtune.simulation.stray_light import StrayLight
 
-_MAX_GEOMS = 64  # each pixel asks every geom; with more, a search tree is faster
-_ENDLESS = 1e6  # radius of what has no bounds
+_MAX_GEOMS = 64  # each pixel tests every geom; with more, a search tree is faster
+_ENDLESS = 1e6  # radius of unbounded geoms
 _NEVER = 1e30
 _UNSEEN = 1e-5  # share of a highlight that changes no pixel
 _GEOM = np.dtype(Geom.numpy_dtype())  # pyright: ignore
@@ -53,7 +53,7 @@ class Primitives:
         self._textures, self._texels = _textures(model)
 
     def draw(self, model: Model, data: Data, stray: StrayLight) -> np.ndarray:
-        """(nworld, H * W) uint32 pixels, packed as ARGB, 0 where there is nothing."""
+        """(nworld, H * W) uint32 pixels, packed as ARGB, 0 for nothing."""
         context, strays = self._context, _strays(stray)
         geoms, lights = self._geoms(model, data), self._lights(model, data)
         wp.launch(
@@ -81,7 +81,7 @@ class Primitives:
         return context.rgb_data.numpy()
 
     def _zooms(self, model: Model, n: int) -> wp.array:
-        """(n,) how much farther apart rays are than at the nominal field of view."""
+        """(n,) spacing of rays relative to that at the nominal field of view."""
         fovy = np.broadcast_to(model.cam_fovy.numpy()[:n, self._camera].astype(float), n)
         return wp.array(_half_height(fovy) / self._half_height, dtype=float, device="cpu")
 
@@ -91,7 +91,7 @@ class Primitives:
 
         def of_material(field: wp.array, default: float) -> np.ndarray:
             with_default = np.insert(field.numpy()[:n], field.shape[1], default, axis=1)
-            return with_default[:, material]  # the default is the last one, number -1
+            return with_default[:, material]  # the default is the last one, index -1
 
         geoms = np.zeros((n, len(ids)), _GEOM)
         geoms["kind"] = model.geom_type.numpy()[ids]
@@ -99,7 +99,7 @@ class Primitives:
         geoms["mat"] = data.geom_xmat.numpy()[:n, ids]
         geoms["size"] = model.geom_size.numpy()[:n, ids]
         geoms["centre"] = geoms["pos"] - data.cam_xpos.numpy()[:n, self._camera, None]
-        squared = np.square(geoms["centre"]).sum(-1) * (1 - 1e-5)  # room for rounding
+        squared = np.square(geoms["centre"]).sum(-1) * (1 - 1e-5)  # margin for rounding
         geoms["radius"] = _radius(geoms["kind"], geoms["size"])
         geoms["bound"] = squared - np.square(geoms["radius"])
 
@@ -122,7 +122,7 @@ class Primitives:
         return geoms
 
     def _ambient(self, model: Model, n: int) -> np.ndarray:
-        """(n or 1, 3) light from everywhere."""
+        """(n or 1, 3) ambient light."""
         if not self._headlight.active and not model.nlight:
             return np.full((1, 3), render.NO_LIGHT_AMBIENT_FALLBACK)
         active = model.light_active.numpy()[:n, :, None]
@@ -159,10 +159,10 @@ def _strays(stray: StrayLight) -> np.ndarray:
 
 
 def _shared(structs: np.ndarray, dtype) -> wp.array:
-    """As Warp sees them, where they lie: valid while `structs` lives.
+    """As Warp sees them, in place: valid while `structs` lives.
 
-    By its pointer, since given the array itself Warp compares dtypes at every call, which is
-    slow, and once failed when two threads did so at the same time.
+    By pointer, since given the array itself Warp compares dtypes at every call, which is slow, and
+    once failed when two threads did so at the same time.
     """
     return wp.array(ptr=structs.ctypes.data, shape=structs.shape, dtype=dtype, device="cpu")
 
@@ -182,7 +182,7 @@ def _radius(kind: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 def _textures(model: mujoco.MjModel) -> tuple[np.ndarray, wp.array]:
     """(nmat + 1, 3) first texel, width and height of each material's texture, and all texels."""
-    textures = np.full((model.nmat + 1, 3), -1)  # the last one: of no material
+    textures = np.full((model.nmat + 1, 3), -1)  # the last one: no material
     texels, num_texels = [np.zeros((1, 3))], 1
     for material, texture in enumerate(model.mat_texid[:, mujoco.mjtTextureRole.mjTEXROLE_RGB]):
         if texture >= 0:

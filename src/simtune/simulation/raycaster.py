@@ -19,19 +19,19 @@ from simtune.simulation.primitives import Primitives
 from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import no_printed_warnings
 
-_CHUNK = 64  # pictures a launch: small enough to stay in the cache, large enough to amortise it
+_CHUNK = 64  # pictures per launch: fits the cache, and still amortises the launch
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 _COMPILING = Lock()  # Warp builds modules one at a time
-_NOTHING = 0  # packed pixel where the ray hits nothing; drawn ones are opaque, so never 0
+_NOTHING = 0  # packed pixel of a ray without a hit; drawn ones are opaque, so never 0
 
 
 class Raycaster:
     """Draws geoms, meshes and flexes with lights and textures; no tendons and no sites.
 
-    One render context a thread, since a context's launches run on one thread. The sky of a
-    camera that never turns is drawn once, smoothly, and put behind all pictures: that costs a
-    third less; others' is smoothed beforehand. Scenes of simple shapes are drawn by `Primitives`
-    on a CPU, three times as fast.
+    One render context per thread, since a context's launches run on one thread. The sky of a camera
+    that never turns is drawn once, smoothly, and put behind all pictures, which saves a third; for
+    other cameras it is smoothed beforehand. Scenes of simple shapes are drawn by `Primitives` on a
+    CPU, three times as fast.
     """
 
     def __init__(
@@ -44,10 +44,10 @@ class Raycaster:
         sky_samples: int = 4,
         plate: np.ndarray | None = None,
     ):
-        """`sky_samples` a pixel and axis: stars are smaller than pixels and would sparkle.
+        """`sky_samples` per pixel and axis: stars are smaller than pixels and would sparkle.
 
         `size`: (height, width) of pictures. `plate`: (height, width, 3) uint8 RGB in place of the
-        sky and of what stands still, see `before_plate`. Raises InputError for one before a camera
+        sky and of static geoms, see `before_plate`. Raises InputError for a plate with a camera
         that moves.
         """
         init_warp()
@@ -82,23 +82,23 @@ class Raycaster:
             chunk = slice(start, start + step)
             context = self._idle.get()
             try:
-                its = states[chunk], parameters[chunk], stray.of(chunk)
-                context.render(*its, frames[chunk])
+                inputs = states[chunk], parameters[chunk], stray.of(chunk)
+                context.render(*inputs, frames[chunk])
             finally:
                 self._idle.put(context)
 
-        with no_printed_warnings():  # worlds that diverged are drawn, too
+        with no_printed_warnings():  # diverged worlds are drawn, too
             list(self._pool.map(draw, range(0, n, step)))
         return frames
 
 
 def _num_cores() -> int:
-    """Cores that this process may use: in a container fewer than the machine has."""
+    """Cores that this process may use, which may be fewer than the machine has."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class _Context:
-    """What one thread needs: worlds for the poses, and Warp's copies of model and data."""
+    """One thread's worlds for the poses, and Warp's copies of model and data."""
 
     def __init__(self, model, space, camera, size, sky):
         self._worlds = Batch(model, _CHUNK, nthread=1)
@@ -136,7 +136,7 @@ class _Context:
         worlds.forward(ids=np.arange(n), stage=mujoco.mjtStage.mjSTAGE_POS.value)
         for name in self._poses:
             assign(getattr(self._data, name), getattr(worlds, name))
-        # It draws only these; but flexes' search trees are of a fixed number of worlds.
+        # Draw only these; but flexes' search trees have a fixed number of worlds.
         self._data.nworld = _CHUNK if self._has_flexes else n
         pixels = self._cast(stray)[:n].reshape(frames.shape[:-1])
         if self._sky is not None:
@@ -150,7 +150,7 @@ class _Context:
             return _draw(self._model, self._data, self._warp_context)
 
     def _write(self, parameters: np.ndarray) -> None:
-        """Write (n, N) parameters, unless they are those of the chunk before."""
+        """Write (n, N) parameters, unless they equal the previous chunk's."""
         padded = parameters[np.arange(_CHUNK) % len(parameters)]
         if self._written is not None and np.array_equal(self._written, padded):
             return
@@ -163,7 +163,7 @@ class _Context:
 
 
 def init_warp() -> None:
-    """Start Warp without what it prints: its greeting, and that there is no CUDA."""
+    """Start Warp without its output: its greeting, and that there is no CUDA."""
     warp.config.log_level = warp.LOG_WARNING
     stderr = os.dup(2)
     with open(os.devnull, "w") as nowhere:
@@ -214,8 +214,8 @@ def assign(target, values: np.ndarray) -> None:
 
 
 def _can_turn(model: mujoco.MjModel, space: ParameterSpace, camera: int) -> bool:
-    """Whether the camera may look another way, by the state or by a parameter."""
-    fields = {p.field for p in space} - {"cam_pos"}  # what merely moves sees the same sky
+    """Whether the camera's direction may change, by the state or by a parameter."""
+    fields = {p.field for p in space} - {"cam_pos"}  # a camera that merely moves sees the same sky
     if any(field_of(f).prefix == "cam" or f == "body_quat" for f in fields):
         return True
     mode = mujoco.mjtCamLight(model.cam_mode[camera])

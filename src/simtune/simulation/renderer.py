@@ -1,4 +1,4 @@
-"""Draw worlds: one interface, two renderers."""
+"""Draws worlds: one interface, two renderers."""
 
 from typing import Protocol
 
@@ -13,7 +13,7 @@ from simtune.simulation.stray_light import StrayLight
 
 
 class Renderer(Protocol):
-    """Draws pictures of one model from one camera, each of a world of its own."""
+    """Draws pictures of one model from one camera, each of its own world."""
 
     size: tuple[int, int]  # (height, width), pixels
 
@@ -36,16 +36,16 @@ def make_renderer(
     quality: OpenGLQuality = OPENGL_FAST,
     plate: np.ndarray | None = None,
 ) -> Renderer:
-    """The renderer of that name, which draws pictures of `size`, (height, width).
+    """The renderer with this name, for pictures of `size`, (height, width).
 
-    The ray caster has no `quality`; only it knows a `plate`, (height, width, 3) uint8.
+    The ray caster has no `quality`; only it supports a `plate`, (height, width, 3) uint8.
 
-    Raises InputError for an unknown name or camera, for OpenGL where there is none, and for a
-    plate before a camera that moves.
+    Raises InputError for an unknown name or camera, for OpenGL if there is none, and for a plate
+    with a camera that moves.
     """
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera) < 0:
         raise InputError(f"the model has no camera {camera!r}")
-    # Each is imported only when asked for: Warp and OpenGL are slow or noisy to load.
+    # Imported only when asked for: Warp and OpenGL are slow or noisy to load.
     if name == "raycaster":
         from simtune.simulation.raycaster import Raycaster
 

@@ -18,25 +18,25 @@ Script = Callable[[Batch], np.ndarray]  # worlds in their present state to (n, A
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A model, what of it is tuned, how its worlds start, and what moves them."""
+    """A model, its tuned parameters, how its worlds start, and what moves them."""
 
     model: mujoco.MjModel
     space: ParameterSpace
-    step_s: float  # for which an action is held
+    step_s: float  # duration of an action
     initialize: Callable[[Batch, np.random.Generator], None]  # starts the worlds
-    map_actions: MapActions = DirectActions  # what actions do, made for a model
-    script: Script | None = None  # acts by what only a simulator knows
+    map_actions: MapActions = DirectActions  # factory of a model's action mapping
+    script: Script | None = None  # acts on knowledge that only a simulator has
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drawing:
-    """Pictures of what some cameras see, equally high and side by side, and what draws them.
+    """Pictures of some cameras, equally high and side by side, and their renderer.
 
-    With `supersampling` k, k × k points of each pixel are averaged, as a camera's sensor does:
-    thin things blend with what is behind them instead of vanishing between the points.
+    With `supersampling` k, k × k points are averaged per pixel, as by a camera's sensor: thin
+    things blend with their background instead of vanishing between the points.
     """
 
-    image_size: int  # pixels, of their height
+    image_size: int  # height in pixels
     views: tuple[View, ...] = ()  # none: nothing is ever drawn
     renderer: RendererName = "raycaster"
     quality: OpenGLQuality = OPENGL_FAST

@@ -16,7 +16,7 @@ from simtune.simulation.states import StateSpace
 from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import Worlds
 
-_BATCHES_KEPT = 2  # a fit derives by many worlds, and tries a few, in turn
+_BATCHES_KEPT = 2  # a fit alternates between many worlds for derivatives and a few for trials
 _EXPLORING_SHARE = 0.5  # of random actions, added to a script's
 
 
@@ -36,12 +36,12 @@ class Simulator(AnySimulator):
 
     @property
     def action_mapping(self) -> ActionMapping:
-        """What actions there are, and what they do."""
+        """The available actions, and their effects."""
         return self._mapping
 
     @property
     def state_space(self) -> StateSpace:
-        """How states are laid out."""
+        """Layout of states."""
         return self._state_space
 
     def play(
@@ -56,13 +56,13 @@ class Simulator(AnySimulator):
         observations_per_step: int = 1,
         is_beginning: bool | None = None,
     ) -> Rollouts:
-        """Act in n worlds of (n, N) parameters, each from its own start. Nothing else steps any.
+        """Act in n worlds of (n, N) parameters, each from its own start; not reentrant.
 
         `starts`, (n, S), are states to start from instead of the task's own. `observe(batch)`,
         (n, D), is called in the first state, and `observations_per_step` times within each step.
-        `is_beginning`: of episodes, where servos have held their first control so far; by default
-        the task's own starts are, and given ones bring what actuators remember.
-        Worlds that diverge are counted in `num_diverged`, and stay where their physics stopped.
+        `is_beginning`: an episode begins, before which servos held their first control; by default
+        true for the task's own starts, while given ones include what actuators remember. Worlds
+        that diverge are counted in `num_diverged`, and stay where their physics stopped.
         """
         n = len(parameters)
         observe = observe or _nothing
@@ -116,7 +116,7 @@ class Simulator(AnySimulator):
         return np.diff(ends).tolist()
 
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
-        """What excites `num_worlds` worlds: random actions; half of them on top of a script."""
+        """Random actions that excite `num_worlds` worlds; half as large on top of a script."""
         at_random = super().explore(num_worlds, num_steps, rng)
         if self.script is None:
             return at_random
@@ -129,9 +129,9 @@ class Simulator(AnySimulator):
         return act
 
     def follow_script(self, num_worlds: int) -> Act:
-        """What the script does in the `num_worlds` worlds that are being played.
+        """The script's actions in the `num_worlds` worlds that are being played.
 
-        Raises ValueError where there is no script.
+        Raises ValueError if there is no script.
         """
         script = self.script
         if script is None:
@@ -143,7 +143,7 @@ class Simulator(AnySimulator):
     ) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB.
 
-        Raises ValueError where no camera films.
+        Raises ValueError if there is no camera.
         """
         return self._filming.render(states, parameters, stray)
 
@@ -161,7 +161,7 @@ def _nothing(batch: Batch) -> np.ndarray:
 
 
 def _with_timestep(model: mujoco.MjModel, timestep_s: float) -> mujoco.MjModel:
-    """The model, or a copy with another timestep where substeps would not add up to a step."""
+    """The model, or a copy with another timestep if substeps would not add up to a step."""
     if abs(model.opt.timestep / timestep_s - 1) < 1e-6:
         return model
     model = copy.copy(model)

@@ -1,4 +1,4 @@
-"""Coordinates of a model's states: what a network can estimate, and what a step changes.
+"""Coordinates of a model's states, for estimates by a network and for steps of a fit.
 
 A full state, (S,), is MuJoCo's mjSTATE_INTEGRATION: time, positions (nq), velocities (nv), then
 what else a step depends on (actuators, controls and their history, warm starts, mocap bodies). No
@@ -15,9 +15,9 @@ _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 class StateSpace:
     """Positions and velocities, (..., nq + nv), of one model.
 
-    A tangent, (..., 2 nv), is a small change of both: an angle and not four numbers for what
-    turns in space. Features, (..., F), are the same without jumps: sine and cosine for what
-    turns without limits.
+    A tangent, (..., 2 nv), is a small change of both, with rotation vectors in place of
+    quaternions. Features, (..., F), are the same state without jumps: sine and cosine for hinges
+    without limits.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -70,7 +70,7 @@ class StateSpace:
         return np.concatenate([*parts, v], -1)
 
     def from_features(self, features: np.ndarray) -> np.ndarray:
-        """The inverse of `features`, also of estimates that are no exact features."""
+        """The inverse of `features`, also for estimates that are no exact features."""
         states = np.zeros((*features.shape[:-1], self.nq + self.nv))
         plain, endless = len(self._plain), len(self._endless)
         states[..., self._plain[:, 0]] = features[..., :plain]
@@ -98,7 +98,7 @@ class StateSpace:
         return moved
 
     def difference(self, states: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """(..., 2 nv) tangents that lead from `others` to `states`."""
+        """(..., 2 nv) tangents from `others` to `states`."""
         tangent = np.zeros((*states.shape[:-1], 2 * self.nv))
         for q, v in self._plain:
             tangent[..., v] = states[..., q] - others[..., q]

@@ -63,7 +63,7 @@ class Worlds:
 
 @contextmanager
 def no_printed_warnings() -> Iterator[None]:
-    """Keep MuJoCo from writing lines to stderr for worlds that diverge; they are counted."""
+    """Keep MuJoCo from writing lines to stderr for diverged worlds; they are counted."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
     try:

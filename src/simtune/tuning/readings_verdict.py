@@ -92,7 +92,7 @@ def _warnings(
         warnings.append(_NOT_FOUND_TWICE.format(found.num_fits))
     off = unexplained(judged.noise, joints_of(observation.sensors))
     if off.any():
-        labels = [n for n, its in zip(observation.reading_labels, off, strict=True) if its]
+        labels = [n for n, is_off in zip(observation.reading_labels, off, strict=True) if is_off]
         warnings.append(_UNEXPLAINED.format(", ".join(labels)))
     for parameter, unit in zip(first.space, judged.unit, strict=True):
         if min(unit, 1 - unit) < _AT_BOUND and not parameter.is_appearance:

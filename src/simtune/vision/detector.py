@@ -191,7 +191,7 @@ class Detections(NamedTuple):
     """Detections in n pictures."""
 
     keypoints: np.ndarray  # (n, L, 2) pixels
-    candidates: np.ndarray  # pixels: the same, and the second best place of each
+    candidates: np.ndarray  # (n, 2, L, 2) pixels: the same, and the second best place
     probability: np.ndarray  # (n, 2, L) of each place; the rest is for elsewhere
     spread: np.ndarray  # (n, 2, L, 2) pixels, of the heatmap around each place
     visible: np.ndarray  # (n, V) visible parameters, in coordinates of the whole space

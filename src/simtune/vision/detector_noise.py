@@ -74,8 +74,8 @@ class DetectorNoise:
 def _common(errors: np.ndarray) -> np.ndarray:
     """(L, 2) standard deviation of each world's common error in (E, K, L, 2), NaN: unknown.
 
-    With worlds' medians m_w of n_w errors with variance s_w²: the robust variance of m_w minus π/2
-    · s_w² / n_w, the variance of the median of independent errors.
+    With worlds' medians m_w of n_w errors with variance s_w²: the robust variance of m_w minus
+    π/2 · s_w² / n_w, the variance of the median of independent errors.
     """
     count = np.isfinite(errors).sum(1)  # (E, L, 2)
     enough = (count >= _FEWEST_OF_WORLD).all(-1)  # (E, L)

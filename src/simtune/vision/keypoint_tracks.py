@@ -13,7 +13,7 @@ import numpy as np
 from simtune.vision.detector import Detections
 from simtune.vision.detector_noise import DetectorNoise
 
-_SUREST = 0.99  # cap on the detector's probabilities, which are too certain about what it never saw
+_SUREST = 0.99  # factor on the detector's probabilities: a rest for what it never saw in simulation
 _ELSEWHERE = 0.003  # density of a keypoint at neither place, in units of the noise
 _WIDE, _WIDE_SHARE = 4.0, 0.05  # wider component: tails are heavier than normal
 _FEATURES_PER_IMAGE = 8  # scale of positions as features: −4 to 4 across the picture

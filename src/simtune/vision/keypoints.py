@@ -176,16 +176,16 @@ def find_keypoints(
 
     Chosen for each view separately: what two cameras see is measured twice.
     """
-    rng, every = np.random.default_rng(seed), every_keypoint(simulator)
-    if not len(every):
-        return every
+    rng, points = np.random.default_rng(seed), every_keypoint(simulator)
+    if not len(points):
+        return points
     steps = PILOT_STEPS // _PILOTS
     act, parameters = simulator.explore(_PILOTS, steps, rng), distribution.sample(_PILOTS, rng)
-    rollouts = simulator.play(parameters, act, steps, rng, observe=every.observe).finished()
-    seen = rollouts.observed.reshape(-1, len(every), 2)
-    of_view = every.views if isinstance(every, Keypoints) else np.zeros(len(every), int)
+    rollouts = simulator.play(parameters, act, steps, rng, observe=points.observe).finished()
+    seen = rollouts.observed.reshape(-1, len(points), 2)
+    of_view = points.views if isinstance(points, Keypoints) else np.zeros(len(points), int)
     chosen: list[int] = []
     for view in np.unique(of_view):
         mine = np.flatnonzero(of_view == view)
         chosen += mine[choose_keypoints(seen[:, mine])].tolist()
-    return every.select(chosen)
+    return points.select(chosen)
