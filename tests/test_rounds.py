@@ -45,16 +45,19 @@ def test_a_round_gets_its_time_or_all_that_is_left(seconds_left, is_last, planne
     assert plan_round(seconds_left, 100.0, is_last) == planned_s
 
 
-def test_half_widths_are_relative_to_estimates_or_where_those_may_be_0_to_the_range():
+def test_half_widths_are_relative_to_estimates_or_to_the_range_where_those_may_be_0():
     mass = dynamics("mass", "body_mass", ("pole_1",), nominal=2.0, unit="kg")
     offset = replace(
         mass, name="offset", field="actuator_gear", low=-1.0, high=1.0, nominal=0.1, scale="linear"
     )
-    space = ParameterSpace([mass, offset])
-    first = Distribution(space, np.array([2.0, 0.1]), np.array([1.0, -0.5]), np.array([4.0, 0.5]))
-    low, high = np.array([1.9, -0.2]), np.array([2.3, 0.2])
-    estimate = Estimate(np.array([2.0, 0.0]), low, high, ["weak", "weak"])
-    np.testing.assert_allclose(half_widths(estimate, first), [0.1, 0.2])  # .2 of 2, .2 of 1
+    dark, bright = (replace(offset, name=name, low=0.0) for name in ("dark", "bright"))
+    space = ParameterSpace([mass, offset, dark, bright])
+    starts, lows = np.array([2.0, 0.1, 0.5, 0.5]), np.array([1.0, -0.5, 0.0, 0.0])
+    first = Distribution(space, starts, lows, np.array([4.0, 0.5, 1.0, 1.0]))
+    low, high = np.array([1.9, -0.2, 0.0, 0.4]), np.array([2.3, 0.2, 0.01, 0.6])
+    estimate = Estimate(np.array([2.0, 0.0, 0.004, 0.5]), low, high, ["weak"] * 4)
+    # .2 of 2, .2 of 1, .005 of a tenth, .1 of .5
+    np.testing.assert_allclose(half_widths(estimate, first), [0.1, 0.2, 0.05, 0.2])
 
 
 def test_a_search_is_precise_if_every_interval_is_narrow():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import ndtri, stdtrit
 from servo_arm import HEAD, TUNE, write_arm
 
 from simtune.budget import Budget
@@ -15,6 +16,7 @@ from simtune.evaluate import evaluate
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import OpenLoop, Readings
 from simtune.fit.differences import Where, differentiate
+from simtune.fit.normal_equations import NormalEquations, jackknife
 from simtune.record import record
 from simtune.replayed import Tuned, replay
 from simtune.simulation import Simulator
@@ -99,6 +101,20 @@ def test_intervals_hold_nine_times_of_ten(arm: Path, truth: Path, tmp_path: Path
     worlds = [pseudo(arm, truth, tmp_path / f"{seed}", seed) for seed in seeds]
     errors = np.abs([errors_in_std(world, world.recordings) for world in worlds])
     assert 0.8 < (errors < 1.645).mean() <= 0.99
+
+
+def test_a_jackknife_of_one_stretch_tells_nothing_and_of_two_what_they_disagree_by():
+    """The last unknown has no prior, and is read in the last stretch alone."""
+    prior = np.diag([1.0, 0.0])
+    each = np.array([[[4.0, 0], [0, 0]], [[4.0, 0], [0, 2.0]]])
+    slope = np.array([[2.0, 0], [-2.0, 0]])
+    nothing = np.zeros((2, 0, 0))
+    two = NormalEquations(nothing, nothing, np.zeros((2, 0)), each, slope)
+    one = NormalEquations(*(part[1:] for part in two))
+    np.testing.assert_array_equal(jackknife(one, each[1] + prior), [0, 0])
+    # Without either, the first moves by 2 / (4 + 1) to one side: √(1/2 · 2 · .4²) = .4
+    unsure = stdtrit(1, 0.95) / ndtri(0.95)
+    np.testing.assert_allclose(jackknife(two, each.sum(0) + prior), [0.4 * unsure, 0], atol=1e-6)
 
 
 @pytest.mark.thorough

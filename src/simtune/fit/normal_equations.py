@@ -8,6 +8,8 @@ from scipy.special import ndtri, stdtrit
 from simtune.fit.residuals import HUBER
 from simtune.fit.slopes import Slopes
 
+_RIDGE = 1e-9  # of information
+
 
 class NormalEquations(NamedTuple):
     """Of W stretches: each one's initial state, and the shared unknowns with that eliminated."""
@@ -65,9 +67,14 @@ def jackknife(equations: NormalEquations, information: np.ndarray) -> np.ndarray
 
     Each takes one Newton step from the full solution: θ₍₋w₎ − θ = (I − I_w)⁻¹ g_w. This captures
     differences between episodes, such as the load in the hand. With few stretches it is uncertain
-    itself, so 90 % intervals are as wide as Student's t. `information`: of all, with the prior.
+    itself, so 90 % intervals are as wide as Student's t; a single one tells nothing of it: 0.
+    `information`: of all, with the prior.
     """
-    left = information - equations.information  # (W, P, P)
+    if len(equations.information) == 1:
+        return np.zeros(len(information))
+    # An offset of what was read in one stretch alone is not known without that: a ridge.
+    ridge = _RIDGE * np.diag(np.diag(information))
+    left = information - equations.information + ridge  # (W, P, P)
     moved = np.linalg.solve(left, equations.slope[..., None])[..., 0]
     num = len(moved)
     unsure = stdtrit(max(num - 1, 1), 0.95) / ndtri(0.95)

@@ -78,7 +78,6 @@ class OutputErrorFit:
     covariance: np.ndarray  # (P, P) in unit coordinates
     offsets: np.ndarray  # (D,) measured − simulated
     noise: np.ndarray  # (D,) root mean square of the residuals
-    correlation_steps: np.ndarray  # (D,) integrated autocorrelation time of the residuals
     start: np.ndarray  # (S,) full state at the start of the first stretch
     late_steps: tuple[float, float]  # lateness of readings, and its standard deviation
 
@@ -161,7 +160,6 @@ class OutputError:
             covariance[:own, :own],
             point.offsets,
             noise,
-            times,
             objective.play(point)[1][0],
             Lateness.found(point.unit[size:], covariance[own:, own:]),
         )

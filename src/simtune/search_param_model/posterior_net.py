@@ -108,8 +108,8 @@ def posterior_loss(
 ) -> torch.Tensor:
     """Binary cross-entropy of "is the truth (B, N) higher?" over random candidates (Sec. IV-A).
 
-    Half of the candidates are uniform in the range, half are drawn from the network's own
-    distribution, where the answer is hard. None depends on the truth.
+    Half of the candidates are uniform in the range and a little beyond, half are drawn from the
+    network's own distribution, where the answer is hard. None depends on the truth.
     """
     with torch.no_grad():
         own = curves.sample(num_candidates, generator).clamp(*_CANDIDATES)

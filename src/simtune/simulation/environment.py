@@ -25,7 +25,7 @@ from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollout
 from simtune.simulation.stray_light import StrayLight
 from simtune.views import View
 
-_MARGIN_PX = 1.0  # points outside the picture are clipped to this far beyond its edge
+_BORDER_PX = 0.5  # points outside the picture are clipped so far inside, as `Keypoints` are
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Points:
     def observe(self, points: np.ndarray) -> np.ndarray:
         """(n, all, 2) shares of the picture to (n, L · 2) float32 pixels; cf. `Keypoints`."""
         pixels = points[:, self.chosen] * self.image_size - 0.5
-        seen = np.clip(pixels, -_MARGIN_PX, self.image_size - 1 + _MARGIN_PX)
+        seen = np.clip(pixels, _BORDER_PX, self.image_size - 1 - _BORDER_PX)
         return seen.astype(np.float32).reshape(len(points), -1)
 
     def select(self, indices: list[int]) -> "Points":

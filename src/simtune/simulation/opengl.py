@@ -16,15 +16,11 @@ from simtune.simulation.opengl_quality import OPENGL_FAST, OpenGLQuality
 from simtune.simulation.stray_light import StrayLight
 
 _HEADLESS = {"egl": "EGL", "osmesa": "OSMesa"}  # libraries of the backends without a display
-<<<<<<< HEAD
-_MAX_GEOMS = 10_000  # as mujoco.Renderer has it
+_MAX_GEOMS = 10_000  # as in mujoco.Renderer
 # A shadow map has at most so many texels for a pixel of the picture. A finer one costs most of the
 # time without a GPU and shows nothing: walker at 128 pixels is drawn three times as fast, and one
 # pixel in a thousand differs by more than 8 of 255.
 _TEXELS_PER_PIXEL = 8
-=======
-_MAX_GEOMS = 10_000  # as in mujoco.Renderer
->>>>>>> code-prose
 _ALL, _FULL_STATE = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.mjtState.mjSTATE_INTEGRATION
 
 

@@ -10,6 +10,7 @@ from simtune.randomization import Distribution
 from simtune.tuning.search import Estimate
 
 _LONGER = 1.5  # longest later round, relative to a whole first one
+_MAY_BE_ZERO = 0.1  # of the range: half-widths of what is nearer to 0 are not relative to that
 _WORTHWHILE = 0.8  # ratio of interval widths between rounds below which it pays to go on
 
 
@@ -24,12 +25,14 @@ def plan_round(seconds_left: float, full_s: float, is_last: bool) -> float:
 
 
 def half_widths(estimate: Estimate, first: Distribution) -> np.ndarray:
-    """(N,) half of each 90 % interval, relative to the estimate, or to the first range if the
-    parameter may be negative.
+    """(N,) half of each 90 % interval, relative to the estimate.
+
+    Relative to at least a tenth of the first range if the parameter may be 0, such as a colour, and
+    to all of it if the parameter may be negative.
     """
-    half = (estimate.high - estimate.low) / 2
-    is_scale = first.space.low >= 0
-    size = np.where(is_scale, np.abs(estimate.mean), first.high - first.low)
+    half, low = (estimate.high - estimate.low) / 2, first.space.low
+    share = np.select([low > 0, low == 0], [0.0, _MAY_BE_ZERO], 1.0)
+    size = np.maximum(np.abs(estimate.mean) * (low >= 0), share * (first.high - first.low))
     return half / np.maximum(size, 1e-12)
 
 
