@@ -336,7 +336,7 @@ def test_warnings():
     assert "idle" in still
     assert "cannot be told" in still
     rate, cut, beyond, constant = warned(0.1, (30, 40), 4.0)
-    assert "take 10 steps/s, the task usually 12.5" in rate
+    assert "replayed at 10 steps/s, the task has 12.5" in rate
     assert "--control-hz 12.5" in rate
     assert "30 to 40 steps" in cut
     assert "10 of 70 steps are not used" in cut

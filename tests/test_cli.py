@@ -343,6 +343,25 @@ def test_failures_exit_with_1_and_one_line(simtune, tmp_path, monkeypatch, error
     assert words in err
 
 
+def test_ctrl_c_while_torch_is_loaded_is_one_line_as_well(tmp_path):
+    """Python forgets what was loaded by half; to load it again may crash."""
+    stop = (
+        "import sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        "        if name == 'torch': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        f"sys.argv = ['simtune', 'tune', 'cartpole', '--out', {str(tmp_path / 'run')!r}]\n"
+        "from simtune.cli import main\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", stop], capture_output=True, text=True)
+    assert done.returncode == 130
+    *_, last = done.stderr.splitlines()
+    assert last == "simtune: interrupted before it began: nothing is lost"
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize(
     ("command", "rounds", "words"),
     [

@@ -90,3 +90,23 @@ def test_horizon_stays_where_short_windows_tell_enough(pendulum):
     short, long = Swings(pendulum, 0, noise_px=0.05, fitted=(LENGTH,)).fit()
     assert np.sqrt(short.covariance[0, 0]) < 0.01
     assert long.full_states.shape[1] <= 1 + ShootingConfig().longer[0]  # which is always tried
+
+
+def test_no_second_longer_windows_are_begun_that_would_not_end_in_time(pendulum, monkeypatch):
+    swings, begun = Swings(pendulum, 0), []
+    arguments = (swings.observed, swings.states, swings.space.nominal)
+    short = swings.shooting.fit(*arguments)
+    cut, now_s = Shooting._cut, [100.0]
+
+    def cut_in_ten_seconds(self, observed, states, unit, steps=None):
+        begun.append(steps)
+        now_s[0] += 10
+        return cut(self, observed, states, unit, steps)
+
+    monkeypatch.setattr(Shooting, "_cut", cut_in_ten_seconds)
+    monkeypatch.setattr("simtune.fit.shooting.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("simtune.fit.shooting._ENOUGH", 0.0)  # nothing is known well enough
+    swings.shooting.extend_horizon(*arguments, short, until_s=now_s[0] + 19)
+    assert begun == [24]
+    swings.shooting.extend_horizon(*arguments, short, until_s=now_s[0] + 21)
+    assert begun == [24, 24, 96]

@@ -186,7 +186,7 @@ def test_a_long_file_says_it_all(load, tmp_path):
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
-        ("model = 'scene.xml'\ncontrol = \n", 2, "not valid TOML: Invalid value"),
+        ("model = 'scene.xml'\ncontrol = \n", 2, "not valid TOML: Invalid value: control ="),
         ("a = 1\n[x\n", 2, "not valid TOML"),
         ("a = 1\nb = 'x\n\n", 2, "not valid TOML"),
         ("a = 1\na = 2\n", 2, "not valid TOML: Cannot overwrite"),
@@ -719,10 +719,14 @@ def test_a_delay_is_remembered(load):
         (
             "name = 'p'\nkind = 'stiffness'\nobjects = 'elbow'\n",
             3,
-            "it is 0 in the model: say nominal",
+            "is 0 in the model, so there is no usual range: give nominal",
         ),
         ("name = 'p'\nkind = 'stiffness'\nobjects = ['elbow', 'sled']\n", 3, "is 0 there"),
-        ("name = 'p'\nkind = 'delay'\nobjects = 'sled'\n", 3, "say high, so that 0 lies within"),
+        (
+            "name = 'p'\nkind = 'delay'\nobjects = 'sled'\n",
+            3,
+            "has no usual range around 0: give high",
+        ),
         ("name = 'p'\nkind = 'light'\nobjects = 'red'\n", 3, r"not one number .*: say nominal"),
         ("name = 'p'\nkind = 'colour'\nobjects = ['bob', 'block']\n", 3, "say nominal"),
         ("name = 'p'\nkind = 'colour'\nobjects = 'bob'\nnominal = 0.3\n", 7, "3 finite numbers"),
@@ -818,7 +822,11 @@ def test_check_takes_a_tuning_file_and_recordings(load, folder):
     ("old", "new", "said"),
     [
         ("control_timestep_s = 0.05", "control_timestep_s = 50", "tune.toml:.*is it in seconds"),
-        ('kind = "mass"', 'kind = "armature"', "it is 0 in the model: say nominal, a first guess"),
+        (
+            'kind = "mass"',
+            'kind = "armature"',
+            "is 0 in the model, so there is no usual range: give nominal",
+        ),
     ],
 )
 def test_numbers_that_cannot_be_meant(old, new, said, tmp_path):

@@ -53,6 +53,8 @@ def asked(config: TuneConfig | TrainConfig, task: AnyTask) -> dict[str, Any]:
     options = {k: _absolute(v) for k, v in asdict(config).items() if k not in _NAME_CONTENT}
     options |= {"task": task.source or config.task, "task_content": task.content_hash}
     options["task_name"] = task.name
+    if isinstance(config, TuneConfig):
+        options["precision"] = config.relative_precision  # 1 and 1% are the same
     if isinstance(config, TrainConfig) and isinstance(task, Task):
         options["policy_content"] = task.policy_hash
     return options

@@ -29,7 +29,7 @@ def warnings(
     control_hz, task_hz = facts["control_hz"], 1 / task.step_s
     if abs(control_hz / task_hz - 1) > 0.01:
         found.append(
-            f"the recordings take {control_hz:.4g} steps/s, the task usually {task_hz:.4g}; the "
+            f"recordings are replayed at {control_hz:.4g} steps/s, the task has {task_hz:.4g}; the "
             f"simulator follows them, --control-hz {task_hz:.4g} brings them to it"
         )
     step_ms = 1e3 / control_hz
@@ -37,10 +37,12 @@ def warnings(
     if largest_ms > _LATE * step_ms:
         found.append(
             f"frames are up to {largest_ms:.3g} ms away from their steps of {step_ms:.3g} ms: "
-            "motion will seem to stand still and jump; take a smaller --control-hz"
+            "motion will seem to stand still and jump. If each video lasts as long as its actions, "
+            "take a smaller --control-hz"
         )
     if search == "posterior" and facts["cameras"]:  # readings use all steps
         found += _of_lengths([len(actions) for actions in recorded[:num_replayed]])
+    found += _of_order(facts.get("action_names", ()), task.load_actions().names)
     return found + _of_actions(task, np.concatenate(recorded))
 
 
@@ -67,9 +69,21 @@ def _of_lengths(lengths: list[int]) -> list[str]:
         )
     if min(lengths) < SHORTEST_STEPS:
         found.append(
-            f"an episode has {min(lengths)} steps, `simtune tune` needs at least {SHORTEST_STEPS}"
+            f"episode {lengths.index(min(lengths)) + 1} has {min(lengths)} steps: `simtune tune` "
+            f"needs at least {SHORTEST_STEPS} of each, so leave it out"
         )
     return found
+
+
+def _of_order(recorded: Sequence[str], own: Sequence[str]) -> list[str]:
+    """On the names of recorded actions beside the task's own, which they are taken for in turn."""
+    if list(recorded) == list(own) or sorted(recorded) != sorted(own):
+        return []
+    return [
+        f"recorded actions are named as the task's, but in another order ({short(list(recorded))}; "
+        f"the task's are {short(list(own))}), and they are taken in their own: say --actions "
+        f"{','.join(own)}"
+    ]
 
 
 def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:

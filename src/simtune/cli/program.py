@@ -28,7 +28,11 @@ def main() -> None:
     except InputError as error:
         sys.exit(_complain(error, 2))
     except KeyboardInterrupt:
-        sys.exit(_complain(_interrupted(command, began_s), 130))
+        status = _complain(_interrupted(command, began_s), 130)
+        if not _is_torch_loaded():
+            sys.stdout.flush()
+            os._exit(status)  # a library that is loaded by half may crash as Python ends
+        sys.exit(status)
     except BrokenPipeError:  # `simtune tasks | head -1`: the reader has read enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains when it closes stdout
         sys.exit(1)
@@ -64,6 +68,8 @@ def _interrupted(command: Any, began_s: float) -> str:
         return "interrupted; the same command goes on"
     if not isinstance(command, TuneConfig | TrainConfig):
         return "interrupted"
+    if not _is_torch_loaded():  # nor can it be loaded now, once that was interrupted
+        return "interrupted before it began: nothing is lost"
     from simtune.report.words import duration
     from simtune.run.folder import kept_since, kept_state
 
@@ -84,6 +90,11 @@ def _interrupted(command: Any, began_s: float) -> str:
         lost = f"what came after, {lost}" if is_within else f"the round in progress, {lost}"
         on = "; with --budget-minutes 1 it ends with what there is" * bool(state["rounds"])
     return f"interrupted; kept: {kept}; lost: {lost}; the same command goes on from there{on}"
+
+
+def _is_torch_loaded() -> bool:
+    """Python forgets a module whose import did not end."""
+    return "torch" in sys.modules
 
 
 def _complain(what: object, status: int) -> int:

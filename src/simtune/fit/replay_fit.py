@@ -1,5 +1,6 @@
 """Refines a rough estimate: guess states, fit the physics, fit the pictures."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -110,13 +111,15 @@ class ReplayFit:
         `extend_horizon`: to longer windows if short ones do not tell enough, which takes time.
         Raises OutOfTime; see `within`.
         """
+        until_s = time.monotonic() + self._config.longer_within_s
         num, kept = len(observed), num_fitted(len(observed))
         fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
         observed, latency_steps, offsets, states, start = self._line_up(
             observed, fitted, start, latencies
         )
         to_fit = observed.episodes(fitted)
-        motion, apart, short = self._fit_motion(to_fit, states[fitted], start, extend_horizon)
+        until_s = until_s if extend_horizon else None
+        motion, apart, short = self._fit_motion(to_fit, states[fitted], start, until_s)
         unit = self.space.to_unit(start.parameters)
         unit[self._moving] = motion.unit
         shown = as_seen(self._physics.simulator, short.full_states, short.late_steps)
@@ -208,14 +211,15 @@ class ReplayFit:
         return Followed(followed.states, PointEstimate(self.space.from_unit(unit), std))
 
     def _fit_motion(
-        self, observed: Observed, states: np.ndarray, start: PointEstimate, extend_horizon: bool
+        self, observed: Observed, states: np.ndarray, start: PointEstimate, until_s: float | None
     ) -> tuple[ShootingFit, np.ndarray, ShootingFit]:
         """Fit from below and above the start: the middle, and (P,) its estimated error.
 
         The error is half the distance of the two results, or up to that distance if the middle
         moved farther from the start than the two began. If the horizon is extended from the middle,
         that result replaces it; half of the change counts as an error, too, since longer windows
-        may be as biased as the short ones were. Also returns the fit of the short windows, whose
+        may be as biased as the short ones were. `until_s`: see `extend_horizon`; None: no longer
+        windows. Also returns the fit of the short windows, whose
         states are closer to the pictures.
         """
         shooting = self._shooting(self._moving, lateness=observed.lateness)
@@ -230,8 +234,8 @@ class ReplayFit:
         middle = replace(better, unit=(one + other) / 2)
         went = np.abs(middle.unit - unit[self._moving]) / aside[self._moving]
         off = np.abs(one - other) / 2 * np.clip(went, 1, _FARTHEST)
-        if extend_horizon:
-            extended = shooting.extend_horizon(observed, states, start.parameters, middle)
+        if until_s is not None:
+            extended = shooting.extend_horizon(observed, states, start.parameters, middle, until_s)
             if extended is not middle:
                 misled = np.abs(extended.unit - middle.unit) / 2
                 return extended, np.maximum(misled, off), middle

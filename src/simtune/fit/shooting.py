@@ -7,6 +7,8 @@ tell enough, they are extended as long as the motion is explained as well: a slo
 period late.
 """
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -77,12 +79,19 @@ class Shooting:
         return self._fit(self._cut(observed, states, unit), unit, self.config.stages, replay)
 
     def extend_horizon(
-        self, observed: Observed, states: np.ndarray, parameters: np.ndarray, fit: ShootingFit
+        self,
+        observed: Observed,
+        states: np.ndarray,
+        parameters: np.ndarray,
+        fit: ShootingFit,
+        until_s: float = math.inf,
     ) -> ShootingFit:
         """The fit with the longest windows that are nearly as well explained; maybe `fit` itself.
 
         Parameters that are not fitted, and states outside of the fit's windows, are as for `fit`.
+        Only the first longer windows are tried if others would not end by `until_s` (monotonic).
         """
+        took_s = 0.0
         config, unit = self.config, self._begin(parameters)
         best = found = fit
         limit = np.median(best.misfit) + _AS_WELL
@@ -90,6 +99,8 @@ class Shooting:
             # Always try the first: it is cheap, and short windows may claim too much.
             is_known = np.diag(best.covariance).max(initial=0) < _ENOUGH**2
             is_known &= window > config.longer[0]
+            began_s = time.monotonic()
+            is_known |= began_s + took_s > until_s and window > config.longer[0]
             if is_known or window > observed.actions.shape[1]:
                 break
             unit[self.fitted] = found.unit
@@ -101,6 +112,7 @@ class Shooting:
             count = config.longer_iterations
             stages = (Stage(window, count, _EXTENDED_BLUR), Stage(window, count))
             found = self._fit(longer, unit, stages, replay)
+            took_s = time.monotonic() - began_s
             if np.median(found.misfit) > limit:
                 break
             best = found

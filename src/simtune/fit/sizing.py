@@ -14,6 +14,7 @@ _FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20
 _LEAST_PARTICLES, _LEAST_WINDOWS = 16, 12  # if even those take too long
 # Factor on the time of particles and windows, for latencies, offsets and the held-out episode.
 _IN_ALL = 2.0
+_WITH_LONGER = 0.8  # of the most that a fit may take: two refits that take as long have time, too
 _TRIED_WORLDS, _TRIED_STEPS = 64, 12
 
 
@@ -21,6 +22,8 @@ _TRIED_WORLDS, _TRIED_STEPS = 64, 12
 class FitConfig:
     particles: ParticleConfig = field(default_factory=ParticleConfig)
     shooting: ShootingConfig = field(default_factory=ShootingConfig)
+    # Seconds after a fit's beginning, by which longer windows must end, the first ones excepted
+    longer_within_s: float = np.inf
     held: tuple[int, ...] = ()  # parameters that keep their start and its std
 
     def scaled(self, share: float) -> "FitConfig":
@@ -64,7 +67,8 @@ def fit_to_budget(
     """With as many particles and windows as `seconds` allow, for episodes of `num_steps` in all.
 
     With the fewest that tell enough it may take longer. If that exceeds `at_most_s`, the least
-    configuration is taken.
+    configuration is taken. Longer windows must end within a share of `at_most_s`: where little is
+    told, all lengths are tried, and no time would be left for refits.
     """
     if not np.isfinite(seconds):
         return config
@@ -76,6 +80,7 @@ def fit_to_budget(
         of_particles, of_windows = count_fit_steps(sized, num_steps, *unknown)
         return begun_step_s / sized.particles.steps * of_particles + step_s * of_windows
 
+    config = replace(config, longer_within_s=_WITH_LONGER * at_most_s)
     scaled = config.scaled(min(1.0, seconds / needed_s(config)))
     return scaled if _IN_ALL * needed_s(scaled) <= at_most_s else config.least()
 

@@ -12,6 +12,7 @@ from simtune.validate import is_number
 _90 = 1.645  # standard deviations
 _MUCH = 3.0  # times as wide: worth a reason
 _FEW_REFITS = 4
+_AS_TOLD = 1.5  # times as wide: more time would hardly make it narrower
 _WORSE = 1.2  # times as far off as known worlds
 _ASSUMED_PX = 0.5  # by which `check` takes a detector to be off
 
@@ -106,6 +107,7 @@ def _help(run: RunData, facts: dict[str, Any], its: dict[str, Any], times: float
     if its.get("verdict") == "does not show":
         return "other motions: these hardly show it"
     is_hardly_judged = _num_refits(run) < _FEW_REFITS and run.has_pictures
+    is_hardly_judged &= times is None or times > _AS_TOLD
     if run.is_out_of_time and (is_hardly_judged or times is None or times > _MUCH):
         return "more minutes"
     if its.get("verdict") == "shows weakly":

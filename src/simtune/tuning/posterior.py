@@ -94,11 +94,13 @@ class PosteriorSearch:
 
     def check(self, real: list[Trajectory]) -> None:
         """Raises InputError if there are no trajectories, or too short ones."""
-        steps = min((len(t) for t in real), default=0)
-        if steps < SHORTEST_STEPS:
+        if not real:
+            raise InputError("no episodes: there is nothing to tune to")
+        lengths = [len(t) for t in real]
+        if (steps := min(lengths)) < SHORTEST_STEPS:
             raise InputError(
-                f"--search posterior needs episodes of at least {SHORTEST_STEPS} steps, "
-                + (f"got one of {steps}" if real else "got none")
+                f"episode {lengths.index(steps) + 1} of {len(real)} has {steps} steps; expected at "
+                f"least {SHORTEST_STEPS}: leave it out, or record a longer one"
             )
 
     def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:

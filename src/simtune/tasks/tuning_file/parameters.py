@@ -119,10 +119,10 @@ def _number(
     low, high = entry.number("low", low), entry.number("high", high)
     if low is None or high is None:
         known = " and ".join(k for k, v in (("low", low), ("high", high)) if v is None)
-        wanted = f"say {known}, so that {nominal:g} lies within"
+        wanted = f"{field} has no usual range around {nominal:g}: give {known}"
         if nominal == 0 and not some.is_delay and "nominal" not in entry:
-            wanted = "it is 0 in the model: say nominal, a first guess"
-        raise entry.error(f"{some.name}: nothing is usual for {field} around {nominal:g}: {wanted}")
+            wanted = f"{field} is 0 in the model, so there is no usual range: give nominal, a guess"
+        raise entry.error(f"{some.name}: {wanted}")
     scale = entry.choice("scale", ("log", "linear"), scale if low > 0 else "linear")
     unit = entry.text("unit", usual_unit(model, some))
     with entry.at("low" if "low" in entry else "nominal"):

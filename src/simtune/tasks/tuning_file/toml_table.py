@@ -39,8 +39,9 @@ def read_toml(file: Path) -> "TomlTable":
         # The message ends in where the parser stopped.
         what, _, at = str(error).removesuffix(")").rpartition(" (at ")
         number = re.match(r"line (\d+)", at)
-        line = number[1] if number else text.rstrip().count("\n") + 1
-        raise InputError(f"{file}:{line}: not valid TOML: {what}") from None
+        line = int(number[1]) if number else text.rstrip().count("\n") + 1
+        its = text.splitlines()[line - 1].strip() if line <= len(text.splitlines()) else ""
+        raise InputError(f"{file}:{line}: not valid TOML: {what}: {its}") from None
 
 
 class LocatedError(InputError):
