@@ -11,7 +11,7 @@ from servo_arm import write_arm
 from simtune.budget import Budget
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import build_experiment
-from simtune.fit import OpenLoop, OutputError, Readings
+from simtune.fit import Guess, Lateness, OpenLoop, OutputError, Readings
 from simtune.fit.differences import Where, differentiate, refresh
 from simtune.fit.slopes import Groups
 from simtune.observation import JointSensor, finds_offset
@@ -72,6 +72,38 @@ def test_growing_horizons_end_at_the_truth(arm: SimpleNamespace):
     # Readings have a noise of .002 rad
     assert ended[0].cost < np.log(0.0026)
     assert np.abs(ended[0].unit - arm.truth).max() < 0.03
+
+
+class OneStepLate:
+    """Fits that find a delay of a step, but for what a lateness cannot reach."""
+
+    sensors, has_lateness = (), True
+
+    def __init__(self):
+        self.begun: list[tuple[int, float]] = []  # steps of actions, lateness in steps
+
+    def descend(self, readings, begin, stage, budget, near=None) -> Any:
+        self.begun.append((readings.late, float(Lateness.steps(begin.unit[-1]))))
+        late = np.clip(1.0 - readings.late, -0.75, 0.75)
+        unit = np.append(begin.unit[:-1], Lateness.unit(late))
+        # What is left of the delay hardly counts: the servos' damping takes its place.
+        cost = 0.04 * abs(1.0 - readings.late - late)
+        return SimpleNamespace(unit=unit, guess=Guess(unit, begin.offsets), cost=cost)
+
+
+def test_a_delay_of_a_step_is_not_left_to_a_lateness_that_ends_before():
+    fit = OneStepLate()
+    readings = SimpleNamespace(values=np.zeros((1, 9, 1)), late=0)
+    readings.delayed = lambda steps: SimpleNamespace(late=steps)
+    ends = (np.zeros(2), np.array([1.0, 0.0]))
+    horizons = Horizons(growing=(Horizon(0.4, 1, 24),))
+    fits = ReadingsFits(fit, readings, 0.05, ends, horizons, 0)  # type: ignore[arg-type]
+    guess, steps = fits.how_late(Guess(np.array([0.5, Lateness.unit(0.0)]), np.zeros(1)), Budget())
+    assert steps == 1
+    assert Lateness.steps(guess.unit[-1]) == pytest.approx(-0.25)
+    # Each number of steps begins with the whole delay as it was
+    (late, lateness), *_ = (begun for begun in fit.begun if begun[0] == 1)
+    assert late + lateness == pytest.approx(0.75)
 
 
 class Rough:

@@ -12,7 +12,7 @@ import numpy as np
 from simtune.observation import AllEvidence, JointReadings
 from simtune.simulation import Simulator
 
-_MOST_STEPS = 0.75  # largest lateness, either way
+MOST_STEPS = 0.75  # largest lateness, either way
 _PREDICTIONS_PER_STEP = 4  # if there are as many substeps: a wheel may turn far in a step
 
 
@@ -44,12 +44,17 @@ class Lateness:
     @staticmethod
     def steps(unit: np.ndarray) -> np.ndarray:
         """Lateness in steps, from the unit coordinate in which it is fitted."""
-        return (2 * unit - 1) * _MOST_STEPS
+        return (2 * unit - 1) * MOST_STEPS
 
     @staticmethod
     def unit(steps: float) -> float:
         """The inverse of `steps`."""
-        return (1 + steps / _MOST_STEPS) / 2
+        return (1 + steps / MOST_STEPS) / 2
+
+    @classmethod
+    def shifted(cls, unit: float, steps: int) -> float:
+        """The unit coordinate of `steps` less, or of the least lateness."""
+        return max(0.0, cls.unit(float(cls.steps(np.array(unit))) - steps))
 
     @classmethod
     def found(cls, unit: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:

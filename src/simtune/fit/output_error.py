@@ -88,7 +88,7 @@ class OutputError:
     def __init__(self, loop: OpenLoop, finds_offset: np.ndarray, prior: np.ndarray):
         """`finds_offset`: (D,) bool; `prior`: (N,) first guess, in unit coordinates."""
         self._loop, self._finds_offset, self.prior = loop, finds_offset, prior
-        self.sensors = loop.sensors
+        self.sensors, self.has_lateness = loop.sensors, loop.lateness is not None
 
     def descend(
         self,

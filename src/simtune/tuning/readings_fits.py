@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import Descent, Guess, OutputError, Readings, ReplayStage
+from simtune.fit import Descent, Guess, Lateness, OutputError, Readings, ReplayStage
 from simtune.observation import JointSensor, declared_noise
 
 FEWEST_STEPS = 8
@@ -21,6 +21,7 @@ _FAR_MORE = 4.0  # factor on the noise that a sensor declares
 _LITTLE_MORE = 1.5  # factor on the same
 _LONGEST_DELAY_S = 0.5
 _CLEARLY_BETTER = 0.02  # relative decrease of residuals that counts as better, for a fit or a delay
+_MOST_LEFT = 0.5  # steps of a delay that are left to a lateness
 _INSIDE = 0.1  # of the range, kept from its ends: at a bound nothing moves inward
 _SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should return
 _FEW_FITS = 4  # to whole episodes, if two of stretches agree
@@ -119,7 +120,10 @@ class ReadingsFits:
     def how_late(self, guess: Guess, budget: Budget) -> tuple[Guess, int]:
         """Steps by which actions are late, if that explains clearly more.
 
-        `guess`: a first one; also returns the best one found.
+        `guess`: a first one; also returns the best one found. Each number of steps starts from the
+        lateness that leaves the whole delay as it was. Of two numbers that allow for it, the one
+        is taken that leaves at most half a step: at the end of its range, a lateness hides the
+        rest of a delay, and a servo's damping takes its place.
         """
         grown = self.grow([guess], budget, to_s=_LATE.seconds)[0]
         stage = self._stage(_LATE, self._horizons.late_iterations)
@@ -129,12 +133,22 @@ class ReadingsFits:
         for number in range(1, longest + 1):
             budget.report("looking for a delay", number / longest)
             late = self._readings.delayed(number)
-            descent = self._fit.descend(late, best.guess, stage, budget, best)
+            begin = self._sooner(best.guess, number - steps)
+            descent = self._fit.descend(late, begin, stage, budget, best)
             if descent.cost < best.cost - _CLEARLY_BETTER:
                 best, steps = descent, number
             elif number > steps + 2 or budget.is_over:
                 break
-        return best.guess, steps
+        left = float(Lateness.steps(best.unit[-1])) if self._fit.has_lateness else 0.0
+        more = int(left > _MOST_LEFT) - int(left < -_MOST_LEFT and steps > 0)
+        return self._sooner(best.guess, more), steps + more
+
+    def _sooner(self, guess: Guess, steps: int) -> Guess:
+        """With so many steps less of a lateness, if that is fitted."""
+        if not self._fit.has_lateness:
+            return guess
+        lateness = Lateness.shifted(guess.unit[-1], steps)
+        return guess._replace(unit=np.append(guess.unit[:-1], lateness))
 
     def until_found_twice(self, ended: list[Descent], late: int, budget: Budget) -> Found:
         """Fit whole episodes from successive starts until the two best agree.

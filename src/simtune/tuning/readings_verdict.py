@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.fit import OutputErrorFit
+from simtune.fit.lateness import MOST_STEPS
 from simtune.fit.result import block_correlation
 from simtune.fit.uncertainty import latency_warning, lateness_warning, tell_apart
 from simtune.observation import ObservationModel, joints_of
@@ -26,6 +27,10 @@ _BY_STRETCHES = (
     "Fits to whole episodes ended at no answer twice, as where the least change throws a motion "
     "elsewhere; fits to stretches of two seconds did, and leave little but noise: the estimate is "
     "theirs."
+)
+_TOO_LATE = (
+    "Readings come {:.0f} ms late, the most that is fitted: the rest of a delay may pass for "
+    "damping, so nothing is called identified. Declare a parameter of kind delay."
 )
 _UNEXPLAINED = (
     "The simulator leaves {} off by over four times the noise that the tuning file declares: the "
@@ -59,16 +64,19 @@ def conclude(
     width = space.to_unit(high) - space.to_unit(low)
     curves = normal_curves(seen.to_range_unit(mean), std / width)
     correlation = block_correlation(len(std), [(fitted, judged.covariance)])
+    is_too_late = abs(judged.late_steps[0]) > MOST_STEPS - _AT_BOUND
+    is_sure = found.is_sure and not is_too_late
     read = read_curves(curves, seen, first, RangeUpdateConfig())
     estimate = replace(
         read,
         mean=mean,
-        verdict=read.verdict if found.is_sure else at_most_weak(read.verdict),
+        verdict=read.verdict if is_sure else at_most_weak(read.verdict),
         correlation=correlation,
         correlations=tell_apart(correlation, space),
         warnings=[
             *latency_warning(late),
             *lateness_warning("readings", *late_s),
+            *([_TOO_LATE.format(1e3 * late_s[0])] if is_too_late else []),
             *_warnings(judged, found, first, observation),
         ],
         start=judged.start.tolist(),
