@@ -34,8 +34,8 @@ class TuneConfig(Prints, ObservesSized, RealConfig):
     budget_minutes: float = 8.0
     """Wall time at most, but for some seconds; less where the precision is reached before."""
     precision: str = "1%"
-    """Stop once half of every 90 % interval is at most so much of the estimate; 0% goes on until
-    the time is over."""
+    """A percentage: stop once half of every 90 % interval is at most so much of the estimate. 0%
+    goes on until the time is over."""
 
     @property
     def relative_precision(self) -> float:
