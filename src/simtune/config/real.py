@@ -44,7 +44,7 @@ class RecordingsConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class Observes:
-    """Which cameras and sensors are observed; commands without this option observe pictures only."""
+    """Which cameras and sensors are observed; commands without it observe pictures only."""
 
     observe: str | None = None
     """What to observe, NAME,NAME,...: `cameras`, `joints` (all sensors), or names of cameras and

@@ -26,7 +26,7 @@ class CameraConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotConfig:
-    """A robot in its own coordinates: mm in an xArm's base frame, or the units of LeRobot's robot."""
+    """A robot in its own coordinates: mm in an xArm's base frame, or a LeRobot robot's units."""
 
     file: Path
     driver: Driver
