@@ -61,7 +61,7 @@ def replay(
     start: np.ndarray,
     tuned: Tuned,
 ) -> Replayed:
-    """Replay each episode from its first readings, with parameters `start` (N,) and with `tuned`."""
+    """Replay each episode from its first readings, with `start` (N,) parameters and as tuned."""
     loop = OpenLoop.of(simulator, observation, start)
     joints, labels, space = loop.sensors, observation.reading_labels, simulator.space
     readings = Readings.of(trajectories, joints)

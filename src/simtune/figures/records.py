@@ -11,7 +11,8 @@ from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
 from simtune.validate import is_number
 
-# Options that may differ between seeds of the same condition, or that have their own place
+# Options that may differ between seeds of a group, that make groups otherwise, or that follow from
+# other options
 _NO_CONDITIONS = ("task", "out", "seed", "method", "search", "device", "move", "robot")
 _NO_CONDITIONS += ("real_parameters", "task_name", "json")
 _FLOOR = 0.01  # share of the upper bound; a smaller truth counts as this, see `Truth.score`

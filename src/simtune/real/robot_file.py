@@ -44,7 +44,7 @@ def read_robot(file: Path, driver: Driver) -> RobotConfig:
 
 
 def _check_ip(table: TomlTable) -> None:
-    """Raise InputError if the address is not an IP address: the SDK would take a serial port."""
+    """Raise InputError unless it is an IP address: else the SDK would take it for a serial port."""
     address = table.text("address")
     with contextlib.suppress(ValueError):
         ipaddress.IPv4Address(address)

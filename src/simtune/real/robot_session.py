@@ -26,7 +26,7 @@ ActOnFrames = Callable[[int, list[np.ndarray]], np.ndarray]
 
 @contextmanager
 def connected(config: RobotConfig) -> Iterator[tuple[Robot, Camera]]:
-    """Connect robot and camera, and lock the robot. Raises InputError, RobotError."""
+    """Lock the robot, connect it and the camera; nothing moves. Raises InputError, RobotError."""
     latch = Latch(config.latch)
     latch.check()
     with _alone(config.file), ExitStack() as open_ones:

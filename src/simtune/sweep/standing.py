@@ -79,7 +79,7 @@ class Places:
         return Standing(status="failed" if is_failed else "waiting", **noted)
 
     def note(self, spent_s: float, reason: str | None = None, *, killed: bool = False) -> None:
-        """Count one more attempt, with its failure if any. Only the lease's holder may call this."""
+        """Count one more attempt, and its failure if any. Only the lease's holder may call this."""
         noted = self._read_noted()
         noted["spent_s"] += spent_s
         if reason is not None:
