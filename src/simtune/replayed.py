@@ -1,4 +1,4 @@
-"""Joint readings and the simulator's, before and after tuning, replayed open loop."""
+"""Measured joint readings, and simulated ones before and after tuning, replayed open loop."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from simtune.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Replayed:
-    """Of E episodes and D readings; NaN where nothing was read."""
+    """Measured and replayed readings of E episodes and D readings; NaN if not read."""
 
     labels: tuple[str, ...]
     units: tuple[str, ...]
@@ -26,14 +26,14 @@ class Replayed:
     after: np.ndarray
 
     def scores(self) -> dict[str, dict[str, Any]]:
-        """{reading: its unit and offset, and root mean square residuals}; JSON."""
+        """{reading: unit, offset, and root mean square residuals}; JSON."""
         rms = [_rms(self.before - self.measured), _rms(self.after - self.measured)]
         rows = zip(self.labels, self.units, self.offsets, *rms, strict=True)
         keys = ("unit", "offset", "rms_before", "rms")
         return plain({label: dict(zip(keys, row, strict=True)) for label, *row in rows})
 
     def curves(self) -> dict[str, Any]:
-        """Of the first episode; JSON."""
+        """Curves of the first episode; JSON."""
         known = np.isfinite(self.measured[0]).any(1)
         num = len(known) - int(known[::-1].argmax())
         films = {"measured": self.measured, "before": self.before, "after": self.after}
@@ -61,7 +61,7 @@ def replay(
     start: np.ndarray,
     tuned: Tuned,
 ) -> Replayed:
-    """Each episode from its first readings, in the simulator of `start` (N,), and as tuned."""
+    """Replay each episode from its first readings, with `start` (N,) parameters and as tuned."""
     loop = OpenLoop.of(simulator, observation, start)
     joints, labels, space = loop.sensors, observation.reading_labels, simulator.space
     readings = Readings.of(trajectories, joints)

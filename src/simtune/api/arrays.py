@@ -1,4 +1,4 @@
-"""Recordings that are in memory, put where a run finds them again when it goes on."""
+"""Writes recordings from memory to files, where a resumed run finds them."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -18,10 +18,10 @@ RealLike = str | PathLike[str] | Sequence[Episode] | Record
 
 
 def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
-    """Write FOLDER/HASH/episode_i.npz, by the hash of what they hold, once; returns FOLDER/HASH.
+    """Write FOLDER/HASH/episode_i.npz unless they exist; returns FOLDER/HASH.
 
-    What must be in an episode: docs/recordings.md, "A folder of arrays". Raises InputError for what
-    is no episode.
+    HASH depends on the content. The format of an episode: docs/recordings.md, "A folder of arrays".
+    Raises InputError for anything else.
     """
     arrays = [_arrays(i, episode) for i, episode in enumerate(episodes)]
     if not arrays:
@@ -42,9 +42,9 @@ def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
 
 
 def film_once(record: Record, num: int, folder: Path) -> Path:
-    """Write `num` episodes of a robot, say, as `write_arrays` does; returns where they are.
+    """Film `num` episodes, e.g. of a robot, and write them like `write_arrays`; returns the path.
 
-    What was filmed into `folder` is not filmed again: a run goes on with its own recordings.
+    If `folder` has recordings, nothing is filmed: a resumed run uses its own recordings.
     """
     filmed = sorted(path.parent for path in folder.glob("[!.]*/episode_0.npz"))
     return filmed[0] if filmed else write_arrays([record(i) for i in range(num)], folder)
@@ -64,7 +64,7 @@ def _arrays(i: int, episode: Episode) -> dict[str, Any]:
 
 
 def _check_rows(i: int, arrays: dict[str, Any]) -> None:
-    """Raises InputError, or it would be told of a file that nobody wrote."""
+    """Check lengths. Raises InputError here, since a later one would name an unknown file."""
     rows = {key: len(array) if array.ndim else 0 for key, array in arrays.items()}
     num = rows.get("actions", 0)
     if num < 2:

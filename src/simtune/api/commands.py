@@ -1,8 +1,8 @@
 """`simtune check`, `tune` and `train` as functions.
 
 Each takes the options of its command (docs/commands), with underscores: `--budget-minutes 3` is
-`budget_minutes=3`. What cannot be used raises a ValueError of one line; what fails on the way, a
-RuntimeError. Nothing is printed unless `progress` asks for it.
+`budget_minutes=3`. Unusable input raises a ValueError with a message of one line; a failure during
+the run raises a RuntimeError. Nothing is printed without `progress`.
 """
 
 import re
@@ -29,17 +29,17 @@ from simtune.tuning_run import tune as carry_out_tuning
 
 TaskLike = str | PathLike[str] | Mapping[str, Any] | AnyTask
 _Config = TypeVar("_Config", CheckConfig, TuneConfig, TrainConfig)
-_FILMED = 5  # episodes, unless a number is asked for
+_FILMED = 5  # episodes filmed if no number is given
 _PATHS = ("out", "pictures", "real_parameters", "robot")
 
 
 def load_task(task: str | PathLike[str] | Mapping[str, Any]) -> AnyTask:
-    """A built-in task by its name, or the one that a tuning file declares, or a dict with its keys.
+    """A task: a built-in one by name, or declared by a tuning file or a dict with its keys.
 
-    In a dict `model` may be a `mujoco.MjSpec`, and `environment` a gymnasium.Env, or a class or
+    In a dict, `model` may be a `mujoco.MjSpec`, and `environment` a gymnasium.Env, or a class or
     function that makes one. A task has a `name`, `parameters` (each with name, nominal, low, high,
     unit) and `load_model()`.
-    Raises ValueError "FILE:LINE: what is wrong", of a dict "task['parameters'][0]: ...".
+    Raises ValueError "FILE:LINE: what is wrong"; for a dict "task['parameters'][0]: ...".
     """
     return declare(task) if isinstance(task, Mapping) else load_any_task(fspath(task))
 
@@ -51,10 +51,10 @@ def check(
     progress: bool = False,
     **options: Any,
 ) -> CheckResult:
-    """What each parameter changes, how well it can be known, and whether recordings are sound.
+    """Check what each parameter changes, how well it can be known, and that recordings are sound.
 
     `real`: recordings, a path or a list of dicts of arrays (docs/recordings.md). Other options:
-    docs/commands/check.md. The result is a dict, and shows itself as the command's table.
+    docs/commands/check.md. The result is a dict, whose repr is the command's table.
     """
     with _in_python(), _progress(progress) as report, TemporaryDirectory() as folder:
         task = _known(task)
@@ -77,11 +77,11 @@ def tune(
 ) -> Result:
     """Find the parameters of a real world from video, actions and joint readings.
 
-    `real`: recordings, a path or a list of dicts of arrays (docs/recordings.md), which are written
-    into `out`; a function of an episode's number that films such a dict, called once each; or
-    "pseudo", a simulated world to try with. `out`: the run's folder; the same call
-    goes on with a run that was interrupted. `budget_minutes`: wall time at most. `precision`: when
-    to stop before, such as "1%". Other options: docs/commands/tune.md.
+    `real`: recordings, as a path or a list of dicts of arrays (docs/recordings.md), which are
+    written into `out`; a function that films such a dict, called once with each episode's number;
+    or "pseudo", a simulated world for trying. `out`: the run's folder; the same call resumes an
+    interrupted run. `budget_minutes`: maximum wall time. `precision`: stop earlier once this is
+    reached, such as "1%". Other options: docs/commands/tune.md.
     """
     options |= {"out": out, "real_episodes": real_episodes, "seed": seed}
     options |= {"budget_minutes": budget_minutes, "precision": precision}
@@ -105,9 +105,9 @@ def train(
 ) -> Result:
     """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
 
-    As `tune`. `method`: autotune, regression, dr or oracle; `policy_steps`: in simulation, from
-    which the policy learns, by default the task's. Other options: docs/commands/train.md. How
-    often the policy succeeds is in `Result.content`.
+    Arguments as in `tune`. `method`: autotune, regression, dr or oracle. `policy_steps`: simulated
+    steps that the policy learns from, by default the task's. Other options: docs/commands/train.md.
+    The policy's success rate is in `Result.content`.
     """
     options |= {"out": out, "method": method, "seed": seed, "policy_steps": policy_steps}
     with _in_python(), _progress(progress) as report:
@@ -118,17 +118,17 @@ def train(
 
 
 def load(run: str | PathLike[str]) -> Result:
-    """What a finished run of `tune` or `train` found. Raises ValueError for what is none."""
+    """The result of a finished run of `tune` or `train`. Raises ValueError if it is not one."""
     return Result(read_finished(Path(run)))
 
 
 def _recordings_of_run(real: RealLike, out: Path, num: int | None) -> str | PathLike[str]:
-    stored_config(out)  # refuses what cannot be a run's folder, before arrays are written
+    stored_config(out)  # refuses a folder that cannot be a run's, before arrays are written
     return _recordings(real, out / FILMED, num)
 
 
 def _recordings(real: Any, folder: Path, num: int | None) -> Any:
-    """Where recordings are: arrays, and `num` episodes that are filmed, are written to `folder`."""
+    """Path of recordings; arrays, or `num` filmed episodes, are written into `folder` first."""
     if real is None or isinstance(real, str | PathLike):
         return real
     if callable(real):
@@ -137,7 +137,7 @@ def _recordings(real: Any, folder: Path, num: int | None) -> Any:
 
 
 def _config(kind: type[_Config], task: AnyTask, options: dict[str, Any]) -> _Config:
-    """A command's options, checked. Raises InputError."""
+    """The config of a command from its options. Raises InputError."""
     known = [field.name for field in fields(kind)]
     for name in options:
         if name not in known:
@@ -155,7 +155,7 @@ def _config(kind: type[_Config], task: AnyTask, options: dict[str, Any]) -> _Con
 
 
 def _known(task: TaskLike) -> AnyTask:
-    """A task that its source finds again once a run goes on, or is exported."""
+    """The task, which its source must find again when a run is resumed or exported."""
     if isinstance(task, str | PathLike | Mapping):
         return load_task(task)
     if task.source.startswith(IN_PYTHON):
@@ -170,7 +170,7 @@ def _known(task: TaskLike) -> AnyTask:
 
 @contextmanager
 def _in_python() -> Iterator[None]:
-    """Messages name options as Python spells them."""
+    """Spell options in messages as in Python: budget_minutes, not --budget-minutes."""
     try:
         yield
     except InputError as error:

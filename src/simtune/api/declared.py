@@ -1,4 +1,4 @@
-"""A task that a dict declares, with the keys of a tuning file, and objects in its files' places."""
+"""A task declared by a dict with a tuning file's keys; it may hold objects instead of files."""
 
 import json
 import os
@@ -20,10 +20,10 @@ _NAMING_FILES = ("model", "environment", "background", "calibration", "reward", 
 
 
 def declare(values: Mapping[str, Any]) -> AnyTask:
-    """The task of a dict; `model` may be an MjSpec, `environment` what makes one, or is one.
+    """The task of a dict; `model` may be an MjSpec, `environment` an object or a factory.
 
-    All but such an environment is written as files, which a run keeps as it does any task's.
-    Raises InputError "task['parameters'][0]: what is wrong".
+    Except with such an environment, the task is written as files, which a run copies like any
+    task's. Raises InputError "task['parameters'][0]: what is wrong".
     """
     plain = _plain(values)
     task = read_declared(plain)
@@ -35,12 +35,12 @@ def declare(values: Mapping[str, Any]) -> AnyTask:
 
 @cache
 def _folder() -> TemporaryDirectory:
-    """Until Python ends: a run copies what it needs as it begins."""
+    """A folder that exists until Python ends; a run copies what it needs when it starts."""
     return TemporaryDirectory(prefix="simtune-")
 
 
 def _plain(value: Any) -> Any:
-    """As TOML has it, objects as they are."""
+    """Convert values to TOML's types; other objects are kept."""
     if isinstance(value, Mapping):
         return {str(key): _plain(inner) for key, inner in value.items() if inner is not None}
     if isinstance(value, np.ndarray | np.generic):
@@ -51,7 +51,7 @@ def _plain(value: Any) -> Any:
 
 
 def _write(values: dict[str, Any], folder: Path) -> Path:
-    """FOLDER/task.toml, and beside it all that it names; its path."""
+    """Write FOLDER/task.toml, and all files that it names beside it; returns its path."""
     folder.mkdir()
     file = folder / "task.toml"
     written = _with_files(values, folder)
@@ -60,7 +60,7 @@ def _write(values: dict[str, Any], folder: Path) -> Path:
 
 
 def _with_files(value: Any, folder: Path, key: str = "") -> Any:
-    """The same, naming copies of files; models are written."""
+    """The same value, with files replaced by copies in `folder`, and specs by written models."""
     if isinstance(value, dict):
         return {k: _with_files(inner, folder, k) for k, inner in value.items()}
     if isinstance(value, list):
@@ -72,14 +72,14 @@ def _with_files(value: Any, folder: Path, key: str = "") -> Any:
 
 
 def _copied(named: str, folder: Path) -> str:
-    """FILE or FILE.py:NAME, of the present folder, as its copy is named from `folder`."""
+    """Copy FILE or FILE.py:NAME into `folder`; returns the name relative to it."""
     file, colon, name = named.partition(":") if ".py:" in named else (named, "", "")
-    if not Path(file).is_file():  # an environment that gymnasium knows, say
+    if not Path(file).is_file():  # for example, an id of a gymnasium environment
         return named
     path = Path(file).resolve()
     files = named_files(path)
     root = Path(os.path.commonpath([f.parent for f in files]))
-    own = folder / str(sum(1 for _ in folder.iterdir()))  # apart from what other files name
+    own = folder / str(sum(1 for _ in folder.iterdir()))  # a new subfolder avoids name clashes
     for source in files:
         copy = own / source.relative_to(root)
         copy.parent.mkdir(parents=True, exist_ok=True)
@@ -88,7 +88,7 @@ def _copied(named: str, folder: Path) -> str:
 
 
 def _toml(value: Any) -> str:
-    """A value in a line. Raises InputError for what no tuning file can say."""
+    """A value in TOML, on one line. Raises InputError for other types."""
     if isinstance(value, dict):
         return f"{{{', '.join(f'{json.dumps(k)} = {_toml(v)}' for k, v in value.items())}}}"
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Estimates, their curves and their pairs in matplotlib."""
+"""Plots of estimates, survival curves and pairs of parameters in matplotlib."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -21,14 +21,14 @@ def plot_estimates(
     title: str,
     ax: "Axes | None",
 ) -> "Axes":
-    """A row a parameter, from its low bound to its high one, along its scale.
+    """One row per parameter, from its low to its high bound, along its scale.
 
     `coordinates`: scale, low and high of each parameter, by name.
     """
     ax = ax or _rows(len(estimates))
-    for row, its in enumerate(estimates):
-        _draw_row(ax, row, its, coordinates[its.name])
-    ax.set_yticks(range(len(estimates)), [its.name for its in estimates])
+    for row, estimate in enumerate(estimates):
+        _draw_row(ax, row, estimate, coordinates[estimate.name])
+    ax.set_yticks(range(len(estimates)), [estimate.name for estimate in estimates])
     ax.invert_yaxis()
     ax.set_xlim(-0.02, 1.02)
     ax.set_xticks([0, 1], ["low bound", "high bound"])
@@ -42,12 +42,12 @@ def plot_curves(
     """`curves`: candidates (C,) and P(truth > candidate) (C,) of each parameter, by name."""
     rows = -(-len(estimates) // _ACROSS)
     figure, axes = _grid(rows, min(len(estimates), _ACROSS), sharey=True)
-    for ax, its in zip(axes.flat, estimates, strict=False):
-        ax.axvspan(its.low, its.high, color="tab:blue", alpha=0.15)
-        ax.plot(*curves[its.name], color="tab:blue")
-        if its.real is not None:
-            ax.axvline(its.real, color="tab:red", linestyle="--")
-        ax.set_title(its.name, fontsize="small")
+    for ax, estimate in zip(axes.flat, estimates, strict=False):
+        ax.axvspan(estimate.low, estimate.high, color="tab:blue", alpha=0.15)
+        ax.plot(*curves[estimate.name], color="tab:blue")
+        if estimate.real is not None:
+            ax.axvline(estimate.real, color="tab:red", linestyle="--")
+        ax.set_title(estimate.name, fontsize="small")
     for ax in list(axes.flat)[len(estimates) :]:
         ax.set_visible(False)
     figure.supylabel("P(truth > value)")
@@ -55,7 +55,7 @@ def plot_curves(
 
 
 def plot_pairs(estimates: Sequence[Estimate], draws: Mapping[str, np.ndarray]) -> "Figure":
-    """`draws`: (S,) of the joint posterior, of each parameter, by name."""
+    """`draws`: (S,) draws of the joint posterior for each parameter, by name."""
     last = len(estimates) - 1
     figure, axes = _grid(len(estimates), len(estimates), sharex="col")
     for i, j in np.ndindex(axes.shape):
@@ -76,19 +76,19 @@ def plot_pairs(estimates: Sequence[Estimate], draws: Mapping[str, np.ndarray]) -
     return figure
 
 
-def _draw_row(ax: "Axes", row: int, its: Estimate, coordinate: Mapping[str, Any]) -> None:
-    values = (its.low, its.mean, its.high, its.initial)
+def _draw_row(ax: "Axes", row: int, estimate: Estimate, coordinate: Mapping[str, Any]) -> None:
+    values = (estimate.low, estimate.mean, estimate.high, estimate.initial)
     low, mean, high, initial = (_unit(coordinate, value) for value in values)
-    colour = _COLOURS.get(its.verdict, "tab:gray")
+    colour = _COLOURS.get(estimate.verdict, "tab:gray")
     ax.plot([low, high], [row, row], color=colour, linewidth=4, alpha=0.5)
     ax.plot(mean, row, "o", color=colour)
     ax.plot(initial, row, "|", color="black", markersize=10)
-    if its.real is not None:
-        ax.plot(_unit(coordinate, its.real), row, "x", color="tab:red")
+    if estimate.real is not None:
+        ax.plot(_unit(coordinate, estimate.real), row, "x", color="tab:red")
 
 
 def _unit(coordinate: Mapping[str, Any], value: float) -> float:
-    """0 at the low bound, 1 at the high one."""
+    """Unit coordinate of a value: 0 at the low bound, 1 at the high one."""
     low, high = coordinate["low"], coordinate["high"]
     if coordinate["scale"] == "log":
         low, high, value = np.log([low, high, value])
@@ -101,7 +101,7 @@ def _rows(num: int) -> "Axes":
 
 
 def _grid(rows: int, columns: int, **shared: Any) -> tuple["Figure", Any]:
-    """A figure, and its (rows, columns) axes."""
+    """A figure and its (rows, columns) axes."""
     size = (_PANEL_INCHES * columns, _PANEL_INCHES * rows)
     return _pyplot().subplots(
         rows, columns, figsize=size, layout="constrained", squeeze=False, **shared

@@ -1,4 +1,4 @@
-"""What a run found, as an object."""
+"""A run's result as an object."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -26,25 +26,25 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_PLOTTED_DRAWS = 500  # more only blacken the plot
+_PLOTTED_DRAWS = 500  # more would only fill the plot
 
 
 class CheckResult(dict[str, Any]):
-    """What `simtune.check` found: a dict of JSON that shows itself as a table."""
+    """Result of `simtune.check`: a dict of JSON whose repr is a table."""
 
     def __repr__(self) -> str:
         return "\n".join(check_lines(self))
 
 
 class Result:
-    """What a run found; `simtune.load` makes one of any finished run folder."""
+    """Result of a run; `simtune.load` reads it from any finished run's folder."""
 
     def __init__(self, run: RunData):
         self._run = run
 
     @property
     def path(self) -> Path:
-        """The run's folder; its report.html says more."""
+        """The run's folder, which also has report.html."""
         return self._run.path
 
     @property
@@ -54,36 +54,36 @@ class Result:
 
     @property
     def content(self) -> dict[str, Any]:
-        """All that result.json holds (docs/architecture.md, "The run folder")."""
+        """The content of result.json (docs/architecture.md, "The run folder")."""
         return self._run.result
 
     @property
     def warnings(self) -> list[str]:
-        """What to doubt, a sentence each."""
+        """Reasons to doubt the result, one sentence each."""
         return list(self.content.get("warnings", ()))
 
     @cached_property
     def parameters(self) -> dict[str, Estimate]:
-        """Each parameter's estimate, by name, in the order that arrays have."""
-        return {name: Estimate.read(name, its) for name, its in self._run.parameters.items()}
+        """{name: estimate}, in the order of arrays such as `covariance`."""
+        return {name: Estimate.read(name, facts) for name, facts in self._run.parameters.items()}
 
     @property
     def covariance(self) -> np.ndarray:
-        """(N, N) in unit coordinates: from 0 at a parameter's low bound to 1 at its high one.
+        """(N, N) in unit coordinates: from 0 at a parameter's low bound to 1 at its high bound.
 
-        Along its scale, which `content["covariance"]` names with the bounds. Raises ValueError for
-        a run without a search.
+        `content["covariance"]` has the parameters' scales and bounds. Raises ValueError for a run
+        without a search.
         """
         if not (found := self._run.object("covariance")):
             raise InputError(f"{self.path} has no covariance: nothing was searched for there")
         return np.array(found["matrix"], float)
 
     def samples(self, num: int = 1000) -> dict[str, np.ndarray]:
-        """Worlds drawn from the joint posterior: {name: (num,) values in its unit}.
+        """Draws from the joint posterior: {name: (num,) values in its unit}.
 
-        The same in every call; `np.column_stack(list(samples.values()))` is (num, N). Up to 4000
-        are read from posterior.npz; more are drawn anew, which needs the task's files.
-        Raises ValueError for a run without a search.
+        Every call returns the same draws; `np.column_stack(list(samples.values()))` is (num, N). Up
+        to 4000 are read from posterior.npz; for more, all are drawn anew, which needs the task's
+        files. Raises ValueError for a run without a search.
         """
         if num < 1:
             raise InputError(f"num must be at least 1, got {num}")
@@ -98,9 +98,9 @@ class Result:
         return dict(zip(names, draws.T, strict=True))
 
     def model(self) -> mujoco.MjModel:
-        """The task's model with the estimates written into it, as the run simulated it.
+        """The task's model with the estimates, as the run simulated it.
 
-        Raises ValueError where the task's files are gone or changed, or have no MuJoCo model.
+        Raises ValueError if the task's files are gone or changed, or have no MuJoCo model.
         """
         task = with_model(self._run.load_task())
         mean = np.array([self.parameters[name].mean for name in task.parameters.names])
@@ -112,16 +112,16 @@ class Result:
         samples: int | None = None,
         format: ExportFormat = "samples",
     ) -> Path:
-        """What `simtune export` writes into the new folder `out`; returns it.
+        """Write the files of `simtune export` into the new folder `out`; returns the folder.
 
-        model.xml, parameters.json, apply.py; with `samples` draws of the posterior: samples.csv,
-        and for the training of the library that `format` names: worlds.npz and a module.
+        These are model.xml, parameters.json and apply.py; with `samples` draws of the posterior
+        also samples.csv, and worlds.npz and a module for the training library `format`.
         """
         config = ExportConfig(run_folder=self.path, out=Path(out), samples=samples, format=format)
         return export(config)
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """A row a parameter, by name. Needs pandas."""
+        """One row per parameter, indexed by name. Needs pandas."""
         try:
             import pandas  # type: ignore[import-not-found]
         except ImportError:
@@ -130,25 +130,25 @@ class Result:
         return pandas.DataFrame(rows).set_index("name").dropna(axis="columns", how="all")
 
     def plot(self, names: Sequence[str] | None = None, ax: "Axes | None" = None) -> "Axes":
-        """Estimates with 90 % intervals (`names`: some of them), in a matplotlib axes.
+        """Plot estimates with 90 % intervals, relative to the bounds, along each scale.
 
-        Relative to the bounds, along each parameter's scale. `ax`: an axes of yours.
+        `names`: parameters, by default all. `ax`: a matplotlib axes, by default a new one.
         """
         title = f"{self.task}: estimates, 90 % intervals"
         chosen = self._chosen(names)
-        coordinates = {its["name"]: its for its in self.content["covariance"]["coordinates"]}
+        coordinates = {axis["name"]: axis for axis in self.content["covariance"]["coordinates"]}
         return plot_estimates(chosen, coordinates, title, ax)
 
     def plot_curves(self, names: Sequence[str] | None = None) -> "Figure":
-        """P(truth > value) of each parameter, with its 90 % interval: a matplotlib figure."""
+        """Plot P(truth > value) of each parameter, with its 90 % interval, in a new figure."""
         return plot_curves(self._chosen(names), self.curves)
 
     def plot_pairs(self, names: Sequence[str] | None = None) -> "Figure":
-        """Draws of the joint posterior, each two parameters against each other: a figure."""
+        """Plot draws of the joint posterior for each pair of parameters, in a new figure."""
         return plot_pairs(self._chosen(names), self.samples(_PLOTTED_DRAWS))
 
     def _chosen(self, names: Sequence[str] | None) -> list[Estimate]:
-        """All, or those of `names`. Raises InputError without a search, and UnknownName."""
+        """Estimates of `names`, by default all. Raises InputError without a search; UnknownName."""
         if not self.content.get("covariance"):
             raise InputError(
                 f"{self.path} has no estimates to plot: nothing was searched for there"

@@ -1,4 +1,4 @@
-"""Estimates as a table: lines of plain text, and HTML for notebooks."""
+"""Estimates as a table, in plain text and in HTML for notebooks."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -9,21 +9,21 @@ from simtune.report.words import MISSING, interval, number, percent, share, unit
 from simtune.validate import is_number
 
 Rows = Sequence[Sequence[str]]
-_TEXTS = ("parameter", "unit", "verdict")  # to the left; numbers are to the right
+_TEXTS = ("parameter", "unit", "verdict")  # left-aligned; numbers are right-aligned
 _CELL = "<{0} style='text-align:{1}'>{2}</{0}>"
 
 
 def lines(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) -> list[str]:
-    """Plain text, from what result.json says of each parameter.
+    """Lines of plain text, from result.json's facts on each parameter.
 
-    `verdicts`: whether anything was searched for.
+    `verdicts`: whether the run searched for parameters.
     """
     rows = table_rows(parameters, verdicts)
     return aligned(rows, left=[i for i, name in enumerate(rows[0]) if name in _TEXTS])
 
 
 def html(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) -> str:
-    """The same as an HTML table."""
+    """The same table as HTML."""
     head, *rows = table_rows(parameters, verdicts)
 
     def line(tag: str, row: Sequence[str]) -> str:
@@ -36,7 +36,7 @@ def html(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) -> 
 
 
 def table_rows(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool) -> Rows:
-    """Texts: the heads, then a row a parameter."""
+    """Texts of the cells: the head, then one row per parameter."""
     is_known = any(is_number(p.get("real")) for p in parameters.values())
     named = ("estimate", "90 % interval", "of first range", "verdict")
     named = named if verdicts else ("mean", "worlds trained in")

@@ -1,4 +1,4 @@
-"""The commands and their options; those that run for long are in `simtune.config`."""
+"""The commands and their options; options of long-running commands are in `simtune.config`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,30 +27,30 @@ class TasksCommand(Prints):
 
 @dataclass(frozen=True)
 class ExampleCommand(Prints):
-    """Copy an example to try and to change: a tuning file, its model, perhaps recordings."""
+    """Copy an example to try and change: a tuning file, its model, and recordings if it has any."""
 
     name: Annotated[Positional[str], arg(metavar="NAME")]
     """cart_pendulum, phone_pendulum, bouncing_ball, servos, unitree_g1 or aloha."""
     out: Path = Path("examples")
-    """The folder to copy it into, as OUT/NAME."""
+    """The folder into which it is copied, as OUT/NAME."""
 
 
 @dataclass(frozen=True)
 class ReportCommand(Prints):
-    """Write the report.html of a run anew."""
+    """Write a run's report.html again."""
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
     """A folder that `simtune tune` or `simtune train` wrote."""
     open: bool = False
     """Show it in the browser."""
     rerun: Path | None = None
-    """Write a file for the Rerun viewer, too, NAME.rrd: the videos, joint readings and estimates
-    over time. Needs simtune[rerun]."""
+    """Also write a file NAME.rrd for the Rerun viewer: videos, joint readings and estimates over
+    time. Needs simtune[rerun]."""
 
 
 @dataclass(frozen=True)
 class DoctorCommand(Prints):
-    """Say what this machine has: versions, devices, renderers that work."""
+    """Print what this machine has: versions, devices, working renderers."""
 
 
 Command = (

@@ -1,4 +1,4 @@
-"""Shell completion: tyro's scripts, and what they lack."""
+"""Shell completion: tyro's scripts with improvements."""
 
 import contextlib
 import io
@@ -6,22 +6,22 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 
 _FOUND = "    completions = get_completions(words, current_index, COMPLETION_SPEC)"
-# Single quotes, since fish has all of this between double ones.
+# Only single quotes, since fish's script puts all of this between double quotes
 _FILES_ELSE = """
     word = words[current_index] if current_index < len(words) else ''
     if not word.startswith('-') and all(its.startswith('-') for its in completions):
         completions = ['__TYRO_COMPLETE_FILES__']
 """
 _MENDED = (
-    # Bash adds a space to a folder's name, unless it is told that these are files; and $cur begins
-    # with the word before, as if both had a colon between them.
+    # Bash adds a space to a folder's name unless told that these are files; and $cur starts with
+    # the previous word, as if a colon joined both.
     (
         'COMPREPLY=($(compgen -f -- "$cur"))',
         "compopt -o filenames 2>/dev/null\n"
         "    local IFS=$'\\n'\n"
         '    COMPREPLY=($(compgen -f -- "${COMP_WORDS[COMP_CWORD]}"))',
     ),
-    # Fish's words end before the one that is being typed.
+    # Fish's words do not include the word being typed.
     (
         "    set -l current (count $words)",
         "    set -l current (count $words)\n    set -l typed (commandline -ct)",
@@ -32,11 +32,10 @@ _MENDED = (
 
 @contextlib.contextmanager
 def completion_mended(typed: Sequence[str], commands: Mapping[str, type]) -> Iterator[None]:
-    """What is printed meanwhile, if `typed` asks for a shell's completion script (tyro 1.0).
+    """Improve a completion script printed within, if `typed` asks for one (tyro 1.0).
 
-    Arguments without an option, such as a tuning file, are completed as files, and commands are
-    described by the first sentence of what they say of themselves. Bash shows a line for each
-    option, so what is said of it gets no more than one.
+    Positional arguments, such as a tuning file, are completed as files. Commands are described by
+    the first sentence of their docstring, and options in one line, since bash shows one line each.
     """
     if "--tyro-print-completion" not in typed:
         yield
@@ -60,11 +59,11 @@ def _mended(script: str, commands: Mapping[str, type]) -> str:
 
 
 def _described(spec: str, commands: Mapping[str, type]) -> str:
-    """Of each command tyro says no more than its name."""
+    """Replace tyro's description of each command, which is just its name."""
     for name, command in commands.items():
         sentence = " ".join(str(command.__doc__).split()).partition(". ")[0]
-        said = sentence.rstrip(".").replace("'", "’").replace('"', "")  # within any shell's quotes
+        text = sentence.rstrip(".").replace("'", "’").replace('"', "")  # safe within shell quotes
         spec = spec.replace(
-            f"'{name}': {{'description': '{name}'", f"'{name}': {{'description': '{said}'"
+            f"'{name}': {{'description': '{name}'", f"'{name}': {{'description': '{text}'"
         )
     return spec

@@ -1,4 +1,4 @@
-"""What was typed, as a command with its options; what is wrong with it, in a line."""
+"""Parses the command line; errors are one line each."""
 
 import contextlib
 import difflib
@@ -25,7 +25,7 @@ _OTHERS = ("task", "folder", "grid", "real", "parameters", "real_parameters", "r
 
 
 def parse(typed: Sequence[str]) -> Any:
-    """Raises InputError in place of tyro's boxes of many lines."""
+    """The command with its options. Raises InputError instead of tyro's boxes of many lines."""
     commands = {meta.name: c.__origin__ for c in get_args(Command) for meta in get_args(c)[1:]}
     if typed and not typed[0].startswith("-"):
         if typed[0] not in commands:
@@ -34,7 +34,7 @@ def parse(typed: Sequence[str]) -> Any:
     stderr = io.StringIO()
     try:
         with contextlib.redirect_stderr(stderr), completion_mended(typed, commands):
-            config = (tyro.conf.DisallowNone,)  # what is optional is left out
+            config = (tyro.conf.DisallowNone,)  # an optional option is omitted, not set to None
             return tyro.cli(  # type: ignore[call-overload]
                 Command,
                 prog="simtune",
@@ -60,27 +60,27 @@ def _check_options(command: str, kind: type, typed: Sequence[str]) -> None:
             raise InputError(f"simtune {command} has no {name}{hint}")
 
 
-def _in_a_line(said: str) -> str:
-    """What tyro says in a box, or, without UTF-8, beneath a title."""
-    lines = [line.strip("│| ") for line in said.splitlines()]
+def _in_a_line(output: str) -> str:
+    """Tyro's message, which is in a box or, without UTF-8, beneath a title, in one line."""
+    lines = [line.strip("│| ") for line in output.splitlines()]
     text = "\n".join(line for line in lines if line[:1] not in ("╭", "╰"))
     parts = re.split(r"^[-─]{5,}$", text, flags=re.MULTILINE)
-    part = parts[0] if "╭" in said or len(parts) < 2 else parts[1]
-    what = re.sub(r", 'None'|'None', ", "", " ".join(part.split()).rstrip("."))
-    if wrong := re.search(r"Error parsing (\S+): .*\b(int|float)\b.*: ('.*')", what):
+    part = parts[0] if "╭" in output or len(parts) < 2 else parts[1]
+    message = re.sub(r", 'None'|'None', ", "", " ".join(part.split()).rstrip("."))
+    if wrong := re.search(r"Error parsing (\S+): .*\b(int|float)\b.*: ('.*')", message):
         option, kind, value = wrong.groups()
         return f"{option} must be {_TYPES[kind]}, got {value}"
-    if missing := re.match(r"Missing from (simtune \w+): (--\S+ \S+|\S+) ", what):
+    if missing := re.match(r"Missing from (simtune \w+): (--\S+ \S+|\S+) ", message):
         return "{} needs {}".format(*missing.groups())
-    if alone := re.match(r"Missing value for argument '(\S+)'", what):
+    if alone := re.match(r"Missing value for argument '(\S+)'", message):
         return f"{alone[1]} needs a value"
-    return what
+    return message
 
 
 def check_paths(command: Any) -> None:
-    """Raises InputError for a folder or a file that is not there.
+    """Raises InputError for a missing folder or file.
 
-    Whoever reads it says so, too, but after packages are loaded that take seconds.
+    The code that reads it would also complain, but only after seconds of loading packages.
     """
     for name in (*_RUNS, *_OTHERS):
         value = getattr(command, name, None)
@@ -96,7 +96,7 @@ def check_paths(command: Any) -> None:
 
 
 def _sibling(path: Path) -> str:
-    """Of a name that is nearly one of those beside it."""
+    """A hint if a file beside the path has a similar name, else ""."""
     try:
         names = [entry.name for entry in path.parent.iterdir()]
     except OSError:

@@ -1,4 +1,4 @@
-"""From what was typed to an exit status."""
+"""The program: parses the command line, runs the command, and returns an exit status."""
 
 import json
 import os
@@ -14,9 +14,9 @@ from simtune.errors import InputError
 
 
 def main() -> None:
-    """Exit status: 0 done, 1 failed, 2 the input cannot be used (one line says why), 130 Ctrl-C."""
-    # Before torch is loaded: threads that wait for each other by spinning make training five
-    # times slower as soon as anything else runs on the machine.
+    """Exit status: 0 done, 1 failed, 2 unusable input (one line says why), 130 Ctrl-C."""
+    # Set before torch is loaded: threads that spin while waiting make training five times slower
+    # as soon as anything else runs on the machine.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     command, began_s = None, time.time()
     try:
@@ -33,8 +33,8 @@ def main() -> None:
             sys.stdout.flush()
             os._exit(status)  # a library that is loaded by half may crash as Python ends
         sys.exit(status)
-    except BrokenPipeError:  # `simtune tasks | head -1`: the reader has read enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains when it closes stdout
+    except BrokenPipeError:  # `simtune tasks | head -1`: the reader has stopped reading
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # else Python complains when closing stdout
         sys.exit(1)
     except MemoryError as error:
         sys.exit(_complain(f"out of memory: {error}", 1))
@@ -43,7 +43,7 @@ def main() -> None:
 
 
 def _carry_out(command: Any) -> None:
-    """Raises RuntimeError for what failed, after all is printed."""
+    """Check and run a command. Raises RuntimeError for a failure, after printing everything."""
     check_first(command)
     done = run(command, _say_nothing if command.json else _say)
     if command.json or isinstance(command, EvaluateConfig):
@@ -59,11 +59,11 @@ def _say(line: str) -> None:
 
 
 def _say_nothing(_: str) -> None:
-    """In place of lines there is one JSON object."""
+    """Used with --json, which prints one JSON object instead of lines."""
 
 
 def _interrupted(command: Any, began_s: float) -> str:
-    """What of a run is kept, and what is lost."""
+    """A message that tells what is kept of an interrupted run, and what is lost."""
     if isinstance(command, SweepConfig):
         return "interrupted; the same command goes on"
     if not isinstance(command, TuneConfig | TrainConfig):

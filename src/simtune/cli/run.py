@@ -1,4 +1,4 @@
-"""What each command does, and what it prints."""
+"""Runs each command and prints its results."""
 
 import shlex
 import sys
@@ -30,14 +30,14 @@ _NO_RECORDINGS = (
 
 
 class Done(NamedTuple):
-    """What a command found."""
+    """The outcome of a command."""
 
-    result: dict[str, Any]  # what --json prints
+    result: dict[str, Any]  # printed by --json
     failure: str = ""
 
 
 def check_first(command: Any) -> None:
-    """Raises InputError for what can be said before torch is loaded, which takes seconds."""
+    """Raises InputError for mistakes that show before torch is loaded, which takes seconds."""
     if hasattr(command, "check"):
         command.check()
     check_paths(command)
@@ -48,8 +48,8 @@ def check_first(command: Any) -> None:
 
 
 def run(command: Any, say: Say) -> Done:
-    """Carry a command out; `say` gets what people read."""
-    # Each imports what it needs: torch and Warp take seconds, and --help should not.
+    """Run a command; `say` gets the lines for people."""
+    # Each command imports what it needs: torch and Warp take seconds, and --help should not.
     match command:
         case TasksCommand():
             return _tasks(say)
@@ -117,7 +117,7 @@ def _example(command: ExampleCommand, say: Say) -> Done:
 
 
 def _command() -> str:
-    """What was typed, as result.json remembers it."""
+    """The command line, as stored in result.json."""
     return shlex.join(["simtune", *sys.argv[1:]])
 
 
@@ -165,7 +165,7 @@ def _train(config: TrainConfig, say: Say) -> Done:
 
 
 def _say_result(result: dict[str, Any], out: Path, say: Say) -> Done:
-    """A table of the estimates, where there are any, all warnings, and a policy's scores."""
+    """Print the estimates if there are any, all warnings, and a policy's scores."""
     from simtune.api.table import lines
 
     if result["method"] not in UNTUNED:
@@ -264,5 +264,5 @@ def _doctor(say: Say) -> Done:
 
 
 def counted(num: int, what: str) -> str:
-    """As people say it: 1 round, 2 rounds."""
+    """A number with its noun: 1 round, 2 rounds."""
     return f"{num} {what}{'s' * (num != 1)}"

@@ -1,4 +1,4 @@
-"""Whether runs agree."""
+"""Tests whether runs agree."""
 
 from simtune.compare.compare import compare
 from simtune.compare.table import table

@@ -1,4 +1,4 @@
-"""What `simtune compare` prints."""
+"""The output of `simtune compare`."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from simtune.columns import aligned
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Lines of plain text."""
+    """A table in lines of plain text, with notes and a conclusion."""
     runs = range(1, len(result["runs"]) + 1)
     head = ("parameter", *(t for i in runs for t in (f"run {i}", "90 % interval")), "differ by")
     rows = [head, *(_cells(name, p) for name, p in result["parameters"].items())]
@@ -17,8 +17,8 @@ def table(result: dict[str, Any]) -> list[str]:
 
 def _cells(name: str, p: dict[str, Any]) -> tuple[str, ...]:
     cells = [name]
-    for said in p["estimates"]:
-        cells += [f"{said['mean']:.4g}", f"[{said['low']:.4g}, {said['high']:.4g}]"]
+    for estimate in p["estimates"]:
+        cells += [f"{estimate['mean']:.4g}", f"[{estimate['low']:.4g}, {estimate['high']:.4g}]"]
     return (*cells, f"{p['difference_std']:+.1f} std")
 
 

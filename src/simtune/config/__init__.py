@@ -1,4 +1,4 @@
-"""The options of commands that run for long, one dataclass each."""
+"""The options of long-running commands, one dataclass each."""
 
 from simtune.config.prints import Prints
 from simtune.config.real import ROBOTS, RealConfig, RecordingsConfig

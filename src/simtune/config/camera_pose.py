@@ -9,23 +9,23 @@ from simtune.errors import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class CameraPoseOptions:
-    """Where a camera is, found by joint readings."""
+    """Options for finding a camera's pose from joint readings."""
 
     camera_pose: Path | None = None
-    """Find where the recordings' camera is, by [[sensors]] of the robot's joints, and nothing else;
-    the pose is written as FILE.toml. The tuning file's own pose is the first guess."""
+    """Only find the pose of the recordings' camera, from [[sensors]] of the robot's joints, and
+    write it as FILE.toml. The tuning file's pose is the first guess."""
     within_m: float = 0.3
-    """With --camera-pose: how far from the first guess the camera may be, along each axis."""
+    """With --camera-pose: how far the camera may be from the first guess, along each axis."""
     within_deg: float = 25.0
-    """The same, for its rotation about each axis."""
+    """With --camera-pose: how far it may be rotated from the first guess, about each axis."""
     within_fov_deg: float = 0.0
-    """The same, for its field of view, which by default is taken to be known: a nearer camera of a
-    wider view sees nearly the same."""
+    """With --camera-pose: how far its field of view may differ. By default it is taken as known,
+    since a nearer camera with a wider view sees nearly the same."""
     budget_minutes: float = 2.0
-    """With --camera-pose: how long it may take. The longer, the more pictures are compared."""
+    """With --camera-pose: maximum time. With more time, more pictures are compared."""
 
     def check_camera_pose(self, real: Path | None) -> None:
-        """Raises InputError for what makes no sense."""
+        """Raises InputError for invalid options."""
         if self.camera_pose is None:
             return
         if real is None:

@@ -1,10 +1,10 @@
-"""What is checked of numbers alike for every command."""
+"""Checks of numbers for all commands."""
 
 from simtune.errors import InputError
 
 
 def at_least(config: object, smallest: int, *names: str) -> None:
-    """Raises InputError where one of these fields is less; None is left to its default."""
+    """Raises InputError if one of these fields is less than `smallest`; None is accepted."""
     for name in names:
         value = getattr(config, name)
         if value is not None and value < smallest:
@@ -13,12 +13,12 @@ def at_least(config: object, smallest: int, *names: str) -> None:
 
 
 def check_seed(seed: int) -> None:
-    """Raises InputError for one that generators of random numbers do not take."""
+    """Raises InputError for a seed that random number generators do not accept."""
     if not 0 <= seed < 2**63:
         bound = "not be negative" if seed < 0 else "be below 2^63"
         raise InputError(f"--seed must {bound}, got {seed}")
 
 
 def flag(name: str) -> str:
-    """A field as the command line spells it."""
+    """A field's name as a command-line option."""
     return f"--{name.replace('_', '-')}"

@@ -1,11 +1,11 @@
-"""How a command says what it found."""
+"""The option for a command's output."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
 class Prints:
-    """What every command takes."""
+    """The option of every command."""
 
     json: bool = False
     """Print one JSON object, and nothing else."""

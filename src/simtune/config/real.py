@@ -1,4 +1,4 @@
-"""The options of every command that reads recordings, or works with a real world."""
+"""Options of commands that read recordings or use a real world."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +12,15 @@ _SMALLEST_PX, _LARGEST_PX = 32, 256
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingsConfig:
-    """How recordings (docs/recordings.md) are read."""
+    """Options for reading recordings (docs/recordings.md)."""
 
     camera: str | None = None
-    """The recordings' camera, such as observation.images.front; needed where there are several."""
+    """The recordings' camera, such as observation.images.front; needed if there are several."""
     actions: str | None = None
-    """Which of the recordings' actions, NAME,NAME,..., in the order of the model's; by default
-    all."""
+    """The recordings' actions to use, NAME,NAME,..., in the order of the model's actions; by
+    default all."""
     control_hz: float | None = None
-    """Steps a second to bring recordings to; by default the rate that they were made at."""
+    """Steps per second to which recordings are resampled; by default their own rate."""
 
     @property
     def action_names(self) -> tuple[str, ...] | None:
@@ -30,11 +30,11 @@ class RecordingsConfig:
 
     @property
     def observed(self) -> tuple[str, ...] | None:
-        """Names of what is looked at, see `Observes`."""
+        """Names of the observed cameras and sensors, see `Observes`."""
         return ("cameras",)
 
     def check_recordings(self, given: bool) -> None:
-        """Raises InputError for what makes no sense, `given` recordings or none."""
+        """Raises InputError for invalid options; `given`: whether there are recordings."""
         for name in ("camera", "actions", "control_hz"):
             if getattr(self, name) is not None and not given:
                 raise InputError(f"{flag(name)} goes with recordings only")
@@ -44,11 +44,11 @@ class RecordingsConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class Observes:
-    """What of it is looked at; a command that does not ask looks at pictures alone."""
+    """Which cameras and sensors are observed; commands without it observe pictures only."""
 
     observe: str | None = None
-    """What to look at, NAME,NAME,...: `cameras`, `joints` (all sensors), or cameras and sensors by
-    name; by default all that the tuning file declares, and of a built-in task its camera alone."""
+    """What to observe, NAME,NAME,...: `cameras`, `joints` (all sensors), or names of cameras and
+    sensors; by default everything that a tuning file declares, and a built-in task's camera."""
 
     @property
     def observed(self) -> tuple[str, ...] | None:
@@ -59,14 +59,14 @@ class Observes:
 
 @dataclass(frozen=True, kw_only=True)
 class ObservesSized(Observes):
-    """The same, and how large pictures are."""
+    """Also the size of pictures."""
 
     image_size: int | None = None
-    """Pixels of the height at which pictures are looked at; by default 64, or 100 by the paper's
-    search. Time grows with its square."""
+    """Height of pictures in pixels; by default 64, or 100 for the paper's search. The time grows
+    with its square."""
 
     def check_image_size(self) -> None:
-        """Raises InputError for one that no search can look at."""
+        """Raises InputError if the size is too small or too large."""
         if self.image_size is not None and not _SMALLEST_PX <= self.image_size <= _LARGEST_PX:
             raise InputError(
                 f"--image-size must lie in [{_SMALLEST_PX}, {_LARGEST_PX}], got {self.image_size}"
@@ -75,32 +75,33 @@ class ObservesSized(Observes):
 
 @dataclass(frozen=True, kw_only=True)
 class RealConfig(RecordingsConfig):
-    """Which real world, and from how far away its parameters are searched."""
+    """Options of the real world, and of the search's start."""
 
     real: str = "pseudo"
-    """The real world: `pseudo`, a simulated one that is filmed and scored against, recordings of
-    video and actions (a LeRobotDataset v3 or v2, pairs of mp4 and csv, or HDF5:
-    docs/recordings.md), or a robot: `xarm`, `lerobot`."""
+    """The real world: `pseudo` (a simulated one, whose truth gives a score), recordings of video
+    and actions (a LeRobotDataset v3 or v2, pairs of mp4 and csv, or HDF5: docs/recordings.md), or a
+    robot: `xarm`, `lerobot`."""
     robot: Path | None = None
     """With `xarm` and `lerobot`: a TOML file of the robot, its limits and its camera."""
     move: bool = False
-    """Let the robot move; without it a dry run says what would be in the way (docs/robot.md)."""
+    """Let the robot move; without it, a dry run tells what would prevent moving
+    (docs/robot.md)."""
     real_parameters: Path | None = None
     """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
     start_factor: float = 2.0
     """With `pseudo`: the factor by which every parameter is too high or too low at the start."""
     real_gap: bool = False
-    """With `pseudo`: another renderer, video compression, camera noise and actions that come a
-    step late stand between the simulator and that world, for a policy too. Needs OpenGL."""
+    """With `pseudo`: make that world differ from the simulator, for a policy too: another renderer,
+    video compression, camera noise, and actions one step late. Needs OpenGL."""
     known_colour: str | None = None
-    """A colour of the task that is known, such as a grey card's: NAME, where it is as the model
-    has it, or NAME=R,G,B from 0 to 1; several after `;`. By it the camera's gain and white balance
-    are found, and so the other colours."""
+    """A known colour of the task, such as a grey card's: NAME, if the model has the right value, or
+    NAME=R,G,B from 0 to 1; several separated by `;`. The camera's gain and white balance are
+    estimated from it, which reveals the other colours."""
     seed: int = 0
-    """Of all random numbers; with `pseudo` it also chooses which parameters start too high."""
+    """Seed of all random numbers; with `pseudo` it also chooses which parameters start too high."""
 
     def check_real(self) -> None:
-        """Raises InputError for what makes no sense."""
+        """Raises InputError for invalid options."""
         self.check_recordings(self.real not in ("pseudo", *ROBOTS))
         if self.real not in ROBOTS and (self.robot is not None or self.move):
             raise InputError("--robot and --move go with --real xarm or lerobot only")

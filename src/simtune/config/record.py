@@ -11,35 +11,35 @@ from simtune.config.prints import Prints
 from simtune.errors import InputError
 from simtune.names import ExportFormat, RendererName
 
-_LARGEST_PX = 1024  # an episode is kept whole until it is written
+_LARGEST_PX = 1024  # a whole episode is held in memory until it is written
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordConfig(Prints):
-    """Film a world into a LeRobotDataset v3: video and the actions behind it."""
+    """Film a simulated world as a LeRobotDataset v3: video and actions."""
 
     task: Annotated[Positional[str], arg(metavar="TASK")]
     """A built-in task (see `simtune tasks`), or a tuning file (docs/tuning-file.md)."""
     out: Path
-    """The dataset's folder, which must not be there yet, or be empty."""
+    """The dataset's folder, which must be new or empty."""
     episodes: int = 10
-    """How many episodes."""
+    """Number of episodes."""
     parameters: Path | None = None
-    """A JSON object of the world's parameters, {name: value}; those missing are nominal."""
+    """A JSON object of the world's parameters, {name: value}; missing ones are nominal."""
     policy: str = "random"
-    """Who acts: `random`, a folder that `simtune train` wrote, or `scripted`: by what only a
-    simulator knows, for tasks that have such a script."""
+    """Source of the actions: `random`, a folder that `simtune train` wrote, or `scripted`: the
+    task's script, if it has one, which uses the simulator's state."""
     renderer: RendererName = "raycaster"
-    """raycaster: as the simulator sees; opengl: with shadows, reflections and smooth edges."""
+    """raycaster: pictures as in tuning; opengl: with shadows, reflections and smooth edges."""
     image_size: int = 128
-    """Pixels of the pictures' height, an even number."""
+    """Height of the pictures in pixels, an even number."""
     width: int | None = None
-    """The same of their width; by default they are square."""
+    """Width of the pictures in pixels, an even number; by default they are square."""
     seed: int = 0
-    """Of the actions and of where episodes start."""
+    """Random seed of the actions and of the initial states."""
 
     def check(self) -> None:
-        """Raises InputError for numbers that make no sense."""
+        """Raises InputError for invalid options."""
         at_least(self, 1, "episodes")
         check_seed(self.seed)
         for name, pixels in (("image_size", self.image_size), ("width", self.width)):
@@ -51,25 +51,25 @@ class RecordConfig(Prints):
 
 @dataclass(frozen=True, kw_only=True)
 class ExportConfig(Prints):
-    """Take what a run found along: the tuned MJCF, its numbers, and Python that applies them.
+    """Export a run's result: the tuned MJCF, its parameters, and Python code that applies them.
 
-    Writes model.xml, with the files that it refers to, parameters.json and apply.py into OUT. With
-    --samples also draws of the posterior, for domain randomisation: samples.csv.
+    Writes model.xml with the files it refers to, parameters.json and apply.py into OUT. With
+    --samples, also writes draws of the posterior for domain randomisation: samples.csv.
     """
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
     """A folder that `simtune tune` or `simtune train` wrote."""
     out: Path
-    """The folder to write, which must not be there yet, or be empty; with --samples also a file to
-    write them alone to, NAME.csv, NAME.npz or NAME.json."""
+    """The folder to write, which must be new or empty; with --samples it may be a new file
+    NAME.csv, NAME.npz or NAME.json, to write only the draws."""
     samples: int | None = None
-    """How many worlds to draw from the joint posterior: what is known, and how it goes together."""
+    """Number of worlds to draw from the joint posterior of all parameters."""
     format: ExportFormat = "samples"
-    """What else draws are written for: the training of mjlab or of MuJoCo Playground, into
-    worlds.npz, beside a Python module that randomises environments by them."""
+    """A training library for which to write the draws as well, mjlab or MuJoCo Playground: as
+    worlds.npz, with a Python module that randomises environments with them."""
 
     def check(self) -> None:
-        """Raises InputError for what makes no sense."""
+        """Raises InputError for invalid options."""
         at_least(self, 1, "samples")
         if self.format != "samples" and (self.samples is None or self.is_file):
             raise InputError(f"--format {self.format} needs --samples, and a folder as --out")
@@ -82,19 +82,19 @@ class ExportConfig(Prints):
 
     @property
     def is_file(self) -> bool:
-        """Whether draws are all that is asked for."""
+        """Whether only the draws are written, to a file."""
         return self.out.suffix in (".csv", ".npz", ".json")
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompareConfig(Prints):
-    """Say whether runs agree, such as of two sets of episodes of one real world.
+    """Test whether runs agree, for example on two sets of episodes of the same real world.
 
-    All must have tuned the same parameters by the search that gives intervals. Writes nothing.
+    All runs must have tuned the same parameters by --search posterior. Writes nothing.
     """
 
     run_folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN RUN ...")]
-    """Folders that `simtune tune` or `simtune train` wrote, two at least."""
+    """At least two folders that `simtune tune` or `simtune train` wrote."""
 
     def check(self) -> None:
         """Raises InputError for a single run."""

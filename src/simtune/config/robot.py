@@ -1,4 +1,4 @@
-"""What a robot's file says, to go with `--real xarm` and `--real lerobot`."""
+"""Content of a robot's file, for `--real xarm` and `--real lerobot`."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,37 +9,37 @@ from simtune.errors import InputError, UnknownName
 
 Driver = Literal["xarm", "lerobot"]
 
-FASTEST_MM_S = 250.0  # what ISO 10218-1 calls reduced speed
-FASTEST_MM_S2 = 2000.0  # which reaches that within 16 mm
-FARTHEST_MM = 1000.0  # no xArm reaches as far from its base
-_MOST_TOLERANCE = 0.1  # of the narrowest axis: with more, the workspace would be none
+FASTEST_MM_S = 250.0  # reduced speed by ISO 10218-1
+FASTEST_MM_S2 = 2000.0  # reaches that speed within 16 mm
+FARTHEST_MM = 1000.0  # beyond the reach of any xArm from its base
+_MOST_TOLERANCE = 0.1  # share of the narrowest axis: a larger one would defeat the workspace
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraConfig:
-    """Of an xArm, a RealSense; of a robot with LeRobot's interface, one of its own cameras."""
+    """The camera: a RealSense for an xArm, or a camera of a robot with LeRobot's interface."""
 
-    name: str | None  # a RealSense's serial number, a robot's camera; None: the only one
-    playback: Path | None  # what a RealSense recorded, in its place
-    recorded_px: int  # side of the pictures that are kept
+    name: str | None  # RealSense: serial number; robot: its camera's name; None: the only one
+    playback: Path | None  # a RealSense's recording, used instead of the camera
+    recorded_px: int  # side of the stored pictures
 
 
 @dataclass(frozen=True, kw_only=True)
 class RobotConfig:
-    """A robot, in its own coordinates: mm of an xArm's base frame, or what LeRobot's takes."""
+    """A robot in its own coordinates: mm in an xArm's base frame, or a LeRobot robot's units."""
 
     file: Path
     driver: Driver
     address: str  # xArm: its controller's IP address; lerobot: MODULE:FUNCTION that makes it
-    moved: tuple[str, ...]  # (A,) what each of the task's actions moves, such as "-y"
-    step: float  # by how much an action of 1 does, units
-    workspace: dict[str, tuple[float, float]]  # lowest and highest place on each of the D axes
-    start: tuple[float, ...]  # (D,) where episodes begin
-    speed: float  # units/s, at most
-    tolerance: float  # how far outside of the workspace it may be measured, units
+    moved: tuple[str, ...]  # (A,) the axis that each of the task's actions moves, such as "-y"
+    step: float  # displacement by an action of 1, units
+    workspace: dict[str, tuple[float, float]]  # lowest and highest position on each of the D axes
+    start: tuple[float, ...]  # (D,) start of episodes
+    speed: float  # maximum, units/s
+    tolerance: float  # how far outside the workspace a measured position may be, units
     acceleration: float  # units/s²
-    collision_sensitivity: int  # xArm's, from 1 to 5, which stops at the slightest touch
-    ask: bool  # whether each episode waits for a person's word
+    collision_sensitivity: int  # of an xArm, from 1 to 5: 5 stops at the slightest touch
+    ask: bool  # whether a person must confirm before each episode
     camera: CameraConfig
 
     @property
@@ -48,11 +48,11 @@ class RobotConfig:
 
     @property
     def latch(self) -> Path:
-        """Where it is noted down that the robot was stopped."""
+        """The file that exists after the robot was stopped."""
         return self.file.with_name(f"{self.file.name}.stopped")
 
     def check(self) -> None:
-        """Raises InputError for what makes no sense."""
+        """Raises InputError for invalid values."""
         for axis in self.moved:
             if axis.removeprefix("-") not in self.workspace:
                 raise UnknownName("axis", axis, f"the workspace of {self.file}", self.axes)

@@ -15,30 +15,30 @@ from simtune.errors import InputError
 class SweepConfig(Prints):
     """Carry out a grid of runs of `tune` and `train` (docs/sweeps.md).
 
-    Each run is the ordinary command in a folder of its own, OUT/runs/NAME; OUT/sweep.json says how
-    all of them stand. The same command goes on with whatever was stopped or killed.
+    Each run is the ordinary command in its own folder, OUT/runs/NAME; OUT/sweep.json has the state
+    of all runs. The same command continues a sweep that was stopped or killed.
     """
 
     grid: Annotated[Positional[Path], arg(metavar="GRID")]
-    """A TOML file of what to run."""
+    """A TOML file that lists the runs."""
     out: Path
     """The sweep's folder."""
     workers: int | None = None
-    """Runs at a time on this machine; by default as many as its cores suffice for."""
+    """Number of simultaneous runs on this machine; by default as many as its cores allow."""
     cores_per_run: int = 1
-    """Cores that each run is bound to, which it shares with no other run of any sweep."""
+    """Number of cores that each run is bound to; runs of all sweeps use different cores."""
     retries: int = 2
-    """How often a run that failed is tried again, before it is listed as failed."""
+    """How often a failed run is tried again before it is listed as failed."""
     ray: str | None = None
-    """The address of a Ray cluster to carry the runs out, such as `auto`, in place of workers on
+    """The address of a Ray cluster that carries out the runs, such as `auto`, instead of workers on
     this machine; OUT must be a folder that all of its machines share. Needs simtune[ray]."""
     dry_run: bool = False
-    """Carry out nothing but a short pilot of each kind of run, and say how long all will take."""
+    """Only run a short pilot of each kind of run, and estimate how long the sweep will take."""
     pilot_minutes: float = 2.0
-    """With --dry-run: how long each pilot takes at most."""
+    """With --dry-run: maximum time of each pilot."""
 
     def check(self) -> None:
-        """Raises InputError for numbers that make no sense."""
+        """Raises InputError for invalid options."""
         at_least(self, 1, "workers", "cores_per_run")
         at_least(self, 0, "retries")
         if not self.pilot_minutes > 0:
@@ -49,10 +49,10 @@ class SweepConfig(Prints):
 
 @dataclass(frozen=True, kw_only=True)
 class FiguresConfig(Prints):
-    """Draw what the runs in a folder say together: curves, ablations, tables.
+    """Draw figures of all runs in a folder: curves, ablations, tables.
 
-    Reads run folders alone, however they came about, and writes DIR/figures.html, and each figure
-    as SVG, PNG and CSV into DIR/figures.
+    Reads only run folders, of a sweep or not. Writes DIR/figures.html, and each figure as SVG, PNG
+    and CSV into DIR/figures.
     """
 
     folder: Annotated[Positional[Path], arg(metavar="DIR")]

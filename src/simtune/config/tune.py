@@ -18,8 +18,8 @@ from simtune.names import SearchName
 class TuneConfig(Prints, ObservesSized, RealConfig):
     """Find a simulator's parameters from video and actions of the real world.
 
-    Writes result.json, report.html, metrics and videos into OUT. The same command goes on with
-    a run that was interrupted.
+    Writes result.json, report.html, metrics and videos into OUT. The same command continues an
+    interrupted run.
     """
 
     task: Annotated[Positional[str], arg(metavar="TASK")]
@@ -27,26 +27,27 @@ class TuneConfig(Prints, ObservesSized, RealConfig):
     out: Path
     """The run's folder."""
     real_episodes: int | None = None
-    """How many real episodes to film (by default 5), or to take from the recordings (by default
+    """Number of real episodes to film (by default 5), or to read from the recordings (by default
     all, at most 10)."""
     search: SearchName = "posterior"
-    """posterior: read survival curves; paper: small steps up or down; regression: its baseline."""
+    """posterior: by survival curves; paper: by small steps up or down; regression: the paper's
+    baseline."""
     budget_minutes: float = 8.0
-    """Wall time at most, but for some seconds; less where the precision is reached before."""
+    """Maximum wall time, give or take seconds; the run ends earlier if the precision is reached."""
     precision: str = "1%"
-    """A percentage: stop once half of every 90 % interval is at most so much of the estimate. 0%
-    goes on until the time is over."""
+    """A percentage: stop once half of every 90 % interval is at most this share of the estimate. 0%
+    uses all of the time."""
 
     @property
     def relative_precision(self) -> float:
-        """As a share of the estimate; NaN for what is no percentage."""
+        """`precision` as a share of the estimate; NaN if it is not a percentage."""
         try:
             return float(self.precision.removesuffix("%")) / 100
         except ValueError:
             return float("nan")
 
     def check(self) -> None:
-        """Raises InputError for numbers that make no sense."""
+        """Raises InputError for invalid options."""
         self.check_real()
         self.check_image_size()
         at_least(self, 1, "real_episodes")
@@ -60,28 +61,28 @@ class TuneConfig(Prints, ObservesSized, RealConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class CheckConfig(Prints, ObservesSized, CameraPoseOptions, RecordingsConfig):
-    """Say, before any training, what each parameter changes and what recordings can tell of it.
+    """Show, before tuning, what each parameter changes and how well recordings can determine it.
 
-    Takes seconds, beside reading recordings. What a parameter "shows" is the best that can be
-    hoped for. Of recordings it writes one file: pictures of them beside the simulator's.
+    Takes seconds, plus the time to read recordings. What a parameter "shows" is the best precision
+    to hope for. With recordings, writes one file: their pictures beside the simulator's.
     """
 
     task: Annotated[Positional[str], arg(metavar="TASK")]
     """A built-in task (see `simtune tasks`), or a tuning file (docs/tuning-file.md)."""
     real: Path | None = None
-    """Recordings (docs/recordings.md), whose actions are replayed; by default they are random, or
-    the task's script with noise. All episodes are looked through."""
+    """Recordings (docs/recordings.md), whose actions are replayed; by default actions are random,
+    or of the task's script with noise. All episodes are read."""
     episodes: int | None = None
-    """How many episodes to simulate (by default 5), or to replay of the recordings (by default
+    """Number of episodes to simulate (by default 5), or to replay from the recordings (by default
     all, at most 10)."""
     seed: int = 0
-    """Of the actions and of where simulated episodes start."""
+    """Random seed of the actions and of the initial states of simulated episodes."""
     pictures: Path | None = None
-    """With recordings: where to save their first frames beside the simulator's, as FILE.png; by
-    default a new file in the system's folder for temporary ones, whose name is printed."""
+    """With recordings: FILE.png for their first frames beside the simulator's; by default a new
+    file in the system's temporary folder, whose name is printed."""
 
     def check(self) -> None:
-        """Raises InputError for what makes no sense."""
+        """Raises InputError for invalid options."""
         if self.real is not None and str(self.real) == "pseudo" and not self.real.exists():
             raise InputError("check simulates by itself what it needs: leave out --real pseudo")
         self.check_recordings(self.real is not None)

@@ -1,4 +1,4 @@
-"""`simtune export`: what a run found, as files that need no simtune."""
+"""`simtune export`: a run's result as files that need no simtune."""
 
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ _MODEL_CHECKS = ("warnings", "correlations", "combinations")
 
 
 def export(config: ExportConfig) -> Path:
-    """Write OUT; returns it. Raises InputError where there is nothing to take along."""
+    """Write OUT and return its path. Raises InputError if there is nothing to export."""
     config.check()
     run = read_finished(config.run_folder)
     if not run.is_tuned:
@@ -48,7 +48,7 @@ def export(config: ExportConfig) -> Path:
 
 
 def _write_model(run: RunData, task: Task, out: Path) -> tuple[ModelWriter, mujoco.MjModel]:
-    """Returns the tuned model, which `write_mjcf` wrote, and what writes into such ones."""
+    """Write model.xml, apply.py and parameters.json; returns the model's writer and the model."""
     found = run.result["parameters"]
     mean = np.array([found[name]["mean"] for name in task.parameters.names])
     spec, model, writer = tuned_model(task, mean, run.result.get("step_s"))
@@ -59,7 +59,7 @@ def _write_model(run: RunData, task: Task, out: Path) -> tuple[ModelWriter, mujo
 
 
 def _content(run: RunData, space: ParameterSpace) -> dict[str, Any]:
-    """The content of parameters.json: with what each number is in the model, and its bounds."""
+    """Content of parameters.json: estimates with their place in the model and bounds."""
     parameters = {
         p.name: run.result["parameters"][p.name]
         | {key: getattr(p, key) for key in ("field", "objects", "component", "scale")}

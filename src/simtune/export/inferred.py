@@ -1,10 +1,12 @@
-"""What a compiler infers from shapes, written down: tuned shapes must not change it."""
+"""Makes values explicit that the compiler infers from shapes, so that tuned shapes do not change
+them.
+"""
 
 import mujoco
 
 
 def write_down_inferred(spec: mujoco.MjSpec) -> None:
-    """Give a spec the masses, inertias and lengths of springs that its nominal shapes have."""
+    """Store in a spec the masses, inertias and spring lengths that follow from nominal shapes."""
     model = spec.compile()
     spec.compiler.inertiafromgeom, spec.compiler.settotalmass = 0, -1
     for body in spec.bodies[1:]:
@@ -12,9 +14,9 @@ def write_down_inferred(spec: mujoco.MjSpec) -> None:
         body.mass, body.inertia = model.body_mass[body.id], model.body_inertia[body.id]
         body.ipos, body.iquat = model.body_ipos[body.id], model.body_iquat[body.id]
     for geom in [*spec.geoms, *(geom.classname.geom for geom in spec.geoms)]:
-        if geom.mass > 0:  # a weight that counts no more would mislead whoever edits the file
+        if geom.mass > 0:  # it has no effect any more, and would mislead readers of the file
             geom.mass = float("nan")
         if geom.density > 0:
-            geom.density = 1000  # MuJoCo's own, which it does not write
+            geom.density = 1000  # MuJoCo's default, which it does not write
     for tendon in spec.tendons:
         tendon.springlength = model.tendon_lengthspring[tendon.id]

@@ -1,4 +1,4 @@
-"""The tuned model as a user's files: MJCF and all that it refers to."""
+"""Writes the tuned model as MJCF, with all files that it refers to."""
 
 import shutil
 from collections.abc import Iterator
@@ -24,9 +24,9 @@ _INFERRED = ("body_mass", "body_inertia", "body_ipos", "tendon_lengthspring")
 def tuned_model(
     task: Task, parameters: np.ndarray, step_s: float | None
 ) -> tuple[mujoco.MjSpec, mujoco.MjModel, ModelWriter]:
-    """The task's spec, that spec compiled with (N,) `parameters` written into it, and what wrote.
+    """The task's spec, the compiled model with (N,) `parameters`, and the writer of the latter.
 
-    `step_s`: how long an action lasted in the run; physics steps are a whole part of it.
+    `step_s`: duration of an action in the run, which is a multiple of the physics timestep.
     """
     step_s = step_s or task.step_s
     spec = task.spec_for(step_s)
@@ -41,11 +41,11 @@ def tuned_model(
 def write_mjcf(
     spec: mujoco.MjSpec, model: mujoco.MjModel, writer: ModelWriter, folder: Path
 ) -> None:
-    """FOLDER/model.xml with the numbers of `model`, which was compiled from `spec`.
+    """Write FOLDER/model.xml with the numbers of `model`, which was compiled from `spec`.
 
-    Meshes, textures and height fields from files are copied into FOLDER/assets.
-    Raises InputError for a file that cannot be read, or what MuJoCo cannot write, RuntimeError for
-    a field that MJCF lacks.
+    Files of meshes, textures and height fields are copied into FOLDER/assets. Raises InputError if
+    a file cannot be read or MuJoCo cannot write the model, RuntimeError for a field that MJCF
+    lacks.
     """
     with _mujocos_errors():
         spec.copy_back(model)
@@ -55,7 +55,7 @@ def write_mjcf(
 
 
 def write_spec(spec: mujoco.MjSpec, folder: Path) -> None:
-    """FOLDER/model.xml of a spec as it is, and copies of its files, as `write_mjcf` does it."""
+    """Write an unchanged spec as FOLDER/model.xml, with copies of its files, like `write_mjcf`."""
     spec = spec.copy()
     with _mujocos_errors():
         model = spec.compile()
@@ -64,7 +64,7 @@ def write_spec(spec: mujoco.MjSpec, folder: Path) -> None:
 
 
 def _write(spec: mujoco.MjSpec, folder: Path) -> mujoco.MjModel:
-    """What can be read again from FOLDER/model.xml."""
+    """Write FOLDER/model.xml and copies of its files; returns the model read from there."""
     copied: dict[Path, str] = {}
     for owner, where, name in _files(spec):
         name = PurePath(name).name if spec.strippath else name
@@ -74,7 +74,7 @@ def _write(spec: mujoco.MjSpec, folder: Path) -> mujoco.MjModel:
             copied[source] = _copy(source, folder / _ASSETS, len(copied), held)
         owner.file = copied[source]
     spec.meshdir = spec.texturedir = _ASSETS if copied else ""
-    spec.modelfiledir = str(folder)  # writing looks at the files once more
+    spec.modelfiledir = str(folder)  # MuJoCo reads the files again when writing
     with _mujocos_errors():
         write_atomically(folder / "model.xml", spec.to_xml().encode())
         return mujoco.MjModel.from_xml_path(str(folder / "model.xml"))
@@ -82,7 +82,7 @@ def _write(spec: mujoco.MjSpec, folder: Path) -> mujoco.MjModel:
 
 @contextmanager
 def _mujocos_errors() -> Iterator[None]:
-    """Say them as those of the user's model."""
+    """Turn MuJoCo's ValueErrors into InputErrors about the user's model."""
     try:
         yield
     except ValueError as error:
@@ -90,7 +90,7 @@ def _mujocos_errors() -> Iterator[None]:
 
 
 def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:
-    """(kind of element, name, attribute, value) of what `copy_back` leaves out of a spec."""
+    """(kind of element, name, attribute, value) of values that `copy_back` omits."""
     for field, objects in sorted(writer.written.items()):
         info = field_of(field)
         if not (info.is_not_copied and info.object_type):
@@ -98,7 +98,7 @@ def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str
         kind, attribute = info.object_type.name, field.removeprefix(f"{info.prefix}_")
         for name in objects:
             (value,) = info.read(model)[rows_of(model, field, name)].tolist()
-            if info.is_delay:  # worth nothing without a memory of controls
+            if info.is_delay:  # has no effect without a memory of controls
                 num_samples, interp = model.actuator_history[model.actuator(name).id].tolist()
                 yield kind, name, "nsample", num_samples
                 yield kind, name, "interp", interp
@@ -106,7 +106,7 @@ def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str
 
 
 def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, fields: set[str]) -> None:
-    """MJCF need not have a word for every field of a model."""
+    """Raise RuntimeError if a field has changed: MJCF cannot express every field of a model."""
     for field in sorted(fields):
         before, after = map(field_of(field).read, (model, reloaded))
         if before.shape != after.shape or not np.allclose(before, after, rtol=1e-4, atol=1e-6):
@@ -114,7 +114,7 @@ def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, fields: set[str]) 
 
 
 def _files(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
-    """(what refers to a file, the folder that it is named from, its name)."""
+    """(element that refers to a file, folder to which the name is relative, name)."""
     for where, owners in (
         (spec.meshdir, [*spec.meshes, *spec.hfields, *spec.skins]),
         (spec.texturedir, spec.textures),
@@ -125,9 +125,9 @@ def _files(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
 
 
 def _copy(source: Path, folder: Path, number: int, held: bytes | None) -> str:
-    """The name of the copy, which is the source's own unless that is taken.
+    """Copy a file; returns the copy's name: the source's, unless that is taken.
 
-    `held`: its content, where it is no file.
+    `held`: the content, if the source is in memory.
     """
     folder.mkdir(exist_ok=True)
     name = PurePath(source).name

@@ -1,4 +1,4 @@
-"""Draws of a run's joint posterior as a table, for anyone's own domain randomisation."""
+"""Draws from a run's joint posterior as a table, for a user's own domain randomisation."""
 
 import csv
 import io
@@ -17,9 +17,9 @@ from simtune.tuning.search import Estimate
 
 
 def draw_samples(run: RunData, space: ParameterSpace, num: int) -> np.ndarray:
-    """(num, N) parameters within their bounds; the same in every call.
+    """(num, N) parameters within their bounds, the same in every call.
 
-    Raises InputError for a run of an earlier version.
+    Raises InputError for a run of an earlier version of simtune.
     """
     if run.posterior is None:
         raise InputError(
@@ -38,7 +38,7 @@ def draw_samples(run: RunData, space: ParameterSpace, num: int) -> np.ndarray:
 
 
 def write_samples(path: Path, names: Sequence[str], draws: np.ndarray) -> None:
-    """(num, N) draws: CSV with a header; NPZ of `names` and `draws`; JSON, an object each."""
+    """Write (num, N) draws as CSV with a header, NPZ of `names` and `draws`, or a list in JSON."""
     if path.suffix == ".npz":
         file = io.BytesIO()
         np.savez_compressed(file, names=np.array(names), draws=draws)

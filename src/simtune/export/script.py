@@ -1,4 +1,4 @@
-"""Python that writes what was found into a user's own copy of the model, without simtune."""
+"""Python code, without simtune, that writes the result into a user's own copy of the model."""
 
 import inspect
 import re
@@ -58,7 +58,7 @@ need some gravcomp where weight is compensated."""
 
 
 def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
-    """The text of apply.py, with the numbers that `writer` wrote into `model`."""
+    """Text of apply.py, with the numbers that `writer` wrote into `model`."""
     rows = [
         f"    ({field!r}, {kind!r}, {name!r}, {values!r}),"
         for field, kind, name, values in _found(writer, model)
@@ -85,7 +85,7 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
 
 
 def _preparations(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[str]:
-    """Statements that have `spec` prepared, but for the memory of controls."""
+    """Statements that prepare `spec`, except for the memory of controls (`not_copied`)."""
     for parameter in writer.space:
         for name in parameter.objects:
             if parameter.is_lag:
@@ -100,7 +100,10 @@ def _preparations(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[str]:
 
 
 def _found(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:
-    """Whole rows, since a field's numbers may be several parameters, or carried along."""
+    """(field, kind of object, name, values) of everything written.
+
+    Values are whole rows, since several parameters may write a row, or numbers be carried along.
+    """
     for field, objects in writer.written.items():
         info = field_of(field)
         if info.is_option:

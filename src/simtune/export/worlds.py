@@ -1,4 +1,4 @@
-"""Draws of a run's joint posterior as the training of other libraries reads them."""
+"""Draws from a run's joint posterior, in a format for training with other libraries."""
 
 import copy
 import io
@@ -18,7 +18,7 @@ from simtune.run import write_atomically
 
 
 def refuse_unfit(space: ParameterSpace, library: ExportFormat) -> None:
-    """Raises InputError for a parameter of what cannot be found, or differ, among the worlds."""
+    """Raises InputError if a parameter has an unnamed object, or cannot differ among worlds."""
     for parameter in space:
         if nameless := [name for name in parameter.objects if re.fullmatch(r"\w+ \d+", name)]:
             raise InputError(
@@ -33,34 +33,34 @@ def refuse_unfit(space: ParameterSpace, library: ExportFormat) -> None:
 
 
 def write_module(folder: Path, library: ExportFormat) -> None:
-    """FOLDER/LIBRARY_worlds.py: randomises the library's environments by worlds.npz beside it."""
+    """Write FOLDER/LIBRARY_worlds.py, which randomises environments with worlds.npz beside it."""
     write_atomically(folder / f"{library}_worlds.py", module_text(library).encode())
 
 
 def write_worlds(path: Path, writer: ModelWriter, model: mujoco.MjModel, draws: np.ndarray) -> None:
-    """(W, N) draws, and what each writes into the model, as NPZ.
+    """Write (W, N) draws, and the model's values for each, as NPZ.
 
-    `names` (N,) and `draws` (W, N); `targets` (M, 3): a field of MjModel, the kind of an object and
-    its name; `values_0` to `values_M-1`, each (W, rows, ...): what the object has there.
+    `names` (N,) and `draws` (W, N); `targets` (M, 3): a field of MjModel, the kind and the name of
+    an object; `values_0` to `values_M-1`, each (W, rows, ...): the object's values of the field.
     """
     targets = list(_targets(writer))
     values: list[list[np.ndarray]] = [[] for _ in targets]
     world = copy.copy(model)
     for draw in draws:
         writer.write(world, draw)
-        for (field, _, name), each in zip(targets, values, strict=True):
+        for (field, _, name), target_values in zip(targets, values, strict=True):
             info = field_of(field)
             rows = ... if info.is_option else rows_of(world, field, name)
-            each.append(np.array(info.read(world)[rows]))
+            target_values.append(np.array(info.read(world)[rows]))
     file = io.BytesIO()
-    arrays: dict[str, Any] = {f"values_{i}": np.array(each) for i, each in enumerate(values)}
+    arrays: dict[str, Any] = {f"values_{i}": np.array(v) for i, v in enumerate(values)}
     arrays |= {"names": np.array(writer.space.names), "draws": draws, "targets": np.array(targets)}
     np.savez_compressed(file, **arrays)
     write_atomically(path, file.getvalue())
 
 
 def _targets(writer: ModelWriter) -> Iterator[tuple[str, str, str]]:
-    """(field, kind of object, its name) of all that is written; an option is nobody's."""
+    """(field, kind of object, its name) of everything written; the name is "" for an option."""
     for field, objects in writer.written.items():
         for name in objects or [""]:
             yield field, field_of(field).prefix, name

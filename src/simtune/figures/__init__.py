@@ -1,4 +1,4 @@
-"""What many runs say together, from their folders alone: curves, ablations, tables."""
+"""Figures of many runs, from their folders only: curves, ablations, tables."""
 
 from simtune.figures.write import write_figures
 

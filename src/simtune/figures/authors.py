@@ -1,9 +1,10 @@
-"""What the paper's authors reached, to stand beside ours: data only.
+"""Results of the paper's authors, for comparison with ours: data only.
 
 Source: the plots of Du, Watkins, Darrell, Abbeel and Pathak, "Auto-Tuned Sim-to-Real Transfer"
-(ICRA 2021), digitised to a pixel: means and standard deviations of three seeds where their curves
-end, in a pseudo-real world, by 200 policy steps an episode. The robot's tasks have success there,
-returns elsewhere. Their oracle of cheetah was trained in another model than it was scored in.
+(ICRA 2021), digitised to a pixel: means and standard deviations over three seeds at the ends of the
+curves, in a pseudo-real world, with 200 policy steps per episode. The robot's tasks are scored by
+success, the others by return. The authors' oracle of cheetah was trained in another model than it
+was scored in.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class EndPoint:
-    """Where a method's curve ends."""
+    """End of a method's curve."""
 
     mean: float
     std: float | None = None  # over seeds
@@ -19,7 +20,7 @@ class EndPoint:
 
 @dataclass(frozen=True)
 class Reached:
-    """What the authors reached in a task."""
+    """The authors' results in a task."""
 
     policy_steps: int
     score: str  # "return", or "success" as a share of episodes

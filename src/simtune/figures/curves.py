@@ -1,4 +1,4 @@
-"""Curves of several seeds as one, with its interval."""
+"""Combines the curves of several seeds into one with an interval."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ _POINTS = 40  # of a smooth curve
 
 
 def interpolated(curves: Sequence[Curve]) -> Band:
-    """Seeds that were measured at different places, linearly in between, where all of them are."""
+    """Combine curves measured at different x by linear interpolation, where all are defined."""
     arrays = [np.array(sorted(curve)) for curve in curves if len(curve)]
     if not arrays:
         return []
@@ -27,11 +27,11 @@ def interpolated(curves: Sequence[Curve]) -> Band:
 
 
 def stepped(curves: Sequence[Curve]) -> Band:
-    """Values that hold until the next one, such as an estimate until more is known.
+    """Combine curves whose values hold until the next one, such as estimates.
 
-    At every place where one of the seeds changed, from where all have begun.
+    The result has a value at every x at which a curve changes, once all have started.
     """
-    kept = [dict(curve) for curve in curves if len(curve)]  # of several at one place the last
+    kept = [dict(curve) for curve in curves if len(curve)]  # the last of several values at one x
     if not kept:
         return []
     start = max(min(curve) for curve in kept)

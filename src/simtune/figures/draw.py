@@ -1,4 +1,4 @@
-"""Figures as plots of the report's kind."""
+"""Draws figures with the report's plots."""
 
 from simtune.figures.curves import Band
 from simtune.figures.figure import Figure, Series
@@ -8,17 +8,17 @@ from simtune.validate import is_number
 
 WIDTH = 300
 LEGEND = 20  # pixels above a plot
-_CHARACTER_PX = 6.4  # of a label, about
+_CHARACTER_PX = 6.4  # approximate width of a label's character
 _KNOWN = ("autotune", "regression", "dr", "oracle", "tune")
 
 
 def colour(kind: str) -> str:
-    """By which style.css and raster.py know a series' colour."""
+    """Name of a series' colour in style.css and raster.py."""
     return kind if kind in _KNOWN else "other"
 
 
 def draw(figure: Figure) -> Plot:
-    """Each series with its interval, and the levels to compare with dashed across."""
+    """Draw each series with its interval, and dashed horizontal lines for references."""
     bands = [series.band for series in figure.series if series.band]
     values = [v for band in bands for _, c in band for v in (c.mean, c.low, c.high) if is_number(v)]
     values += [reference.value for reference in figure.references] + [0.0]
@@ -38,7 +38,7 @@ def draw(figure: Figure) -> Plot:
 
 
 def with_legend(figure: Figure) -> Plot:
-    """The same with what each colour means above it, for where no page says so."""
+    """Like `draw`, with a legend of the colours above, for use outside the page."""
     plot, px = draw(figure), float(LEFT)
     kinds = [(series.label, series.kind) for series in figure.series if series.band]
     kinds += [(reference.label, reference.label) for reference in figure.references]

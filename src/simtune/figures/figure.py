@@ -1,4 +1,4 @@
-"""A figure as its data: what is drawn, and what its CSV holds."""
+"""The data of a figure, for its plot and its CSV."""
 
 from dataclasses import dataclass, field
 
@@ -8,14 +8,14 @@ from simtune.figures.curves import Band
 @dataclass(frozen=True)
 class Series:
     label: str
-    kind: str  # by which it is coloured: a method, or "authors"
+    kind: str  # decides the colour: a method, or "authors"
     band: Band
-    line: bool = True  # or dots with error bars, each by itself
+    line: bool = True  # False: separate dots with error bars
 
 
 @dataclass(frozen=True)
 class Reference:
-    """A level to compare with."""
+    """A constant level for comparison."""
 
     label: str
     value: float
@@ -23,21 +23,21 @@ class Reference:
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    key: str  # of its files
+    key: str  # name of its files
     title: str
     x_title: str
     y_title: str
     series: list[Series]
     references: list[Reference] = field(default_factory=list)
     is_ablation: bool = False  # x are values of an option, often multiples of one another
-    categories: tuple[str, ...] = ()  # names of x = 0, 1, ..., where these are no numbers
+    categories: tuple[str, ...] = ()  # names of x = 0, 1, ..., if x are not numbers
 
     @property
     def is_empty(self) -> bool:
         return not any(series.band for series in self.series)
 
     def rows(self) -> list[dict[str, object]]:
-        """Of the CSV."""
+        """Rows of the CSV."""
         rows: list[dict[str, object]] = []
         for series in self.series:
             for x, value in series.band:

@@ -1,4 +1,4 @@
-"""From settings to figures: which curves, which ablations, and the authors' beside them."""
+"""Makes figures of settings: curves, ablations, and the authors' results for comparison."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,7 @@ _UNTUNED = ("dr", "oracle")
 
 
 def figures_of(setting: Setting) -> list[Figure]:
-    """All that the runs of a setting can show."""
+    """All figures of a setting that are not empty."""
     score = setting.score
     scored = "success, share of episodes" if score == "success" else "return, real world"
     drawn = [
@@ -46,7 +46,7 @@ def _learning(setting: Setting) -> Figure:
 
 
 def _against(setting: Setting, against: str, score: str, x: str, y: str) -> Figure:
-    """Scores in the pseudo-real world; methods that use no real episodes are levels."""
+    """Scores in the pseudo-real world; methods without real episodes are drawn as levels."""
     series = [
         Series(group.method, group.method, stepped(curves), line=True)
         for group in setting.groups

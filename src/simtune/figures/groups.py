@@ -1,10 +1,9 @@
-"""Which runs are compared: settings, methods, and what was varied besides.
+"""Groups runs for comparison: settings, methods, and ablations of other options.
 
-A setting is a task, trained or only tuned, through a reality gap or not, after pretraining
-(sim-to-real) or not. In it the runs of a method
-that differ by nothing but their seeds are a group. Where an option was varied, its most common
-value is the usual one: groups that have it are drawn together, method beside method, and the other
-values beside it as an ablation of this option.
+A setting is a task, trained or only tuned, with a reality gap or not, after pretraining
+(sim-to-real) or not. Within a setting, runs of a method that differ only by their seeds are a
+group. If an option was varied, its most common value is the usual one: groups with usual options
+are drawn together, method beside method; groups with one other value are an ablation of its option.
 """
 
 from collections import Counter
@@ -20,7 +19,7 @@ ORDER = ("autotune", "regression", "dr", "oracle")  # of methods; others come af
 
 @dataclass(frozen=True)
 class Group:
-    """Runs that differ by their seeds alone."""
+    """Runs that differ only by their seeds."""
 
     method: str
     runs: list[Record]
@@ -31,10 +30,10 @@ class Group:
 
 @dataclass(frozen=True)
 class Ablation:
-    """One option varied, all others being as usual."""
+    """One option varied, with usual values of all others."""
 
     option: str
-    groups: list[tuple[Any, Group]]  # its value
+    groups: list[tuple[Any, Group]]  # (the option's value, group)
 
 
 @dataclass(frozen=True)
@@ -43,9 +42,9 @@ class Setting:
     is_training: bool
     has_gap: bool
     is_pretrained: bool
-    groups: list[Group]  # a method each, all options as usual
+    groups: list[Group]  # one per method, with usual options
     ablations: list[Ablation]
-    num_others: int  # runs of which more than one option is not as usual: they are not drawn
+    num_others: int  # runs with more than one unusual option, which are not drawn
 
     @property
     def title(self) -> str:
@@ -55,14 +54,14 @@ class Setting:
 
     @property
     def key(self) -> str:
-        """For the names of files."""
+        """The setting's part of file names."""
         parts = [self.task, "" if self.is_training else "tune"]
         parts += ["sim-to-real" if self.is_pretrained else "", "gap" if self.has_gap else ""]
         return "-".join(part for part in parts if part)
 
     @property
     def score(self) -> str:
-        """What policies are judged by: whether they reach the task's goal, if it has one."""
+        """The score of policies: success if the task has a goal, else return."""
         has_goal = any("success" in run.result for group in self.groups for run in group.runs)
         return "success" if has_goal else "return"
 
@@ -71,7 +70,7 @@ class Setting:
 
 
 def settings(records: Sequence[Record]) -> list[Setting]:
-    """All that the runs are of, trainings first, gaps last."""
+    """All settings of the runs, trainings first, gaps last."""
     apart: dict[tuple[bool, bool, bool, str], list[Record]] = {}
     for record in records:
         gap, first = (bool(record.config.get(name)) for name in ("real_gap", "pretrain_steps"))
@@ -105,10 +104,10 @@ def _setting(key: tuple[bool, bool, bool, str], records: list[Record]) -> Settin
 
 
 def _usual(records: list[Record]) -> dict[str, Any]:
-    """The most common value of each option that was varied; the first one of those as common."""
+    """{option: most common value} of varied options; of equally common ones, the first."""
     names = dict.fromkeys(name for record in records for name in record.options)
     values = {name: [record.options.get(name) for record in records] for name in names}
-    counts = {name: Counter(map(repr, of)) for name, of in values.items()}
+    counts = {name: Counter(map(repr, listed)) for name, listed in values.items()}
     return {
         name: next(v for v in values[name] if repr(v) == count.most_common(1)[0][0])
         for name, count in counts.items()
@@ -125,7 +124,7 @@ def _by_method(records: list[Record]) -> list[Group]:
 
 
 def _ablation(option: str, common: list[Record], varied: list[Record]) -> Ablation:
-    """Methods that were varied, by the option's value: numbers in their order, then the others."""
+    """Methods with varied runs, sorted by the option's value: numbers first, then others."""
     methods = {record.method for record in varied}
     found: dict[str, tuple[Any, list[Record]]] = {}
     for record in [*(r for r in common if r.method in methods), *varied]:

@@ -1,4 +1,4 @@
-"""A plot's marks as a picture: for where no SVG is taken."""
+"""Draws a plot's marks as PNG, for places that do not accept SVG."""
 
 import io
 
@@ -22,18 +22,18 @@ COLOURS = {
     "axis": "#5b6777",
 }
 _DPI = 100
-_SCALE = 2  # pixels a unit of the plot
+_SCALE = 2  # pixels per unit of the plot
 _ANCHORS = {"middle": "center", "end": "right", "start": "left"}
 
 
 def png(plot: Plot) -> bytes:
-    """The plot and its legend, twice as large as the SVG, on white."""
+    """PNG of the plot and its legend, twice as large as the SVG, on white."""
     scale, bottom = _SCALE / _DPI, plot.height + 4
     canvas = Canvas(figsize=(plot.width * scale, (bottom + LEGEND) * scale), dpi=_DPI)
     FigureCanvasAgg(canvas)
     axes = canvas.add_axes((0, 0, 1, 1), xlim=(0, plot.width), ylim=(bottom, -LEGEND))
     axes.set_axis_off()
-    for order, mark in enumerate(plot.marks):  # later ones lie above, whatever they are
+    for order, mark in enumerate(plot.marks):  # later marks lie above, whatever their type
         axes.add_artist(_artist(mark)).set_zorder(order)
     file = io.BytesIO()
     canvas.savefig(file, format="png", dpi=_DPI)
@@ -41,19 +41,19 @@ def png(plot: Plot) -> bytes:
 
 
 def _artist(mark: Mark) -> Line2D | Polygon | Circle | Text:
-    of = mark.attributes
-    kind, tone = (*str(of.get("class", "axis")).split(), "axis")[:2]
+    attributes = mark.attributes
+    kind, tone = (*str(attributes.get("class", "axis")).split(), "axis")[:2]
     tone = COLOURS[kind if kind in COLOURS else tone]
     width = {"series": 2.0, "level": 1.4}.get(kind, 1.0) * 0.72 * _SCALE  # points
     if mark.tag == "text":
-        anchor = _ANCHORS[str(of["text-anchor"])]
+        anchor = _ANCHORS[str(attributes["text-anchor"])]
         size = 11 * 0.72 * _SCALE
-        return Text(
-            float(of["x"]), float(of["y"]), mark.words, color=tone, fontsize=size, ha=anchor
-        )
+        x, y = float(attributes["x"]), float(attributes["y"])
+        return Text(x, y, mark.words, color=tone, fontsize=size, ha=anchor)
     if mark.tag == "circle":
-        return Circle((float(of["cx"]), float(of["cy"])), float(of["r"]), color=tone)
-    points = [tuple(map(float, pair.split(","))) for pair in str(of["points"]).split()]
+        x, y, radius = (float(attributes[key]) for key in ("cx", "cy", "r"))
+        return Circle((x, y), radius, color=tone)
+    points = [tuple(map(float, pair.split(","))) for pair in str(attributes["points"]).split()]
     if mark.tag == "polygon":
         return Polygon(points, color=tone, alpha=0.18, linewidth=0)
     style = (0, (5, 3)) if kind == "level" else "-"

@@ -1,4 +1,4 @@
-"""Finished runs, as far as figures need them: read from run folders alone."""
+"""Reads what figures need of finished runs, from run folders only."""
 
 import os
 from collections.abc import Mapping
@@ -11,15 +11,16 @@ from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
 from simtune.validate import is_number
 
-# Options by which runs may differ and still be seeds of one another, or that follow from others
+# Options that may differ between seeds of a group, that make groups otherwise, or that follow from
+# other options
 _NO_CONDITIONS = ("task", "out", "seed", "method", "search", "device", "move", "robot")
 _NO_CONDITIONS += ("real_parameters", "task_name", "json")
-_FLOOR = 0.01  # of a parameter's upper bound: a smaller truth counts as this, see `Truth.score`
+_FLOOR = 0.01  # share of the upper bound; a smaller truth counts as this, see `Truth.score`
 
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """A run that has a result."""
+    """A run with a result."""
 
     name: str
     config: Mapping[str, Any]
@@ -32,7 +33,7 @@ class Record:
 
     @property
     def method(self) -> str:
-        """Of a training, or `tune`; with how it searched, unless by the usual search."""
+        """The method of a training, or "tune"; with the search, unless it is the default one."""
         search, method = self.config.get("search"), self.config.get("method", "tune")
         return method if search in (None, "posterior") else f"{method}, {search}"
 
@@ -42,9 +43,9 @@ class Record:
 
     @property
     def options(self) -> dict[str, Any]:
-        """By which runs of one method may differ, but for what its command derived from them.
+        """Options by which runs of one method may differ, without derived ones.
 
-        Only those that are set: an earlier version had not all of today's.
+        Only options that are set, since earlier versions did not have all of them.
         """
         is_set = {k: v is not None and v is not False for k, v in self.config.items()}
         plain = {k: v for k, v in self.config.items() if is_set[k] and not isinstance(v, dict)}
@@ -53,18 +54,18 @@ class Record:
         return {name: plain[name] for name in names}
 
     def score(self, name: str) -> float | None:
-        """The mean of "return", "success", ... over scored episodes, or a plain number."""
+        """The mean of "return", "success", ... over scored episodes, or a plain number; None."""
         value = self.result.get(name)
         value = value.get("mean") if isinstance(value, dict) else value
         return value if is_number(value) else None
 
     def returns(self) -> list[tuple[float, float]]:
-        """(policy steps, return in simulation) of episodes that were played on pictures."""
+        """(policy steps, return in simulation) of episodes played on pictures."""
         played = [line for line in self.metrics if line.get("filmed")]
         return _points(played, "step", "return/simulated")
 
     def scores(self, against: str, score: str) -> list[tuple[float, float]]:
-        """(`against`, score in the pseudo-real world) on the way, and at last."""
+        """(`against`, score in the pseudo-real world) during the run, and at its end."""
         points = _points(self.metrics, against, f"{score}/real")
         at = self.result.get("policy_steps" if against == "step" else against)
         last = self.score(score)
@@ -73,7 +74,7 @@ class Record:
         return points
 
     def percent_errors(self) -> list[tuple[float, float]]:
-        """(real episodes, mean percent error) of the start and after each round."""
+        """(real episodes, mean percent error) at the start and after each round."""
         truths = {n: p["real"] for n, p in self.result["parameters"].items() if "real" in p}
         if not truths:
             return []
@@ -95,9 +96,9 @@ class Record:
 
     @cached_property
     def _highs(self) -> dict[str, float]:
-        """Upper bounds by name, as far as the result has them."""
+        """{name: absolute upper bound}, as far as the result has them."""
         covariance = self.result.get("covariance") or {}
-        return {each["name"]: abs(each["high"]) for each in covariance.get("coordinates", ())}
+        return {axis["name"]: abs(axis["high"]) for axis in covariance.get("coordinates", ())}
 
 
 def _points(lines: list[dict[str, Any]], x: str, y: str) -> list[tuple[float, float]]:
@@ -106,9 +107,9 @@ def _points(lines: list[dict[str, Any]], x: str, y: str) -> list[tuple[float, fl
 
 
 def read_records(folder: Path) -> tuple[list[Record], list[str]]:
-    """All finished runs in a folder, at any depth, and the names of those without a result.
+    """All finished runs in a folder, at any depth, and the names of runs without a result.
 
-    A sweep's pilots are none. Raises InputError where there are no runs, or one is damaged.
+    A sweep's pilots are skipped. Raises InputError if there are no runs, or one is damaged.
     """
     finished, unfinished = [], []
     for path, folders, files in os.walk(folder):

@@ -1,9 +1,9 @@
-"""What several seeds say together: interquartile means and bootstrap intervals.
+"""Statistics over several seeds: interquartile means and bootstrap intervals.
 
-As Agarwal et al. 2021 ("Deep reinforcement learning at the edge of the statistical precipice")
-recommend: the interquartile mean, which a lucky or an unlucky seed does not move, and percentile
-bootstrap intervals, for several tasks stratified by task. With less than four values in all
-nothing can be left out, and it is the mean.
+As recommended by Agarwal et al. 2021 ("Deep reinforcement learning at the edge of the statistical
+precipice"): the interquartile mean, which a lucky or unlucky seed does not change, and percentile
+bootstrap intervals, stratified by task for several tasks. With fewer than four values, nothing is
+trimmed, and the result is the mean.
 """
 
 from collections.abc import Sequence
@@ -12,30 +12,30 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-_RESAMPLES = 2000  # of scipy's default of 95 %
+_RESAMPLES = 2000  # for intervals of 95 %, scipy's default
 
 
 class Centre(NamedTuple):
-    """An interquartile mean and its 95 % interval, and of how many values."""
+    """An interquartile mean and its 95 % interval."""
 
     mean: float
     low: float
     high: float
-    num: int  # values
+    num: int  # number of values
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
-    """The mean without the lowest and the highest quarter, rounded down."""
+    """The mean without the lowest and the highest quarter; the quarter is rounded down."""
     return stats.trim_mean(values, 0.25, axis=axis)
 
 
 def centre(values: Sequence[float]) -> Centre:
-    """Of the values of some seeds; of a single one the interval is unknown, NaN."""
+    """Centre of the values of several seeds; the interval of a single one is NaN."""
     return stratified([values])
 
 
 def stratified(strata: Sequence[Sequence[float]]) -> Centre:
-    """The same over the values of several tasks, seeds being drawn anew within each task."""
+    """Centre of the values of several tasks; seeds are resampled within each task."""
     arrays = [np.asarray(values, float) for values in strata]
     varied = [values for values in arrays if len(values) > 1]
     alone = np.concatenate([np.zeros(0), *(values for values in arrays if len(values) < 2)])

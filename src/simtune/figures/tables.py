@@ -1,4 +1,4 @@
-"""What all seeds reached in the end, as rows."""
+"""Final results over all seeds, as rows of tables."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from simtune.figures.statistics import Centre, centre, stratified
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A method in a setting; what is not known is None."""
+    """A method in a setting; unknown values are None."""
 
     setting: str
     method: str
     seeds: int
     score: Centre | None  # return, or success as a share
     near_success: Centre | None
-    returned: Centre | None  # where the score is success
+    returned: Centre | None  # only if the score is success
     of_oracle: Centre | None  # the score as a share of the oracles' mean
     percent_error: Centre | None
     real_episodes: Centre | None
@@ -53,7 +53,7 @@ def _known(values: Sequence[float]) -> Centre | None:
 
 
 def shares_of_oracle(setting: Setting, group: Group) -> list[float]:
-    """Each seed's score as a share of what oracles of this setting reach on average."""
+    """Each seed's score as a share of the oracles' mean score in this setting."""
     oracle = setting.group("oracle")
     reached = oracle.scores(setting.score) if oracle else []
     level = sum(reached) / len(reached) if reached else 0.0
@@ -61,7 +61,7 @@ def shares_of_oracle(setting: Setting, group: Group) -> list[float]:
 
 
 def overall(settings: Sequence[Setting]) -> dict[str, Centre]:
-    """Shares of the oracle over all tasks and seeds, by method."""
+    """{method: share of the oracle's score, over all tasks and seeds}."""
     found = {}
     for method in ORDER:
         pairs = [(s, group) for s in settings if (group := s.group(method))]
@@ -71,7 +71,7 @@ def overall(settings: Sequence[Setting]) -> dict[str, Centre]:
 
 
 def authors(setting: Setting) -> list[dict[str, Any]]:
-    """What the paper's authors reached in the same task, by method."""
+    """Results of the paper's authors in the same task, one dict per method."""
     reached = AUTHORS.get(setting.task)
     if not setting.is_training or setting.has_gap or reached is None:
         return []
@@ -103,7 +103,7 @@ def flat(row: Row) -> dict[str, Any]:
 
 
 def run_row(record: Record) -> dict[str, Any]:
-    """A run by itself, so that anybody can check the figures or draw others."""
+    """A single run as a row of the CSV, for checking the figures or drawing others."""
     names = ("return", "success", "near_success", "percent_error", "real_episodes")
     names += ("policy_steps", "sim_steps", "wall_s")
     known = {"run": record.name, "task": record.task, "method": record.method}

@@ -1,4 +1,4 @@
-"""`simtune figures`: a page, and each figure as SVG, PNG and CSV."""
+"""`simtune figures`: writes a page, and each figure as SVG, PNG and CSV."""
 
 import csv
 import io
@@ -27,9 +27,9 @@ PAGE = "figures.html"
 
 
 def write_figures(folder: Path | str) -> Path:
-    """Draw what the runs in a folder say together; returns the page's path.
+    """Draw figures of all runs in a folder; returns the page's path.
 
-    Raises InputError where there are none with a result, or nothing can be written.
+    Raises InputError if no run has a result, or nothing can be written.
     """
     folder = Path(folder)
     records, unfinished = read_records(folder)
@@ -41,7 +41,7 @@ def write_figures(folder: Path | str) -> Path:
         page = environment.get_template("figures.html").render(
             settings=found,
             figures=drawn,
-            overall=[(words_, tables.overall(of)) for words_, of in _trainings(found)],
+            overall=[(title, tables.overall(group)) for title, group in _trainings(found)],
             num_runs=len(records),
             unfinished=unfinished,
             title=folder.resolve().name,
@@ -54,11 +54,11 @@ def write_figures(folder: Path | str) -> Path:
 
 
 def _trainings(found: Sequence[Setting]) -> list[tuple[str, list[Setting]]]:
-    """Those that are summed up over tasks: apart, through the gap or not."""
+    """(title, settings) to summarise over tasks: without a reality gap, and with one."""
     usual = [s for s in found if s.is_training and not s.is_pretrained]
     names = {False: "All tasks", True: "All tasks, through the gap"}
     apart = [(names[g], [s for s in usual if s.has_gap == g]) for g in names]
-    return [(name, of) for name, of in apart if len(of) > 1]
+    return [(name, group) for name, group in apart if len(group) > 1]
 
 
 def _write_files(

@@ -1,8 +1,8 @@
-"""Backlash: the play of gears, as a second joint in series with the one that is driven.
+"""Backlash: the play of gears, modelled as a second joint in series with the driven joint.
 
-MuJoCo has none of its own. Models that have it (those made by onshape-to-robot, for one) give a
-body a further joint about the same axis, which nothing drives and whose limits are the play: the
-motor's side turns by the one, what it moves by both.
+MuJoCo has no backlash of its own. Models with backlash (e.g. those made by onshape-to-robot) give a
+body a second, undriven joint about the same axis, whose limits are the play. The motor's side turns
+by the driven joint alone; the driven body turns by the sum of both.
 """
 
 import mujoco
@@ -10,17 +10,17 @@ import numpy as np
 
 
 def play_of(model: mujoco.MjModel, joint: int) -> int:
-    """The joint that is the play of `joint`, -1 if there is none."""
+    """Index of the joint that is the play of `joint`; -1 if it has none."""
     others = np.flatnonzero(model.jnt_bodyid == model.jnt_bodyid[joint])
     plays = (i for i in others.tolist() if i != joint and driven_through(model, i) == joint)
     return next(plays, -1)
 
 
 def driven_through(model: mujoco.MjModel, play: int) -> int:
-    """The joint in series with `play`, -1 if that is no play.
+    """Index of the driven joint in series with the joint `play`; -1 if `play` is not a play.
 
-    Both are of one body, of one type, place and axis; the play comes later, and has limits about
-    its 0.
+    Both joints belong to one body and have the same type, position and axis. The play comes after
+    the driven joint, and its limits are symmetric about 0.
     """
     low, high = model.jnt_range[play]
     if not model.jnt_limited[play] or low != -high:

@@ -1,4 +1,4 @@
-"""Parameters that are often declared, in one line each."""
+"""Shorthands that declare common parameters in one line each."""
 
 from simtune.parameters.fields import field_of
 from simtune.parameters.parameter import Parameter
@@ -11,7 +11,7 @@ _WITHIN_M, _WITHIN_RAD, _WITHIN_DEG = (
 def colour(
     name: str, objects: tuple[str, ...], rgb: tuple[float, float, float], field: str = "geom_rgba"
 ) -> list[Parameter]:
-    """The three parameters NAME_r, NAME_g, NAME_b of the colour of geoms, or of another field."""
+    """Parameters NAME_r, NAME_g and NAME_b: the colour of geoms, or another colour `field`."""
     return [
         _linear(f"{name}_{channel}", field, objects, rgb[index], (0.0, 1.0), index)
         for index, channel in enumerate("rgb")
@@ -27,7 +27,7 @@ def dynamics(
     unit: str = "×",
     component: int | None = None,
 ) -> Parameter:
-    """A positive number of the physics: on a log scale, from a tenth to ten times nominal."""
+    """A positive physical parameter, searched on a log scale from nominal / 10 to nominal · 10."""
     return Parameter(
         name=name,
         field=field,
@@ -42,9 +42,9 @@ def dynamics(
 
 
 def delay(name: str, actuators: tuple[str, ...], high_s: float) -> Parameter:
-    """Seconds, 0 to `high_s`, by which the actuators follow their controls late; nominally 0.
+    """Delay of the actuators behind their controls: 0 to `high_s` seconds, nominally 0.
 
-    More than 0 is at least one physics step: a shorter delay acts as one.
+    A delay between 0 and one physics step acts as one step.
     """
     return _linear(name, "actuator_delay", actuators, 0.0, (0.0, high_s))
 
@@ -57,11 +57,11 @@ def camera_pose(
     within_m: float = _WITHIN_M,
     within_rad: float = _WITHIN_RAD,
 ) -> list[Parameter]:
-    """NAME_x, NAME_y, NAME_z, the camera's position, and NAME_pitch, NAME_yaw, NAME_roll.
+    """Parameters NAME_x, NAME_y, NAME_z (position) and NAME_pitch, NAME_yaw, NAME_roll of a camera.
 
-    `position_m` is the nominal cam_pos, from which at most `within_m` is searched along each axis.
-    The rotations, of at most `within_rad` either way, are about the camera's own x (pitch, up),
-    y (yaw, to the left) and z (roll).
+    `position_m` is the nominal cam_pos; each axis is searched up to `within_m` from it. The
+    rotations are about the camera's own x (pitch, up), y (yaw, to the left) and z (roll), up to
+    `within_rad` in either direction.
     """
     moved = [(axis, "cam_pos", i, position_m[i], within_m) for i, axis in enumerate("xyz")]
     angles = ("pitch", "yaw", "roll")
@@ -86,7 +86,7 @@ def _linear(
     bounds: tuple[float, float],
     component: int | None = None,
 ) -> Parameter:
-    """On a linear scale, in the field's unit."""
+    """A parameter on a linear scale, in the field's unit."""
     low, high = bounds
     return Parameter(
         name=name,

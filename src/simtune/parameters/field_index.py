@@ -1,4 +1,4 @@
-"""Where in a model's fields parameters are, and what cannot be written there."""
+"""Indices of parameters within a model's fields, and checks that they can be written there."""
 
 import mujoco
 import numpy as np
@@ -12,9 +12,10 @@ from simtune.parameters.space import ParameterSpace
 def field_index(
     model: mujoco.MjModel, parameter: Parameter, nominal: dict[str, np.ndarray]
 ) -> tuple:
-    """Where in its field a parameter is: (rows,), (rows, component), or without rows.
+    """Index of a parameter in its field: (rows,) or (rows, component); options have no rows.
 
-    Raises UnknownName for an object that the model lacks, InputError for a component.
+    Raises UnknownName for an object that the model lacks, InputError for a component that the field
+    lacks.
     """
     name, field = parameter.name, parameter.field
     component: tuple = () if parameter.component is None else (parameter.component,)
@@ -24,7 +25,7 @@ def field_index(
         index = component or (...,)
     else:
         if parameter.field_info.has_alpha and not component:
-            component = (slice(0, 3),)  # a grey: alpha stays
+            component = (slice(0, 3),)  # one value for r, g and b; alpha stays
         index = (_rows(model, parameter), *component)
     try:
         nominal[field][index]
@@ -46,7 +47,7 @@ def _rows(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
 
 
 def rows_of(model: mujoco.MjModel, field: str, name: str) -> np.ndarray:
-    """Rows of a field that the object `name` owns: one, or as many as a joint has dofs.
+    """Rows of a field that the object `name` owns: one; for dof fields, one per dof of the joint.
 
     Raises UnknownName for an object that the model lacks.
     """
@@ -56,7 +57,7 @@ def rows_of(model: mujoco.MjModel, field: str, name: str) -> np.ndarray:
     if index < 0:
         count = getattr(model, owner.count)
         names = (mujoco.mj_id2name(model, owner.mjt, i) for i in range(count))
-        known = [n for n in names if n]  # those without a name cannot be asked for
+        known = [n for n in names if n]  # unnamed objects cannot be declared
         raise UnknownName(owner.name, name, "the model", known)
     if prefix in ("qpos0", "qpos"):
         return np.array([model.jnt_qposadr[index]])
@@ -64,7 +65,7 @@ def rows_of(model: mujoco.MjModel, field: str, name: str) -> np.ndarray:
 
 
 def refuse_overlaps(space: ParameterSpace, indices: list[tuple], nominal) -> None:
-    """Two parameters that write the same number cannot both be found."""
+    """Raise InputError if two parameters write the same number: neither could be identified."""
     owner = {field: np.full(values.shape, -1) for field, values in nominal.items()}
     for i, (parameter, index) in enumerate(zip(space, indices, strict=True)):
         others = owner[parameter.field][index]
@@ -75,8 +76,10 @@ def refuse_overlaps(space: ParameterSpace, indices: list[tuple], nominal) -> Non
 
 
 def refuse_unprepared(model: mujoco.MjModel, space: ParameterSpace, indices: list[tuple]) -> None:
-    """MuJoCo says nothing where an actuator has no memory, no filter or no limit of its force, nor
-    where no weight was compensated when a model was compiled.
+    """Raise InputError if the compiled model ignores a parameter; MuJoCo itself does not complain.
+
+    That is the case if an actuator has no delay buffer, filter or force limit, or if the model was
+    compiled without gravity compensation.
     """
     for parameter, index in zip(space, indices, strict=True):
         if not parameter.changes_model:

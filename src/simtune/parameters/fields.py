@@ -1,8 +1,8 @@
-"""What is known of MjModel's fields: one table, which everything else asks.
+"""Properties of MjModel's fields, in one table that all other code uses.
 
-A new kind of parameter is an entry of `_TABLE`, a test, and a line of docs/tuning-file.md. A field
-without an entry can be tuned as well: its name says what its objects are, and whether it is a
-position or an orientation.
+A new kind of parameter needs an entry in `_TABLE`, a test, and a line in docs/tuning-file.md. A
+field without an entry can be tuned as well: its name tells which objects own it, and whether it is
+a position or an orientation.
 """
 
 from dataclasses import KW_ONLY, dataclass
@@ -15,22 +15,22 @@ import numpy as np
 
 from simtune.parameters.backlash import driven_through
 
-# What tells a value: pixels, while nothing moves by it; any single picture; or motion alone.
+# What reveals a value: the pixels only (it moves nothing), any single picture, or motion only
 Shows = Literal["appearance", "picture", "motion"]
-_FACTOR = 10.0  # how far to search a positive number to either side, on a log scale
+_FACTOR = 10.0  # a positive number is searched from nominal / 10 to nominal · 10, on a log scale
 
 
 @dataclass(frozen=True)
 class ObjectType:
-    """The objects that own a field, by the first word of its name."""
+    """A type of objects that own fields; the first word of a field's name gives the type."""
 
     mjt: mujoco.mjtObj
-    count: str  # where MjModel has their number
-    shows: Shows = "motion"  # in which their fields do, unless a field's entry says otherwise
+    count: str  # MjModel's attribute with the number of objects
+    shows: Shows = "motion"  # for fields whose entry says nothing else
 
     @property
     def name(self) -> str:
-        """As MJCF and MjSpec call them."""
+        """The type's name in MJCF and MjSpec."""
         return self.mjt.name.removeprefix("mjOBJ_").lower()
 
 
@@ -53,16 +53,16 @@ OBJECT_TYPES = {
 
 @dataclass(frozen=True)
 class Kind:
-    """What `kind = NAME` declares in a tuning file."""
+    """Meaning of `kind = NAME` in a tuning file."""
 
     name: str
     component: int | None = None  # None: the whole row
-    asks_component: bool = False  # the file may say another one
+    asks_component: bool = False  # the file may choose another component
     makes: Literal["number", "rgb", "pose"] = "number"
-    # What the field holds of a value v: v itself, −v, −v and v as the ends of a range, −v / 2 and
-    # v / 2 as such, or v more than the model has there.
+    # How a value v is stored in the field: as v, −v, the range (−v, v), the range (−v / 2, v / 2),
+    # or added to the model's value
     form: Literal["itself", "negative", "range", "play", "shift"] = "itself"
-    is_apart: bool = False  # what is said of the field holds for this kind, not for `field = NAME`
+    is_apart: bool = False  # the field's entry holds for this kind only, not for `field = NAME`
 
 
 @dataclass(frozen=True)
@@ -71,29 +71,29 @@ class Field:
 
     name: str
     unit: str = "1"
-    unit_of_slides: str = ""  # where it is another one on slide joints
+    unit_of_slides: str = ""  # unit on slide joints, if different
     _: KW_ONLY
     kind: Kind | None = None
-    within: float = inf  # how far to search from nominal, to either side
-    within_of_slides: float = inf  # where it is another one there
-    least: float = -inf  # ... but not beyond
-    most: float = inf
-    shows_in: Shows | None = None  # None: as other fields of its objects do
+    within: float = inf  # largest distance from nominal that is searched, to either side
+    within_of_slides: float = inf  # likewise on slide joints, if smaller
+    least: float = -inf  # lower limit of the search
+    most: float = inf  # upper limit
+    shows_in: Shows | None = None  # None: as its object type's `shows`
     is_colour: bool = False  # absolute, also on several objects
-    is_delay: bool = False  # the same
-    is_lag: bool = False  # the same
+    is_delay: bool = False  # absolute, also on several objects
+    is_lag: bool = False  # absolute, also on several objects
     is_one_for_all: bool = False  # absolute, also on several objects
-    is_never_negative: bool = False  # a negative one makes no sense in physics
-    carries: str = ""  # the field that is written along with this one
-    material_ids: str = ""  # the field with the materials that paint what is MuJoCo's default grey
-    is_drawn_per_world: bool = False  # the ray caster reads it; others act through the poses
-    is_not_copied: bool = False  # MuJoCo 3.17's `MjSpec.copy_back` leaves it out, as measured
-    usual: float | None = None  # nominal, where the model has none
-    not_tunable: str = ""  # why not from a tuning file
+    is_never_negative: bool = False  # a negative value makes no sense in physics
+    carries: str = ""  # another field that is written along with this one
+    material_ids: str = ""  # field of the materials that colour objects of MuJoCo's default grey
+    is_drawn_per_world: bool = False  # the ray caster reads it; other fields act through poses
+    is_not_copied: bool = False  # MuJoCo 3.17's `MjSpec.copy_back` omits it, as measured
+    usual: float | None = None  # nominal if the model has no value
+    not_tunable: str = ""  # reason why a tuning file cannot declare it
 
     @property
     def object_type(self) -> ObjectType | None:
-        """None if no named object owns it."""
+        """None if the field has no named owner."""
         return OBJECT_TYPES.get(self.prefix)
 
     @property
@@ -103,7 +103,7 @@ class Field:
 
     @property
     def attribute(self) -> str:
-        """The name within its owner: MjModel, or its options."""
+        """Attribute of MjModel, or of its options."""
         return self.name.removeprefix("opt.")
 
     @property
@@ -117,7 +117,7 @@ class Field:
 
     @property
     def is_rotation(self) -> bool:
-        """Whether parameters are angles about an axis instead of numbers of the field."""
+        """Whether parameters are angles about an axis instead of values of the field."""
         return self.name.endswith("_quat")
 
     @property
@@ -132,7 +132,7 @@ class Field:
     def usual_range(
         self, nominal: float, is_slide: bool = False
     ) -> tuple[float | None, float | None, Literal["log", "linear"]]:
-        """Low and high, None where there is nothing usual, and the scale."""
+        """(low, high, scale); low or high is None if it has no default."""
         within = min(self.within, self.within_of_slides) if is_slide else self.within
         low, high = max(self.least, nominal - within), min(self.most, nominal + within)
         if not (isfinite(low) or isfinite(high) or self.name.endswith("_pos")) and nominal > 0:
@@ -140,7 +140,7 @@ class Field:
         return low if isfinite(low) else None, high if isfinite(high) else None, "linear"
 
     def object_problem(self, model: mujoco.MjModel, rows: np.ndarray, name: str) -> str:
-        """Why this object's value must stay as it is, although it has the field; "" if not."""
+        """Reason why this object's value cannot be tuned, although it has the field; "" if none."""
         if self.name == "geom_size" and model.geom_type[rows].item() in _SHAPED_BY_ASSETS:
             return f"{name} has the size of its mesh or height field: scale that"
         if self.name == "cam_fovy" and model.cam_sensorsize[rows].any():
@@ -159,7 +159,7 @@ class Field:
         return ""
 
     def read(self, model: mujoco.MjModel) -> np.ndarray:
-        """The field of a model: a view or, of a number such as opt.timestep, a copy."""
+        """The field of a model: a view; a copy if it is a scalar such as opt.timestep."""
         return np.asarray(getattr(model.opt if self.is_option else model, self.attribute))
 
     def write(self, model: mujoco.MjModel, value: np.ndarray) -> None:
@@ -171,7 +171,7 @@ class Field:
 
 @cache
 def field_of(name: str) -> Field:
-    """What is known of a field, whether or not there is one of that name."""
+    """Properties of the field `name`, which need not exist."""
     if name in FIELDS:
         return FIELDS[name]
     if name.endswith("_quat"):

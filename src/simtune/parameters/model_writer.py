@@ -12,20 +12,20 @@ from simtune.parameters.fields import field_of
 from simtune.parameters.parameter import Parameter
 from simtune.parameters.space import ParameterSpace
 
-# Objects of exactly this rgba are drawn in their material's colour instead of their own.
+# Objects of exactly this rgba are drawn in their material's colour instead of their own
 _DEFAULT_GREY = np.array([0.5, 0.5, 0.5, 1], np.float32)
 
 
 class ModelWriter:
     """Writes vectors of a ParameterSpace into models compiled like `model`.
 
-    Every write starts from the nominal values, so writing twice equals writing once. Mass
-    carries the inertia along, a servo's gain the bias that holds against it (what is a parameter
-    itself is taken from there), and derived constants follow (mj_setConst). Rotations about several
-    axes of one object are made in the order x, y, z, each about the axis as the one before left it.
-    Raises UnknownName for a field or an object that the model lacks, and InputError for a
-    component that the field lacks, a number that two parameters would write, or what a model must
-    be prepared for and is not (`simulation.prepare`).
+    Every write starts from the nominal values, so writing twice equals writing once. The inertia
+    scales with the mass, and a servo's bias with its gain, unless they are parameters themselves;
+    derived constants are updated (mj_setConst). Rotations of one object about several axes are
+    applied in the order x, y, z, each about the axis as the previous rotation left it.
+    Raises UnknownName for a field or an object that the model lacks. Raises InputError for a
+    component that the field lacks, a number that two parameters would write, or a parameter that
+    the model was not prepared for (`simulation.prepare`).
     """
 
     def __init__(self, space: ParameterSpace, model: mujoco.MjModel):
@@ -47,7 +47,7 @@ class ModelWriter:
 
     @property
     def written(self) -> dict[str, list[str]]:
-        """Names of the objects that each field is written for, what is carried along included."""
+        """{field: names of the objects it is written for}, including fields carried along."""
         written: dict[str, dict[str, None]] = {}
         for p in self.space:
             for field in filter(None, (p.field, p.field_info.carries)):
@@ -65,7 +65,7 @@ class ModelWriter:
             mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def write_batch(self, batch: Batch, parameters: np.ndarray) -> None:
-        """Write (nsim, N): one vector for each simulation of the batch."""
+        """Write (nsim, N) parameters, one vector for each simulation of the batch."""
         parameters = np.asarray(parameters)
         expected = (batch.nsim, len(self.space))
         if parameters.shape != expected:
@@ -89,10 +89,10 @@ class ModelWriter:
 
 
 def _rank(parameter: Parameter) -> tuple[bool, int]:
-    """What to sort parameters by before writing them.
+    """Sort key for the order of writing.
 
-    Masses and gains come first, so that an inertia or a bias that is a parameter itself is written
-    over theirs; rotations about x come before those about y and z.
+    Masses and gains come first, so that an inertia or bias that is itself a parameter overwrites
+    the scaled one. Rotations about x come before those about y and z.
     """
     return not parameter.field_info.carries, parameter.component or 0
 
@@ -120,7 +120,7 @@ def _write_one(fields, parameter: Parameter, index: tuple, nominal, values: np.n
         shaped = before + shaped
     after = np.broadcast_to(shaped, (len(values), *before.shape))
     fields[parameter.field][(slice(None), *index)] = after
-    if info.form == "shift":  # a spring is where it was, seen from the body
+    if info.form == "shift":  # the spring's rest position stays the same, seen from the body
         springs = nominal[info.carries][index[0]]
         fields[info.carries][:, index[0]] = springs + (after - before)
     elif info.carries:
@@ -128,12 +128,16 @@ def _write_one(fields, parameter: Parameter, index: tuple, nominal, values: np.n
 
 
 def _carry(fields, parameter: Parameter, rows: np.ndarray, nominal, ratio: np.ndarray) -> None:
-    """Write what goes along with a mass, or a gain, that is `ratio` (n, objects) times nominal."""
+    """Scale the inertias of masses, or the biases of gains, that are `ratio` times nominal.
+
+    `ratio`: (n, objects).
+    """
     if parameter.field_info.carries == "body_inertia":
         inertia = nominal["body_inertia"][rows]  # (objects, 3)
         fields["body_inertia"][:, rows] = inertia * ratio[..., None]
     elif parameter.component == 0:
-        # A servo's force is gain · control − gain · position (velocity): both, or its target moves.
+        # A servo's force is gain · control − gain · position (or velocity). Both must be scaled,
+        # else its target moves.
         gain, bias = nominal["actuator_gainprm"][rows, 0], nominal["actuator_biasprm"][rows]
         for i in np.flatnonzero((bias[:, 1:3] == -gain[:, None]).any(1) & (gain > 0)):
             column = 1 if bias[i, 1] == -gain[i] else 2
@@ -141,7 +145,7 @@ def _carry(fields, parameter: Parameter, rows: np.ndarray, nominal, ratio: np.nd
 
 
 def _rotated(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:
-    """(n, objects, 4) orientations w, x, y, z, rotated by (n,) rad about the objects' own axis."""
+    """(n, objects, 4) orientations w, x, y, z rotated by (n,) rad about the objects' own axis."""
     cos, sin = np.cos(angles / 2)[:, None, None], np.sin(angles / 2)[:, None, None]
     w, rest = quats[..., :1], quats[..., 1:]
     unit = np.eye(3)[axis]
@@ -160,7 +164,7 @@ def _nominal(model: mujoco.MjModel, field: str) -> np.ndarray:
 def start_from_material(
     rgba: np.ndarray, rows: np.ndarray, model: mujoco.MjModel, field: str
 ) -> None:
-    """Give `rows` of an rgba field the colour they are drawn in, which may be a material's."""
+    """Set `rows` of an rgba field to the colour they are drawn in, which may be a material's."""
     if not (material_ids := field_of(field).material_ids):
         return
     for row in rows:

@@ -10,19 +10,18 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.parameters.fields import KINDS, Field, field_of
 
-_LONGEST_DELAY_S = 10.0  # a longer one was meant in another unit
+_LONGEST_DELAY_S = 10.0  # a longer delay must be a mistake of units
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
     """One tunable number of an MjModel.
 
-    On one object the value is the field's own, in `unit`; on several objects it is a factor
-    on their nominal values (unit "×", nominal 1), or, with `is_sum`, what they add up to, each
-    keeping its share. Colours, delays, lags, offsets and a compensated weight are absolute either
-    way.
-    On a field of orientations ("cam_quat") the value is the angle, rad, by which the objects are
-    rotated from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
+    For one object, the value is the field's own, in `unit`. For several objects, it is a factor on
+    their nominal values (unit "×", nominal 1) or, with `is_sum`, their sum, of which each keeps its
+    share. Colours, delays, lags, offsets and a compensated weight are absolute in both cases.
+    For a field of orientations ("cam_quat"), the value is the angle, in rad, by which the objects
+    are rotated from their nominal orientation about their own axis `component`: 0 x, 1 y, 2 z.
     """
 
     name: str
@@ -34,10 +33,9 @@ class Parameter:
     high: float
     scale: str = "log"  # "log" or "linear": how values are spread between low and high
     unit: str
-    is_sum: bool = False  # of several objects: a rope's length, for one, is its pieces'
-    kind: str = dataclasses.field(
-        default="", repr=False
-    )  # where that says more than the field's name
+    is_sum: bool = False  # of several objects, e.g. the length of a rope made of pieces
+    # Name in `KINDS`, if it says more than the field's name
+    kind: str = dataclasses.field(default="", repr=False)
 
     def __post_init__(self) -> None:
         if problem := next(self._problems(), None):
@@ -64,7 +62,7 @@ class Parameter:
 
     @cached_property
     def field_info(self) -> Field:
-        """What is known of the field."""
+        """Properties of the field."""
         return KINDS[self.kind][0] if self.kind else field_of(self.field)
 
     @property
@@ -81,28 +79,28 @@ class Parameter:
 
     @property
     def compensates_weight(self) -> bool:
-        """Whether something but the joints' servos holds bodies against gravity."""
+        """Whether this is gravity compensation: a force other than the servos' holds bodies up."""
         return self.field == "body_gravcomp"
 
     @property
     def changes_model(self) -> bool:
-        """Whether a model has to be changed before it is compiled, so that it has this at all."""
+        """Whether a model must be prepared for this parameter before it is compiled."""
         is_limit = self.field_info.form == "range"
         return self.is_delay or self.is_lag or is_limit or self.compensates_weight
 
     @property
     def is_rotation(self) -> bool:
-        """Whether the value is an angle about an axis instead of a number of the field."""
+        """Whether the value is an angle about an axis instead of a value of the field."""
         return self.field_info.is_rotation
 
     @property
     def is_visible(self) -> bool:
-        """Whether a single picture can tell the value, without any motion."""
+        """Whether a single picture can reveal the value, without any motion."""
         return self.field_info.shows != "motion"
 
     @property
     def is_appearance(self) -> bool:
-        """Whether the value shows in a picture's pixels, but moves nothing in it."""
+        """Whether the value changes a picture's pixels but moves nothing in it."""
         return self.field_info.shows == "appearance"
 
     @cached_property

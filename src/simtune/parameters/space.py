@@ -14,8 +14,8 @@ class ParameterSpace:
     """The tunable parameters of one simulator, in a fixed order.
 
     A vector of parameters has shape (..., N). `to_unit` maps it to [0, 1]^N, along each
-    parameter's own scale; the search and the networks live there. `where` says in messages whose
-    parameters they are.
+    parameter's own scale; the search and the networks use these coordinates. Messages say `where`
+    a parameter is missing.
     """
 
     def __init__(self, parameters: Iterable[Parameter], where: str = "this simulator"):
@@ -75,9 +75,9 @@ class ParameterSpace:
         return {name: float(value) for name, value in zip(self.names, values, strict=True)}
 
     def from_dict(self, values: Mapping[str, Any]) -> np.ndarray:
-        """A vector (N,) from {name: value}; what is not named is nominal.
+        """A vector (N,) from {name: value}; parameters not named are nominal.
 
-        Raises UnknownName, and InputError for what is no finite number within the bounds.
+        Raises UnknownName, and InputError for values that are not finite numbers within the bounds.
         """
         vector = self.nominal.copy()
         for name, value in values.items():

@@ -1,4 +1,4 @@
-"""The real world: it gives frames and actions, and nothing else."""
+"""The real world: a source of observations and actions, and nothing else."""
 
 from typing import Any, Protocol
 
@@ -8,24 +8,24 @@ from simtune.trajectory import Trajectory
 
 
 class RealWorld(Protocol):
-    """What tuning may ask of the real system: no reward, no state, no parameters."""
+    """Interface of the real system to tuning: no reward, no state, no parameters."""
 
-    step_s: float  # for which an action is applied
-    observation: ObservationModel  # what is seen of it, and how that differs from a simulator's
+    step_s: float  # duration of one action
+    observation: ObservationModel  # what is observed, and how that differs from a simulator's
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What to note down of where its pictures come from; JSON. Empty where nothing is known."""
+        """Source of the data, for the run's records; JSON. Empty if nothing is known."""
         return {}
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
-        """Trajectories of `num_episodes` episodes; None: of a few."""
+        """Trajectories of `num_episodes` episodes; None: a few."""
         ...
 
     def run_policy(
         self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
     ) -> list[Trajectory]:
-        """Trajectories of a policy that sees the latest frames; none where it cannot act."""
+        """Trajectories of a policy that sees the latest frames; empty if it cannot act here."""
         return []
 
 

@@ -1,7 +1,7 @@
-"""What a run films in the real world: datasets in its folder, which `--real` reads as well.
+"""Datasets that a run films in the real world, in its folder; `--real` reads them as well.
 
-RUN/filmed/000, 001, ... are a LeRobotDataset v3 each, one a sitting at the robot; NNN.jsonl beside
-them has every step's times, what was asked for and what was sent.
+RUN/filmed/000, 001, ... are a LeRobotDataset v3 each, one per session with the robot. NNN.jsonl
+beside them has the times, the requested and the sent target of each step.
 """
 
 import os
@@ -17,18 +17,18 @@ from simtune.trajectory import Trajectory
 
 
 class RecordingArchive:
-    """The datasets of a folder, the latest last."""
+    """The datasets of a folder, oldest first."""
 
     def __init__(self, folder: Path, num_actions: int, footage: Footage):
         self._folder, self._num_actions, self._footage = folder, num_actions, footage
 
     @property
     def num_episodes(self) -> int:
-        """Raises InputError where they are damaged, or of another number of actions."""
+        """Raises InputError if a dataset is damaged or has another number of actions."""
         return sum(self._open(path).num_episodes for path in self._datasets())
 
     def read(self, image_size: int) -> list[Trajectory]:
-        """All episodes, pictures `image_size` pixels high. Raises InputError for damaged ones."""
+        """All episodes, with pictures `image_size` pixels high. Raises InputError if damaged."""
         return [
             trajectory
             for folder in self._datasets()
@@ -44,9 +44,9 @@ class RecordingArchive:
         )
 
     def new_session(self, **about: Any) -> "RecordingSession":
-        """`about`: what `write_dataset` wants to know."""
+        """`about`: keyword arguments of `write_dataset`."""
         self._folder.mkdir(parents=True, exist_ok=True)
-        # Also past a sitting that ended within its first episode.
+        # Skip the number of a session that ended within its first episode: it left only a .jsonl.
         used = [int(path.stem) for path in self._folder.iterdir() if path.stem.isdigit()]
         folder = self._folder / f"{max(used, default=-1) + 1:03d}"
         return RecordingSession(folder, about, self._footage)
@@ -58,22 +58,22 @@ class RecordingArchive:
 
 
 class RecordingSession:
-    """A dataset that grows by whole episodes; nothing of it is lost when the next one fails."""
+    """A dataset that grows by whole episodes; if an episode fails, the earlier ones are kept."""
 
     def __init__(self, folder: Path, about: Mapping[str, Any], footage: Footage):
         self.folder, self._about, self._footage = folder, about, footage
         self._trajectories: list[Trajectory] = []
 
     def note(self, step: Mapping[str, Any]) -> None:
-        """Keep what happened in a step of the episode that is being filmed."""
+        """Append a step of the episode that is being filmed to the .jsonl file."""
         line = {"episode": len(self._trajectories), **step}
         append_jsonl(self.folder.with_suffix(".jsonl"), line)
 
     def add(self, trajectory: Trajectory) -> None:
-        """Write the dataset with one episode more."""
+        """Write the dataset again, with one more episode."""
         self._trajectories.append(trajectory)
         new, old = (self.folder.with_name(f".{self.folder.name}.{n}") for n in ("new", "old"))
-        # Whole again each time: episodes are few and short, and the robot stands still.
+        # It is rewritten as a whole: episodes are few and short, and the robot stands still.
         write_dataset(new, self._trajectories, **self._about)
         if self.folder.exists():
             os.replace(self.folder, old)
@@ -81,7 +81,7 @@ class RecordingSession:
         shutil.rmtree(old, ignore_errors=True)
 
     def read(self, image_size: int) -> Sequence[Trajectory]:
-        """The episodes as they will be read ever after: compressed, and resized."""
+        """The episodes as read from the stored videos, resized."""
         return _read(open_dataset(self.folder, cameras=[self._footage], image_size=image_size))
 
 

@@ -32,15 +32,14 @@ def choose_real(
     real_episodes: int | None = None,
     out: Path | None = None,
 ) -> tuple[RealWorld, np.ndarray, Truth | None]:
-    """A real world, where the search for its parameters starts (N,), and the truth, where known.
+    """The real world, the (N,) parameters at which the search starts, and the truth if known.
 
-    `pseudo`: a simulated world of `real_parameters`, searched from `start_factor` times too high
-    or too low, perhaps behind a RealityGap. A robot films into the run's folder `out`
-    and moves only with `move`; without it, and with nothing filmed yet, a dry run ends in an
-    InputError that says what it found. Of recordings the first `real_episodes` (None: a few) are
-    read at once, so that what is unsound is said before anything is written. Both are searched
-    from the nominal parameters.
-    Raises InputError for what cannot be read.
+    `pseudo`: a simulated world of `real_parameters`, optionally behind a RealityGap; the search
+    starts `start_factor` times too high or too low. For a robot or recordings it starts at the
+    nominal parameters. A robot films into the run's folder `out` and moves only with `move`;
+    without it, if nothing is filmed yet, a dry run ends in an InputError that tells what it found.
+    The first `real_episodes` recordings (None: a few) are read at once, so that unsound ones are
+    reported before anything is written. Raises InputError for what cannot be read.
     """
     config.check_real()
     space = task.parameters
@@ -72,13 +71,13 @@ def choose_real(
 
 
 def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None) -> RobotReal:
-    """One that may move, or has filmed something already. Raises InputError after a dry run."""
+    """A robot that may move or has filmed already; else a dry run, then InputError."""
     assert config.robot is not None, "checked"
     if out is None:
         raise ValueError("a robot needs a folder `out` to film into")
     driver: Driver = "xarm" if config.real == "xarm" else "lerobot"
     robot = read_robot(config.robot, driver)
-    stored_config(out)  # refuses what cannot be a run's folder, before anything moves
+    stored_config(out)  # refuses a folder that cannot be a run's, before anything moves
     real = RobotReal(
         robot, task, image_size=image_size, seed=config.seed, folder=out / FILMED, move=config.move
     )
@@ -88,9 +87,9 @@ def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None)
 
 
 def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) -> ObservationModel:
-    """What is observed of a task's real world; `names`: of `--observe`, None for the usual.
+    """What is observed of a task's real world; `names` are those of `--observe`, None: default.
 
-    Raises InputError where there is no such sensor, or nothing is left.
+    Raises InputError if there is no such sensor, or nothing is left.
     """
     sensors: Sequence[Sensor] = task.sensors if isinstance(task, Task) else ()
     kinds = ["cameras"] * bool(task.cameras) + ["joints"] * bool(sensors)
@@ -110,7 +109,7 @@ def open_recordings(
     image_size: int,
     observation: ObservationModel,
 ) -> Dataset:
-    """Recordings of what is observed, whose actions fit a task. Raises InputError for others."""
+    """Recordings with the observed sensors and the task's actions. Raises InputError if not so."""
     films = [camera.footage for camera in observation.cameras]
     if config.camera and len(films) > 1:
         raise InputError("--camera names one of the recordings' cameras; here [[cameras]] does")
@@ -126,9 +125,9 @@ def open_recordings(
 
 
 def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:
-    """(N,) parameters from a JSON object of names and values; what is missing is nominal.
+    """(N,) parameters from a JSON object of names and values; missing ones are nominal.
 
-    What a run found will do as well: its result.json, or parameters.json of an export.
+    Also accepts a run's result.json, or parameters.json of an export.
     """
     if path is None:
         return space.nominal.copy()

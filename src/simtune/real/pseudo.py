@@ -1,4 +1,4 @@
-"""A simulated world that plays the real one."""
+"""A simulated world in the role of the real one."""
 
 from dataclasses import replace
 
@@ -14,10 +14,9 @@ from simtune.trajectory import Trajectory
 class PseudoReal(RealWorld):
     """A world of fixed parameters; see `RealWorld`.
 
-    The parameters are kept out of reach: a search gets frames and actions, as from a robot.
-    Scoring gets the truth from `Truth`, which made this world. Through a `gap` it is filmed as the
-    gap's camera sees it, and plays actions as late as the gap says. `observation`: what is
-    recorded of it, by default pictures alone.
+    The parameters are inaccessible: a search gets frames and actions, as from a robot. Scoring gets
+    the truth from `Truth`, which made this world. With a `gap`, the gap's camera films the world,
+    and actions take effect late. `observation`: what is recorded, by default pictures only.
     """
 
     def __init__(
@@ -34,7 +33,7 @@ class PseudoReal(RealWorld):
         self.observation = seen = observation or _usual(gap)
         self.step_s = simulator.step_s
 
-        # Closures, so that no attribute leads to the parameters
+        # Closures, so that no attribute exposes the parameters
         def film(num_episodes: int) -> list[Trajectory]:
             worlds = np.tile(parameters, (num_episodes, 1))
             return _film_exploring(simulator, worlds, episode_steps, first_rng, gap, seen)
@@ -71,9 +70,9 @@ def _film_exploring(
     gap: RealityGap | None,
     observation: ObservationModel,
 ) -> list[Trajectory]:
-    """Exploring episodes of (n, N) worlds; those that diverge are left out.
+    """Exploring episodes of (n, N) worlds; diverging ones are left out.
 
-    Raises RuntimeError where all do.
+    Raises RuntimeError if all diverge.
     """
     delay_steps, step_s = gap.delay_steps if gap else 0, simulator.step_s
     explore = simulator.explore(len(worlds), num_steps, rng)
@@ -120,9 +119,9 @@ def _film_policy(
     observation: ObservationModel,
     rng: np.random.Generator,
 ) -> list[Trajectory]:
-    """Episodes of a policy in (n, N) worlds, which `stacker` films; those that diverge left out.
+    """Episodes of a policy in (n, N) worlds filmed by `stacker`; diverging ones are left out.
 
-    Its commands are recorded, which take effect so many steps late.
+    The recorded actions are the policy's commands, which take effect `delay_steps` later.
     """
     num_steps, num_actions = stacker.frames.shape[1] - 1, simulator.num_actions
     commands = np.zeros((len(worlds), num_steps, num_actions), np.float32)

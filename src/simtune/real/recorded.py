@@ -1,4 +1,4 @@
-"""The real world as recordings: what was filmed is all there will ever be."""
+"""The real world as recordings: no further data can be collected."""
 
 from dataclasses import replace
 from typing import Any
@@ -9,33 +9,33 @@ from simtune.real import RealWorld
 from simtune.recordings import Dataset
 from simtune.trajectory import Trajectory
 
-_A_FEW = 10  # episodes taken where no number is asked for: more would mostly cost memory
+_A_FEW = 10  # episodes read if no number is given: more would mostly cost memory
 
 
 class RecordedReal(RealWorld):
-    """A dataset in the place of a robot. Episodes are read when first asked for, and kept."""
+    """A dataset as the real world. Episodes are read when first asked for, and kept."""
 
     def __init__(self, dataset: Dataset, observation: ObservationModel | None = None):
-        """`observation`: what the dataset was opened for; by default a camera's pictures."""
+        """`observation`: the sensors the dataset was opened with; by default one camera."""
         self.observation = observation or ObservationModel.of_reality()
         self._dataset, self.step_s = dataset, dataset.step_s
         self._collected: list[Trajectory] = []
 
     @property
     def num_episodes(self) -> int:
-        """How many there are."""
+        """Number of episodes in the dataset."""
         return self._dataset.num_episodes
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What to note down of what was collected; JSON. Empty before there is any."""
+        """Facts about the collected episodes; JSON. Empty before any is collected."""
         return self._dataset.facts(len(self._collected)) if self._collected else {}
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
         """The first `num_episodes` episodes (None: all, at most 10), the same at every call.
 
         Raises:
-            InputError: more are asked for than there are, or one is unsound.
+            InputError: there are fewer episodes, or one is unsound.
         """
         num_episodes = how_many(self._dataset, num_episodes)
         for episode in range(len(self._collected), num_episodes):
@@ -46,18 +46,18 @@ class RecordedReal(RealWorld):
 
 
 class ClosedReal(RealWorld):
-    """The real world of a training that is over: a camera filmed it, nothing can be asked of it."""
+    """The real world of a finished training: filmed by a camera, it gives no more episodes."""
 
     def __init__(self, step_s: float, observation: ObservationModel):
         self.step_s, self.observation = step_s, observation
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
-        """None: recordings may be gone, and no robot moves."""
+        """An empty list: recordings may be gone, and no robot moves."""
         return []
 
 
 def how_many(dataset: Dataset, asked: int | None) -> int:
-    """Of the first episodes; None: a few. Raises InputError where there are not as many."""
+    """Number of episodes to read; `asked` None: a few. Raises InputError if there are fewer."""
     there = dataset.num_episodes
     if asked is None:
         return min(there, _A_FEW)

@@ -1,4 +1,4 @@
-"""The real world as a robot and a camera: it moves only where, and as fast as, it may."""
+"""The real world as a robot and a camera. The robot keeps to its workspace and speed limit."""
 
 import sys
 import termios
@@ -28,15 +28,15 @@ from simtune.simulation import (
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory
 
-_A_FEW = 5  # episodes filmed where no number is asked for
-_SHORTEST_STEP_S = 0.1  # three pictures' time
+_A_FEW = 5  # episodes filmed if no number is given
+_SHORTEST_STEP_S = 0.1  # time of three pictures
 
 
 class RobotReal(RealWorld):
-    """A robot in the place of a simulated world; see docs/robot.md for what keeps it safe.
+    """A robot as the real world; docs/robot.md describes its safety.
 
-    Making one connects to nothing. All that is filmed is kept in `folder`, and read back from
-    there, so that a run that goes on sees what it saw before. Without `move` nothing moves.
+    The constructor connects to nothing. All episodes are stored in `folder` and read back from
+    there, so a resumed run sees the same data as before. Without `move`, nothing moves.
     """
 
     def __init__(
@@ -49,13 +49,13 @@ class RobotReal(RealWorld):
         folder: Path,
         move: bool,
     ):
-        """Raises InputError where the task's actions do not fit the robot's."""
+        """Raises InputError if the task's actions or cameras do not fit the robot."""
         if len(task.cameras) != 1:
             raise InputError(
                 f"{task.name} has {len(task.cameras)} cameras; a robot is filmed by one: leave the "
                 "other [[cameras]] out, or record it yourself and give the recordings"
             )
-        footage = replace(task.cameras[0], key=None)  # its own recordings have no other
+        footage = replace(task.cameras[0], key=None)  # the robot's recordings have one camera only
         self.observation = ObservationModel.of_reality(films=(footage,))
         mapping = task.load_actions()
         self.step_s, self.num_actions = task.step_s, len(mapping.names)
@@ -83,18 +83,18 @@ class RobotReal(RealWorld):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Which robot it is; JSON."""
+        """The robot's file and driver; JSON."""
         return {"robot": str(self._config.file), "driver": self._config.driver}
 
     @property
     def num_filmed(self) -> int:
-        """Episodes that there are already."""
+        """Number of episodes filmed so far."""
         return self._filmed.num_episodes
 
     def dry_run(self) -> str:
-        """Connect, ask, look, and move nothing: what was found, in words.
+        """Connect, measure the pose, take a picture; nothing moves. Returns a sentence.
 
-        Raises InputError, RobotError for what would be in the way of moving.
+        Raises InputError, RobotError if something would prevent moving.
         """
         with connected(self._config) as (robot, camera):
             place = robot.measure()
@@ -106,10 +106,10 @@ class RobotReal(RealWorld):
         return f"the robot is at {where}, within its workspace; pictures are {width}×{height}"
 
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
-        """Episodes of random actions, by default 5; those filmed already are taken first.
+        """Episodes of random actions, by default 5; those filmed earlier come first.
 
-        Raises InputError where others are wanted and nothing may move, RobotError where the robot
-        fails: what was filmed until then is kept.
+        Raises InputError if more must be filmed and nothing may move, RobotError if the robot
+        fails; episodes filmed until then are kept.
         """
         num_episodes = num_episodes or _A_FEW
         done = self.num_filmed
@@ -164,9 +164,9 @@ class RobotReal(RealWorld):
 
 
 def _ask(what: str) -> None:
-    """Wait for a person's word. Raises InputError where the terminal is gone."""
-    with suppress(termios.error, OSError):  # no terminal's: there is nothing to forget
-        termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)  # what was typed before it was asked
+    """Wait until a person presses Enter. Raises InputError if the terminal is gone."""
+    with suppress(termios.error, OSError):  # not a terminal: there is nothing to discard
+        termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)  # discard what was typed earlier
     print(f"{what}, then press Enter ", end="", file=sys.stderr, flush=True)
     if not sys.stdin.readline():
         raise InputError("nobody is there to say when the episode may begin")

@@ -1,4 +1,4 @@
-"""A robot's file, as docs/robot.md describes it."""
+"""Reads a robot's file, which docs/robot.md describes."""
 
 import contextlib
 import ipaddress
@@ -13,14 +13,14 @@ _XARM_SPEED_MM_S, _XARM_TOLERANCE_MM = 100.0, 5.0
 
 
 def read_robot(file: Path, driver: Driver) -> RobotConfig:
-    """What a TOML file says of a robot. Raises InputError "FILE:LINE: ..." """
+    """Read a robot's TOML file. Raises InputError "FILE:LINE: ..." """
     table = read_toml(file)
     table.allow(*_KEYS)
     actions, start, camera = (table.table(key) for key in ("actions", "start", "camera"))
     actions.allow("moved", "step")
     workspace, is_xarm = _workspace(table), driver == "xarm"
     start.allow(*workspace)
-    if is_xarm:  # whose axes have an order, which a table has not
+    if is_xarm:  # its axes have an order, which the table need not follow
         workspace = dict(sorted(workspace.items()))
         _check_ip(table)
     config = RobotConfig(
@@ -31,7 +31,7 @@ def read_robot(file: Path, driver: Driver) -> RobotConfig:
         step=actions.number("step", above=0),
         workspace=workspace,
         start=tuple(start.number(axis) for axis in workspace),
-        # The units of another robot are not known here.
+        # Without defaults for other robots: their units are unknown.
         speed=table.number("speed", *[_XARM_SPEED_MM_S] * is_xarm, above=0),
         tolerance=table.number("tolerance", *[_XARM_TOLERANCE_MM] * is_xarm, above=0),
         acceleration=table.number("acceleration", 1000.0, above=0),
@@ -44,7 +44,7 @@ def read_robot(file: Path, driver: Driver) -> RobotConfig:
 
 
 def _check_ip(table: TomlTable) -> None:
-    """Anything else the SDK takes for a serial port."""
+    """Raise InputError unless it is an IP address: else the SDK would take it for a serial port."""
     address = table.text("address")
     with contextlib.suppress(ValueError):
         ipaddress.IPv4Address(address)

@@ -1,4 +1,4 @@
-"""A robot and a camera, connected: to ask, or to act."""
+"""Sessions with a connected robot and camera: to measure only, or to act."""
 
 import fcntl
 import time
@@ -26,7 +26,7 @@ ActOnFrames = Callable[[int, list[np.ndarray]], np.ndarray]
 
 @contextmanager
 def connected(config: RobotConfig) -> Iterator[tuple[Robot, Camera]]:
-    """Both of them, connected and locked; nothing moves. Raises InputError, RobotError."""
+    """Lock the robot, connect it and the camera; nothing moves. Raises InputError, RobotError."""
     latch = Latch(config.latch)
     latch.check()
     with _alone(config.file), ExitStack() as open_ones:
@@ -39,7 +39,7 @@ def connected(config: RobotConfig) -> Iterator[tuple[Robot, Camera]]:
 
 @contextmanager
 def acting(config: RobotConfig, step_s: float, actions: Displacements) -> Iterator["Session"]:
-    """The same, ready to move. Raises InputError, RobotError."""
+    """Like `connected`, but the robot is ready to move. Raises InputError, RobotError."""
     with connected(config) as (robot, camera):
         arm = SafeArm(robot, limits_of(config), step_s, Latch(config.latch))
         try:
@@ -58,12 +58,12 @@ class Session:
         self._step_s, self._recorded_px = step_s, recorded_px
 
     def go_to_start(self) -> None:
-        """Move to where episodes begin. Raises RobotError."""
+        """Move to the episodes' start pose. Raises RobotError."""
         self._arm.go_to(self._actions.start)
 
     def play(self, act: ActOnFrames, num_steps: int, note: Note) -> Trajectory:
-        """An episode, whose actions are what was sent. `note` is called at once for every step."""
-        act(0, [self._look()[0]])  # the first time takes long, and nothing may wait for it
+        """Play one episode; its actions are those sent. `note` is called immediately per step."""
+        act(0, [self._look()[0]])  # the first call is slow, so make it before the clock runs
         frames, sent_actions = [], []
         with self._arm.moving():
             begun_s = time.monotonic()
@@ -85,20 +85,20 @@ class Session:
         return Trajectory(np.stack([*frames, frame]), np.stack(sent_actions), self._step_s)
 
     def _look(self) -> tuple[np.ndarray, float]:
-        """The middle of the picture, as wide as high, and when it was taken."""
+        """The picture's middle square, and the time when it was taken."""
         pixels, taken_s = self._camera.take_picture()
         size = (self._recorded_px, self._recorded_px)
         return resize(middle_square(pixels), size), taken_s
 
 
 def limits_of(config: RobotConfig) -> Limits:
-    """Those of a robot's file, in its own units."""
+    """Limits from the robot's file, in the robot's units."""
     low, high = np.array(list(config.workspace.values()), float).T
     return Limits(low=low, high=high, speed=config.speed, tolerance=config.tolerance)
 
 
 def _make(config: RobotConfig, latch: Latch) -> tuple[Robot, Camera]:
-    """Each driver imports what it needs, which few machines have."""
+    """Robot and camera of the driver; packages are imported here, since few machines have them."""
     if config.driver == "lerobot":
         from simtune.robot.lerobot import LeRobot, LeRobotCamera, make_lerobot
 
@@ -118,7 +118,7 @@ def _make(config: RobotConfig, latch: Latch) -> tuple[Robot, Camera]:
 
 @contextmanager
 def _alone(file: Path) -> Iterator[None]:
-    """Two commands must not move one robot."""
+    """Hold a lock on the robot's file, so that two commands do not move one robot."""
     with file.open() as held:
         try:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,4 +1,4 @@
-"""The pseudo-real world's true parameters: where they start a search, and where they score it."""
+"""True parameters of the pseudo-real world, used to choose a search's start and to score it."""
 
 import hashlib
 
@@ -16,7 +16,7 @@ class Truth:
 
     def __init__(self, space: ParameterSpace, parameters: np.ndarray):
         self._space, self._parameters = space, (known := np.asarray(parameters, float))
-        # By which another truth is noticed, while this one stays unknown
+        # Reveals whether the truth has changed, but not its values
         self.digest = hashlib.sha256(known.tobytes()).hexdigest()[:16]
 
     def make_real(
@@ -28,7 +28,7 @@ class Truth:
         gap: RealityGap | None = None,
         observation: ObservationModel | None = None,
     ) -> PseudoReal:
-        """The world of these parameters, which gives what is observed and actions only."""
+        """The world of these parameters; it gives observations and actions only."""
         return PseudoReal(
             simulator,
             self._parameters,
@@ -39,22 +39,22 @@ class Truth:
         )
 
     def wrong_start(self, seed: int, factor: float = 2.0) -> np.ndarray:
-        """(N,) every parameter at `factor` times its true value or as small a part of it.
+        """(N,) parameters, each at random the true value times `factor` or divided by it.
 
-        Twice or half of it, as in Sec. VI-A; colours stop at 1.
+        The default, twice or half the truth, is as in Sec. VI-A. Colours stop at 1.
         """
         too_high = np.random.default_rng(seed).random(len(self._space)) < 0.5
         real = self._parameters
         return self._space.clip(np.where(too_high, real * factor, real / factor))
 
     def for_oracle(self) -> np.ndarray:
-        """(N,) the truth, for the oracle to live in and for a trained policy to be scored in."""
+        """(N,) the truth, for the oracle's world and for scoring a trained policy."""
         return self._parameters.copy()
 
     def score(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The truth (N,), and the percent error 100·|mean − real|/real of an estimate (N,).
+        """(N,) the truth, and (N,) the percent error 100·|mean − real|/|real| of an estimate (N,).
 
-        A truth near zero, such as black, counts as a hundredth of the parameter's upper bound.
+        The error is divided by at least a hundredth of the upper bound: a truth may be 0 (black).
         """
         real = self._parameters
         size = np.maximum(np.abs(real), 0.01 * np.abs(self._space.high))

@@ -1,4 +1,4 @@
-"""Recordings of a robot: data sets of three kinds in, LeRobotDataset v3.0 and video out."""
+"""Recordings of a robot: reads several kinds of datasets, writes LeRobotDataset v3.0 and video."""
 
 from simtune.recordings.dataset import Dataset
 from simtune.recordings.lerobot import write_dataset

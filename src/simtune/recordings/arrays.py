@@ -1,4 +1,4 @@
-"""A folder of NumPy's NAME.npz, an episode each: what Python has in memory (docs/recordings.md)."""
+"""A folder of NumPy's NAME.npz, one per episode, e.g. of arrays in Python (docs/recordings.md)."""
 
 import math
 import zipfile
@@ -27,11 +27,11 @@ _OF_ACTIONS = ("actions", "action_names", "hz")
 
 
 class ArraysSource:
-    """Episodes with `hz`, `actions` (T, A) and perhaps their `action_names` (A,).
+    """Episodes with `hz`, `actions` (T, A) and optionally `action_names` (A,).
 
-    `frames` (T + 1, H, W, 3) uint8, or `frames.NAME` of each camera, are before each action and
-    after the last; the last one may be missing. Other arrays are readings, as many as frames.
-    Raises InputError where a file is not so.
+    `frames` (T + 1, H, W, 3) uint8, or `frames.NAME` for each camera, are taken before each action
+    and after the last; the last frame may be missing. Other arrays are readings, one row per frame.
+    Raises InputError if a file differs from this.
     """
 
     kind = "folder of arrays"
@@ -73,7 +73,7 @@ class ArraysSource:
                 f"after the last; got {len(actions)} actions and rows {lengths}"
             )
         num = min(lengths.values(), default=len(actions))
-        # What is done after the last picture is not asked for.
+        # One action per picture; the action after the last picture is not used.
         actions = np.concatenate([actions, actions[-1:]])[:num]
         times_s = np.arange(num) / self.fps
         found = gather(readings, num, lambda key: stored.table(key)[:num])
@@ -110,7 +110,7 @@ class _Episode:
             ) from None
 
     def numbers(self, key: str, ndim: int | None = None) -> np.ndarray:
-        """An array of numbers, of so many axes. Raises InputError where there is none."""
+        """An array of numbers with `ndim` axes. Raises InputError if there is none."""
         if key not in self.arrays:
             raise InputError(f"{self.path}: has no {key}; there are: {short(sorted(self.arrays))}")
         found = self.arrays[key]
@@ -122,7 +122,7 @@ class _Episode:
         return found
 
     def table(self, key: str) -> np.ndarray:
-        """(T, D) float64 of numbers (T, D) or (T,)."""
+        """(T, D) float64, from an array (T, D) or (T,)."""
         found = self.numbers(key)
         width = math.prod(found.shape[1:])
         if found.ndim not in (1, 2) or len(found) > MOST_ROWS or width > MOST_ACTIONS:

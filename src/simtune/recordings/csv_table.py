@@ -1,4 +1,4 @@
-"""A CSV file of numbers under a header of names."""
+"""Reads CSV files of numbers with a header of names."""
 
 import csv
 import itertools
@@ -11,13 +11,12 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.recordings.source import MOST_ACTIONS, MOST_ROWS, Lines, short
 
-# In any case of letters:
-_TIMES = ("time", "timestamp", "time_s", "timestamp_s", "t")
-MEASURED = "measured"  # and a dot, before a reading's name
+_TIMES = ("time", "timestamp", "time_s", "timestamp_s", "t")  # case-insensitive
+MEASURED = "measured"  # a reading's column is measured.NAME, case-insensitive
 
 
 def read_header(path: Path) -> list[str]:
-    """Names of the columns."""
+    """Names of the columns. Raises InputError."""
     _, header = next(_lines(path), (0, []))
     if not header:
         raise InputError(f"{path}: is empty; expected a header with the actions' names")
@@ -41,12 +40,14 @@ def is_time(name: str) -> bool:
 
 
 def is_reading(name: str) -> bool:
-    """Whether a column of this name was measured; all others but that of seconds are actions."""
+    """Whether a column of this name is a reading; columns that are neither time nor reading are
+    actions.
+    """
     return name.lower().startswith(f"{MEASURED}.")
 
 
 def read_rows(path: Path, num_columns: int) -> tuple[np.ndarray, Lines]:
-    """(rows, columns) of all that follows the header, NaN where a cell is empty; where they are."""
+    """(rows, columns) numbers after the header, NaN for empty cells; and their line numbers."""
     rows: list[np.ndarray] = []
     lines = Lines(path, numbers := [])
     for number, cells in itertools.islice(_lines(path), 1, None):
@@ -67,7 +68,7 @@ def read_rows(path: Path, num_columns: int) -> tuple[np.ndarray, Lines]:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """The number, from 1, and the cells of each line that is not empty."""
+    """Yield the number (from 1) and the cells of each non-empty line."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)

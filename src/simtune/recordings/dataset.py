@@ -1,4 +1,4 @@
-"""Recorded episodes as trajectories: what all kinds of recordings have in common."""
+"""Recorded episodes as trajectories, for all kinds of recordings."""
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,23 +16,23 @@ from simtune.recordings.source import Source, choose_actions
 from simtune.recordings.steps import Steps, check_rate, make_steps
 from simtune.trajectory import Trajectory
 
-_KEPT_PX = 256  # height of frames that are kept to be looked at
+_KEPT_PX = 256  # largest height of frames that `skim` returns
 
 
 class Dataset:
     """Episodes of a `Source`, read one at a time: chosen actions, one rate, pictures of one size.
 
-    Row t of an episode is a frame and the action that begins then. What the last action did was
-    not filmed, so it is left out. Rewards, states and the like are left unread.
+    Row t of an episode is a frame and the action that begins then. The last action is left out,
+    since its outcome was not filmed. Rewards, states and the like are not read.
 
-    Frames are those of a `film`, `image_size` pixels high (None: as high as they are). Without a
-    film no picture is decoded, and frames are empty.
+    Frames come from a `film`, `image_size` pixels high (None: the recorded height). Without a film,
+    no picture is decoded, and frames are empty.
 
-    `actions` names the columns to take, in this order (None: all); `num_actions`, where given, is
-    how many the task needs. `readings` names the columns that each sensor's readings are of,
-    {sensor: its columns}, see `choose_readings`. `control_hz` is how many steps a second makes
-    (None: the recordings' own rate): frames are those nearest in time, actions the means over each
-    step, readings on a straight line between those recorded.
+    `actions` names the columns to use, in this order (None: all); `num_actions`, if given, is the
+    number that the task needs. `readings`, {sensor: columns}, names the columns of each sensor's
+    readings, see `choose_readings`. `control_hz` is the number of steps per second (None: the
+    recordings' rate): frames are the nearest in time, actions are averaged over each step, and
+    readings are interpolated linearly.
 
     Raises:
         InputError: the recordings do not fit; one line says what was expected and what to do.
@@ -59,8 +59,8 @@ class Dataset:
         self._seen: dict[int, Seen] = {}
         self.where = str(source.path)
         self.action_names = tuple(source.action_names[column] for column in self._columns)
-        self.reading_names = tuple(reading.full_name for reading in source.readings)  # to choose of
-        self.episodes = source.episodes  # what each is called
+        self.reading_names = tuple(reading.full_name for reading in source.readings)  # available
+        self.episodes = source.episodes  # names
         self.num_episodes = len(source.episodes)
 
     @property
@@ -70,12 +70,12 @@ class Dataset:
 
     @functools.cached_property
     def content_hash(self) -> str:
-        """SHA-256, when first asked for, by which a change of the recordings is noticed."""
+        """SHA-256 of the recordings, computed on first use; it changes if they do."""
         path, files = self._source.path, self._film.files if self._film else self._source.files
         return fingerprint(path if path.is_dir() else path.parent, files)
 
     def read(self, episode: int) -> Trajectory:
-        """An episode, whole. Raises InputError where it is unsound."""
+        """Read a whole episode. Raises InputError if it is unsound."""
         steps = self._steps(episode)
         frames: np.ndarray | None = None
         for step, picture in enumerate(self._frames(episode, steps, self._image_size)):
@@ -89,12 +89,11 @@ class Dataset:
     def skim(
         self, episode: int, num_kept: int = 0, within_steps: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """An episode's actions (T, A) float32, and a few of its frames, after a look at each.
+        """An episode's actions (T, A) float32, and a few frames; all frames are decoded.
 
-        `num_kept` frames, (num_kept, H, W, 3), equally spaced from the first one to the last of the
-        first `within_steps` steps, made smaller if higher than 256 pixels. Fewer frames are
-        repeated; without pictures there are none.
-        Raises InputError where the episode is unsound.
+        `num_kept` frames, (num_kept, H, W, 3), equally spaced over the first `within_steps` steps,
+        reduced to at most 256 pixels in height. If there are fewer, frames are repeated; without
+        pictures, there are none. Raises InputError if the episode is unsound.
         """
         steps = self._steps(episode)
         last = min(len(steps.actions), within_steps or len(steps.actions))
@@ -113,7 +112,7 @@ class Dataset:
         return steps.actions, dict(steps.readings)
 
     def facts(self, num_episodes: int) -> dict[str, Any]:
-        """What to note down of the first episodes, once they were read or skimmed; JSON."""
+        """Facts on the first episodes, which must have been read or skimmed; JSON."""
         seen = [self._seen[episode] for episode in range(num_episodes)]
         return {
             "folder": self.where,
@@ -135,13 +134,13 @@ class Dataset:
         }
 
     def _steps(self, episode: int) -> Steps:
-        """An episode but for its pictures."""
+        """An episode without its pictures."""
         where = f"{self.where}: {self.episodes[episode]}"
         asked = [reading for readings in self._sensors.values() for reading in readings]
         rows = self._source.rows(episode, asked)
         if self._own_rate:
             check_rate(where, rows, self.step_s)
-        late_s = self._film.latency_s if self._film else 0.0  # later nobody saw what there was
+        late_s = self._film.latency_s if self._film else 0.0  # the end of the episode is not seen
         rows = replace(rows, actions=rows.actions[:, self._columns], until_s=rows.until_s - late_s)
         return make_steps(where, rows, self.step_s, self._sensors)
 
@@ -150,7 +149,7 @@ class Dataset:
         return self._film.height(_KEPT_PX) if self._film else None
 
     def _frames(self, episode: int, steps: Steps, height: int | None) -> Iterator[np.ndarray]:
-        """An episode's frames (H, W, 3); what there is to note of it is noted."""
+        """Yield an episode's frames (H, W, 3), then record the facts on the episode."""
         pictures: Sequence[SeenPictures] = ()
         if self._film:
             pictures = yield from self._film.frames(episode, steps.times_s, height)

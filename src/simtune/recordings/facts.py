@@ -1,4 +1,4 @@
-"""What to note down of recordings, for reports and to know them again."""
+"""Facts on recordings, for reports."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,22 +15,22 @@ class SeenPictures:
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """What is to be noted down of an episode."""
+    """Facts on an episode that was read."""
 
     num_steps: int
-    lowest: np.ndarray  # (A,) of the actions
-    highest: np.ndarray  # (A,)
-    pictures: Sequence[SeenPictures]  # of each camera; none where none was looked at
+    lowest: np.ndarray  # (A,) actions
+    highest: np.ndarray  # (A,) actions
+    pictures: Sequence[SeenPictures]  # of each camera; empty if no pictures were read
 
 
 def action_ranges(seen: Sequence[Seen], names: Sequence[str]) -> dict[str, list[float]]:
-    """{name: [lowest, highest]} of all episodes."""
+    """{name: [lowest, highest]} action over all episodes."""
     ranges = [np.min([s.lowest for s in seen], 0), np.max([s.highest for s in seen], 0)]
     return dict(zip(names, np.transpose(ranges).tolist(), strict=True))
 
 
 def picture_facts(seen: Sequence[Seen], camera: int, fitted: tuple[int, int]) -> dict[str, Any]:
-    """Of the pictures of one camera, by its number, that are `fitted` into (height, width)."""
+    """Facts on the pictures of one camera, by its number; `fitted`: their (height, width)."""
     pictures = [s.pictures[camera] for s in seen]
     frames = np.array([s.num_steps + 1 for s in seen])
     largest, mean = np.array([p.time_errors_s for p in pictures]).T

@@ -1,4 +1,4 @@
-"""The pictures of recordings: what one camera or several saw, equally high and side by side."""
+"""The pictures of recordings: frames of one or several cameras, equally high and side by side."""
 
 import functools
 from collections.abc import Generator, Iterator, Sequence
@@ -15,34 +15,34 @@ from simtune.views import width_of
 
 
 class Shot(NamedTuple):
-    """A camera's pictures, and what they are."""
+    """A camera's pictures and their description."""
 
-    source: Source  # opened for that camera
+    source: Source  # opened for this camera
     footage: Footage
 
 
 class Film:
-    """All shots of the same episodes."""
+    """The shots of all cameras, of the same episodes."""
 
     def __init__(self, shots: Sequence[Shot], where: str):
-        """`where` they lie, for messages. Raises ValueError for sources without pictures."""
+        """`where`: the recordings' path, for messages. Raises ValueError without pictures."""
         if any(source.camera is None for source, _ in shots):
             raise ValueError("the source was opened without pictures")
         self._shots, self._where = shots, where
 
     @property
     def files(self) -> list[Path]:
-        """All that their content depends on."""
+        """All files that the content depends on."""
         return sorted({path for source, _ in self._shots for path in source.files})
 
     @property
     def latency_s(self) -> float:
-        """The longest of a camera."""
+        """The longest latency of a camera."""
         return max((footage.latency_s for _, footage in self._shots), default=0.0)
 
     @functools.cached_property
     def _sizes(self) -> list[tuple[int, int]]:
-        """(height, width) of each camera's pictures, by the very first one."""
+        """(height, width) of each camera's pictures, taken from the first picture."""
         sizes = []
         for source, _ in self._shots:
             pictures = source.pictures(0, source.rows(0).times_s[:1])
@@ -52,7 +52,7 @@ class Film:
 
     @functools.cached_property
     def aspects(self) -> list[float]:
-        """Width over height of each camera's view. Raises InputError for what cannot be fitted."""
+        """Width over height of each camera's view. Raises InputError if pictures do not fit."""
         aspects = []
         for (_, footage), size in zip(self._shots, self._sizes, strict=True):
             try:
@@ -62,35 +62,35 @@ class Film:
         return aspects
 
     def height(self, at_most: int | None) -> int:
-        """Of the pictures as they are, or less."""
+        """Height of the lowest camera's pictures, or `at_most` if that is less."""
         own = min(height for height, _ in self._sizes)
         return own if at_most is None else min(own, at_most)
 
     def frames(
         self, episode: int, times_s: np.ndarray, height: int | None
     ) -> Generator[np.ndarray, None, list[SeenPictures]]:
-        """The frames nearest to times, (H, W, 3), fitted; returns what the pictures are like.
+        """Yield the frames nearest to `times_s`, (H, W, 3), fitted; return facts on the pictures.
 
-        None of `height` is that of the pictures as they are. Raises InputError for unsound ones.
+        `height` None: that of the pictures. Raises InputError if pictures are unsound.
         """
         height = height or self.height(None)
-        pictures = [
+        views = [
             self._nearest(number, episode, times_s, (height, width_of(aspect, height)))
             for number, aspect in enumerate(self.aspects)
         ]
         seen: list[SeenPictures] = []
         for _ in times_s:
-            frames = [next(one) for one in pictures]
+            frames = [next(view) for view in views]
             yield frames[0] if len(frames) == 1 else np.concatenate(frames, 1)
-        for one in pictures:
+        for view in views:
             try:
-                next(one)
+                next(view)
             except StopIteration as end:
                 seen.append(end.value)
         return seen
 
     def facts(self, seen: Sequence[Seen], height: int | None) -> list[dict[str, Any]]:
-        """What to note down of each camera, in episodes whose pictures were looked at; JSON."""
+        """Facts on each camera, from episodes whose pictures were read; JSON."""
         height = height or self.height(None)
         return [
             {"key": source.camera, "codec": source.codec}
@@ -103,7 +103,7 @@ class Film:
     def _nearest(
         self, number: int, episode: int, times_s: np.ndarray, size: tuple[int, int]
     ) -> Generator[np.ndarray, None, SeenPictures]:
-        """Those of one camera."""
+        """Like `frames`, for one camera."""
         (source, footage), recorded = self._shots[number], self._sizes[number]
         times_s = times_s + footage.latency_s
         name, errors_s = source.episodes[episode], []
@@ -124,7 +124,7 @@ class Film:
 
 
 def _next(pictures: Iterator[tuple[float, np.ndarray]], where: str) -> tuple[float, np.ndarray]:
-    """Raises InputError, with where it is, for one that is not sound."""
+    """The next picture. Raises InputError, with `where` in front, if it is not sound."""
     try:
         return next(pictures)
     except InputError as error:

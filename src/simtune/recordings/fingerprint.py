@@ -1,4 +1,4 @@
-"""Whether recordings are still the same."""
+"""A fingerprint of recordings, which shows whether they have changed."""
 
 import hashlib
 from collections.abc import Iterable
@@ -11,8 +11,8 @@ _BLOCKS = 64
 def fingerprint(root: Path, files: Iterable[Path]) -> str:
     """SHA-256 over names, sizes and contents of files, as hex.
 
-    Of a file of more than 64 MiB, 64 blocks of 1 MiB count, evenly spread from its first to its
-    last byte: terabytes cannot be read anew at each start.
+    For a file of more than 64 MiB, only 64 blocks of 1 MiB are read, evenly spread over the file:
+    terabytes cannot be read at every start.
     """
     digest = hashlib.sha256()
     for path in sorted(path for path in files if path.is_file()):

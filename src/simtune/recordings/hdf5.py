@@ -1,4 +1,4 @@
-"""HDF5 files that others wrote: what is in them, within them, and of a size to read."""
+"""Reads HDF5 files from untrusted sources: no links to other files, no huge chunks."""
 
 import contextlib
 import math
@@ -11,11 +11,11 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.recordings.source import short
 
-_MOST_CHUNK_BYTES = 1 << 28  # a chunk is unpacked whole
+_MOST_CHUNK_BYTES = 1 << 28  # a chunk is unpacked as a whole
 
 
 def open_file(path: Path) -> Any:
-    """Raises InputError where it is no HDF5, or h5py is not installed."""
+    """Open a file. Raises InputError if it is not HDF5, or h5py is not installed."""
     try:
         import h5py
     except ImportError:
@@ -25,20 +25,20 @@ def open_file(path: Path) -> Any:
 
 
 def keys(group: Any) -> list[str]:
-    """Of a group; of what should be one and is not, none."""
+    """Keys of a group; an empty list if it is not a group."""
     return list(group) if hasattr(group, "keys") else []
 
 
 def stored(where: str, file: Any, group: str, key: str) -> Any:
-    """The dataset `key` of a file's group, which messages call `where`.
+    """The dataset `key` of a file's group; messages call the group `where`.
 
-    Raises InputError where there is none, or it lies in another file, or in chunks too large.
+    Raises InputError if there is none, or it lies in another file, or its chunks are too large.
     """
     with sound(where):
         found: Any = file[group].get(key) if keys(file[group]) else None
         if not hasattr(found, "shape"):
             raise InputError(f"{where} has no {key}; there are: {short(keys(file[group]))}")
-        # An HDF5 file can borrow from any file that its reader may read.
+        # An HDF5 file can refer to data in any other file that its reader may read.
         if found.file.filename != file.filename or found.external or found.is_virtual:
             raise InputError(f"{where}: {key} leads out of the file")
         chunk_bytes = math.prod(found.chunks or ()) * found.dtype.itemsize
@@ -51,20 +51,20 @@ def stored(where: str, file: Any, group: str, key: str) -> Any:
 
 
 def read_floats(where: str, found: Any) -> np.ndarray:
-    """A dataset whole, float64. Raises InputError where it is damaged, or holds no numbers."""
+    """A whole dataset as float64. Raises InputError if it is damaged, or does not hold numbers."""
     with sound(where):
         return np.asarray(found[()], np.float64)
 
 
 def is_pictures(found: Any) -> bool:
-    """Whether it is (T, H, W, 3) uint8."""
+    """Whether `found` is (T, H, W, 3) uint8."""
     shape = getattr(found, "shape", ())
     return len(shape) == 4 and shape[3] == 3 and found.dtype == np.uint8
 
 
 @contextlib.contextmanager
 def sound(where: object) -> Iterator[None]:
-    """What h5py raises for damaged files, as an InputError."""
+    """Turn exceptions that h5py raises for damaged files into InputErrors."""
     try:
         yield
     except InputError:

@@ -1,4 +1,4 @@
-"""Recordings of any kind, recognised by what is there."""
+"""Opens recordings of any kind; the kind is recognised by the files."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -28,14 +28,13 @@ def open_dataset(
     control_hz: float | None = None,
     readings: Mapping[str, Sequence[str]] = NO_READINGS,
 ) -> Dataset:
-    """A LeRobotDataset v3.0 or v2, robomimic's HDF5, or a folder of arrays or of pairs.
+    """Open a LeRobotDataset v3.0 or v2, robomimic's HDF5, or a folder of arrays or of pairs.
 
-    What describes the episodes is read and checked, and no picture yet. `cameras` are those of the
-    recordings' that are looked at; one whose key is None is the only one there. For the rest see
-    `Dataset`.
+    Only the description of the episodes is read and checked, no pictures. `cameras`: the cameras to
+    use; a key of None means the recordings' only camera. For the other arguments see `Dataset`.
 
     Raises:
-        InputError: it is none of them, or unsound; one line says what was expected.
+        InputError: it is none of these kinds, or unsound; one line says what was expected.
     """
     path = Path(path)
     shots = [Shot(_recognise(path, f.key, control_hz, pictures=True), f) for f in cameras]

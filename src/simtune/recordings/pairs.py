@@ -1,6 +1,6 @@
-"""A folder of pairs: NAME.mp4 or .mov, and NAME.csv with a row a control step (docs/recordings.md).
+"""A folder of pairs: NAME.mp4 or .mov, and NAME.csv with a row per control step.
 
-Or of videos alone, of what moves without any action.
+Or of videos alone, of motion without actions. See docs/recordings.md.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,14 +15,14 @@ from simtune.recordings.readings import gather, readings_of
 from simtune.recordings.resample import typical_step_s
 from simtune.recordings.source import Lines, Reading, Rows, first_wrong, is_rate, natural, short
 
-VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # in any case of letters
+VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # case-insensitive
 
 
 class PairsSource:
-    """Videos and tables of the same names, an episode each, in the names' order.
+    """Pairs of a video and a table with the same name, one per episode, sorted by name.
 
-    Without `pictures` tables are enough, if they say when their rows were.
-    Raises InputError where a file has no partner, or the tables' columns differ.
+    Without `pictures`, tables are enough if they have a column of times. Raises InputError if a
+    file has no partner, or the tables' columns differ.
     """
 
     kind = "folder of mp4 and csv"
@@ -76,12 +76,12 @@ class PairsSource:
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
         path = self._video(episode)
-        # A webcam drops a frame now and then; its neighbour stands in for it.
+        # A webcam drops a frame now and then; the neighbouring frame is used instead.
         tolerance_s = 1.6 * typical_step_s(video.frame_times(path))
         return video.frames_at(path, times_s.tolist(), tolerance_s=tolerance_s)
 
     def _check_partners(self) -> None:
-        """Each video has a table if any has; each table has a video, if they are looked at."""
+        """Raise InputError if only some videos have tables, or a table lacks a needed video."""
         videos, tables = self._videos.keys(), self._tables.keys()
         lone = videos - tables if self.camera is None else videos ^ tables
         if tables and lone:
@@ -95,7 +95,7 @@ class PairsSource:
 
     def _video(self, episode: int) -> Path:
         name = self.episodes[episode]
-        if name not in self._videos:  # and no pictures are asked for
+        if name not in self._videos:  # only possible without pictures
             raise InputError(
                 f"{self._tables[name]}: says nowhere when its rows were, and no video does; "
                 "expected a column 'time' of seconds"
@@ -106,16 +106,16 @@ class PairsSource:
         return self._tables[self.episodes[episode]]
 
     def _fps(self) -> float:
-        """Rows a second, of the first episode."""
+        """Rows per second of the first episode."""
         times_s = self.rows(0).times_s
-        fps = float(f"{1 / typical_step_s(times_s):.6g}")  # clocks are no more exact than that
+        fps = float(f"{1 / typical_step_s(times_s):.6g}")  # clocks are not more precise than that
         if not is_rate(fps):
             where = self._table(0) if self._is_acted_on else self._video(0)
             raise InputError(f"{where}: its rows come {fps:g} times a second; in seconds?")
         return fps
 
     def _times(self, episode: int, table: np.ndarray, lines: Lines) -> tuple[np.ndarray, float]:
-        """(T,) seconds at which the rows of an episode's table began, and when it ends."""
+        """(T,) start times of an episode's rows, and its end, seconds since the first frame."""
         if self._is_timed:
             is_told = [is_time(name) for name in self._header]
             return self._told_times(episode, table[:, is_told], lines)
@@ -131,7 +131,7 @@ class PairsSource:
     def _told_times(
         self, episode: int, column: np.ndarray, lines: Lines
     ) -> tuple[np.ndarray, float]:
-        """The same of rows that say themselves when they began."""
+        """Like `_times`, from the table's own column of times."""
         path, times_s = self._table(episode), column[:, 0]
         if (row := first_wrong(~(np.diff(times_s, prepend=-1e-9) > 0))) is not None:
             raise InputError(
@@ -152,7 +152,7 @@ class PairsSource:
 
 
 def _by_name(paths: Iterable[Path]) -> dict[str, Path]:
-    """{name: path} without endings. Raises InputError for two of one name."""
+    """{name without ending: path}. Raises InputError if two have the same name."""
     found: dict[str, Path] = {}
     for path in paths:
         if path.stem in found:

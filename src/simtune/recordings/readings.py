@@ -1,4 +1,4 @@
-"""Numbers that were measured beside each frame, and the names by which they are asked for."""
+"""Numbers measured with each frame, and the names by which they are requested."""
 
 import difflib
 from collections.abc import Callable, Mapping, Sequence
@@ -13,9 +13,9 @@ NO_READINGS: Mapping[str, Sequence[str]] = {}
 
 
 def readings_of(key: str, names: Sequence[str], num: int) -> list[Reading]:
-    """The `num` numbers that are stored together as `key`.
+    """The `num` readings stored together as `key`.
 
-    `names` are taken where each number has one; one that two numbers have is no name.
+    `names` are used if there is one for each number; a name that two numbers have is dropped.
     """
     if len(names) != num:
         names = [""] * num
@@ -28,11 +28,11 @@ def readings_of(key: str, names: Sequence[str], num: int) -> list[Reading]:
 def choose_readings(
     where: Path, known: Sequence[Reading], asked: Mapping[str, Sequence[str]]
 ) -> dict[str, list[Reading]]:
-    """{sensor: its readings}, for {sensor: names of them}; see `docs/recordings.md`.
+    """{sensor: readings} for `asked`, {sensor: names}; see `docs/recordings.md`.
 
-    A name is a full one or a place ("observation.state[3]"), that of a number alone where no other
-    has it, or that of all numbers that are stored together.
-    Raises InputError where there is no such one, or more than one.
+    A name is one of: a full name, a place ("observation.state[3]"), a reading's own name if no
+    other reading has it, or a key, for all numbers stored together. Raises InputError if no
+    reading, or more than one, has the name.
     """
     return {sensor: _chosen(where, known, sensor, names) for sensor, names in asked.items()}
 
@@ -40,7 +40,7 @@ def choose_readings(
 def gather(
     readings: Sequence[Reading], num_rows: int, read: Callable[[str], np.ndarray]
 ) -> np.ndarray:
-    """(T, D) of T rows; `read` gives all numbers (T, ...) that are stored together as a key."""
+    """(T, D) readings of T rows; `read` returns all numbers (T, ...) stored as a key."""
     stored = {key: read(key) for key in {reading.key for reading in readings}}
     columns = [stored[reading.key][:, reading.index] for reading in readings]
     return np.reshape(columns, (len(readings), num_rows)).T
@@ -74,7 +74,7 @@ def _called(where: Path, known: Sequence[Reading], name: str) -> list[Reading]:
     calls = [call(reading) for call in _CALLS for reading in known if call(reading)]
     close = difflib.get_close_matches(name, calls, n=1)
     hint = f"did you mean {close[0]!r}? " if close else ""
-    # As short as they may be asked for, since there may be many.
+    # The shortest name of each that is unique, since there may be many.
     there = [r.name if calls.count(r.name) == 1 else r.full_name for r in known]
     raise InputError(f"{where}: no reading {name!r}; {hint}there are: {short(there)}")
 

@@ -1,32 +1,32 @@
-"""From the times at which something was recorded to steps that last equally long."""
+"""Resamples rows at recorded times to steps of equal duration."""
 
 import numpy as np
 
 from simtune.recordings.source import Rows
 
-_ON_TIME = 0.02  # of a step: what begins that near to a step's beginning is left as it is
-_BRIDGED = 3.5  # rows' steps: two rows may be missing in a row, as two frames may
+_ON_TIME = 0.02  # of a step: rows this near to a step's start are not resampled
+_BRIDGED = 3.5  # of the rows' steps: gaps of up to two missing rows are interpolated
 
 
 def typical_step_s(times_s: np.ndarray) -> float:
-    """Seconds from one of (T,) rising times to the next, T >= 2; a few may be missing."""
+    """Interval between (T,) rising times, T >= 2, of which a few may be missing."""
     gaps = np.diff(times_s)
-    # The median alone would be off by as much as clocks round.
+    # Not just the median, which has the error of clocks that round.
     counts = np.rint(gaps / np.median(gaps)).clip(1)
     return float((times_s[-1] - times_s[0]) / counts.sum())
 
 
 def step_times(rows: Rows, step_s: float) -> np.ndarray:
-    """(K + 1,) seconds: where the K whole steps that fit into an episode begin, and its end."""
+    """(K + 1,) seconds: starts of the K whole steps that fit into an episode, and the end."""
     lasts_s = rows.until_s - rows.times_s[0]
     return rows.times_s[0] + step_s * np.arange(int(lasts_s / step_s + _ON_TIME) + 1)
 
 
 def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:
-    """(K, A) the mean over each step of the action that was in force, for (K + 1,) times.
+    """(K, A) mean action over each step, for (K + 1,) times.
 
-    A recorded action is in force until the next one begins. Shorter steps therefore repeat it, and
-    longer ones average, which keeps the impulse of a force and the path of a speed.
+    A recorded action lasts until the next one begins. So shorter steps repeat actions, and longer
+    steps average them, which preserves the impulse of a force and the path of a velocity.
     """
     num_steps, step_s = len(times_s) - 1, times_s[1] - times_s[0]
     if len(rows) >= num_steps:
@@ -45,10 +45,10 @@ def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:
 
 
 def step_readings(rows: Rows, times_s: np.ndarray) -> np.ndarray:
-    """(K + 1, D) readings at (K + 1,) times, between two rows as on a straight line.
+    """(K + 1, D) readings at (K + 1,) times, interpolated linearly between rows.
 
-    NaN before the first row and after the last one, beside a row without the reading, and where
-    more than two rows in a row are missing.
+    NaN before the first and after the last row, next to a row without the reading, and where more
+    than two successive rows are missing.
     """
     own_s, row_s = rows.times_s, typical_step_s(rows.times_s)
     after = np.searchsorted(own_s, times_s).clip(1, len(own_s) - 1)

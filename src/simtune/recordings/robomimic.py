@@ -1,4 +1,4 @@
-"""robomimic's HDF5: /data/demo_i with actions, readings and pictures, stored one by one."""
+"""robomimic's HDF5: groups /data/demo_i with actions, readings and uncompressed pictures."""
 
 import functools
 import json
@@ -23,14 +23,14 @@ from simtune.recordings.source import (
 )
 from simtune.recordings.video import MOST_PIXELS
 
-_BLOCK_BYTES = 1 << 24  # of pictures read at once: compressed ones are stored several together
+_BLOCK_BYTES = 1 << 24  # size of pictures read at once, since a compressed chunk holds several
 
 
 class RobomimicSource:
-    """A file of robomimic's layout. Row t is a picture and the action applied after it.
+    """A file in robomimic's layout. Row t is a picture and the action applied after it.
 
-    `fps`, where given, stands in for the rate that a file without env_args does not say.
-    Raises InputError where the file is none such, or h5py is not installed.
+    `fps` is the rate of a file whose env_args do not tell it. Raises InputError if the file has
+    another layout, or h5py is not installed.
     """
 
     kind = "robomimic HDF5"
@@ -91,7 +91,7 @@ class RobomimicSource:
             yield row / self.fps, block[row - first]
 
     def _where(self, episode: int) -> str:
-        """How messages call an episode."""
+        """The episode's name in messages."""
         return f"{self.path}: {self.episodes[episode]}"
 
     def _stored(self, episode: int, key: str) -> Any:
@@ -117,7 +117,7 @@ class RobomimicSource:
         return stored
 
     def _observation(self, episode: int, key: str, num_rows: int) -> np.ndarray:
-        """(T, D) of obs, which must be as wide as in the first episode."""
+        """(T, D) observation `key`, which must have the first episode's width D."""
         where, stored = self._where(episode), self._stored(episode, f"obs/{key}")
         width = sum(reading.key == key for reading in self.readings)
         if _width(stored) != width or len(stored) != num_rows:
@@ -128,13 +128,13 @@ class RobomimicSource:
         return hdf5.read_floats(where, stored).reshape(num_rows, width)
 
     def _observed(self) -> dict[str, Any]:
-        """What the first episode holds in obs, by its key."""
+        """{key: dataset} of the first episode's obs."""
         demo = self._file["data"][self.episodes[0]]
         observed = demo.get("obs", {}) if hdf5.keys(demo) else {}
         return {key: observed.get(key) for key in hdf5.keys(observed)}
 
     def _choose_camera(self, observed: dict[str, Any], camera: str | None) -> str:
-        """The key of the chosen camera's pictures."""
+        """Key of the chosen camera's pictures. Raises InputError."""
         cameras = [key for key, stored in observed.items() if hdf5.is_pictures(stored)]
         if not cameras:
             raise InputError(
@@ -145,12 +145,12 @@ class RobomimicSource:
 
 
 def _readings(key: str, stored: Any) -> list[Reading]:
-    """Of what is stored in obs as `key`; it gives its numbers no names."""
+    """Readings of obs/`key`; its numbers have no names."""
     return readings_of(key, (), _width(stored))
 
 
 def _width(stored: Any) -> int:
-    """How many numbers a row of a dataset has; 0 where it holds something else."""
+    """Number of values per row of a dataset; 0 if it holds something else."""
     if getattr(getattr(stored, "dtype", None), "kind", "") not in ("f", "i", "u"):
         return 0
     width = stored.shape[1] if stored.ndim == 2 else 1
@@ -158,10 +158,10 @@ def _width(stored: Any) -> int:
 
 
 def _environment(env_args: Any) -> tuple[str | None, float | None]:
-    """Name and control rate of the environment, where the JSON of env_args says them."""
+    """Name and control rate of the environment from the JSON of env_args; None if unknown."""
     try:
-        said = json.loads(env_args)
-        name, fps = said.get("env_name"), said.get("env_kwargs", {}).get("control_freq")
+        facts = json.loads(env_args)
+        name, fps = facts.get("env_name"), facts.get("env_kwargs", {}).get("control_freq")
     except (ValueError, TypeError, AttributeError, RecursionError):
         return None, None
     return name if isinstance(name, str) else None, float(fps) if is_rate(fps) else None

@@ -1,4 +1,4 @@
-"""What each kind of recordings has to tell; what all of them share is in `dataset.py`."""
+"""Interface of the kinds of recordings; `dataset.py` has the code common to all."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -13,11 +13,11 @@ from simtune.errors import InputError
 
 @dataclass(frozen=True)
 class Reading:
-    """One number of those that were measured beside each frame."""
+    """One number measured with each frame."""
 
-    key: str  # of what is stored together, such as "observation.state"
-    index: int  # among the numbers there
-    name: str  # of its own, such as "elbow"; "": it has none
+    key: str  # under which several numbers are stored, such as "observation.state"
+    index: int  # among the numbers of this key
+    name: str  # such as "elbow"; "": none
 
     @property
     def place(self) -> str:
@@ -29,10 +29,10 @@ class Reading:
 
 
 class Lines(NamedTuple):
-    """Where rows stand in a text file."""
+    """Line numbers of rows in a text file."""
 
     path: Path
-    numbers: Sequence[int]  # (T,) from 1, the header and empty lines counted
+    numbers: Sequence[int]  # (T,) from 1, counting the header and empty lines
 
     def place(self, row: int) -> str:
         return f"line {self.numbers[row]} of {self.path}"
@@ -40,82 +40,83 @@ class Lines(NamedTuple):
 
 @dataclass(frozen=True)
 class Rows:
-    """The actions of an episode and its readings, on the clock of its pictures."""
+    """An episode's actions and readings, on the clock of its pictures."""
 
-    actions: np.ndarray  # (T, A) float64, all that were recorded
-    times_s: np.ndarray  # (T,) when each began to be applied, rising
-    until_s: float  # up to when both pictures and actions are known
-    # (T, D) float64, NaN where there is none; of no row where none were asked for
+    actions: np.ndarray  # (T, A) float64, all recorded columns
+    times_s: np.ndarray  # (T,) start times of the actions, rising
+    until_s: float  # end of the time for which both pictures and actions are known
+    # (T, D) float64, NaN if missing; no rows if no readings were requested
     readings: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    lines: Lines | None = None  # None: no text file
+    lines: Lines | None = None  # None: not read from a text file
 
     def __len__(self) -> int:
         return len(self.actions)
 
 
 class Source(Protocol):
-    """Episodes as they lie on disk. Errors of an episode name it."""
+    """Episodes as stored on disk. Errors name the episode."""
 
     kind: str  # in words
     path: Path
-    fps: float  # rows a second
+    fps: float  # rows per second
     camera: str | None  # None: opened without pictures
     action_names: tuple[str, ...]  # (A,)
-    readings: Sequence[Reading]  # all that can be asked for
+    readings: Sequence[Reading]  # all available ones
     robot_type: str | None
-    episodes: Sequence[str]  # what each is called
-    files: Sequence[Path]  # all that its content depends on
+    episodes: Sequence[str]  # names
+    files: Sequence[Path]  # all files that the content depends on
 
     @property
     def codec(self) -> str:
-        """Of the pictures, e.g. "h264"."""
+        """Codec of the pictures, e.g. "h264"."""
         ...
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
-        """Raises InputError where they are unsound. No other readings are read."""
+        """Actions and the given `readings` of an episode. Raises InputError if unsound."""
         ...
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
-        """For each of the rising times, when the nearest picture was seen, and (H, W, 3) uint8.
+        """For each of the rising times, the nearest picture: its time, and (H, W, 3) uint8.
 
-        Raises InputError where there is none near, or it is damaged.
+        Raises InputError if no picture is near, or it is damaged.
         """
         ...
 
 
-# No recording is longer in one piece: more is a damaged number, and must not fill the memory.
+# Limits of sound recordings: larger numbers are damaged, and must not fill the memory
 MOST_ROWS = 100_000  # of an episode: an hour at 30 Hz
 MOST_ACTIONS = 1_000
 LEAST_FPS, MOST_FPS = 0.01, 1_000
 
 
 def is_rate(fps: object) -> TypeGuard[int | float]:
-    """Whether it can be meant as rows a second."""
+    """Whether `fps` is a plausible number of rows per second."""
     if not isinstance(fps, int | float) or isinstance(fps, bool):
         return False
     return LEAST_FPS <= fps <= MOST_FPS
 
 
 def first_wrong(wrong: np.ndarray) -> int | None:
-    """The first of (T,) rows, some of which may be `wrong`; None: none is."""
+    """Index of the first True in `wrong` (T,); None: there is none."""
     return int(wrong.argmax()) if wrong.any() else None
 
 
 def natural(name: str) -> list[tuple[int, str]]:
-    """Sorts swing2 before swing10."""
+    """Sort key that puts swing2 before swing10."""
     return [(int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", name)]
 
 
 def short(names: Sequence[str], most: int = 12) -> str:
-    """At most `most` of the names, for a message that stays one line."""
+    """At most `most` of the names, so that a message stays one line."""
     names = names if len(names) <= most else [*names[:most], "..."]
     return ", ".join(name if name.isprintable() else repr(name) for name in names)
 
 
 def choose_camera(where: Path, cameras: Sequence[str], asked: str | None, full_name: str) -> str:
-    """The asked one of `cameras`, as "front" or by its `full_name` of it, such as "{}_image".
+    """The camera `asked` for, such as "front"; its key may be longer, such as "{}_image".
 
-    The only one, if none was asked for. Raises InputError where there is no such one.
+    `full_name`: template of the longer key. Without `asked`, the only camera. Raises InputError if
+    there is no such camera.
     """
     keys = cameras if asked is None else (asked, full_name.format(asked))
     if asked is None and len(cameras) > 1:
@@ -129,9 +130,9 @@ def choose_camera(where: Path, cameras: Sequence[str], asked: str | None, full_n
 def choose_actions(
     source: Source, names: Sequence[str] | None, num_actions: int | None
 ) -> list[int]:
-    """Columns of the actions called `names` (None: all), which must be `num_actions` if given.
+    """Columns of the actions `names` (None: all). Raises InputError if one does not exist.
 
-    Raises InputError where there are no such ones.
+    Also if there are not `num_actions`, if given.
     """
     known = source.action_names
     doubled = next((name for name in known if known.count(name) > 1), None)

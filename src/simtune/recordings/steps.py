@@ -1,4 +1,4 @@
-"""An episode on a grid of equal steps, and what makes that impossible."""
+"""Resamples an episode to equal steps, and checks that this is possible."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from simtune.errors import InputError
 from simtune.recordings.resample import step_actions, step_readings, step_times, typical_step_s
 from simtune.recordings.source import MOST_ROWS, Reading, Rows, first_wrong, short
 
-_LARGEST_READING = 1e6  # what is beyond is no joint's, whatever the unit
+_LARGEST_READING = 1e6  # larger than any joint reading in any unit
 
 
 @dataclass(frozen=True)
 class Steps:
-    """K steps: frames are due at the beginning of each, and at the end of the last."""
+    """K steps; a frame is due at the start of each step and at the end of the last."""
 
     times_s: np.ndarray  # (K + 1,)
     actions: np.ndarray  # (K, A) float32
@@ -24,12 +24,13 @@ class Steps:
 def make_steps(
     where: str, rows: Rows, step_s: float, sensors: Mapping[str, Sequence[Reading]]
 ) -> Steps:
-    """Of an episode's rows, which have the readings of all sensors one after the other.
+    """Resample an episode's rows, whose readings are those of all sensors, one after the other.
 
-    Raises InputError, which names the episode as `where`, for what is not finite or does not last.
+    Raises InputError, which names the episode as `where`, if actions are not finite, or the episode
+    is too short or too long.
     """
     with np.errstate(over="ignore"):
-        is_finite = np.isfinite(rows.actions.astype(np.float32))  # as they are kept
+        is_finite = np.isfinite(rows.actions.astype(np.float32))  # float32, as they are stored
     if (row := first_wrong(np.any(~is_finite, axis=1))) is not None:
         values = short([f"{value:g}" for value in rows.actions[row]])
         place = rows.lines.place(row) if rows.lines else f"{where}, row {row}"
@@ -51,7 +52,7 @@ def make_steps(
 
 
 def check_rate(where: str, rows: Rows, step_s: float) -> None:
-    """Raises InputError where an episode's own rate is another one."""
+    """Raises InputError if an episode's own rate differs from 1 / `step_s`."""
     own_hz = 1 / typical_step_s(rows.times_s) if len(rows) > 1 else 1 / step_s
     if abs(own_hz * step_s - 1) > 0.01:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Video files in: every frame, or the frames at given times."""
+"""Reads video files: every frame, or the frames at given times."""
 
 import contextlib
 import itertools
@@ -16,8 +16,8 @@ from av.video.reformatter import Interpolation
 
 from simtune.errors import InputError
 
-# swscale's default way from YUV to RGB rounds down: every colour 1 of 255 too dark, and chroma
-# unsmoothed. This one halves the error at the same speed; PyAV before 18 does not know it.
+# swscale's default conversion from YUV to RGB rounds down (colours are 1 of 255 too dark) and does
+# not smooth chroma. This one halves the error at the same speed; PyAV before 18 does not have it.
 _TO_RGB: dict[str, Any] = {"format": "rgb24", "interpolation": "BICUBIC"}
 if hasattr(Interpolation, "ACCURATE_RND"):
     _TO_RGB["interpolation"] = (
@@ -25,29 +25,29 @@ if hasattr(Interpolation, "ACCURATE_RND"):
     )
     _TO_RGB["threads"] = 1
 
-# 8K. A decoder holds a dozen pictures, and takes a file's word for how large they are.
+# 8K. A decoder holds a dozen pictures, of whatever size the file claims.
 MOST_PIXELS = 7680 * 4320
 
 
 @dataclass(frozen=True, kw_only=True)
 class VideoFacts:
     codec: str  # e.g. "h264"
-    height: int  # pixels, as stored: a player may turn them
+    height: int  # pixels, as stored: a player may rotate the picture
     width: int  # pixels
 
 
 def probe(path: str | Path) -> VideoFacts:
-    """What the file's first video stream says of itself; InputError where there is none."""
+    """Facts on the file's first video stream. Raises InputError if there is none."""
     with _open(path) as (_, stream):
         return VideoFacts(
-            codec=stream.codec.canonical_name,  # not the decoder's, such as libdav1d
+            codec=stream.codec.canonical_name,  # not the decoder's name, such as libdav1d
             height=stream.codec_context.height,
             width=stream.codec_context.width,
         )
 
 
 def decode(path: str | Path) -> Iterator[tuple[float, np.ndarray]]:
-    """Every frame of a video in the order of showing.
+    """Every frame of a video in presentation order.
 
     Yields (time, picture): seconds since the first frame, and (H, W, 3) uint8 RGB.
 
@@ -59,7 +59,7 @@ def decode(path: str | Path) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def frame_times(path: str | Path) -> np.ndarray:
-    """(F,) seconds since the first frame at which each is shown, by the file's index alone.
+    """(F,) presentation times of the frames, seconds since the first; nothing is decoded.
 
     Raises:
         InputError: the file is missing or is no video, or its content is damaged.
@@ -80,8 +80,8 @@ def frames_at(
 ) -> Iterator[tuple[float, np.ndarray]]:
     """The frame nearest to each time, decoded in one pass and held one at a time.
 
-    `times_s` are seconds since the file's first frame, in rising order. Yields for each of
-    them (time, picture): when the frame is shown, and (H, W, 3) uint8 RGB.
+    `times_s` are seconds since the file's first frame, in rising order. Yields (time, picture) for
+    each: the frame's presentation time, and (H, W, 3) uint8 RGB.
 
     Raises:
         InputError: the file is missing or is no video, its content is damaged, or no frame is
@@ -91,7 +91,7 @@ def frames_at(
     frames = _decode(path, next(iter(times_s), 0.0) - tolerance_s)
     nearest, following = next(frames, None), next(frames, None)
     for time_s in times_s:
-        # Shown times rise, so a frame is the nearest once the following one is farther.
+        # Presentation times rise, so a frame is the nearest once the following one is farther away.
         while nearest and following and abs(following[0] - time_s) < abs(nearest[0] - time_s):
             nearest, following = following, next(frames, None)
         if nearest is None or abs(nearest[0] - time_s) >= tolerance_s:
@@ -103,9 +103,9 @@ def frames_at(
 
 
 def _decode(path: str | Path, from_s: float = 0.0) -> Iterator[tuple[float, av.VideoFrame]]:
-    """(seconds since the first frame, frame) in the order of showing.
+    """(seconds since the first frame, frame) in presentation order.
 
-    Frames before `from_s` are left out as far as the file's keyframes allow.
+    Frames before `from_s` are skipped as far as the file's keyframes allow.
     """
     reached_s = 0.0
     with _open(path) as (container, stream):
@@ -121,7 +121,7 @@ def _decode(path: str | Path, from_s: float = 0.0) -> Iterator[tuple[float, av.V
             if from_s > 0:
                 frames = _seek(container, stream, start_s + from_s)
             for frame in frames:
-                # A decoder conceals what is missing by making pictures up: never use those.
+                # A decoder makes up pictures for missing data: never use those.
                 if frame.time is None or frame.is_corrupt:
                     raise InputError(
                         f"{path}: the frame after {reached_s:g} s is damaged; copy the file again"
@@ -138,30 +138,30 @@ def _decode(path: str | Path, from_s: float = 0.0) -> Iterator[tuple[float, av.V
 def _seek(
     container: av.container.InputContainer, stream: av.video.stream.VideoStream, time_s: float
 ) -> Iterator[av.VideoFrame]:
-    """Frames from the keyframe before a presentation time on."""
+    """Frames starting at the last keyframe before a presentation time."""
     assert stream.time_base is not None
     container.seek(int(time_s / stream.time_base), stream=stream)
-    # Frames that lean on what was left out come first, and come out damaged.
+    # The first frames may depend on skipped ones, and are then marked as corrupt.
     frames = itertools.dropwhile(lambda frame: frame.is_corrupt, container.decode(stream))
     first = next(frames, None)
     if first is not None and first.time is not None and first.time <= time_s:
         return itertools.chain([first], frames)
-    container.seek(stream.start_time or 0, stream=stream)  # the index misleads: all of it, then
+    container.seek(stream.start_time or 0, stream=stream)  # the index is wrong: read everything
     return container.decode(stream)
 
 
 def _to_rgb(frame: av.VideoFrame) -> np.ndarray:
-    """(H, W, 3) uint8, turned as a player shows it: a phone notes down how it was held."""
-    # One thread: swscale else starts threads anew for each frame, which costs ten times more.
+    """(H, W, 3) uint8, rotated as a player shows it: a phone stores how it was held."""
+    # One thread: otherwise swscale starts new threads for each frame, which takes ten times longer.
     pixels = frame.to_ndarray(**_TO_RGB)
-    return np.rot90(pixels, round(frame.rotation / 90))  # counterclockwise, as the file counts
+    return np.rot90(pixels, round(frame.rotation / 90))  # both count counterclockwise
 
 
 @contextlib.contextmanager
 def _open(
     path: str | Path,
 ) -> Iterator[tuple[av.container.InputContainer, av.video.stream.VideoStream]]:
-    """The file and its first video stream; raises InputError where it has none."""
+    """The file and its first video stream. Raises InputError if it has none."""
     try:
         container = av.open(str(path))
     except (av.error.FFmpegError, OSError) as error:
@@ -181,6 +181,6 @@ def _open(
                 f"{path}: pictures of {width}×{height} pixels; expected at most 7680×4320, "
                 "make the video smaller"
             )
-        # What the file says of its pictures need not be what comes out of them.
+        # Decoded pictures may be larger than the file claims.
         stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
         yield container, stream

@@ -1,4 +1,4 @@
-"""Video files out: h264 mp4 that browsers play."""
+"""Writes video files: h264 mp4 that browsers play."""
 
 import math
 import os
@@ -13,12 +13,12 @@ import numpy as np
 
 
 class VideoWriter:
-    """An h264 mp4 written frame by frame; appears under its name only once it is complete.
+    """Writes an h264 mp4 frame by frame; the file gets its name only once it is complete.
 
-    Use it as a context manager. The video is yuv420p, which every browser plays, and needs an
-    even height and width: an odd one is padded by repeating the last row or column.
-    `crf` is x264's quality (0 lossless, which browsers may refuse; 18 hardly visible). A keyframe
-    every `keyframe_interval` frames makes seeking fast and the file larger; None: x264 decides.
+    Use it as a context manager. The video is yuv420p, which every browser plays and which needs
+    even sides: odd ones are padded by repeating the last row or column. `crf` is x264's quality
+    (0: lossless, which browsers may refuse; 18: the loss is hardly visible). A keyframe every
+    `keyframe_interval` frames makes seeking fast and the file larger; None: x264 decides.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class VideoWriter:
         if keyframe_interval is not None:
             self._options["g"] = str(keyframe_interval)
         self._shape: tuple[int, ...] = ()
-        options = {"movflags": "faststart"}  # a browser may start before it has all
+        options = {"movflags": "faststart"}  # a browser may start before it has the whole file
         self._container = av.open(str(self._unfinished), "w", format="mp4", options=options)
         self._stream: av.video.stream.VideoStream | None = None
 
@@ -85,7 +85,7 @@ class VideoWriter:
 def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float, **options: Any) -> None:
     """Write frames, (T, H, W, 3) uint8 or an iterable of (H, W, 3), as an h264 mp4.
 
-    The file appears whole or not at all. See `VideoWriter` for the options.
+    The file is written completely or not at all. See `VideoWriter` for the options.
     """
     with VideoWriter(path, fps, **options) as video:
         for frame in frames:

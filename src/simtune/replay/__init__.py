@@ -1,4 +1,4 @@
-"""What was simulated, each frame stored once: agents read transitions of it, an SPM windows."""
+"""Stored simulated episodes, with each frame once: agents read transitions, an SPM windows."""
 
 from simtune.replay.episodes import Episodes
 from simtune.replay.replay import Replay, Transitions

@@ -1,4 +1,4 @@
-"""Simulated episodes on their way into a store."""
+"""Simulated episodes, as they are added to a store."""
 
 from dataclasses import dataclass, replace
 
@@ -9,21 +9,21 @@ from simtune.simulation import Rollouts
 
 @dataclass(frozen=True, kw_only=True)
 class Episodes:
-    """n simulated episodes of at most T steps, each in a world of its own.
+    """n simulated episodes of at most T steps, each in its own world.
 
-    What comes after an episode's `lengths` steps may be anything: it is never read.
+    Values after an episode's `lengths` steps are arbitrary, and never read.
     """
 
     parameters: np.ndarray  # (n, N) of each episode's world, in their units
-    full_states: np.ndarray  # (n, T + 1, S) float64: frames can be drawn from them anew
+    full_states: np.ndarray  # (n, T + 1, S) float64, from which frames can be drawn again
     states: np.ndarray  # (n, T + 1, D) float32, of `rollout.Environment.observe`
     actions: np.ndarray  # (n, T, A) float32 in [−1, 1]
     rewards: np.ndarray  # (n, T) float32
-    lengths: np.ndarray  # (n,) int, steps that count: fewer than T where the physics diverged
+    lengths: np.ndarray  # (n,) int, number of valid steps: less than T if the physics diverged
     terminated: np.ndarray  # (n,) bool: the last step ended the task; a time limit does not
-    frames: np.ndarray | None = None  # (n, T + 1, H, W, 3) uint8, where they were drawn
-    keypoints: np.ndarray | None = None  # (n, T + 1, L, 2) float32 pixels in those
-    reached: np.ndarray | None = None  # (n, G) bool, which of the task's goals in the end
+    frames: np.ndarray | None = None  # (n, T + 1, H, W, 3) uint8; None: not drawn
+    keypoints: np.ndarray | None = None  # (n, T + 1, L, 2) float32 pixels in the frames
+    reached: np.ndarray | None = None  # (n, G) bool, whether each goal is reached at the end
 
     def __post_init__(self) -> None:
         if self.rewards.ndim != 2:
@@ -57,7 +57,7 @@ class Episodes:
         return len(self.lengths)
 
     def take(self, index: np.ndarray) -> "Episodes":
-        """Those of an (m,) index; all of them without a copy."""
+        """The episodes at `index` (m,); no copy is made if it selects all."""
         if np.array_equal(index, np.arange(len(self))):
             return self
         return replace(self, **{k: a[index] for k, a in vars(self).items() if a is not None})
@@ -70,9 +70,9 @@ class Episodes:
         frames: np.ndarray,
         readings: np.ndarray,
     ) -> "Episodes":
-        """Filmed rollouts, for an SPM: rewards are 0, and of states no more is known than was read.
+        """Filmed rollouts, for an SPM: rewards are 0, and states are the readings.
 
-        `action_scale` (A,) is the largest magnitude of each action; `readings` (n, T + 1, R).
+        `action_scale` (A,) is the largest magnitude of each action; `readings`: (n, T + 1, R).
         """
         n, num_steps, _ = rollouts.actions.shape
         return cls(
@@ -88,6 +88,6 @@ class Episodes:
 
 
 def _fits(shape: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:
-    """Whether a shape is the expected one, in which letters stand for any size."""
+    """Whether a shape is as expected; letters stand for any size."""
     pairs = zip(shape, expected, strict=False)
     return len(shape) == len(expected) and all(isinstance(e, str) or s == e for s, e in pairs)

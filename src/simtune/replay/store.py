@@ -1,4 +1,4 @@
-"""The latest simulated episodes, each frame stored once: what agents and an SPM learn from."""
+"""Stores the latest simulated episodes, each frame once, for agents and an SPM to learn from."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
@@ -10,19 +10,19 @@ import torch
 from simtune.parameters import ParameterSpace
 from simtune.replay.episodes import Episodes
 
-# (m, S) full states of worlds of (m, N) parameters to (m, H, W, 3) uint8: `Simulator.render`
+# Maps (m, S) full states and (m, N) parameters to (m, H, W, 3) uint8: `Simulator.render`
 Film = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 _OF_ALL = ("parameters", "lengths", "terminated", "states", "actions", "rewards")
-_OF_FILMED = ("full_states", "keypoints")  # and frames, which can be drawn anew from these
+_OF_FILMED = ("full_states", "keypoints")  # frames are not saved: they can be drawn again
 _CAPACITIES = ("filmed_capacity", "unfilmed_capacity")
 
 
 @dataclass(frozen=True)
 class StepIndex:
-    """Where steps lie, on the store's device, so that no batch waits for the host.
+    """Index of steps, on the store's device, so that sampling does not wait for the host.
 
-    They are counted through all slots: those of slot e are `starts[e]` to `ends[e]` − 1.
+    Steps are numbered through all slots: those of slot e are `starts[e]` to `ends[e]` − 1.
     """
 
     starts: torch.Tensor  # (slots,)
@@ -33,12 +33,12 @@ class StepIndex:
 
 @dataclass(eq=False)
 class EpisodeStore:
-    """Slots for whole episodes; a new one takes an empty slot, or else that of the oldest.
+    """Slots for whole episodes; a new episode takes an empty slot, or else replaces the oldest.
 
-    The first `filmed_capacity` slots are for episodes with frames, `unfilmed_capacity` more for
-    those without, of which there may be many: frames are what fills a memory. Batches are
-    gathered on `device`, so what they are made of lies there, frames included. On a CPU a slot's
-    memory is taken when it is first filled.
+    The first `filmed_capacity` slots are for episodes with frames; `unfilmed_capacity` further
+    slots are for episodes without, which need little memory, so there may be many. Batches are
+    gathered on `device`, so their data, including frames, is stored there. On a CPU, a slot's
+    memory is used only once it is filled.
     """
 
     space: ParameterSpace
@@ -50,12 +50,12 @@ class EpisodeStore:
     def __post_init__(self) -> None:
         self.num_added = 0
         filmed_capacity, slots = self.filmed_capacity, self.filmed_capacity + self.unfilmed_capacity
-        self._numbers = torch.full((slots,), -1)  # which of all that were added; −1: empty
+        self._numbers = torch.full((slots,), -1)  # serial number of the episode; −1: empty
         nominal = np.tile(self.space.nominal, (slots, 1))
         self.parameters = torch.as_tensor(nominal)  # (slots, N) float64
-        self.lengths = torch.zeros(slots, dtype=torch.int64)  # 0 where a slot is empty
+        self.lengths = torch.zeros(slots, dtype=torch.int64)  # 0: the slot is empty
         self.terminated = torch.zeros(slots, dtype=torch.bool)
-        # Without a size until the first episodes, or the first filmed ones, bring it.
+        # These get their sizes from the first episodes, or the first filmed ones.
         self.full_states = torch.empty(filmed_capacity, 0, dtype=torch.float64)  # (·, T + 1, S)
         self.frames = torch.empty(filmed_capacity, 0, dtype=torch.uint8, device=self.device)
         self.keypoints = torch.empty(filmed_capacity, 0, device=self.device)  # (·, T + 1, L, 2)
@@ -70,18 +70,18 @@ class EpisodeStore:
 
     @property
     def num_steps(self) -> int:
-        """Steps of all episodes."""
+        """Number of steps of all episodes."""
         return int(self.lengths.sum())
 
     @property
     def num_filmed_steps(self) -> int:
-        """Steps of those episodes that have frames."""
+        """Number of steps of episodes with frames."""
         return int(self.lengths[: self.filmed_capacity].sum())
 
     def add(self, episodes: Episodes) -> None:
-        """Store those that have a step; of more than there are slots for, the last ones.
+        """Store episodes with at least one step; if there are too many, the last ones.
 
-        Raises ValueError where no slot is for such episodes, or their shapes are not the first's.
+        Raises ValueError if there are no slots for such episodes, or shapes differ from the first.
         """
         first, capacity, kind = self.filmed_capacity, self.unfilmed_capacity, "unfilmed"
         if episodes.frames is not None:
@@ -100,7 +100,7 @@ class EpisodeStore:
         self._steps = self._locate_steps()
 
     def drop_far(self, low: np.ndarray, high: np.ndarray) -> int:
-        """Forget the episodes of worlds outside of [low, high], each (N,); returns how many."""
+        """Remove episodes of worlds outside [low, high], each (N,); returns their number."""
         parameters = self.parameters.numpy()
         outside = torch.as_tensor(((parameters < low) | (parameters > high)).any(1))
         dropped = outside & (self.lengths > 0)
@@ -109,13 +109,13 @@ class EpisodeStore:
         return int(dropped.sum())
 
     def latest_filmed(self, num: int) -> torch.Tensor:
-        """(at most num,) slots of the filmed episodes that were added last, the oldest first."""
+        """(at most num,) slots of the latest filmed episodes, oldest first."""
         numbers = self._numbers[: self.filmed_capacity]
-        some = min(num, int((numbers >= 0).sum()))
-        return numbers.argsort()[len(numbers) - some :]
+        count = min(num, int((numbers >= 0).sum()))
+        return numbers.argsort()[len(numbers) - count :]
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        """All that is stored but the frames."""
+        """All stored data except the frames."""
         slots = self.lengths.nonzero()[:, 0]
         if not len(slots):
             return {}
@@ -127,15 +127,15 @@ class EpisodeStore:
         return stored
 
     def state(self) -> dict[str, Any]:
-        """The rest of what `load` needs; JSON."""
+        """Further data that `load` needs; JSON."""
         return {name: getattr(self, name) for name in ("num_added", *_CAPACITIES)}
 
     def load(
         self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any], film: Film
     ) -> None:
-        """Go on as the store that these are of: the same episodes in the same slots.
+        """Restore a store from its `tensors` and `state`: the same episodes in the same slots.
 
-        Raises ValueError for one of other capacities.
+        `film` draws the frames. Raises ValueError if the capacities differ.
         """
         for name in _CAPACITIES:
             if state[name] != getattr(self, name):
@@ -153,7 +153,7 @@ class EpisodeStore:
         self._steps = self._locate_steps()
 
     def _film(self, slot: torch.Tensor, film: Film) -> None:
-        """Draw an episode's frames; there is none, and nothing is read, after its end."""
+        """Draw an episode's frames; those after its end are left black, and never read."""
         num_frames = int(self.lengths[slot]) + 1
         parameters = np.tile(self.parameters[slot].numpy(), (num_frames, 1))
         drawn = film(self.full_states[slot, :num_frames].numpy(), parameters)
@@ -162,7 +162,7 @@ class EpisodeStore:
         self._write(slot[None], {"frames": torch.as_tensor(frames)})
 
     def _write(self, slots: torch.Tensor, arrays: Mapping[str, torch.Tensor]) -> None:
-        """Put the (n, ...) values of each array into n slots, or nothing where one does not fit."""
+        """Write (n, ...) values of each array into n slots; nothing if one does not fit."""
         for name, values in arrays.items():
             array: torch.Tensor = getattr(self, name)
             if array.shape[1:] == (0,):
@@ -176,7 +176,7 @@ class EpisodeStore:
                 array[slot] = value
 
     def _locate_steps(self) -> StepIndex:
-        """Of what is stored now."""
+        """The index of the steps that are stored now."""
         ends = self.lengths.cumsum(0)
         terminals = torch.where(self.terminated, ends - 1, -1)
         coordinates = self.space.to_unit(self.parameters.numpy())

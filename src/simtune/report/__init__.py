@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file that works offline, made from the run folder alone."""
+"""The report of a run: one HTML file that works offline, made from the run folder only."""
 
 from simtune.report.page import write_report
 

@@ -1,4 +1,4 @@
-"""What a run folder tells, read for a report; whatever is missing is left out."""
+"""Reads a run folder for a report; missing data is left out."""
 
 import zipfile
 from contextlib import suppress
@@ -18,11 +18,11 @@ from simtune.tasks import AnyTask, load_any_task
 from simtune.validate import is_number
 
 VIDEOS = ("real", "before", "after", "overlay")
-POLICY_VIDEO = "policy"  # the same policy as is scored
+POLICY_VIDEO = "policy"  # of the policy that is scored
 
 
 class Estimate(NamedTuple):
-    """What was known of a parameter after a round of the search."""
+    """Estimate of a parameter after a round of the search."""
 
     round: float
     mean: float
@@ -33,7 +33,7 @@ class Estimate(NamedTuple):
 
 
 class Posterior(NamedTuple):
-    """What posterior.npz holds."""
+    """Content of posterior.npz."""
 
     names: tuple[str, ...]
     draws: np.ndarray  # (num, N) in the parameters' units
@@ -46,23 +46,23 @@ class RunData:
 
     path: Path
     config: dict[str, Any]
-    stored: dict[str, Any]  # config.json whole: config, versions, created
-    result: dict[str, Any]  # empty while the run goes on
+    stored: dict[str, Any]  # all of config.json: config, versions, created
+    result: dict[str, Any]  # empty until the run ends
     metrics: list[dict[str, Any]]
     events: list[dict[str, Any]]
     curves: dict[str, dict[str, list[float]]]
     posterior: Posterior | None
     videos: dict[str, bytes]  # mp4 files by name
-    replay: dict[str, Any]  # the first episode's joint readings, empty where there are none
+    replay: dict[str, Any]  # the first episode's joint readings; empty if there are none
 
     def load_task(self) -> AnyTask:
-        """What was tuned, from the copies that the run keeps, or else from the files themselves.
+        """The tuned task, from the copies that the run keeps, or else from the original files.
 
-        Raises InputError where both are gone or have changed.
+        Raises InputError if both are gone or have changed.
         """
         source = self.config["task"]
         kept = source_of(self.path, self.stored, source)
-        with suppress(InputError):  # what it names by an absolute path is gone, say
+        with suppress(InputError):  # e.g. a file that it names by an absolute path is gone
             if self._is_mine(task := load_any_task(kept)):
                 return task
         if source.endswith(".toml") and not Path(source).exists():
@@ -82,34 +82,34 @@ class RunData:
         return self.config.get("task_content") == task.content_hash
 
     def get(self, key: str) -> Any:
-        """A fact about the run: of the result, or else the last measurement, or the config."""
+        """A fact from the result, or else from the last line of metrics, or the config."""
         for source in (self.result, self.metrics[-1] if self.metrics else {}, self.config):
             if source.get(key) is not None:
                 return source[key]
-        # A training counts the policy's steps instead.
+        # In a training, "step" counts the policy's steps instead.
         counts_steps = key == "sim_steps" and "policy_steps" not in self.config
         return self.metrics[-1].get("step") if counts_steps and self.metrics else None
 
     @property
     def title(self) -> str:
-        """The task's name, or else the folder's."""
+        """The task's name, or else the folder's name."""
         known = (self.result.get("task"), self.config.get("task_name"), self.config.get("task"))
         return next(filter(None, known), self.path.resolve().name)
 
     def object(self, key: str) -> dict[str, Any]:
-        """An object in the result; empty where there is none."""
+        """An object in the result; empty if there is none."""
         value = self.result.get(key)
         return value if isinstance(value, dict) else {}
 
     @property
     def readings(self) -> dict[str, dict[str, Any]]:
-        """How well each joint reading is explained, by its label."""
+        """{label: how well the joint reading is explained}."""
         listed = self.object("sensors")
         return {name: facts for name, facts in listed.items() if isinstance(facts, dict)}
 
     @property
     def has_pictures(self) -> bool:
-        """Whether a camera was looked at, as far as anything says; else it was readings alone."""
+        """Whether the run used pictures, as far as known; otherwise it used readings only."""
         recordings = self.object("recordings")
         if "cameras" in recordings:
             return bool(recordings["cameras"])
@@ -117,22 +117,22 @@ class RunData:
 
     @property
     def evidence(self) -> str:
-        """What parameters were told by."""
+        """The data from which parameters were estimated, in a word."""
         return "videos" if self.has_pictures else "recordings"
 
     @property
     def is_out_of_time(self) -> bool:
-        """Whether more time might have told more."""
+        """Whether the run ended because its time was over."""
         return self.result.get("stopped") == TIME_IS_OVER
 
     @property
     def is_tuned(self) -> bool:
-        """Whether anything was searched for."""
+        """Whether the run searched for parameters."""
         return self.get("method") not in UNTUNED
 
     @property
     def parameters(self) -> dict[str, dict[str, Any]]:
-        """What is known of each parameter, by name; of a run that goes on, the last estimate."""
+        """{name: facts} of each parameter; for a run that is still going, the last estimates."""
         if self.result.get("parameters"):
             return self.result["parameters"]
         declared = self.config.get("parameters")
@@ -145,7 +145,7 @@ class RunData:
 
     @property
     def colours(self) -> list[str]:
-        """Names NAME of which NAME_r, NAME_g and NAME_b are all parameters."""
+        """Names NAME for which NAME_r, NAME_g and NAME_b are all parameters."""
         channels = [name for name, facts in self.parameters.items() if _is_of_colour(facts)]
         names = (channel[:-2] for channel in channels if channel.endswith("_r"))
         return [name for name in names if {f"{name}_g", f"{name}_b"} <= set(channels)]
@@ -154,20 +154,20 @@ class RunData:
         return name[:-2] in self.colours and name[-2:] in ("_r", "_g", "_b")
 
     def history(self, name: str) -> list[Estimate]:
-        """The estimates of a parameter; lines that lack any of the figures are left out."""
+        """A parameter's estimates over rounds; incomplete lines of metrics are left out."""
         keys = ("round", *(f"{figure}/{name}" for figure in Estimate._fields[1:]))
         rows: list[list[Any]] = [[line.get(key) for key in keys] for line in self.metrics]
         return [Estimate(*row) for row in rows if all(map(is_number, row))]
 
 
 def _is_of_colour(facts: dict[str, Any]) -> bool:
-    """By its values: what is called r, g or b need not be one."""
+    """Whether a parameter's values may be a colour's: a name ending in _r is not enough."""
     known = (facts.get(key) for key in ("nominal", "initial", "mean", "low", "high", "real"))
     return all(0 <= value <= 1 for value in known if is_number(value))
 
 
 def read_run(path: Path) -> RunData:
-    """Read a run folder. Raises InputError where `path` is none or its files are damaged."""
+    """Read a run folder. Raises InputError if `path` is not one or its files are damaged."""
     if not (path / "config.json").is_file():
         what = "it has no config.json" if path.exists() else "there is no such folder"
         raise InputError(f"{path} is no run: {what}")
@@ -189,7 +189,7 @@ def read_run(path: Path) -> RunData:
 
 
 def read_finished(path: Path) -> RunData:
-    """The same of a run that has a result. Raises InputError for others."""
+    """Read the folder of a run with a result. Raises InputError for other runs."""
     run = read_run(path)
     if not run.result.get("parameters"):
         raise InputError(
@@ -200,7 +200,7 @@ def read_finished(path: Path) -> RunData:
 
 
 def _read_posterior(path: Path) -> Posterior | None:
-    """None where there is no such file. Raises InputError."""
+    """The content of posterior.npz; None if there is no such file. Raises InputError."""
     if not path.exists():
         return None
     try:
@@ -216,7 +216,7 @@ def _read_posterior(path: Path) -> Posterior | None:
 
 
 def _read_object(path: Path) -> dict[str, Any]:
-    """A JSON file's object, empty where there is no file. Raises InputError."""
+    """A JSON file's object; empty if there is no file. Raises InputError."""
     if not path.exists():
         return {}
     try:

@@ -1,4 +1,4 @@
-"""Joint readings over time beside the simulator's, and what is left between them."""
+"""Plots of measured and simulated joint readings over time, and of their differences."""
 
 from itertools import groupby
 
@@ -12,12 +12,14 @@ from simtune.validate import is_number
 _MOST_POINTS = 300  # of a line: more than there are pixels
 _KINDS = ("measured", "before", "after")  # drawn in this order
 _UNIT_PX = 12  # above the plot, for the unit
-_MOST_SPANS = (2, 20)  # times what is measured; what is left after: that curves before may take
-_SMALL = 0.5  # what is left, where no number is larger, is written in thousandths
+# How far the axis may extend for curves of before tuning, in spans of the other curves: in plots of
+# readings, and of differences
+_MOST_SPANS = (2, 20)
+_SMALL = 0.5  # differences are written in thousandths if all are smaller
 
 
 def reading_plot(run: RunData, label: str) -> Plot | None:
-    """Measured, and simulated before and after, over the first episode; None of what is unknown."""
+    """Measured reading, and simulated before and after, over the first episode; None: unknown."""
     curves = curves_of(run, label)
     if "measured" not in curves:
         return None
@@ -31,16 +33,16 @@ def error_plot(run: RunData, label: str) -> Plot | None:
     measured = curves.pop("measured", None)
     if measured is None or not curves:
         return None
-    left = {name: its - measured for name, its in curves.items()}
-    largest = max((np.nanmax(np.abs(its), initial=0) for its in left.values()), default=0)
+    errors = {name: values - measured for name, values in curves.items()}
+    largest = max((np.nanmax(np.abs(values), initial=0) for values in errors.values()), default=0)
     small = bool(largest < _SMALL)
-    left = {name: its * (1000 if small else 1) for name, its in left.items()}
+    errors = {name: values * (1000 if small else 1) for name, values in errors.items()}
     title = f"{label}: simulated − measured, before and after, over time"
-    return plot_over_time(run, left, title, "m" * small + _unit(run, label), zero=True)
+    return plot_over_time(run, errors, title, "m" * small + _unit(run, label), zero=True)
 
 
 def in_thousandths(value: object, unit: str) -> str:
-    """A small length with its unit: 0.0123 rad is 12.3 mrad."""
+    """A value with its unit, in thousandths if small: 0.0123 rad is 12.3 mrad."""
     if not is_number(value):
         return number(value)
     return f"{number(1000 * value)} m{unit}" if abs(value) < _SMALL else f"{number(value)} {unit}"
@@ -49,7 +51,7 @@ def in_thousandths(value: object, unit: str) -> str:
 def plot_over_time(
     run: RunData, curves: dict[str, np.ndarray], title: str, unit: str, zero: bool = False
 ) -> Plot | None:
-    """Curves (T + 1,) by kind; `zero`: what is left of something, whose best is 0."""
+    """Plot curves (T + 1,) by kind; `zero`: they are errors, ideally 0."""
     step_s = run.replay.get("step_s")
     known = np.concatenate(list(curves.values()))
     known = known[np.isfinite(known)]
@@ -59,7 +61,7 @@ def plot_over_time(
     times = np.arange(longest) * step_s
     x = Axis(0, max(times[-1], step_s), LEFT + 4, WIDTH - RIGHT - 4)
     low, high = _ends(curves, zero)
-    air = 0.06 * (high - low) or 1e-3  # always linear: an angle's zero is nowhere special
+    air = 0.06 * (high - low) or 1e-3  # always linear: an angle's zero is arbitrary
     y = Axis(low - air, high + air, HEIGHT - BOTTOM, TOP + _UNIT_PX)
     plot = Plot(title, x, y)
     plot.label_y(y.ticks(5))
@@ -74,32 +76,34 @@ def plot_over_time(
 
 
 def _ends(curves: dict[str, np.ndarray], zero: bool) -> tuple[float, float]:
-    """Of the vertical axis. What diverged before tuning is drawn at its edge: the rest is seen."""
-    kept = [its for name, its in curves.items() if name != "before"] or [*curves.values()]
-    every, core = (np.concatenate([*its, [0.0] * zero]) for its in (curves.values(), kept))
+    """Ends of the vertical axis. Diverging curves of before tuning are drawn at its edge, so that
+    the others can be seen.
+    """
+    kept = [values for name, values in curves.items() if name != "before"] or [*curves.values()]
+    full, core = (np.concatenate([*group, [0.0] * zero]) for group in (curves.values(), kept))
     low, high, span = (
         np.nanmin(core),
         np.nanmax(core),
         _MOST_SPANS[zero] * np.ptp(core[np.isfinite(core)]),
     )
     if not span:
-        return float(np.nanmin(every)), float(np.nanmax(every))
-    return float(max(np.nanmin(every), low - span)), float(min(np.nanmax(every), high + span))
+        return float(np.nanmin(full)), float(np.nanmax(full))
+    return float(max(np.nanmin(full), low - span)), float(min(np.nanmax(full), high + span))
 
 
 def _lines(times: np.ndarray, values: np.ndarray) -> list[list[tuple[float, float]]]:
-    """Stretches between what was not read, of not too many points."""
+    """Stretches of known values, thinned to `_MOST_POINTS`."""
     stride = max(1, -(-len(values) // _MOST_POINTS))
     points = list(zip(times[::stride].tolist(), values[::stride].tolist(), strict=False))
     stretches = groupby(points, lambda point: bool(np.isfinite(point[1])))
-    return [line for is_known, its in stretches if is_known and len(line := list(its)) > 1]
+    return [line for is_known, group in stretches if is_known and len(line := list(group)) > 1]
 
 
 def curves_of(run: RunData, label: str) -> dict[str, np.ndarray]:
-    """{"measured", "before", "after": (T + 1,)} of what there is; NaN where nothing is known."""
-    its, found = _of(run, label), {}
+    """{"measured", "before" or "after": (T + 1,)}, NaN if unknown; empty without measurements."""
+    facts, found = _of(run, label), {}
     for name in _KINDS:
-        listed = its.get(name)
+        listed = facts.get(name)
         if isinstance(listed, list) and listed:
             found[name] = np.array([v if is_number(v) else np.nan for v in listed], float)
     shortest = min(map(len, found.values()), default=0)
@@ -114,5 +118,5 @@ def _unit(run: RunData, label: str) -> str:
 
 def _of(run: RunData, label: str) -> dict:
     sensors = run.replay.get("sensors")
-    its = sensors.get(label) if isinstance(sensors, dict) else None
-    return its if isinstance(its, dict) else {}
+    facts = sensors.get(label) if isinstance(sensors, dict) else None
+    return facts if isinstance(facts, dict) else {}

@@ -1,4 +1,4 @@
-"""Fill the templates with what a run folder holds, and write the page into it."""
+"""Fills the templates with the content of a run folder, and writes the page into it."""
 
 import base64
 import json
@@ -27,10 +27,10 @@ from simtune.validate import is_number
 
 
 def write_report(run_path: Path | str) -> Path:
-    """Write report.html into a run folder, from what lies there; returns its path.
+    """Write report.html into a run folder, from the folder's content; returns its path.
 
-    A run that is still going gets a report of what there is so far.
-    Raises InputError where `run_path` is no run, is damaged, or cannot be written.
+    The report of a run that is still going shows the state so far. Raises InputError if `run_path`
+    is not a run, is damaged, or cannot be written.
     """
     run = read_run(Path(run_path))
     path = run.path / "report.html"
@@ -90,7 +90,7 @@ def _environment() -> Environment:
 
 
 def _shown(value: object) -> object:
-    """What the templates print of a value: a dash where it is missing."""
+    """A value as the templates print it: a dash if it is missing."""
     return words.MISSING if value is None or isinstance(value, Undefined) else value
 
 

@@ -1,4 +1,4 @@
-"""Two parameters that go together: draws of their joint posterior, and where most of them are."""
+"""Plots of two correlated parameters: draws of their joint posterior, and a contour."""
 
 import numpy as np
 from scipy.special import ndtr
@@ -20,13 +20,13 @@ from simtune.validate import is_number
 
 _DOTS = 250
 _NAME = 16  # pixels above the plot, for the vertical axis' name
-_RADIUS = 1.645  # standard deviations: a contour as wide and as high as 90 % intervals
-_AROUND = 0.35  # of the contour's width, shown on both sides
+_RADIUS = 1.645  # standard deviations: the contour is as wide and high as 90 % intervals
+_AROUND = 0.35  # margin on each side, as a share of the contour's size
 _POINTS = 72
 
 
 def pair_plot(run: RunData, pair: Pair) -> Plot | None:
-    """Draws of b against those of a; None where a run has none."""
+    """Draws of b against those of a; None if the run has no draws."""
     known = run.posterior
     if known is None or not {pair.a, pair.b} <= set(known.names):
         return None
@@ -59,8 +59,11 @@ def _truth(run: RunData, pair: Pair) -> Point | None:
 
 
 def _contour(draws: np.ndarray, correlation: float) -> np.ndarray:
-    """(points, 2) around the likeliest 1 − exp(−radius² / 2) of (num, 2) draws, by the copula."""
+    """(points, 2) contour around the likeliest share 1 − exp(−radius² / 2) of (num, 2) draws.
+
+    A Gaussian copula with the draws' marginals.
+    """
     angle = np.linspace(0, 2 * np.pi, _POINTS, endpoint=False)
-    one, other = _RADIUS * np.cos(angle), _RADIUS * np.sin(angle)
-    normal = one, correlation * one + np.sqrt(max(0, 1 - correlation**2)) * other
+    u, v = _RADIUS * np.cos(angle), _RADIUS * np.sin(angle)
+    normal = u, correlation * u + np.sqrt(max(0, 1 - correlation**2)) * v
     return np.stack([np.quantile(draws[:, i], ndtr(z)) for i, z in enumerate(normal)], 1)

@@ -1,4 +1,4 @@
-"""Moving parts of the video beside the simulator's: how far off each is, over time."""
+"""Moving parts: distance between video and simulator over time."""
 
 from simtune.moving_parts import MovingParts
 from simtune.report.data import RunData
@@ -8,7 +8,7 @@ from simtune.validate import is_number
 
 
 def moving_parts(run: RunData) -> MovingParts | None:
-    """What replay.json knows of keypoints; None of nothing, or of anything else."""
+    """Keypoints in replay.json; None if there are none, or they are invalid."""
     try:
         return MovingParts.from_json(run.replay["keypoints"])
     except (KeyError, TypeError, ValueError):
@@ -16,7 +16,7 @@ def moving_parts(run: RunData) -> MovingParts | None:
 
 
 def part_plot(run: RunData, part: str) -> Plot | None:
-    """Pixels between a part in the video and in the simulator, before and after."""
+    """Distance, in pixels, of a part in the video and in the simulator, before and after."""
     known = moving_parts(run)
     curves = known.distances().get(part) if known else None
     if not curves:
@@ -25,11 +25,11 @@ def part_plot(run: RunData, part: str) -> Plot | None:
 
 
 def ends_farther(run: RunData) -> list[str]:
-    """Parts that are farther from the video at the episode's end after tuning than before."""
+    """Parts that, at the episode's end, are farther from the video after tuning than before."""
     found = []
-    for part, its in run.object("moving_parts").items():
+    for part, facts in run.object("moving_parts").items():
         keys = ("end_px_before", "end_px")
-        before, after = (its.get(key) if isinstance(its, dict) else None for key in keys)
+        before, after = (facts.get(key) if isinstance(facts, dict) else None for key in keys)
         if is_number(before) and is_number(after) and after > before:
             found.append(part)
     return found

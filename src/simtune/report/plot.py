@@ -26,7 +26,7 @@ class Axis:
     log: bool = False
 
     def __call__(self, value: float) -> float:
-        """Pixel of a value; what lies outside is drawn at the edge."""
+        """Pixel of a value; values outside are drawn at the edge."""
         value = min(max(value, self.low), self.high)
         low, high = self._spread(self.low), self._spread(self.high)
         share = (self._spread(value) - low) / (high - low)
@@ -43,17 +43,17 @@ class Axis:
                 return ticks
         ticks = self._within(MaxNLocator(most, steps=[1, 2, 5, 10]))
         while len(ticks) > 2 and not self._can_be_told_apart(ticks):
-            ticks = ticks[len(ticks) % 2 == 0 :: 2]  # keeps the last one, where they crowd
+            ticks = ticks[len(ticks) % 2 == 0 :: 2]  # keeps the last tick
         return ticks
 
     def _can_be_told_apart(self, ticks: list[float]) -> bool:
-        """Whether their numbers leave room between each other, side by side along an x axis."""
+        """Whether the ticks' numbers do not overlap, side by side along an x axis."""
         if self.start > self.end:
             return True
         widths = [_DIGIT * len(f"{tick:g}") for tick in ticks]
         places = [self(tick) for tick in ticks]
         pairs = zip(pairwise(places), pairwise(widths), strict=True)
-        return all(b - a >= (one + other) / 2 + _DIGIT for (a, b), (one, other) in pairs)
+        return all(b - a >= (left + right) / 2 + _DIGIT for (a, b), (left, right) in pairs)
 
     def _within(self, locator: Locator) -> list[float]:
         ticks = [float(tick) for tick in locator.tick_values(self.low, self.high)]
@@ -62,7 +62,7 @@ class Axis:
 
 
 def value_axis(values: list[float], start: float, end: float, is_colour: bool) -> Axis:
-    """An axis on which all the values of a parameter are seen, with some air around.
+    """An axis that shows all values of a parameter, with some margin.
 
     A colour's axis is linear and ends at 0 and 1.
     """
@@ -80,7 +80,7 @@ class Mark(NamedTuple):
 
     tag: str
     attributes: dict[str, float | str]
-    words: str = ""  # of a text; or what the pointer shows over the mark
+    words: str = ""  # the text itself, or the tooltip of another mark
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Plot:
         self._add("polyline", kind, points=points)
 
     def box(self, start: Point, end: Point, kind: str, title: str = "", inset: float = 0) -> None:
-        """From its upper left corner to its lower right one; `inset` pixels less at both sides."""
+        """A box from its upper left to its lower right corner, `inset` pixels narrower per side."""
         left, right = self.x(start[0]) + inset, self.x(end[0]) - inset
         top, bottom = self.y(start[1]), self.y(end[1])
         size = {"width": right - left, "height": bottom - top}
@@ -127,7 +127,7 @@ class Plot:
         self.marks.append(Mark("text", {"x": px, "y": py, "text-anchor": anchor}, words))
 
     def label_y(self, ticks: list[float]) -> None:
-        """A grid, and its numbers."""
+        """Horizontal grid lines with numbers."""
         for value in ticks:
             self.across(value, "grid")
             self.label(LEFT - 6, self.y(value) + 3.5, f"{value:g}", "end")

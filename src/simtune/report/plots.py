@@ -1,4 +1,4 @@
-"""Plots of a parameter, and of how a policy learnt; None where too little is known to draw."""
+"""Plots of a parameter, and of a policy's learning; None if there is too little data."""
 
 from simtune.report.data import RunData
 from simtune.report.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, Plot, value_axis
@@ -40,7 +40,7 @@ def estimate_plot(run: RunData, name: str) -> Plot | None:
 
 
 def survival_plot(run: RunData, name: str) -> Plot | None:
-    """P(truth > value) against the value, the 90 % interval shaded."""
+    """P(truth > value) against the value, with the 90 % interval shaded."""
     curve = run.curves.get(name) or {}
     candidates, prob_higher = curve.get("candidates", []), curve.get("prob_higher", [])
     if len(candidates) < 2 or len(candidates) != len(prob_higher):
@@ -61,7 +61,7 @@ def survival_plot(run: RunData, name: str) -> Plot | None:
 
 
 def learning_curve(run: RunData) -> Plot | None:
-    """Returns against policy steps, one line for episodes on pictures and one for the others."""
+    """Returns against policy steps: one line for episodes on pictures, one for other episodes."""
     lines: dict[str, list[tuple[float, float]]] = {"estimate": [], "start": []}
     for entry in run.metrics:
         if is_number(earned := entry.get("return/simulated")):
@@ -91,13 +91,13 @@ def _known(run: RunData, name: str, *keys: str) -> list[float | None]:
 
 
 def _some(rounds: list[float], most: int = 6) -> list[float]:
-    """Evenly spaced entries, the last one always among them."""
+    """At most `most` evenly spaced entries, always including the last."""
     stride = -(-len(rounds) // most)
     return rounds[::-1][::stride][::-1]
 
 
 def _band(plot: Plot, spans: list[tuple[float, float, float]], kind: str) -> None:
-    """The area between low and high of each round; a single round gets a bar."""
+    """Draw the area between low and high over rounds; a bar for a single round."""
     if len(spans) == 1:
         at, low, high = spans[0]
         plot.box((at, high), (at, low), kind, inset=-6)

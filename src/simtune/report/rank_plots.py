@@ -1,7 +1,7 @@
-"""Simulation-based calibration as plots: where in known worlds' fits the truth was.
+"""Plots of simulation-based calibration: ranks of the truth in fits of known worlds.
 
-A rank is the probability that a fit gave to values below the truth. Where intervals can be
-trusted, ranks are uniform; too narrow intervals pile them up at both ends.
+A rank is the probability that a fit assigned to values below the truth. If intervals can be
+trusted, ranks are uniform; with too narrow intervals, they pile up at both ends.
 """
 
 import numpy as np
@@ -10,14 +10,14 @@ from scipy.special import bdtr
 from simtune.report.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, Plot
 
 _BINS = 10
-_MOST_ROWS = 40  # of parameters; more would be no picture any more
+_MOST_ROWS = 40  # of parameters; more would not be readable
 _ROW = 15  # pixels
 _NAMES = 120  # pixels on the left, for the parameters' names
 _LABELS = {0: "0", 0.5: "0.5", 1: "1"}
 
 
 def rank_histogram(ranks: list[float]) -> Plot:
-    """How many ranks are in each tenth, and how many there should be."""
+    """Histogram of ranks in ten bins, with the expected range of counts."""
     counts = np.histogram(ranks, _BINS, (0, 1))[0]
     low, high = expected(len(ranks))
     x = Axis(0, 1, LEFT + 4, WIDTH - RIGHT - 4)
@@ -29,20 +29,20 @@ def rank_histogram(ranks: list[float]) -> Plot:
         start, end = i / _BINS, (i + 1) / _BINS
         title = f"{start:g} to {end:g}: {count} of {len(ranks)}"
         plot.box((start, count), (end, 0), "bar", title, inset=1)
-    # Over the bars, or it could not be seen where they are high.
+    # Drawn over the bars, which would hide it.
     plot.box((0, high), (1, low), "expected")
     return plot
 
 
 def expected(num: int) -> tuple[int, int]:
-    """5 % and 95 % quantiles of how many of `num` independent uniform ranks a tenth holds."""
+    """5 % and 95 % quantiles of the count in one of ten bins, for `num` uniform ranks."""
     below = bdtr(np.arange(num + 1), num, 1 / _BINS)
     low, high = np.searchsorted(below, (0.05, 0.95))
     return int(low), int(high)
 
 
 def rank_dots(ranks: dict[str, list[float]]) -> Plot | None:
-    """A row a parameter, a dot a rank; None with too many parameters to read."""
+    """One row per parameter, one dot per rank; None if there are too many parameters."""
     if len(ranks) > _MOST_ROWS:
         return None
     width = WIDTH + _NAMES - LEFT

@@ -1,4 +1,4 @@
-"""What a run saw and made of it, for the Rerun viewer: videos, joints and estimates over time."""
+"""A run's videos, joint readings and estimates over time, for the Rerun viewer."""
 
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,12 @@ from simtune.validate import is_number
 
 
 def write_rerun(run_folder: Path, path: Path) -> None:
-    """Write `path`, NAME.rrd, of a run folder.
+    """Write `path`, NAME.rrd, from a run folder.
 
-    On the timeline `time`, seconds of an episode: videos/real, before, after and overlay, with the
-    keypoints that were detected and the simulator's, and of joint readings joints/READING/measured,
-    before and after. On `round`: estimates/PARAMETER/mean, low and high.
-    Raises InputError where rerun-sdk is missing, or for a damaged run.
+    Timeline `time`, the seconds of an episode: videos/real, before, after and overlay, with the
+    detected and the simulated keypoints, and joints/READING/measured, before and after. Timeline
+    `round`: estimates/PARAMETER/mean, low and high.
+    Raises InputError if rerun-sdk is missing or the run is damaged.
     """
     run = read_run(run_folder)
     try:
@@ -28,7 +28,7 @@ def write_rerun(run_folder: Path, path: Path) -> None:
     stream = rerun.RecordingStream(f"simtune {run.title}")
     try:
         stream.save(path)
-    except Exception as error:  # rerun's own kind
+    except Exception as error:  # rerun has its own type
         raise InputError(f"cannot write {path}: {error}") from None
     _send_videos(rerun, stream, run)
     _send_keypoints(rerun, stream, run)
@@ -72,7 +72,7 @@ def _send_keypoints(rerun: Any, stream: Any, run: RunData) -> None:
 
 
 def _curves(run: RunData) -> list[tuple[str, str, tuple[np.ndarray, np.ndarray]]]:
-    """(where, on which timeline, (when, (T,) numbers)) of all that has some."""
+    """(path, timeline, (times or rounds (T,), values (T,))) of all curves that are not empty."""
     curves = []
     for label in run.readings:
         for kind, values in curves_of(run, label).items():

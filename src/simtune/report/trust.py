@@ -1,4 +1,4 @@
-"""How far to trust the estimates: what known worlds showed, and what goes together."""
+"""Trust in the estimates: ranks in known worlds, and correlated parameters."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ _KINDS = {"ratio": "/", "product": "·", "difference": "−", "sum": "+"}
 
 
 def ranks(run: RunData) -> dict[str, list[float]]:
-    """Of the truths in known worlds, by parameter; whatever else is in their place is left out."""
+    """{parameter: ranks of the truths in known worlds}; invalid entries are left out."""
     given = {n: listed for n, listed in run.object("ranks").items() if isinstance(listed, list)}
     found = {n: [r for r in listed if is_number(r) and 0 <= r <= 1] for n, listed in given.items()}
     return {name: listed for name, listed in found.items() if listed}
@@ -20,25 +20,26 @@ def ranks(run: RunData) -> dict[str, list[float]]:
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """Two parameters that can hardly be told from each other."""
+    """Two parameters that can hardly be distinguished."""
 
     a: str
     b: str
     correlation: float
-    combination: dict[str, Any] | None  # what is told best, see tuning.combinations; None: neither
+    # The combination of both that is known best, see tuning.combinations; None: there is none
+    combination: dict[str, Any] | None
 
     @property
     def operator(self) -> str:
-        """Between a and b."""
+        """The operator between a and b in the combination."""
         return _KINDS[self.combination["kind"]] if self.combination else ""
 
     @property
     def is_power(self) -> bool:
-        """Whether b is raised to its weight; it is multiplied by it else."""
+        """Whether b is raised to the power of its weight, rather than multiplied by it."""
         return self.operator in ("/", "·")
 
     def real(self, run: RunData) -> float | None:
-        """What the combination is in truth, where that is known and positive if it has to be."""
+        """True value of the combination; None if unknown, or if a power needs positive values."""
         a, b = (run.parameters[name].get("real") for name in (self.a, self.b))
         if not self.combination or not is_number(a) or not is_number(b):
             return None
@@ -50,18 +51,18 @@ class Pair:
 
 
 def poses(run: RunData) -> dict[str, list[str]]:
-    """{camera pose: parameters that go together with it}, of kind "camera_pose"."""
+    """{camera pose: other parameters correlated with it}, for kind "camera_pose"."""
     found: dict[str, list[str]] = {stem: [] for stem in _stems(run)}
     for a, b, _ in _correlated(run):
-        for one, other in ((a, b), (b, a)):
-            stem = _pose_of(one, found)
+        for name, other in ((a, b), (b, a)):
+            stem = _pose_of(name, found)
             if stem and not _pose_of(other, found) and other not in found[stem]:
                 found[stem].append(other)
     return found
 
 
 def pairs(run: RunData) -> list[Pair]:
-    """Those that go together most first; without cameras' poses, whose numbers always do."""
+    """Correlated pairs, strongest first; without camera poses, which are always correlated."""
     stems, told = _stems(run), run.result.get("combinations")
     combined = {(c.get("a"), c.get("b")): c for c in _sound(told if isinstance(told, list) else [])}
     found = [
@@ -82,13 +83,13 @@ def _correlated(run: RunData) -> list[tuple[str, str, float]]:
 
 
 def _stems(run: RunData) -> list[str]:
-    """NAME of each NAME_x to NAME_roll among the parameters."""
+    """Names NAME for which NAME_x to NAME_roll are all parameters."""
     stems = [name.removesuffix("_x") for name in run.parameters if name.endswith("_x")]
     return [stem for stem in stems if all(f"{stem}_{axis}" in run.parameters for axis in _POSE)]
 
 
 def _pose_of(name: str, stems: Iterable[str]) -> str:
-    """The pose that has this number; empty for none."""
+    """The camera pose to which a parameter belongs; "" if none."""
     stem, _, axis = name.rpartition("_")
     return stem if axis in _POSE and stem in stems else ""
 

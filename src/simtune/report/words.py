@@ -1,4 +1,4 @@
-"""Numbers and times in words: the templates' filters."""
+"""Numbers and times as text: the templates' filters."""
 
 import math
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ MISSING = "–"
 
 
 def number(value: Any) -> str:
-    """Three digits that count: 0.0123, 4.57, 1,230, 2.1e-05."""
+    """Three significant digits: 0.0123, 4.57, 1,230, 2.10e-05."""
     if not is_number(value):
         return MISSING
     if value == 0:
@@ -33,12 +33,12 @@ def percent(value: Any) -> str:
 
 
 def share(value: float) -> str:
-    """A part of one in percent; small ones with a decimal."""
+    """A share in percent, with one decimal below 10 %."""
     return f"{100 * value:.1f} %" if value < 0.1 else f"{100 * value:,.0f} %"
 
 
 def interval(facts: Mapping[str, Any]) -> str:
-    """[low, high] of a parameter or an event; empty where either is unknown."""
+    """[low, high] of a parameter or an event; empty if either is unknown."""
     low, high = facts.get("low"), facts.get("high")
     if not (is_number(low) and is_number(high)):
         return ""
@@ -46,7 +46,7 @@ def interval(facts: Mapping[str, Any]) -> str:
 
 
 def _apart(value: float, other: float) -> str:
-    """As `number`, with more digits where it takes them to tell one from the other."""
+    """Like `number`, with more digits if `value` and `other` would look alike."""
     text, width = number(value), abs(value - other)
     if "e" in text or not width:
         return text
@@ -61,7 +61,7 @@ def unit(facts: Mapping[str, Any]) -> str:
 
 
 def breakable(name: str) -> Markup:
-    """A parameter's name, which may go on in the next line after an underscore."""
+    """A parameter's name that can be wrapped after an underscore."""
     parts = escape(name).replace("_", Markup("_<wbr>"))
     return Markup("<span>{}</span>").format(parts)
 
@@ -75,7 +75,7 @@ _POLICIES = {
 
 
 def how(run: RunData) -> str:
-    """What a run did, before the name of its recordings or robot."""
+    """What a run did, as the start of a sentence that ends in its recordings or robot."""
     real = _REAL.get(str(run.get("real")), "recordings")
     if run.get("method") in _POLICIES:
         return _POLICIES[run.get("method")].format(real)
@@ -85,7 +85,7 @@ def how(run: RunData) -> str:
 
 
 def duration(seconds: Any) -> str:
-    """Seconds as people say them: 45 s, 3 min 20 s, 2 h 05 min."""
+    """Seconds as text: 45 s, 3 min 20 s, 2 h 05 min."""
     if not is_number(seconds):
         return MISSING
     minutes, rest = divmod(round(seconds), 60)

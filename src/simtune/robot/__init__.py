@@ -1,4 +1,4 @@
-"""Robots and cameras: drivers, and what keeps them within limits.
+"""Robots and cameras: drivers and safety limits.
 
-Nothing is imported here: the watchdog's process is of this package, and has to stay small.
+Nothing is imported here, since the watchdog's process, which is in this package, must stay small.
 """

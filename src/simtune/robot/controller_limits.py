@@ -1,4 +1,4 @@
-"""Limits that the xArm's controller keeps by itself: set, and read back."""
+"""Limits that the xArm's controller enforces itself: set, and read back."""
 
 import math
 import time
@@ -13,10 +13,9 @@ from simtune.robot.limits import Limits
 def limit_controller(
     arm: Any, limits: Limits, collision_sensitivity: int, reported_within_s: float
 ) -> None:
-    """Reduced mode with its speed and boundary, the fence, and how light a touch stops the arm.
+    """Set reduced mode with speed and boundary, the fence, and the collision sensitivity.
 
-    Raises RobotError where the controller refuses one of them, or says afterwards that another is
-    in force.
+    Raises RobotError if the controller refuses a limit, or then reports another one.
     """
     boundary = _boundary(limits)
     steps = {
@@ -37,7 +36,7 @@ def limit_controller(
 def check_controller(
     arm: Any, limits: Limits, collision_sensitivity: int, reported_within_s: float
 ) -> None:
-    """Raises RobotError where these limits are not in force."""
+    """Raises RobotError if these limits are not in force."""
     code, states = arm.get_reduced_states()
     if code != 0 or len(states) < 7:
         raise RobotError(f"the controller does not tell its limits (code {code})")
@@ -50,7 +49,7 @@ def check_controller(
     }
     deadline_s = time.monotonic() + reported_within_s
     while arm.collision_sensitivity != collision_sensitivity and time.monotonic() < deadline_s:
-        time.sleep(0.02)  # only reports say it, five a second
+        time.sleep(0.02)  # only reports have it, and they come five times a second
     expected["collision sensitivity"] = (collision_sensitivity, arm.collision_sensitivity)
     for what, (wanted, found) in expected.items():
         if found != wanted:
@@ -60,9 +59,9 @@ def check_controller(
 
 
 def _boundary(limits: Limits) -> list[int]:
-    """As the controller has it: highest and lowest x, y and z, whole mm.
+    """The boundary in the controller's format: highest and lowest x, y and z, in whole mm.
 
-    As far outside as the arm may be measured: what is sent to the edge must not stop it.
+    It includes the tolerance, so that an arm sent to the edge is not stopped.
     """
     boundary = []
     for low, high in zip(limits.low, limits.high, strict=True):

@@ -1,4 +1,4 @@
-"""What a task's actions do to a robot: each displaces it along an axis."""
+"""A task's actions as displacements of a robot, each along an axis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from simtune.errors import RobotError
 
 @dataclass(frozen=True)
 class Displacements:
-    """An action displaces from where the robot really is, as `MocapActions` does in simulation.
+    """Actions displace the robot from its measured position, like `MocapActions` in simulation.
 
-    Along axes that no action moves, the robot stays where episodes start.
+    Along axes that no action moves, the robot stays at the start position.
     """
 
-    axes: np.ndarray  # (A,) which of the robot's D axes each action moves
+    axes: np.ndarray  # (A,) index of the axis, of D, that each action moves
     per_unit: np.ndarray  # (A,) signed displacement by an action of 1, units
     range: np.ndarray  # (A, 2) lowest and highest action
     start: np.ndarray  # (D,)
@@ -29,7 +29,7 @@ class Displacements:
         axes: Sequence[str],
         start: Sequence[float],
     ) -> "Displacements":
-        """`moved`: the axis of each action, with a minus where they point against each other."""
+        """`moved`: the axis of each action, with a minus sign if the directions are opposite."""
         names = [name.removeprefix("-") for name in moved]
         signs = [-1.0 if name.startswith("-") else 1.0 for name in moved]
         return cls(
@@ -40,7 +40,7 @@ class Displacements:
         )
 
     def target(self, action: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """The (D,) place that an action (A,) asks for; beyond its range it is cut off.
+        """The target position (D,) of an action (A,), which is clipped to its range.
 
         Raises RobotError for an action that is not finite numbers (A,).
         """
@@ -57,5 +57,5 @@ class Displacements:
         return target
 
     def action(self, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """(A,) float32: the action that asks for just this place; the inverse of `target`."""
+        """The action (A,) float32 whose target is this position; the inverse of `target`."""
         return ((target - measured)[self.axes] / self.per_unit).astype(np.float32)

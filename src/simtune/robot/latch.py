@@ -1,4 +1,4 @@
-"""An emergency stop lasts until a person ends it."""
+"""The latch makes an emergency stop last until a person ends it."""
 
 import os
 from datetime import datetime
@@ -8,13 +8,13 @@ from simtune.errors import InputError
 
 
 class Latch:
-    """A file beside the robot's: while it is there, nothing moves. Only a person removes it."""
+    """A file beside the robot's file: while it exists, nothing moves. Only a person removes it."""
 
     def __init__(self, file: Path):
         self.file = file
 
     def check(self) -> None:
-        """Raises InputError where the robot has been stopped, or no stop could be noted down."""
+        """Raises InputError if the robot was stopped, or a stop could not be written down."""
         if self.file.exists():
             why = " ".join(self.file.read_text(encoding="utf-8").split())
             raise InputError(
@@ -24,7 +24,7 @@ class Latch:
             raise InputError(f"{self.file.parent} must be writable: a stop is noted down there")
 
     def close(self, why: object) -> None:
-        """Note down that it was stopped; the first reason stays."""
+        """Write down that the robot was stopped, and why; the first reason is kept."""
         if not self.file.exists():
             when = datetime.now().astimezone().isoformat(timespec="seconds")
             self.file.write_text(f"{when}: {why}\n", encoding="utf-8")

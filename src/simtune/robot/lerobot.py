@@ -1,8 +1,8 @@
-"""Any robot with LeRobot's interface, and its own cameras; lerobot itself is not imported.
+"""Any robot with LeRobot's interface, and its cameras; lerobot itself is not imported.
 
-Of the robot are used: connect, disconnect, get_observation, send_action (which returns the action
-that was really sent), action_features and observation_features. Each of its action's numbers is an
-axis, and has to be observed under the same name.
+These members of the robot are used: connect, disconnect, get_observation, send_action (which
+returns the action that was actually sent), action_features and observation_features. Each number of
+its action is an axis, and must be observed under the same name.
 """
 
 import importlib
@@ -20,10 +20,10 @@ from simtune.robot.robot import Picture
 
 
 class LeRobot:
-    """A `Robot` in the units of the one that it hands everything on to."""
+    """A `Robot` that wraps one with LeRobot's interface, and uses its units."""
 
     def __init__(self, robot: Any, axes: Sequence[str]):
-        """Raises UnknownName, InputError where `axes` are not what it acts along."""
+        """Raises UnknownName, InputError if `axes` are not those of the robot's actions."""
         known = tuple(robot.action_features)
         for axis in axes:
             if axis not in known:
@@ -52,7 +52,7 @@ class LeRobot:
             return np.array([float(sent[axis]) for axis in self.axes])
 
     def stop(self) -> None:
-        """There is no such thing in the interface: it is sent to where it is."""
+        """Send the robot to its current position, since the interface cannot stop it."""
         place = self.measure()
         if not np.isfinite(place).all():
             raise RobotError(f"the robot cannot be stopped: it says that it is at {place.tolist()}")
@@ -64,7 +64,7 @@ class LeRobot:
 
 
 class Unwatched:
-    """A `Pulse` without a listener: LeRobot's robots take one connection, and it is in use."""
+    """A `Pulse` without a watchdog: LeRobot's robots accept one connection, which is in use."""
 
     def beat(self) -> None: ...
 
@@ -74,10 +74,10 @@ class Unwatched:
 
 
 class LeRobotCamera:
-    """A `Camera` of the robot's own; it has no clock, so its times are the host's."""
+    """A `Camera` that belongs to the robot; it has no clock, so times are the host's."""
 
     def __init__(self, robot: Any, name: str | None):
-        """`name`: as in observation_features; None: the only one. Raises InputError."""
+        """`name`: a key of observation_features; None: the only camera. Raises InputError."""
         known = [k for k, shape in robot.observation_features.items() if isinstance(shape, tuple)]
         if name is None and len(known) != 1:
             raise InputError(f"give the camera's name: the robot has {', '.join(known) or 'none'}")
@@ -86,7 +86,7 @@ class LeRobotCamera:
         self._robot, self._name = robot, name or known[0]
 
     def connect(self) -> None:
-        """With the robot."""
+        """Nothing to do: the robot connects it."""
 
     def take_picture(self) -> Picture:
         with blame("the robot does not show a picture", RobotError):
@@ -99,18 +99,21 @@ class LeRobotCamera:
         return Picture(pixels, time_s)
 
     def close(self) -> None:
-        """With the robot."""
+        """Nothing to do: the robot closes it."""
 
 
 def make_lerobot(address: str, beside: Path) -> Any:
-    """What MODULE:FUNCTION returns; the module may lie in a folder. Raises InputError."""
+    """The robot that MODULE:FUNCTION returns; the module may be in the folder `beside`.
+
+    Raises InputError.
+    """
     module, _, function = address.partition(":")
     if not (module and function):
         raise InputError(f"address must be MODULE:FUNCTION, which makes a robot, got {address}")
     sys.path.insert(0, str(beside.resolve()))
     try:
         robot = getattr(importlib.import_module(module), function)()
-    except Exception as error:  # whatever the user's own code raises
+    except Exception as error:  # the user's code may raise anything
         raise InputError(f"{address} makes no robot: {error}") from error
     finally:
         sys.path.pop(0)

@@ -1,4 +1,4 @@
-"""Where a robot may be and how fast it may go."""
+"""Limits of a robot's position and speed."""
 
 from dataclasses import dataclass
 
@@ -6,24 +6,26 @@ import numpy as np
 
 from simtune.errors import RobotError
 
-# Places go over the wire as float32, which may round them up.
+# Distance from the limits, since positions are sent as float32, which may round them up
 _INSIDE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """A box and a speed, in the robot's units. What is asked for is cut; what is measured is not:
-    a robot that is where it must not be is stopped."""
+    """A box and a maximum speed, in the robot's units.
+
+    Targets are clipped to the limits; a robot measured outside the box is stopped.
+    """
 
     low: np.ndarray  # (D,)
     high: np.ndarray  # (D,)
     speed: float  # units/s, along the path
-    tolerance: float  # how far outside of the box a robot may be that was sent to its edge
+    tolerance: float  # how far outside the box a robot may be measured, e.g. when sent to its edge
 
     def cut(self, target: np.ndarray, measured: np.ndarray, step_s: float) -> np.ndarray:
-        """The (D,) place towards `target` that is within the box, and reached within `step_s`.
+        """The (D,) position towards `target` that is within the box and reachable in `step_s`.
 
-        Raises RobotError for places that are not finite numbers (D,).
+        Raises RobotError for positions that are not finite numbers (D,).
         """
         target, measured = _place(target, self.low), _place(measured, self.low)
         way = target - measured
@@ -34,7 +36,7 @@ class Limits:
         return np.clip(target, self.low + _INSIDE, self.high - _INSIDE)
 
     def check(self, measured: np.ndarray) -> None:
-        """Raises RobotError where a measured place (D,) lies outside of the box."""
+        """Raises RobotError if a measured position (D,) is outside the box."""
         measured = _place(measured, self.low)
         beyond = np.maximum(self.low - measured, measured - self.high)
         if (beyond > self.tolerance).any():
@@ -44,7 +46,7 @@ class Limits:
             )
 
     def check_follows(self, sent: np.ndarray, measured: np.ndarray, step_s: float) -> None:
-        """Raises RobotError for a robot farther from where it was sent than a step takes it."""
+        """Raises RobotError if the robot is farther from its target than one step's distance."""
         away = float(np.linalg.norm(measured - sent))
         if not away <= self.speed * step_s + self.tolerance:
             raise RobotError(

@@ -1,4 +1,4 @@
-"""An Intel RealSense camera, or what one recorded, through librealsense's pipeline."""
+"""An Intel RealSense camera, or a recording by one, through librealsense's pipeline."""
 
 from pathlib import Path
 from typing import Any
@@ -8,16 +8,16 @@ import numpy as np
 from simtune.errors import InputError, RobotError
 from simtune.robot.robot import Picture
 
-_WIDTH, _HEIGHT, _FPS = 640, 480, 30  # which every model has
-_NEXT_WITHIN_MS = 100  # three pictures' time; while it waits, the robot is not watched
-_FIRST_WITHIN_MS = 5000  # exposure settles, and USB wakes up
+_WIDTH, _HEIGHT, _FPS = 640, 480, 30  # supported by every model
+_NEXT_WITHIN_MS = 100  # time of three pictures; the robot is not watched during the wait
+_FIRST_WITHIN_MS = 5000  # exposure must settle, and USB wake up
 
 
 class RealSense:
-    """A `Camera`; its times are seconds of the camera's clock, which follows the host's."""
+    """A `Camera`; times are seconds of the camera's clock, which follows the host's clock."""
 
     def __init__(self, serial: str | None = None, playback: Path | None = None):
-        """`serial`: of several cameras, which; `playback`: a recorded .db3 or .bag instead."""
+        """`serial` chooses among several cameras; `playback`: a recorded .db3 or .bag instead."""
         self._serial, self._playback = serial, playback
         self._pipeline: Any = None
 
@@ -37,7 +37,7 @@ class RealSense:
         self._next(_FIRST_WITHIN_MS)
 
     def _find(self, rs: Any) -> str:
-        """The serial number; asked for first, since a pipeline waits long for what is not there."""
+        """The serial number; checked first, since a pipeline waits long for a missing camera."""
         known = [d.get_info(rs.camera_info.serial_number) for d in rs.context().query_devices()]
         if self._serial in known or (self._serial is None and len(known) == 1):
             return self._serial or known[0]
@@ -45,7 +45,7 @@ class RealSense:
         raise RobotError(f"{wanted} connected; there are: {', '.join(known) or 'none'}")
 
     def take_picture(self) -> Picture:
-        if not self._playback:  # of a file nothing is too old
+        if not self._playback:  # drop old pictures; a file has none
             while self._pipeline.poll_for_frames():
                 pass
         return self._next(_NEXT_WITHIN_MS)
@@ -62,7 +62,7 @@ class RealSense:
             raise RobotError(f"the camera gave no picture within {within_ms} ms") from None
         if not frame:
             raise RobotError("the camera gave no colour picture")
-        # A copy: librealsense uses the memory again.
+        # A copy, since librealsense reuses the memory.
         return Picture(np.array(frame.get_data()), frame.get_timestamp() / 1000)
 
 
@@ -71,7 +71,7 @@ def _librealsense() -> Any:
         import pyrealsense2
     except ModuleNotFoundError:
         raise InputError("a RealSense needs pyrealsense2: pip install pyrealsense2") from None
-    except ImportError as error:  # a library of the system's
+    except ImportError as error:  # a system library is missing
         raise InputError(
             f"pyrealsense2 cannot be loaded: {error}; on Debian: apt install libusb-1.0-0"
         ) from None

@@ -1,4 +1,4 @@
-"""What drives a robot and what films it, as small as can be."""
+"""Minimal interfaces of robots and cameras."""
 
 from typing import NamedTuple, Protocol
 
@@ -9,39 +9,39 @@ from simtune.robot.limits import Limits
 
 class Picture(NamedTuple):
     pixels: np.ndarray  # (H, W, 3) uint8
-    time_s: float  # when it was taken, by the camera's clock
+    time_s: float  # time when it was taken, by the camera's clock
 
 
 class Pulse(Protocol):
-    """Needs a beat again and again while all is well: without it, it stops the robot itself."""
+    """A watchdog's input: without regular beats while the robot moves, it stops the robot."""
 
     def beat(self) -> None: ...
 
     def rest(self) -> None:
-        """The robot stands still and needs no watching, until the next beat."""
+        """The robot rests: no beats are needed until the next one."""
 
     def close(self) -> None:
-        """While the robot moves, this stops it."""
+        """End; this stops a robot that moves."""
 
 
 class Robot(Protocol):
-    """Places are (D,) in the robot's own units. All methods raise RobotError where it fails."""
+    """A robot. Positions are (D,) in its own units. All methods raise RobotError on failure."""
 
     axes: tuple[str, ...]  # (D,)
 
     def connect(self) -> None:
-        """Ask, and change nothing."""
+        """Connect for reading only; nothing is changed."""
 
     def allow_motion(self, limits: Limits) -> Pulse:
-        """Make it ready to move, with limits of its own set as well where it has any."""
+        """Get ready to move; sets the limits in the robot's controller too, if it can."""
         ...
 
     def measure(self) -> np.ndarray:
-        """Where it is, (D,); RobotError where it reports an error, or has been stopped."""
+        """The position (D,). RobotError if the robot reports an error or has been stopped."""
         ...
 
     def move_to(self, target: np.ndarray) -> np.ndarray:
-        """Set out for a place (D,) and return at once: the place (D,) that was really sent."""
+        """Start moving to a position (D,); returns at once the position (D,) actually sent."""
         ...
 
     def stop(self) -> None: ...
@@ -53,7 +53,7 @@ class Camera(Protocol):
     def connect(self) -> None: ...
 
     def take_picture(self) -> Picture:
-        """A picture taken after the call. Raises RobotError where none comes."""
+        """A picture taken after the call. Raises RobotError if none comes."""
         ...
 
     def close(self) -> None: ...

@@ -1,4 +1,4 @@
-"""The only one that moves a robot: each step is measured, cut to the limits, and watched."""
+"""The only code that moves a robot: each step is measured, cut to the limits, and watched."""
 
 import signal
 import threading
@@ -14,23 +14,23 @@ from simtune.robot.limits import Limits
 from simtune.robot.robot import Pulse, Robot
 
 _LOOK_EVERY_S = 0.025
-_ARRIVED = 0.5  # of the tolerance
+_ARRIVED = 0.5  # share of the tolerance within which the robot has arrived
 
 
 class SafeArm:
-    """A robot within limits. What goes wrong while it moves stops it and closes the latch."""
+    """A robot within limits. Any error while it moves stops it and closes the latch."""
 
     def __init__(self, robot: Robot, limits: Limits, step_s: float, latch: Latch):
-        """Raises InputError where the latch is closed, RobotError where the robot may not move."""
+        """Raises InputError if the latch is closed, RobotError if the robot may not move."""
         latch.check()
         self._robot, self._limits, self._step_s, self._latch = robot, limits, step_s, latch
-        self._sent: np.ndarray | None = None  # (D,) the latest place, while it moves
+        self._sent: np.ndarray | None = None  # (D,) latest position sent, while it moves
         limits.check(robot.measure())
         self._pulse: Pulse = robot.allow_motion(limits)
 
     @contextmanager
     def moving(self) -> Iterator[None]:
-        """Within it the robot may move; after it, it rests."""
+        """Context in which the robot may move; afterwards it rests."""
         self._sent = None
         try:
             yield
@@ -41,18 +41,18 @@ class SafeArm:
         self._pulse.rest()
 
     def _stop(self, why: str) -> None:
-        """Whatever fails of it, the rest is done."""
+        """Stop the robot, close the latch, end the pulse; each is tried even if another fails."""
         try:
-            with suppress(Exception):  # drivers raise whatever they like
+            with suppress(Exception):  # drivers may raise anything
                 self._robot.stop()
         finally:
             try:
                 self._latch.close(why)
             finally:
-                self._pulse.close()  # stops it once more, from elsewhere
+                self._pulse.close()  # the watchdog stops the robot as well
 
     def measure(self) -> np.ndarray:
-        """Where it is, (D,); says that all is well. Raises RobotError where it is not."""
+        """The position (D,); tells the watchdog that all is well. Raises RobotError if not."""
         measured = self._robot.measure()
         self._limits.check(measured)
         if self._sent is not None:
@@ -61,18 +61,18 @@ class SafeArm:
         return measured
 
     def send(self, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """Set out for a place (D,), as far as the limits allow; the place (D,) that was sent."""
+        """Start moving towards `target` (D,), within the limits; returns the position sent (D,)."""
         self._sent = self._robot.move_to(self._limits.cut(target, measured, self._step_s))
         return self._sent
 
     def wait_until(self, time_s: float) -> None:
-        """Watch it until a time of the monotonic clock."""
+        """Watch the robot until `time_s` of the monotonic clock."""
         while (left_s := time_s - time.monotonic()) > 0:
             self.measure()
             time.sleep(min(left_s, _LOOK_EVERY_S))
 
     def go_to(self, place: np.ndarray) -> None:
-        """Step by step to a place (D,), and rest there."""
+        """Move step by step to a position (D,), and rest there."""
         with self.moving():
             measured = self.measure()
             way = float(np.linalg.norm(place - measured))
@@ -90,9 +90,9 @@ class SafeArm:
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """An impatient second Ctrl-C must not keep the first from stopping the robot."""
+    """Ignore Ctrl-C, so that a second one does not prevent the first from stopping the robot."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # interrupts go to the main thread, and only it may say what becomes of them
+        yield  # interrupts go to the main thread, and only it may set handlers
         return
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

@@ -1,8 +1,9 @@
-"""A process of its own that stops an xArm when the process that moves it stalls or dies.
+"""A separate process that stops an xArm if the process that moves it stalls or dies.
 
-It listens to a pipe: "a", all is well and the arm moves; "r", the arm rests. Without an "a" for
-TIMEOUT_S, or where the pipe ends before an "r", it tells the controller, over a connection of its
-own, to stop, and closes the latch. `python -m simtune.robot.watchdog IP LATCH` runs it.
+It listens to a pipe: "a" means that all is well and the arm moves, "r" that the arm rests. If no
+"a" comes for TIMEOUT_S while the arm moves, or the pipe ends before an "r", it tells the controller
+to stop, over its own connection, and closes the latch. `python -m simtune.robot.watchdog IP LATCH`
+runs it.
 """
 
 import os
@@ -18,7 +19,7 @@ from simtune.errors import RobotError
 from simtune.robot.latch import Latch
 from simtune.robot.xarm_sdk import open_arm
 
-TIMEOUT_S = 0.15  # of the 200 ms within which the order to stop must come
+TIMEOUT_S = 0.15  # the order to stop must come within 200 ms
 _READY = b"watching\n"
 _MOVING, _RESTING = b"a", b"r"
 _STOPPED_STATE = 4
@@ -27,22 +28,22 @@ _STARTED_WITHIN_S = 15.0
 
 
 class Watchdog:
-    """The end of the pipe that the moving process holds; a `Pulse`."""
+    """The moving process's end of the pipe; a `Pulse`."""
 
     def __init__(self, ip: str, latch: Latch):
-        """Raises RobotError where it cannot be started."""
+        """Start the process. Raises RobotError if that fails."""
         self.process = subprocess.Popen(
             [sys.executable, "-m", "simtune.robot.watchdog", ip, str(latch.file)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,  # what interrupts this process must not end that one
+            start_new_session=True,  # an interrupt of this process must not end the watchdog
         )
         assert self.process.stdin
         assert self.process.stdout
-        self._pipe, says = self.process.stdin.fileno(), self.process.stdout
-        is_there = select.select([says], [], [], _STARTED_WITHIN_S)[0]
-        if not is_there or says.readline() != _READY:
+        self._pipe, output = self.process.stdin.fileno(), self.process.stdout
+        has_answer = select.select([output], [], [], _STARTED_WITHIN_S)[0]
+        if not has_answer or output.readline() != _READY:
             self.process.kill()
             self.process.wait()
             raise RobotError(f"the watchdog could not reach the xArm at {ip}: nothing may move")
@@ -66,20 +67,20 @@ class Watchdog:
 
 
 def watch(ip: str, latch: Latch) -> None:
-    """Listen to stdin until it ends or falls silent while the arm moves."""
+    """Listen to stdin until it ends, or is silent for too long while the arm moves."""
     arm = open_arm(ip, reports=False)
     os.write(1, _READY)
     moving, heard_s = False, time.monotonic()
     while arm.connected:
         left_s = heard_s + TIMEOUT_S - time.monotonic() if moving else 1.0
         if select.select([0], [], [], max(left_s, 0))[0]:
-            said = os.read(0, 4096)
-            if not said:
+            message = os.read(0, 4096)
+            if not message:
                 return _stop(arm, latch, "the process that moved it died") if moving else None
-            moving, heard_s = said.endswith(_MOVING), time.monotonic()
+            moving, heard_s = message.endswith(_MOVING), time.monotonic()
         elif moving:
             return _stop(arm, latch, f"the process that moved it stalled for {TIMEOUT_S} s")
-    # It can watch no longer: as it ends, so does the pipe, and the moving process stops.
+    # The connection is lost. As this process ends, the pipe breaks, and the moving process stops.
 
 
 def _stop(arm: Any, latch: Latch, why: str) -> None:
@@ -92,7 +93,7 @@ def _stop(arm: Any, latch: Latch, why: str) -> None:
 
 
 if __name__ == "__main__":
-    # An interrupt, or the end of a terminal, is no reason to stop watching.
+    # An interrupt, or a closed terminal, must not end the watchdog.
     for ignored in (signal.SIGINT, signal.SIGHUP):
         signal.signal(ignored, signal.SIG_IGN)
     watch(sys.argv[1], Latch(Path(sys.argv[2])))

@@ -1,4 +1,4 @@
-"""An xArm, by its maker's SDK: straight lines of the tool's centre, which points down."""
+"""An xArm, through its maker's SDK: the tool's centre moves in straight lines, pointing down."""
 
 import math
 import time
@@ -13,10 +13,10 @@ from simtune.robot.limits import Limits
 from simtune.robot.watchdog import Watchdog
 from simtune.robot.xarm_sdk import open_arm
 
-# A new target takes the place of the one before, and the controller plans a path of limited speed
-# and acceleration to it. If everything else dies, the arm comes to rest at the latest target.
+# In this mode a new target replaces the previous one, and the controller plans a path of limited
+# speed and acceleration to it. If everything else dies, the arm comes to rest at the latest target.
 _ONLINE_MODE = 7
-_FIRST_FIRMWARE = (1, 11, 100)  # the first with this mode, and with one command for lines
+_FIRST_FIRMWARE = (1, 11, 100)  # the first with this mode, and with a single command for lines
 _CAN_MOVE = (0, 1, 2)  # ready, moving, resting
 _STOPPED = 4
 _ENABLED_WITHIN_S = 3.0
@@ -24,7 +24,7 @@ _DOWN_WITHIN = math.cos(math.radians(5))
 
 
 class XArm:
-    """A `Robot` in the base frame of its controller, mm."""
+    """A `Robot`; positions are in mm in the controller's base frame."""
 
     axes: tuple[str, ...] = ("x", "y", "z")
 
@@ -37,16 +37,16 @@ class XArm:
         latch: Latch,
         reported_within_s: float = 2.0,
     ):
-        """`acceleration` in mm/s²; `collision_sensitivity` from 1 to 5, the most sensitive.
+        """`acceleration`: mm/s²; `collision_sensitivity`: 1 to 5, which is the most sensitive.
 
-        `reported_within_s`: how long the controller may take to tell the limits that were set.
+        `reported_within_s`: how long the controller may take to report the limits that were set.
         """
         self._ip, self._acceleration, self._latch = ip, acceleration, latch
         self._collision_sensitivity = collision_sensitivity
         self._reported_within_s = reported_within_s
         self._arm: Any = None
         self._is_woken = False
-        self._limits: Limits | None = None  # once it may move
+        self._limits: Limits | None = None  # set once the arm may move
         self._yaw_deg = 0.0
 
     def connect(self) -> None:
@@ -60,7 +60,7 @@ class XArm:
         self.measure()  # an error stays until a person clears it
         self._yaw_deg = self._pose()[5]
         self._is_woken = True
-        self.stop()  # whatever may still be queued
+        self.stop()  # drops commands that may still be queued
         demanded = (limits, self._collision_sensitivity, self._reported_within_s)
         limit_controller(self._arm, *demanded)
         self._demand("enable its motors", self._arm.motion_enable(True))
@@ -127,7 +127,7 @@ class XArm:
 
     def _pose(self) -> np.ndarray:
         """(6,) x, y, z in mm and roll, pitch, yaw in degrees, with the tool pointing down."""
-        # The SDK's own get_position puts the place before in the stead of what is not a number.
+        # Not the SDK's get_position, which replaces NaN by the previous position.
         code, *pose = self._arm.core.get_tcp_pose()
         if code not in (0, 2) or len(pose) != 6 or not np.isfinite(pose).all():
             raise RobotError(f"the xArm does not tell where it is (code {code}, {pose})")

@@ -1,4 +1,4 @@
-"""The xArm SDK, opened without what it prints and without what it changes for everybody else."""
+"""Opens the xArm SDK without its printed output and its changes of global state."""
 
 import contextlib
 import io
@@ -10,15 +10,15 @@ from typing import Any
 from simtune.errors import InputError, RobotError
 
 _FIRST_REPORT_S = 3.0
-_ANSWER_S = 0.1  # a controller that takes longer is one that no longer answers
+_ANSWER_S = 0.1  # a controller that takes longer counts as not answering
 
 
 def open_arm(ip: str, *, reports: bool = True) -> Any:
-    """A connected `XArmAPI`; with `reports` its first one is there.
+    """A connected `XArmAPI`; with `reports`, the first report has arrived.
 
-    Raises InputError where there is no SDK, RobotError where no controller answers.
+    Raises InputError if the SDK is missing, RobotError if no controller answers.
     """
-    # It prints to stdout on import, when connecting, and from a thread soon after.
+    # The SDK prints to stdout on import, when connecting, and from a thread soon after.
     default_s = socket.getdefaulttimeout()
     with contextlib.redirect_stdout(io.StringIO()):
         try:
@@ -29,7 +29,7 @@ def open_arm(ip: str, *, reports: bool = True) -> Any:
         for talkative in (logger, origin_logger):
             talkative.setLevel(logging.CRITICAL)
         try:
-            # forbid_uds: a socket file of another user in /tmp must not stand in for the arm.
+            # forbid_uds: otherwise another user's socket file in /tmp could impersonate the arm.
             arm = XArmAPI(ip, do_not_open=True, enable_report=reports, forbid_uds=True)
             reported = threading.Event()
             arm.register_report_callback(lambda _: reported.set())
@@ -37,7 +37,7 @@ def open_arm(ip: str, *, reports: bool = True) -> Any:
         except Exception as error:  # the SDK raises nothing more specific
             raise RobotError(f"no xArm answers at {ip}: {error}") from None
         finally:
-            socket.setdefaulttimeout(default_s)  # it sets one second for the whole process
+            socket.setdefaulttimeout(default_s)  # the SDK sets one second for the whole process
         arm.set_timeout(_ANSWER_S)
         if reports and not reported.wait(_FIRST_REPORT_S):
             arm.disconnect()

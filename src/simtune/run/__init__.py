@@ -1,4 +1,4 @@
-"""The run folder: its configuration, its logs, and the checkpoints to go on from."""
+"""The run folder: configuration, logs, and checkpoints for resuming."""
 
 from simtune.run.files import plain, read_json, read_jsonl, write_atomically, write_json
 from simtune.run.folder import RunFolder

@@ -1,4 +1,4 @@
-"""Checkpoints: safetensors and JSON in a numbered folder that is there whole or not at all."""
+"""Checkpoints: safetensors and JSON in a numbered folder, which is written atomically."""
 
 import hashlib
 import json
@@ -24,9 +24,9 @@ log = logging.getLogger(__name__)
 def save(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> Path:
     """Write the next checkpoint into `folder` and keep the latest two; returns its path.
 
-    Tensors may live on any device and share memory; they come back on the CPU. `state` is what
-    JSON can hold. Nothing of it is visible before all of it is on the disk.
-    Raises RuntimeError where it cannot be written, such as on a full disk; former ones stay.
+    Tensors may be on any device and share memory; they are loaded on the CPU. `state` must be JSON.
+    The checkpoint becomes visible once all of it is on the disk. Raises RuntimeError if it cannot
+    be written, e.g. on a full disk; earlier checkpoints stay.
     """
     folder.mkdir(exist_ok=True)
     number = max((int(path.name) for path in _numbered(folder)), default=0) + 1
@@ -36,7 +36,7 @@ def save(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str, 
     try:
         _write(temporary, tensors, state)
     except (OSError, SafetensorError) as error:
-        shutil.rmtree(temporary, ignore_errors=True)  # room for what is still to be said
+        shutil.rmtree(temporary, ignore_errors=True)  # room for logs
         raise RuntimeError(
             f"cannot write the checkpoint {path}: {error}; make room there, and the same command "
             "goes on from the one before"
@@ -51,14 +51,14 @@ def _write(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str
     folder.mkdir()
     save_file(_separate(tensors), folder / _TENSORS)
     sync(folder / _TENSORS)
-    # Not write_json: a state has to come back as it was, infinities included.
+    # Not write_json: a state must be loaded unchanged, including infinities.
     write_atomically(folder / _STATE, json.dumps(state))
     files = (_TENSORS, _STATE)
     write_json(folder / _MANIFEST, {"sha256": {f: _sha256(folder / f) for f in files}})
 
 
 def newest(folder: Path, *, warn: bool = True) -> Path | None:
-    """The newest sound checkpoint; each damaged one above it gets a line of warning."""
+    """The newest sound checkpoint; None: there is none. Warns of each newer, damaged one."""
     for path in reversed(_numbered(folder)):
         damage = _damage(path)
         if damage is None:
@@ -74,12 +74,12 @@ def load(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
 
 
 def load_state(path: Path) -> dict[str, Any]:
-    """The state alone, without the tensors."""
+    """The state of a checkpoint, without the tensors."""
     return read_json(path / _STATE)
 
 
 def drop_after(folder: Path, last: Path | None) -> None:
-    """Remove what lies above the checkpoint that a run goes on from: damaged, or left by a kill."""
+    """Remove checkpoints newer than `last`, which are damaged, and folders of killed writes."""
     for path in _numbered(folder):
         if last is None or path.name > last.name:
             shutil.rmtree(path)
@@ -93,7 +93,7 @@ def _numbered(folder: Path) -> list[Path]:
 
 
 def _damage(path: Path) -> str | None:
-    """What is wrong with a checkpoint, None where it is sound."""
+    """What is wrong with a checkpoint; None if it is sound."""
     try:
         for name, expected in read_json(path / _MANIFEST)["sha256"].items():
             if _sha256(path / name) != expected:
@@ -109,7 +109,7 @@ def _sha256(path: Path) -> str:
 
 
 def _separate(tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Contiguous CPU tensors, each with memory of its own: safetensors refuses shared memory."""
+    """Contiguous CPU tensors that share no memory, which safetensors would refuse."""
     seen: set[int] = set()
     separate = {}
     for name, tensor in tensors.items():

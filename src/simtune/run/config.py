@@ -1,4 +1,4 @@
-"""config.json: the configuration of a run, and whether a command has the same."""
+"""config.json: the configuration of a run, and checks that a command has the same one."""
 
 import importlib.metadata
 import platform
@@ -12,21 +12,21 @@ from simtune.errors import InputError
 from simtune.run.files import read_json
 from simtune.run.sources import SOURCES, changed_sources
 
-# What may change between a run and its resumption: where it lies and how long it goes on.
+# Options that may change when a run is resumed, such as its place and duration
 _MAY_DIFFER = ("out", "budget_minutes", "device", "move", "task_name", "json")
-# What may be spelt in another way, or lie elsewhere, and which key tells by its content.
+# Options whose value may change if the content stays the same: {option: key with a content hash}
 _CONTENT = {
     "task": "task_content",
     "real": "recordings.dataset_hash",
     "real_parameters": "truth",
 }
-# Of a run of `tune`, in result.json: it was not over by itself.
+# "stopped" in result.json of `tune`, if the budget ended the run
 TIME_IS_OVER = "the time is over, or too short for another round"
-FILMED = "filmed"  # the folder of what a robot did; it cannot be filmed again
+FILMED = "filmed"  # folder of a robot's recordings, which cannot be repeated
 
 
 def stored_config(path: Path) -> dict[str, Any] | None:
-    """config.json of the run at `path`; None where a new run can start. Raises InputError."""
+    """config.json of the run at `path`; None if a new run can start there. Raises InputError."""
     if path.exists() and not path.is_dir():
         raise InputError(f"{path} is a file: give --out a folder")
     if not path.exists() or not any(p for p in path.iterdir() if not _is_leftover(p)):
@@ -45,20 +45,20 @@ def stored_config(path: Path) -> dict[str, Any] | None:
 
 
 def _is_leftover(path: Path) -> bool:
-    """Of a run that ended before its first config.json: a temporary file, or what it filmed."""
+    """Whether a run that ended before its first config.json left this: e.g. a temporary file."""
     is_temporary = path.name.startswith(".") and path.name.endswith(".tmp")
     return is_temporary or path.name in (FILMED, SOURCES)
 
 
 def check_asked(path: Path, asked: dict[str, Any]) -> None:
-    """`check_same` as far as it can be said before recordings are read: of what `asked` names."""
+    """Like `check_same`, for the keys in `asked` only; works before recordings are read."""
     if (stored := stored_config(path)) is not None:
         known = {key: value for key, value in stored["config"].items() if key in asked}
         check_same(path, stored | {"config": known}, asked)
 
 
 def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> None:
-    """Raise InputError, naming what differs, where a run's config.json has another `config`."""
+    """Raise InputError, naming the differences, if a run's config.json has another `config`."""
     before, now = _flat(stored["config"]), _flat(config)
     differing = [
         key
@@ -86,9 +86,9 @@ def _is_same_content(key: str, before: dict[str, Any], now: dict[str, Any]) -> b
 def _other_contents(
     path: Path, stored: dict[str, Any], now: dict[str, Any], differing: list[str]
 ) -> dict[str, str]:
-    """Of the keys that hold hashes: which files differ from what the run was made with.
+    """{key: words} for keys with hashes: which files differ from those of the run.
 
-    Nothing of a key that another one explains.
+    The words are empty for a key whose difference another key explains.
     """
     words = {
         "recordings.dataset_hash": f"other recordings than {now.get('real')}",
@@ -101,7 +101,7 @@ def _other_contents(
         said = "another content of the task, as this version of simtune or MuJoCo reads it"
         if files:
             said = f"another content of {' and '.join(files)} (its own: {path / SOURCES})"
-            words["task"] = ""  # the same, elsewhere
+            words["task"] = ""  # explained by the changed files
         elif "task" in differing:
             said = ""
         words |= dict.fromkeys(tasks, said)
@@ -109,7 +109,7 @@ def _other_contents(
 
 
 def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested mappings as one, with dotted keys."""
+    """Nested mappings as one mapping with dotted keys."""
     flat: dict[str, Any] = {}
     for key, value in config.items():
         if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Files that are never half-written: replaced whole, or appended to line by line."""
+"""Files that are never half-written: replaced as a whole, or appended to line by line."""
 
 import dataclasses
 import json
@@ -10,38 +10,38 @@ from typing import Any
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Replace a file whole: readers, also after a crash, see the old content or the new."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")  # others may write it, too
+    """Replace a file: readers, also after a crash, see either the old content or the new."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")  # others may write the same file
     try:
         with temporary.open("wb") as file:
             file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
-    except OSError as error:  # of a full disk it does not name the file
+    except OSError as error:  # the error of a full disk does not name the file
         raise type(error)(error.errno, error.strerror, str(path)) from None
     os.replace(temporary, path)
     sync_folder(path.parent)
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Replace a JSON file whole."""
+    """Replace a JSON file, atomically."""
     write_atomically(path, json.dumps(plain(value), indent=2, allow_nan=False) + "\n")
 
 
 def read_json(path: Path) -> Any:
-    """The content of a JSON file. Raises OSError, and ValueError for what is no JSON."""
+    """The content of a JSON file. Raises OSError, and ValueError if it is not JSON."""
     return json.loads(path.read_text(encoding="utf-8"))
 
 
 def append_jsonl(path: Path, value: Mapping[str, Any]) -> None:
-    """Append one object as a line, handed to the operating system before this returns."""
+    """Append one object as a line; it is passed to the operating system before this returns."""
     line = json.dumps(plain(value), allow_nan=False) + "\n"
     with path.open("a", encoding="utf-8") as file:
         file.write(line)
 
 
 def read_jsonl(path: Path) -> list[dict[str, Any]]:
-    """The objects of a JSON-lines file, in order; none where the file is missing.
+    """The objects of a JSON-lines file, in order; empty if the file is missing.
 
     A line that a crash left half-written is skipped.
     """
@@ -59,21 +59,21 @@ def read_jsonl(path: Path) -> list[dict[str, Any]]:
 
 
 def keep_lines(path: Path, count: int) -> None:
-    """Rewrite a JSON-lines file with the first `count` of its whole lines."""
+    """Truncate a JSON-lines file to its first `count` valid lines."""
     if path.exists():
         kept = [json.dumps(value) + "\n" for value in read_jsonl(path)[:count]]
         write_atomically(path, "".join(kept))
 
 
 def sync(path: Path) -> None:
-    """Force a file onto the disk; nothing where it is missing."""
+    """Force a file onto the disk, if it exists."""
     if path.exists():
         with path.open("rb") as file:
             os.fsync(file.fileno())
 
 
 def sync_folder(path: Path) -> None:
-    """Force a folder's entries onto the disk, so that a rename outlives a power cut."""
+    """Force a folder's entries onto the disk, so that a rename survives a power cut."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -82,7 +82,7 @@ def sync_folder(path: Path) -> None:
 
 
 def plain(value: Any) -> Any:
-    """`value` as JSON can hold it: arrays as lists, paths as text, NaN and infinity as null."""
+    """Convert `value` to JSON types: arrays to lists, paths to text, NaN and infinity to null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,12 +1,12 @@
 """One run's folder: created or resumed, logged into, saved and loaded.
 
 config.json          the resolved configuration, versions, date
-sources/             copies of the tuning file, the model and all that they name
-metrics.jsonl        one object a line: step, real_episodes, wall_s, then scalars
+sources/             copies of the tuning file, the model and all files that they name
+metrics.jsonl        one object per line: step, real_episodes, wall_s, then scalars
 events.jsonl         ranges that widened, narrowed or moved, and why
 tensorboard/         the same scalars
-checkpoints/NNNNNN/  the latest two states to go on from
-real/NNN.safetensors what a training filmed in the real world
+checkpoints/NNNNNN/  the latest two states, for resuming
+real/NNN.safetensors trajectories that a training filmed in the real world
 result.json  curves.json  posterior.npz  videos/  report.html
 """
 
@@ -43,13 +43,13 @@ POSTERIOR = "posterior.npz"
 REPLAY = "replay.json"
 _CHECKPOINTS = "checkpoints"
 _LOGS = ("metrics.jsonl", "events.jsonl")
-_NUM_LINES = "log_lines"  # of each, in a checkpoint's state
+_NUM_LINES = "log_lines"  # key of {log: number of lines} in a checkpoint's state
 
 log = logging.getLogger(__name__)
 
 
 class RunFolder:
-    """A run's folder, for the one process that writes it; make one with `RunFolder.create`."""
+    """A run's folder, opened for writing by one process; use `RunFolder.create`."""
 
     def __init__(self, path: Path, resumed: bool):
         self.path = path
@@ -68,13 +68,12 @@ class RunFolder:
     def create(
         cls, path: Path | str, config: Mapping[str, Any], sources: Sequence[Path] = ()
     ) -> "RunFolder":
-        """Start a run at `path`, or go on with the run of the same `config` that lies there.
+        """Start a run at `path`, or resume the run of the same `config` there.
 
-        A run that goes on loses the log lines past its last checkpoint: they come again.
-        Where it lies and how long it goes on may have changed in between. A new run keeps copies
-        of `sources`, the files that it was made of.
-        Raises InputError for a path that cannot be written, that holds something else, or
-        that holds a run with another configuration or one that is still going.
+        A resumed run drops the log lines after its last checkpoint, since they are written again.
+        Its place and duration may have changed. A new run keeps copies of `sources`, the files that
+        its task was read from. Raises InputError if the path cannot be written, or holds something
+        else, a run with another configuration, or a run that is still going.
         """
         path = Path(path)
         try:
@@ -101,7 +100,7 @@ class RunFolder:
 
     @property
     def videos(self) -> Path:
-        """The folder for real.mp4, before.mp4 and after.mp4; made where missing."""
+        """The folder for real.mp4, before.mp4 and after.mp4; made if missing."""
         path = self.path / "videos"
         path.mkdir(exist_ok=True)
         return path
@@ -113,9 +112,9 @@ class RunFolder:
     def log_metrics(
         self, step: int, real_episodes: int, wall_s: float, scalars: Mapping[str, float]
     ) -> None:
-        """Append a line of metrics.jsonl and mirror the finite scalars in tensorboard.
+        """Append a line to metrics.jsonl and write the finite scalars to tensorboard.
 
-        `step` counts simulated policy steps, `wall_s` seconds over all sittings of the run.
+        `step` counts simulated policy steps, `wall_s` seconds over the run and its resumptions.
         """
         line = {"step": step, "real_episodes": real_episodes, "wall_s": wall_s, **scalars}
         self._append("metrics.jsonl", line)
@@ -136,9 +135,9 @@ class RunFolder:
         high: float,
         reason: str,
     ) -> None:
-        """Append a line of events.jsonl: `parameter`'s range is now [low, high] because `reason`.
+        """Append a line to events.jsonl: `parameter`'s range is now [low, high] because `reason`.
 
-        `event` is "widened", "narrowed" or, where the mean has come to a bound, "moved".
+        `event` is "widened", "narrowed" or, if the mean has reached a bound, "moved".
         """
         line = {"step": step, "wall_s": wall_s, "event": event, "parameter": parameter}
         self._append("events.jsonl", {**line, "low": low, "high": high, "reason": reason})
@@ -156,19 +155,21 @@ class RunFolder:
         write_json(self.path / "curves.json", curves)
 
     def write_replay(self, curves: Mapping[str, Any]) -> None:
-        """Replace replay.json: what sensors read in an episode, and would have in the simulator."""
+        """Replace replay.json: readings of an episode, and the simulator's readings."""
         write_json(self.path / REPLAY, curves)
 
     def write_posterior(
         self, names: Sequence[str], draws: np.ndarray, correlation: np.ndarray
     ) -> None:
-        """Replace posterior.npz: N names, (num, N) draws in their units, (N, N) of the copula."""
+        """Replace posterior.npz: N names, (num, N) draws in the parameters' units, and the copula's
+        (N, N) correlation.
+        """
         file = io.BytesIO()
         np.savez_compressed(file, names=np.array(names), draws=draws, correlation=correlation)
         write_atomically(self.path / POSTERIOR, file.getvalue())
 
     def write_real(self, cycle: int, trajectories: Sequence[Trajectory]) -> None:
-        """Keep what was filmed in the real world: it cannot be filmed again."""
+        """Store real trajectories, which cannot be filmed again."""
         tensors = {}
         for i, trajectory in enumerate(trajectories):
             tensors[f"{i}.frames"] = torch.from_numpy(np.ascontiguousarray(trajectory.frames))
@@ -179,7 +180,7 @@ class RunFolder:
         write_atomically(self._real(cycle), safetensors.torch.save(tensors))
 
     def read_real(self, cycle: int, step_s: float) -> list[Trajectory]:
-        """The inverse of `write_real`. Raises InputError where the file is damaged."""
+        """The inverse of `write_real`. Raises InputError if the file is damaged."""
         path = self._real(cycle)
         try:
             tensors = safetensors.torch.load_file(path)
@@ -197,20 +198,20 @@ class RunFolder:
     def save_checkpoint(
         self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]
     ) -> None:
-        """Save all that the run needs to go on; the latest two are kept.
+        """Save everything that the run needs to resume; the latest two checkpoints are kept.
 
-        `state` is JSON and holds "step", from which tensorboard goes on. The logs are cut to what
-        they hold now.
+        `state` is JSON and contains "step", at which tensorboard continues. A resumed run cuts the
+        logs to their current length.
         """
         assert "step" in state, "a checkpoint's state needs 'step'"
         for name in _LOGS:
-            sync(self.path / name)  # a checkpoint never knows more than the logs
+            sync(self.path / name)  # logs are on the disk before the checkpoint that counts them
         self._newest = checkpoint.save(
             self._checkpoints, tensors, {**state, _NUM_LINES: self._num_lines}
         )
 
     def load_checkpoint(self) -> tuple[dict[str, torch.Tensor], dict[str, Any]] | None:
-        """(tensors on the CPU, state) of the newest sound checkpoint, or None."""
+        """(tensors on the CPU, state) of the newest sound checkpoint; None if there is none."""
         if self._newest is None:
             return None
         tensors, state = checkpoint.load(self._newest)
@@ -218,7 +219,7 @@ class RunFolder:
         return tensors, state
 
     def close(self) -> None:
-        """Close tensorboard and let go of the folder."""
+        """Close tensorboard and unlock the folder."""
         if self._tensorboard is not None:
             self._tensorboard.close()
             self._tensorboard = None
@@ -234,7 +235,7 @@ class RunFolder:
         if self._tensorboard is None:
             from torch.utils.tensorboard import SummaryWriter  # takes seconds to import
 
-            # What an interrupted sitting wrote past the checkpoint is hidden by purge_step.
+            # purge_step hides what was written after the checkpoint, before an interruption.
             self._tensorboard = SummaryWriter(
                 str(self.path / "tensorboard"), purge_step=self._step + 1 if self.resumed else None
             )
@@ -242,32 +243,32 @@ class RunFolder:
 
 
 def stored_state(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The state that `RunFolder.create` would go on from, with nothing written; None: a new run.
+    """The state from which `RunFolder.create` would resume; None: a new run. Writes nothing.
 
-    Raises InputError as `create` does for what lies at `path`.
+    Raises InputError like `create`.
     """
     try:
         if _stored_run(path, config) is None:
             return None
-        return kept_state(path)  # `create` warns of damaged ones
+        return kept_state(path)  # `create` warns of damaged checkpoints
     except OSError as error:
         raise InputError(f"cannot read the run folder {path}: {error.strerror}") from error
 
 
 def kept_state(path: Path) -> dict[str, Any] | None:
-    """The state of a run's newest sound checkpoint; None where there is none."""
+    """The state of a run's newest sound checkpoint; None if there is none."""
     newest = checkpoint.newest(path / _CHECKPOINTS, warn=False)
     return checkpoint.load_state(newest) if newest else None
 
 
 def kept_since(path: Path) -> float | None:
-    """When the newest sound checkpoint was written, in seconds since 1970; None: there is none."""
+    """Time of the newest sound checkpoint, in seconds since 1970; None if there is none."""
     newest = checkpoint.newest(path / _CHECKPOINTS, warn=False)
     return newest.stat().st_mtime if newest else None
 
 
 def _stored_run(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None:
-    """config.json of the run at `path`; None: a new one. Raises InputError where it is another."""
+    """config.json of the run at `path`; None: a new run. Raises InputError if `config` differs."""
     stored = stored_config(path)
     if stored is not None:
         check_same(path, stored, plain(config))
@@ -275,9 +276,9 @@ def _stored_run(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def _lock(path: Path) -> int:
-    """Take the folder for this process; it is free again once the returned descriptor is closed.
+    """Lock the folder for this process, until the returned descriptor is closed.
 
-    Raises InputError where another process, or another RunFolder of this one, holds it.
+    Raises InputError if another process, or another RunFolder of this process, holds the lock.
     """
     descriptor = os.open(path, os.O_RDONLY)
     try:

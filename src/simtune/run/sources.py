@@ -1,6 +1,6 @@
-"""sources/: copies of the files that a run's task was read from, so that the run needs no others.
+"""sources/: copies of the files that a run's task was read from, which make the run self-contained.
 
-config.json remembers under "sources" the folder that they are named from, the root.
+"sources" in config.json is the root: the folder to which the copies' paths are relative.
 """
 
 import filecmp
@@ -14,12 +14,12 @@ SOURCES = "sources"
 
 
 def keep_sources(run: Path, files: Sequence[Path]) -> str | None:
-    """Copy absolute paths into RUN/sources, laid out as they were; the root, None without files.
+    """Copy files into RUN/sources, in the same layout; returns the root, None without files.
 
-    The name of the folder that holds them all is kept, too: a task may be called by it.
-    Raises OSError where one cannot be copied.
+    `files`: absolute paths. The root is one folder above their common folder, whose name is kept,
+    since it may be the task's name. Raises OSError if a file cannot be copied.
     """
-    shutil.rmtree(run / SOURCES, ignore_errors=True)  # of a run that was killed as it began
+    shutil.rmtree(run / SOURCES, ignore_errors=True)  # left by a run that was killed at its start
     if not files:
         return None
     root = Path(os.path.commonpath([file.parent for file in files])).parent
@@ -31,7 +31,10 @@ def keep_sources(run: Path, files: Sequence[Path]) -> str | None:
 
 
 def source_of(run: Path, stored: Mapping[str, Any], file: str) -> str:
-    """The run's copy of a file that an option names, or else the file; `stored`: config.json."""
+    """The run's copy of a file that an option names, else the file itself.
+
+    `stored`: content of config.json.
+    """
     root = stored.get("sources")
     if root is None or not Path(file).is_relative_to(root):
         return file
@@ -40,13 +43,13 @@ def source_of(run: Path, stored: Mapping[str, Any], file: str) -> str:
 
 
 def named_sources(stored: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as the run's copies are called by, though it may go on with files elsewhere."""
+    """Options that name the files of the run's copies; a resumed run may use moved files."""
     config = stored["config"] if stored.get("sources") else {}
     return {key: config[key] for key in ("task", "real_parameters") if key in config}
 
 
 def changed_sources(run: Path, stored: Mapping[str, Any], task: str) -> list[str]:
-    """Which files of a tuning file `task`, that may have moved, are not as the run's copies are."""
+    """Files of a tuning file `task`, which may have moved, that differ from the run's copies."""
     kept = Path(source_of(run, stored, str(stored["config"].get("task"))))
     if not kept.is_relative_to(run / SOURCES) or not Path(task).is_file():  # a built-in task
         return []
@@ -63,5 +66,5 @@ def changed_sources(run: Path, stored: Mapping[str, Any], task: str) -> list[str
 def _is_same(copy: Path, now: str) -> bool:
     try:
         return filecmp.cmp(copy, now, shallow=False)
-    except OSError:  # it is gone
+    except OSError:  # the file is gone
         return False

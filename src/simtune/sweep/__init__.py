@@ -1,4 +1,4 @@
-"""Grids of runs, carried out on this machine or on a Ray cluster, whatever is killed meanwhile."""
+"""Grids of runs, carried out on this machine or on a Ray cluster; any process may be killed."""
 
 from simtune.sweep.dry_run import dry_run
 from simtune.sweep.sweep import sweep

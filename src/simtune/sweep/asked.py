@@ -1,4 +1,4 @@
-"""A run that a grid asks for: its name, its options, and the command to type."""
+"""A run that a grid asks for: its name, options, and command line."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -18,12 +18,12 @@ _PATHS = ("robot", "real_parameters")
 class AskedRun:
     name: str  # of its folder
     command: str  # one of COMMANDS
-    options: Mapping[str, Any]  # as the grid has them, the task among them
-    folder: Path  # of the grid, to which paths in `options` are relative
+    options: Mapping[str, Any]  # as in the grid, including the task
+    folder: Path  # the grid's folder, to which paths in `options` are relative
 
     @property
     def asked(self) -> dict[str, Any]:
-        """What sweep.json remembers of it: a name always stands for the same."""
+        """Command and options, stored in sweep.json: a name must always mean the same run."""
         return {"command": self.command, **self.options}
 
     @property
@@ -32,13 +32,13 @@ class AskedRun:
 
     @property
     def kind(self) -> str:
-        """What it has in common with runs of other seeds, which take as long."""
+        """Command and options except the seed; runs of one kind take about the same time."""
         options = {k: v for k, v in self.asked.items() if k != "seed"}
         return " ".join(f"{k}={v}" for k, v in options.items())
 
     @cached_property
     def values(self) -> dict[str, Any]:
-        """The options; files and folders so that they are found from anywhere."""
+        """The options, with absolute paths of files and folders."""
         return {name: self._found(name, value) for name, value in self.options.items()}
 
     def _found(self, name: str, value: Any) -> Any:
@@ -48,7 +48,7 @@ class AskedRun:
         return str((self.folder / str(value)).resolve()) if is_path else value
 
     def config(self) -> TuneConfig | TrainConfig:
-        """The command's options. Raises InputError for what the command would refuse."""
+        """The command's config. Raises InputError for options that the command would refuse."""
         kind = COMMANDS[self.command]
         types = get_type_hints(kind)
         known = [field.name for field in fields(kind) if field.name != "out"]
@@ -63,7 +63,7 @@ class AskedRun:
         return config
 
     def arguments(self, out: Path) -> list[str]:
-        """What is typed after `simtune`, for a run in the folder `out`."""
+        """Arguments after `simtune`, for a run in the folder `out`."""
         typed = [self.command, self.values["task"], "--out", str(out.resolve())]
         for name, value in self.values.items():
             flag = name.replace("_", "-")
@@ -75,9 +75,9 @@ class AskedRun:
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Whether a value of TOML is of an option's type; files are texts there."""
+    """Whether a value from TOML, where files are texts, has an option's type."""
     if get_origin(hint) in (Union, UnionType):
-        return any(_fits(value, each) for each in get_args(hint))
+        return any(_fits(value, member) for member in get_args(hint))
     if get_origin(hint) is Literal:
         return value in get_args(hint)
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""A run carried out: the ordinary command in its folder, again until it is decided."""
+"""Carries out a run: repeats the ordinary command in its folder until it is done or failed."""
 
 import errno
 import os
@@ -14,14 +14,14 @@ from simtune.sweep.process import NO_ROOM, Processes
 from simtune.sweep.standing import Places, Standing
 
 _FULL = tuple(map(os.strerror, NO_ROOM))
-_ROOM_PAUSES_S = (1.0, 5.0, 20.0, 60.0)  # between looks whether a full disk has room again
-_OTHERS_PAUSE_S = 1.0  # between looks whether another process has done with a run
+_ROOM_PAUSES_S = (1.0, 5.0, 20.0, 60.0)  # between attempts while the disk is full
+_OTHERS_PAUSE_S = 1.0  # between checks whether another process has released a run
 _LONGEST_REASON = 300  # characters
 
 
 @dataclass(frozen=True, kw_only=True)
 class Attempts:
-    """What all runs of a sweep have in common."""
+    """Settings common to all runs of a sweep."""
 
     folder: Path  # of the sweep
     retries: int
@@ -30,10 +30,10 @@ class Attempts:
     say: Callable[[str], None] = print
 
     def carry_out(self, run: AskedRun) -> Standing:
-        """Attempts of a run until it is done or has failed too often. Returns how it stands then.
+        """Try a run until it is done or has failed too often; returns its final standing.
 
-        Waits while another process has it, and while the disk is full. All else that it knows lies
-        in files, so it goes on wherever whoever had the run before was killed.
+        Waits while another process has the run, and while the disk is full. All state is in files,
+        so it continues where an earlier process was killed.
         """
         places, pauses = Places(self.folder, run.name), iter(_ROOM_PAUSES_S)
         while True:
@@ -50,14 +50,14 @@ class Attempts:
                 self._sleep(pause_s)
 
     def _try(self, run: AskedRun, places: Places) -> None:
-        """One attempt, and what went wrong is noted. Raises OSError where the disk is full."""
+        """Make one attempt and note a failure. Raises OSError if the disk is full."""
         places.make_folders()
         if not (lease := Lease.take(places.lease)):
             self._sleep(_OTHERS_PAUSE_S)
             return
         try:
             with cores_taken(self.cores_per_run, self.say) as cores:
-                # While it waited for the lease and for cores, another process may have ended it.
+                # Another process may have finished the run during the wait for lease and cores.
                 if places.standing(self.retries).status == "waiting":
                     arguments = run.arguments(places.run)
                     began_s = time.monotonic()
@@ -73,11 +73,11 @@ class Attempts:
             return
         if any(words in line for words in _FULL for line in lines):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        said = lines[-1][:_LONGEST_REASON] if lines else "it said nothing"
+        reason = lines[-1][:_LONGEST_REASON] if lines else "it said nothing"
         if status == 0:
-            said = "it ended without a result.json and a report.html"
+            reason = "it ended without a result.json and a report.html"
         by = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"
-        places.note(spent_s, f"{by}: {said}", killed=status < 0)
+        places.note(spent_s, f"{by}: {reason}", killed=status < 0)
 
     def _sleep(self, seconds: float) -> None:
         end_s = time.monotonic() + seconds

@@ -1,4 +1,4 @@
-"""How a sweep stands: sweep.json, a live table on a terminal, and plain lines elsewhere."""
+"""Progress of a sweep: sweep.json, a live table on a terminal, and plain lines elsewhere."""
 
 import sys
 import time
@@ -21,7 +21,7 @@ _COLUMNS = ("done", "running", "waiting", "failed")
 
 
 class Board:
-    """Told of each run that begins and ends, from any thread."""
+    """Shows the progress; `begin` and `end` may be called from any thread."""
 
     def __init__(self, folder: Path, runs: Sequence[AskedRun], retries: int, workers: int):
         self._folder, self._runs, self._workers = folder, runs, workers
@@ -69,7 +69,7 @@ class Board:
         return f"{counts['done']} of {len(self._runs)} runs done{failed}; time left: {left}"
 
     def table(self) -> list[str]:
-        """Lines: how many runs of each task and method stand how, and all together."""
+        """Lines: number of runs by status, for each task and method, and a line for all."""
         groups: dict[str, Counter[str]] = {}
         for run in self._runs:
             method = run.options.get("method", run.command)
@@ -81,7 +81,7 @@ class Board:
         return [*aligned(rows, left=[0]), self._total()]
 
     def _write(self) -> None:
-        """Replace sweep.json. With a full disk the former one stays until the next time."""
+        """Replace sweep.json. If the disk is full, the old one stays until the next time."""
         entries = [self.standings[run.name].entry(run) for run in self._runs]
         try:
             write_json(self._folder / FILE, {"runs": entries})
@@ -101,7 +101,7 @@ class Board:
             print("\n".join(lines), file=sys.stderr, flush=True)
 
     def _erase(self) -> None:
-        """The table, so that what is said next takes its place."""
+        """Erase the table, so that the next output takes its place."""
         if self._drawn:
             print(f"\x1b[{self._drawn}F\x1b[J", end="", file=sys.stderr)
         self._drawn = 0

@@ -1,4 +1,4 @@
-"""`simtune sweep --dry-run`: what is to be done, and how long it takes, by pilots."""
+"""`simtune sweep --dry-run`: lists the runs to do, and estimates their time by pilots."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,10 +18,10 @@ from simtune.sweep.sweep import PROGRAM, open_sweep, places_to_run
 def dry_run(
     config: SweepConfig, say: Callable[[str], None], program: Sequence[str] = PROGRAM
 ) -> float | None:
-    """Seconds that the sweep has left; None: a pilot could not tell. Its runs are left alone.
+    """Estimated seconds that the sweep still takes; None if a pilot gave no estimate.
 
-    Pilots are measured once, and finished runs count more. Raises InputError for what cannot be
-    used.
+    The sweep's runs are not touched. Pilots are measured once; estimates from finished runs take
+    precedence. Raises InputError for invalid input.
     """
     runs, folder = open_sweep(config), config.out.resolve()
     _, at_once = places_to_run(config)
@@ -51,7 +51,7 @@ def _measured(
     program: Sequence[str],
     say: Callable[[str], None],
 ) -> list[tuple[AskedRun, Pilot]]:
-    """A pilot of each run, on this machine's workers."""
+    """Measure a pilot of each run, on this machine's workers."""
     if not runs:
         return []
     limit_s, processes = 60 * config.pilot_minutes, Processes(program)

@@ -1,4 +1,4 @@
-"""How long runs take, and what is left of a sweep."""
+"""Estimates of the time of runs, and of a sweep's remaining time."""
 
 from collections.abc import Iterable, Mapping
 from itertools import chain
@@ -10,18 +10,18 @@ from simtune.sweep.standing import Standing
 
 
 class Expectation:
-    """Wall time of runs: the mean of finished ones of the same kind, else a pilot's."""
+    """Expected wall time of runs: the mean of finished runs of the same kind, else a pilot's."""
 
     def __init__(self, runs: Iterable[AskedRun], standings: Mapping[str, Standing], pilots: Pilots):
         self._pilots, self._done = pilots, dict[str, list[float]]()
         for run in runs:
             if (standing := standings[run.name]).status == "done":
-                # What a killed driver saw of it, only the run itself remembers.
+                # The time seen by a killed driver is known to the run only.
                 wall_s = max(standing.spent_s, standing.scores.get("wall_s", 0.0))
                 self._done.setdefault(run.kind, []).append(wall_s)
 
     def __getitem__(self, run: AskedRun) -> float | None:
-        """Seconds; as of all finished runs where nothing is known of its kind, or else None."""
+        """Seconds; the mean of all finished runs if the kind is unknown; None without any."""
         if alike := self._done.get(run.kind):
             return fmean(alike)
         if (pilot := self._pilots.get(run.kind)) and pilot.wall_s is not None:
@@ -30,10 +30,10 @@ class Expectation:
 
 
 def seconds_left(left_s: Iterable[float | None], workers: int) -> float | None:
-    """Until `workers` have done work of so many seconds each; None where one is unknown.
+    """Seconds until `workers` have done runs of `left_s` seconds each; None if one is unknown.
 
-    No less than the longest, nor than an even share of all: a greedy schedule ends between this
-    and twice as much, the nearer to it the more runs there are.
+    This is the longest run or an even share of all, whichever is more. A greedy schedule takes
+    between this and twice as much; with many runs, hardly more.
     """
     known = list(left_s)
     if None in known:

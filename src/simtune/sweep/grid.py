@@ -1,4 +1,4 @@
-"""GRID.toml to runs: each block's lists, multiplied out (docs/sweeps.md)."""
+"""Reads GRID.toml: the runs are the product of each block's lists (docs/sweeps.md)."""
 
 import itertools
 import re
@@ -15,10 +15,10 @@ _OF_BLOCK = ("name", "command", "skip")  # every other key is an option of the c
 
 
 def read_grid(file: Path) -> list[AskedRun]:
-    """All runs that a file asks for, those of the lowest seeds first, so that any part is balanced.
+    """All runs of a file, lowest seeds first, so that a part of the sweep is balanced.
 
-    Raises InputError for what cannot be read, and for whatever the commands themselves would
-    refuse, with its line.
+    Raises InputError, with the line, if the file cannot be read, or for options that the commands
+    themselves would refuse.
     """
     table = read_toml(file)
     table.allow("options", "runs")
@@ -38,7 +38,7 @@ def read_grid(file: Path) -> list[AskedRun]:
 
 
 def _multiplied(block: TomlTable, common: dict[str, Any]) -> Iterator[AskedRun]:
-    """The runs of a block, each checked. Raises InputError."""
+    """The runs of a block, with checks. Raises InputError."""
     command = block.choice("command", COMMANDS)
     options = common | {key: block.value(key) for key in block if key not in _OF_BLOCK}
     if "task" not in options:
@@ -65,7 +65,7 @@ def _multiplied(block: TomlTable, common: dict[str, Any]) -> Iterator[AskedRun]:
 
 
 def _name(block: str, command: str, options: dict[str, Any], varied: list[str]) -> str:
-    """Of a run's folder: what differs between runs, and how."""
+    """Name of a run's folder, from its task, method and varied options. Raises InputError."""
     parts = [block, _short(options["task"]), options.get("method", command)]
     others = [name for name in varied if name not in ("task", "method", "seed")]
     parts += [f"{name}={_short(options[name])}" for name in others]
@@ -77,6 +77,6 @@ def _name(block: str, command: str, options: dict[str, Any], varied: list[str]) 
 
 
 def _short(value: Any) -> str:
-    """A value as part of a name; of a file its own."""
+    """A value as part of a name; for a file, its name without ending."""
     text = str(value)
     return Path(text).stem if text.endswith((".toml", ".json")) else text

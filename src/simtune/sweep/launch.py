@@ -1,8 +1,8 @@
-"""Becomes another command, bound to its cores, which ends with the process that started it.
+"""Replaces itself by another command that is bound to cores and ends with its parent process.
 
-A script, started with `python -I -S`: PARENT CORES COMMAND... PARENT is that process's number;
-CORES are numbers with commas between, or `all`. It imports nothing of simtune, so that a run
-starts no later for it.
+A script, started with `python -I -S`: PARENT CORES COMMAND... PARENT is the parent's process id;
+CORES are numbers separated by commas, or `all`. It imports nothing of simtune, so that it does not
+delay the run's start.
 """
 
 import ctypes
@@ -10,14 +10,14 @@ import os
 import signal
 import sys
 
-_PR_SET_PDEATHSIG = 1  # <sys/prctl.h>; it outlives an exec
+_PR_SET_PDEATHSIG = 1  # from <sys/prctl.h>; the setting survives exec
 
 
 def main() -> None:
     parent, cores, *command = sys.argv[1:]
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != int(parent):  # it died before it could be watched
+        if os.getppid() != int(parent):  # the parent died before prctl took effect
             sys.exit("what started this run is gone")
         if cores != "all":
             os.sched_setaffinity(0, {int(core) for core in cores.split(",")})

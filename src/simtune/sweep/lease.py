@@ -1,7 +1,7 @@
-"""What one process has to itself while it lives: a run, or a core.
+"""Leases: exclusive use of a run or a core by one process while it lives.
 
-A lease is the kernel's lock of an open file. It ends with the last process that holds the file
-open, however that ends, so nothing has to be cleaned up after a kill.
+A lease is the kernel's lock of an open file. It ends with the last process that has the file open,
+even if that is killed, so nothing has to be cleaned up.
 """
 
 import fcntl
@@ -16,14 +16,14 @@ _LOOK_EVERY_S = 0.2  # for a free core
 
 
 class Lease:
-    """Given back by `close`; children that inherit `descriptor` hold it as well."""
+    """Released by `close`; child processes that inherit `descriptor` hold it as well."""
 
     def __init__(self, descriptor: int):
         self.descriptor = descriptor
 
     @classmethod
     def take(cls, path: Path) -> "Lease | None":
-        """None where it is taken. Raises OSError where no lock can be had."""
+        """A new lease, or None if it is taken. Raises OSError if locks are not supported."""
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -40,15 +40,15 @@ class Lease:
 
 
 def usable_cores() -> list[int]:
-    """Those that this process may run on; none where an operating system does not say."""
+    """Cores that this process may run on; empty if the operating system does not tell."""
     return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
 
 
 @contextmanager
 def cores_taken(count: int, say: Callable[[str], None] = print) -> Iterator[list[int]]:
-    """So many cores that no other run of any sweep on this machine is on, as soon as there are.
+    """Wait for `count` cores that no other run of any sweep on this machine uses, and lease them.
 
-    Empty where processes cannot be bound to cores. What it waits for is said once.
+    Empty if processes cannot be bound to cores. A wait is reported once.
     """
     folder = Path(tempfile.gettempdir()) / f"simtune-cores-{os.getuid()}"
     folder.mkdir(exist_ok=True)
@@ -67,7 +67,7 @@ def cores_taken(count: int, say: Callable[[str], None] = print) -> Iterator[list
 
 
 def _take_cores(folder: Path, usable: list[int], count: int) -> dict[int, Lease] | None:
-    """All of them or none, or two could wait for each other's for ever."""
+    """Lease `count` cores, or none (None): otherwise two processes could deadlock."""
     leases: dict[int, Lease] = {}
     for core in usable:
         if len(leases) < count and (lease := Lease.take(folder / str(core))):

@@ -1,4 +1,4 @@
-"""Workers of this machine: threads that each carry out one run after another."""
+"""Carries out runs on this machine, with threads that each do one run after another."""
 
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -11,9 +11,9 @@ from simtune.sweep.standing import Standing
 
 
 def num_workers(asked: int | None, cores_per_run: int) -> int:
-    """Raises InputError where this machine's cores do not suffice."""
+    """Number of simultaneous runs. Raises InputError if this machine has too few cores."""
     cores = len(usable_cores())
-    most = cores // cores_per_run if cores else None  # unknown where none can be bound
+    most = cores // cores_per_run if cores else None  # None: processes cannot be bound to cores
     if most == 0 or (asked and most and asked > most):
         raise InputError(
             f"{asked or 1} runs at a time on {cores_per_run} cores each need more than the {cores} "
@@ -28,7 +28,10 @@ def carry_out_here(
     workers: int,
     on_begin: Callable[[AskedRun], None],
 ) -> Generator[tuple[AskedRun, Standing]]:
-    """How each stands in the end, as they end. Whatever ends the caller ends all of them."""
+    """Yield each run and its final standing, in the order in which they end.
+
+    An exception, or closing the generator, stops all runs.
+    """
 
     def work(run: AskedRun) -> Standing:
         on_begin(run)

@@ -1,4 +1,4 @@
-"""A Ray cluster: it decides where runs go, and repeats what dies with a worker or a node."""
+"""Carries out runs on a Ray cluster, which places them, and repeats them if a node dies."""
 
 import importlib
 from collections.abc import Generator, Sequence
@@ -12,9 +12,9 @@ from simtune.sweep.standing import Standing
 
 
 def connect(address: str) -> Any:
-    """The module `ray`, connected. Raises InputError where there is none, or no cluster."""
+    """The module `ray`, connected. Raises InputError if it is missing, or there is no cluster."""
     try:
-        ray = importlib.import_module("ray")  # an extra
+        ray = importlib.import_module("ray")  # an optional dependency
     except ImportError:
         raise InputError("--ray needs Ray: pip install 'simtune[ray]'") from None
     try:
@@ -27,10 +27,11 @@ def connect(address: str) -> Any:
 def carry_out_on_ray(
     ray: Any, runs: Sequence[AskedRun], program: Sequence[str], settings: dict[str, Any]
 ) -> Generator[tuple[AskedRun, Standing]]:
-    """How each stands in the end, as they end. `settings`: of `Attempts`, but for its processes.
+    """Yield each run and its final standing, in the order in which they end.
 
-    A run's failures are counted in the sweep's folder; what dies with its worker or its node Ray
-    repeats elsewhere, endlessly. The tasks end with this process.
+    `settings`: arguments of `Attempts` without `processes`. Failures of a run are counted in the
+    sweep's folder. If a worker or node dies, Ray repeats the run elsewhere, any number of times.
+    The tasks end with this process.
     """
     options = {"num_cpus": settings["cores_per_run"], "max_retries": -1}
     task = ray.remote(**options)(_carry_out)
@@ -44,5 +45,5 @@ def carry_out_on_ray(
 
 
 def _carry_out(run: AskedRun, program: Sequence[str], settings: dict[str, Any]) -> Standing:
-    """On whichever machine Ray chose."""
+    """Carry out a run, on the machine that Ray has chosen."""
     return Attempts(**settings, processes=Processes(program)).carry_out(run)

@@ -1,4 +1,4 @@
-"""How long a run of each kind takes: measured once, kept in pilots.json."""
+"""Pilots, which measure how long a run of each kind takes: done once, kept in pilots.json."""
 
 import time
 from collections.abc import Iterable, Sequence
@@ -18,14 +18,14 @@ from simtune.tasks import load_task
 
 @dataclass(frozen=True)
 class Pilot:
-    """What is known of a kind of run."""
+    """Estimated time of a kind of run."""
 
-    wall_s: float | None  # None: the pilot was over before it could tell
-    how: str  # what the number rests on
+    wall_s: float | None  # None: the pilot ended before an estimate was possible
+    how: str  # basis of the estimate, in words
 
 
 class Pilots:
-    """Those of a sweep's folder, by kind."""
+    """The pilots in a sweep's folder, by kind of run."""
 
     def __init__(self, folder: Path):
         self._file = folder / "pilots.json"
@@ -36,7 +36,7 @@ class Pilots:
         return self._known.get(kind)
 
     def missing(self, runs: Iterable[AskedRun]) -> list[AskedRun]:
-        """The first run of each kind that has no pilot."""
+        """The first run of each kind without a pilot."""
         first = {run.kind: run for run in reversed(list(runs))}
         return [run for kind, run in first.items() if kind not in self._known]
 
@@ -48,7 +48,7 @@ class Pilots:
 def measure(
     run: AskedRun, folder: Path, processes: Processes, cores_per_run: int, limit_s: float
 ) -> Pilot:
-    """Carry out a run for at most `limit_s` seconds, in its place among a sweep's pilots."""
+    """Carry out a run for at most `limit_s` seconds, in the sweep's folder of pilots."""
     places = Places(folder, run.name, kind="pilots")
     places.make_folders()
     if not (lease := Lease.take(places.lease)):
@@ -63,7 +63,7 @@ def measure(
 
 
 def _judge(run: AskedRun, folder: Path, spent_s: float, lines: Sequence[str]) -> Pilot:
-    """What a run tells that ended after so many seconds, or was ended then."""
+    """Estimate the time of a whole run from one that ended, or was killed, after `spent_s`."""
     if read_result(folder) is not None:
         return Pilot(spent_s, "a whole run")
     config = run.config()
@@ -74,5 +74,5 @@ def _judge(run: AskedRun, folder: Path, spent_s: float, lines: Sequence[str]) ->
     if steps:
         share = steps[-1]["step"] / schedule.total_steps
         return Pilot(spent_s / share, f"the first {100 * share:.0f} % of its steps")
-    said = lines[-1] if lines else "it said nothing"
-    return Pilot(None, f"it had not begun to train its policy: {said}")
+    last_line = lines[-1] if lines else "it said nothing"
+    return Pilot(None, f"it had not begun to train its policy: {last_line}")

@@ -1,4 +1,4 @@
-"""Processes of runs: bound to cores, ended with whoever started them, what they say kept."""
+"""Processes of runs: bound to cores, ended with their parent process, output logged."""
 
 import contextlib
 import errno
@@ -14,19 +14,19 @@ from simtune.sweep.lease import Lease
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 _LAUNCH = Path(__file__).with_name("launch.py")
-_TAIL = 30  # lines that are kept in memory: a full disk keeps none
+_TAIL = 30  # lines kept in memory, since a full disk cannot keep the log
 
 
 class Processes:
-    """Starts commands and waits for them, from several threads; `stop` ends them all for good."""
+    """Starts commands and waits for them, from several threads; `stop` ends all of them."""
 
     def __init__(self, program: Sequence[str] = (sys.executable, "-m", "simtune")):
-        """`program`: what the arguments of a run are given to; its first is an absolute path."""
+        """`program`: the command that gets a run's arguments; it starts with an absolute path."""
         self._program, self._live = tuple(program), set[subprocess.Popen[str]]()
         self._lock, self.is_stopped = Lock(), False
 
     def stop(self) -> None:
-        """Runs go on from their checkpoints, so there is nothing to be asked of them first."""
+        """Kill all processes, now and in future; runs resume from their checkpoints."""
         with self._lock:
             self.is_stopped = True
             for process in self._live:
@@ -40,10 +40,10 @@ class Processes:
         cores: Sequence[int],
         limit_s: float | None = None,
     ) -> tuple[int, list[str]]:
-        """Its exit status, and the last lines that it said, which are added to `log`.
+        """Run a command; returns its exit status and last lines. Its output is added to `log`.
 
-        It holds `lease` as well, so that no other can begin before it is gone. After `limit_s`
-        seconds it is killed. No cores: it is bound to none.
+        The process inherits `lease`, so that no other can start before it has ended. It is killed
+        after `limit_s` seconds. Without `cores`, it is not bound to any.
         """
         bound = ",".join(map(str, cores)) or "all"
         launch = [sys.executable, "-I", "-S", str(_LAUNCH), str(os.getpid()), bound]
@@ -56,7 +56,7 @@ class Processes:
             errors="replace",
             env=os.environ | {"OMP_NUM_THREADS": str(len(cores) or 1)},
             pass_fds=[lease.descriptor],
-            start_new_session=True,  # a terminal's Ctrl-C is for `stop` to hand on
+            start_new_session=True,  # a terminal's Ctrl-C reaches it only through `stop`
         )
         with self._lock:
             self._live.add(process)
@@ -76,11 +76,11 @@ class Processes:
 
 
 def _read(process: subprocess.Popen[str], log: Path) -> list[str]:
-    """What it says until it ends: all of it into a file, its last lines returned."""
+    """Copy a process's output into a file until it ends; returns the last lines."""
     assert process.stdout is not None, "a pipe, as asked"
     tail = deque[str](maxlen=_TAIL)
-    with process.stdout as said:
-        for line in said:
+    with process.stdout as output:
+        for line in output:
             tail.append(line.strip())
             with _room_or_not(), log.open("a", encoding="utf-8") as file:
                 file.write(line)
@@ -89,7 +89,7 @@ def _read(process: subprocess.Popen[str], log: Path) -> list[str]:
 
 @contextlib.contextmanager
 def _room_or_not():
-    """A full disk only costs the log."""
+    """Ignore a full disk: only the log is lost."""
     try:
         yield
     except OSError as error:

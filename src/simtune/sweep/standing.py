@@ -1,4 +1,4 @@
-"""How a run of a sweep stands, read from its own folder and from what is noted of its failures."""
+"""The state of a run of a sweep, read from its own folder and from notes of its failures."""
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any, Literal
 from simtune.run import read_json, write_json
 from simtune.sweep.asked import AskedRun
 
-_MOST_KILLS = 20  # by a signal, as where memory is short: most are of no fault of the run's
+_MOST_KILLS = 20  # by a signal, e.g. for lack of memory, which is rarely the run's own fault
 _SCORES = (
     "percent_error",
     "return",
@@ -23,23 +23,23 @@ _SCORES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Standing:
-    """Of one run."""
+    """State of one run."""
 
     status: Literal["done", "failed", "waiting"]
     failures: int = 0
     kills: int = 0
     reason: str | None = None  # of the last failure
-    spent_s: float = 0.0  # by its processes from their start to their end, as far as was seen
+    spent_s: float = 0.0  # wall time of its processes, as far as drivers saw their end
     scores: dict[str, Any] = field(default_factory=dict)
 
     def entry(self, run: AskedRun) -> dict[str, Any]:
-        """As sweep.json has it."""
+        """The run's entry in sweep.json."""
         return {"name": run.name, "asked": run.asked, **asdict(self)}
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where a run's files lie. Its own folder holds nothing of the sweep's."""
+    """Paths of a run's files. The sweep keeps its own files outside the run's folder."""
 
     folder: Path  # of the sweep
     name: str
@@ -69,7 +69,7 @@ class Places:
             path.parent.mkdir(parents=True, exist_ok=True)
 
     def standing(self, retries: int) -> Standing:
-        """A run is done with its report, which it writes last."""
+        """The run's state; it is done once it has a report, which is written last."""
         noted = self._read_noted()
         result = read_result(self.run)
         if result is not None and (self.run / "report.html").is_file():
@@ -79,7 +79,7 @@ class Places:
         return Standing(status="failed" if is_failed else "waiting", **noted)
 
     def note(self, spent_s: float, reason: str | None = None, *, killed: bool = False) -> None:
-        """One attempt more, with what went wrong in it. Only the holder of the lease may."""
+        """Count one more attempt, and its failure if any. Only the lease's holder may call this."""
         noted = self._read_noted()
         noted["spent_s"] += spent_s
         if reason is not None:
@@ -93,7 +93,7 @@ class Places:
 
 
 def read_result(run: Path) -> dict[str, Any] | None:
-    """result.json of a run's folder; None where there is no sound one."""
+    """result.json of a run's folder; None if it is missing or damaged."""
     try:
         result = read_json(run / "result.json")
     except (OSError, ValueError):

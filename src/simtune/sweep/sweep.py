@@ -1,16 +1,16 @@
-"""`simtune sweep`: a grid of runs, from any state that it is in to its end.
+"""`simtune sweep`: carries out a grid of runs, from any intermediate state to the end.
 
-Nothing is known of a sweep but what lies in its folder. Each run is an ordinary run folder, which
-goes on by the same command; beside it are a lease, which whoever carries it out holds, and notes of
-its failures. So any number of drivers may be killed, or work side by side.
+The state of a sweep is in its folder only. Each run is an ordinary run folder, which the same
+command resumes. Beside it are a lease, held by the process that carries it out, and notes of its
+failures. So drivers may be killed, or several may work side by side.
 
-runs/NAME/              a run folder each
-state/runs/NAME.lock    the lease of a run
-state/runs/NAME.json    its failures, where there were any
-state/runs/NAME.txt     what it said
-pilots/ state/pilots/   the same of a dry run's pilots
-pilots.json             how long runs take, by them
-sweep.json              how all runs stand
+runs/NAME/              a run's folder
+state/runs/NAME.lock    its lease
+state/runs/NAME.json    its failures and time
+state/runs/NAME.txt     its output
+pilots/ state/pilots/   the same for a dry run's pilots
+pilots.json             estimated times of runs, from pilots
+sweep.json              the state of all runs
 """
 
 import sys
@@ -34,10 +34,10 @@ PROGRAM = (sys.executable, "-m", "simtune")
 
 
 def sweep(config: SweepConfig, program: Sequence[str] = PROGRAM) -> dict[str, Standing]:
-    """Carry out a grid; returns how each run stands in the end, by name.
+    """Carry out a grid; returns {name: final standing}.
 
-    `program`: what the arguments of `tune` and `train` are given to.
-    Raises InputError for what cannot be used, with nothing written.
+    `program`: the command that gets the arguments of `tune` and `train`. Raises InputError for
+    invalid input, before any run starts.
     """
     runs = open_sweep(config)
     settings: dict[str, Any] = {
@@ -53,16 +53,16 @@ def sweep(config: SweepConfig, program: Sequence[str] = PROGRAM) -> dict[str, St
     else:
         attempts = Attempts(**settings, processes=Processes(program), say=status.say)
         ended = carry_out_here(waiting, attempts, workers, status.begin)
-    with closing(ended):  # whatever comes between, its runs end as well
+    with closing(ended):  # ends the runs as well, whatever happens here
         for run, standing in ended:
             status.end(run, standing)
     return status.standings
 
 
 def open_sweep(config: SweepConfig) -> list[AskedRun]:
-    """The grid's runs, with the sweep's folder made for them.
+    """The grid's runs; makes the sweep's folder.
 
-    Raises InputError for a grid that cannot be used, and where a name stood for another run before.
+    Raises InputError for an invalid grid, or if a name meant another run before.
     """
     config.check()
     runs, file = read_grid(config.grid), config.out / FILE
@@ -83,7 +83,7 @@ def open_sweep(config: SweepConfig) -> list[AskedRun]:
 
 
 def places_to_run(config: SweepConfig) -> tuple[Any, int]:
-    """Ray, where it was asked for, and how many runs go on at a time. Raises InputError."""
+    """The module Ray if requested, else None; number of simultaneous runs. Raises InputError."""
     if config.ray is None:
         return None, num_workers(config.workers, config.cores_per_run)
     ray = connect(config.ray)

@@ -1,4 +1,7 @@
-"""The built-in tasks by name; add one by a file here and a line in TASKS. Users' own are files."""
+"""Built-in tasks by name, and users' tasks from files.
+
+A new built-in task needs a file in this folder and a line in TASKS.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -13,7 +16,7 @@ from simtune.tasks.task import Task
 from simtune.tasks.tuning_file import TomlTable, load_tuning_file, named_files, read_task
 
 AnyTask = Task | EnvironmentTask
-IN_PYTHON = "in Python: "  # before the names of tasks that no file holds
+IN_PYTHON = "in Python: "  # prefix of the names of tasks that were declared without a file
 
 TASKS: dict[str, Callable[[], Task]] = {
     "ball_in_cup": ball_in_cup.catch,
@@ -27,12 +30,12 @@ TASKS: dict[str, Callable[[], Task]] = {
 
 
 def load_task(name: str) -> Task:
-    """A built-in task, or the one of a model that a tuning file declares. Raises InputError."""
+    """A built-in task, or a tuning file's task, which must have a model. Raises InputError."""
     return with_model(load_any_task(name))
 
 
 def with_model(task: AnyTask) -> Task:
-    """The task, which has to be of a model. Raises InputError for one of an environment."""
+    """The same task, if it has a model. Raises InputError if it has an environment."""
     if isinstance(task, EnvironmentTask):
         raise InputError(f"{task.name} is of an environment: only `simtune tune` takes those")
     return task
@@ -42,9 +45,9 @@ _Any = TypeVar("_Any", bound=AnyTask)
 
 
 def before_one_camera(task: _Any) -> _Any:
-    """The task as a policy on pixels sees it, and the paper's search: a square by one camera.
+    """The task with square pictures by one camera, as pixel policies and the paper's search need.
 
-    Raises InputError for one of several cameras.
+    Raises InputError if it has several cameras.
     """
     if len(task.cameras) > 1:
         raise InputError(
@@ -55,7 +58,7 @@ def before_one_camera(task: _Any) -> _Any:
 
 
 def load_any_task(name: str) -> AnyTask:
-    """The same, of a model or of an environment."""
+    """Like `load_task`, but the task may also have an environment instead of a model."""
     if name.startswith(IN_PYTHON):
         raise InputError(
             f"the environment of {name.removeprefix(IN_PYTHON)!r} was an object in Python: no file "
@@ -75,10 +78,10 @@ def load_any_task(name: str) -> AnyTask:
 
 
 def read_declared(values: Mapping[str, Any]) -> AnyTask:
-    """The task of a dict that has a tuning file's keys.
+    """The task declared by a dict with a tuning file's keys.
 
-    A model may be a spec, and an environment what makes one, which no later command finds again.
-    Raises InputError "task['parameters'][0]: what is wrong".
+    The model may be a spec, and the environment an object or a function that makes one; later
+    commands cannot find such a task again. Raises InputError "task['parameters'][0]: ...".
     """
     task = read_task(TomlTable(dict(values), Path.cwd() / "task.toml"))
     is_object = not isinstance(values.get("environment", ""), str)

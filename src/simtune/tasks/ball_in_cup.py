@@ -8,7 +8,7 @@ from simtune.tasks.batch_state import computed, draw_without_contact, reset_to_d
 from simtune.tasks.suite import load_suite_spec, suite_task, untextured_model
 from simtune.tasks.task import Task
 
-_BALL_X_M = (-0.2, 0.2)  # initial positions, relative to the ball's at rest
+_BALL_X_M = (-0.2, 0.2)  # initial positions, relative to the ball's position at rest
 _BALL_Z_M = (0.2, 0.5)
 _CUP_GEOMS = tuple(f"cup_part_{i}" for i in range(5))
 
@@ -37,7 +37,7 @@ def catch() -> Task:
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:
-    """The ball anywhere above the ground that does not touch the cup."""
+    """Draw positions of the ball above the ground at which it does not touch the cup."""
     ball_x = batch.model.joint("ball_x").qposadr[0]
     ball_z = batch.model.joint("ball_z").qposadr[0]
 

@@ -1,4 +1,4 @@
-"""Fields and initial states of all simulations of a batch at once."""
+"""Fields and initial states of all simulations of a batch."""
 
 from collections.abc import Callable
 
@@ -10,22 +10,22 @@ _MAX_ATTEMPTS = 1000
 
 
 def computed(batch: Batch, field: str) -> np.ndarray:
-    """(nsim, ...) a position- or velocity-dependent MjData field of the batch's present state."""
+    """(nsim, ...) a position- or velocity-dependent MjData field of the batch's current state."""
     values = batch.bind(field)
-    if not values.any():  # bound just now: zero until the next call
+    if not values.any():  # a newly bound field is zero until the next computation
         batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
     return values
 
 
 def reset_to_default(batch: Batch) -> None:
-    """The model's default state, time 0 and no controls; nothing is computed yet."""
+    """Set the model's default state, time 0 and no controls; derived fields are not computed."""
     batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
 
 
 def randomize_joints(batch: Batch, rng: np.random.Generator, ids: np.ndarray) -> None:
-    """Uniform limited joints within their limits and unlimited hinges in [−π, π].
+    """Draw limited joints uniformly within their limits, and unlimited hinges in [−π, π].
 
-    Unlimited slides stay. As dm_control.suite.utils.randomizers.
+    Unlimited slides stay. Like dm_control.suite.utils.randomizers.
     """
     model = batch.model
     assert model.nq == model.njnt, "only hinges and slides"
@@ -36,7 +36,10 @@ def randomize_joints(batch: Batch, rng: np.random.Generator, ids: np.ndarray) ->
 
 
 def draw_without_contact(batch: Batch, draw: Callable[[np.ndarray], None]) -> None:
-    """Call `draw(ids)` for all simulations, then again for those in contact, until none is."""
+    """Call `draw(ids)` for all simulations, then again for those in contact, until none is.
+
+    Raises RuntimeError after too many attempts.
+    """
     ncon = batch.bind("ncon")
     ids = np.arange(batch.nsim)
     for _ in range(_MAX_ATTEMPTS):

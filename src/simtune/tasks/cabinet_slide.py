@@ -1,8 +1,8 @@
 """Cabinet slide: an arm pushes the lid of a cabinet open by its handle.
 
-After Du et al. 2021 (arXiv:2104.07662, Sec. V), by a scene of our own. The arm starts where its
-workspace ends (z 1.02 m; theirs starts 5 cm above that). Their success lies beyond the end of the
-lid's way; here the lid has to be within a centimetre of it.
+After Du et al. 2021 (arXiv:2104.07662, Sec. V), with our own scene. Two differences: the arm starts
+at the top of its workspace (z 1.02 m; theirs starts 5 cm higher); and the task is done when the lid
+is within a centimetre of the end of its travel, since their goal lies beyond that end.
 """
 
 import numpy as np
@@ -14,10 +14,10 @@ from simtune.tasks.xarm7.scene import arm_task, lighting, place_of, start_arm, t
 
 _WORKSPACE_M = [[-0.25, 0.35], [0.196, 0.546], [0.82, 1.02]]  # of the hand
 _OPEN_X_M = -0.075  # of the handle
-_DONE_M = 0.01  # from fully open
-_BESIDE_M = np.array([0.05, 0.0, 0.04])  # from the handle to where the tool begins to push
-_PUSH_M = 0.015  # a step, gently: how far the lid lags behind then tells its friction
-_CLEAR_M = 0.1  # above the handle the tool passes over it
+_DONE_M = 0.01  # distance from fully open
+_BESIDE_M = np.array([0.05, 0.0, 0.04])  # from the handle to where the tool starts to push
+_PUSH_M = 0.015  # per step; small, so that the lid's lag reveals its friction
+_CLEAR_M = 0.1  # height at which the tool passes over the handle
 _CABINET = tuple(f"cabinet_{side}" for side in ("left", "right", "front", "back"))
 
 
@@ -41,13 +41,13 @@ def slide() -> Task:
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:
-    """Always the same."""
+    """Set the same state every time."""
     start_arm(batch)
     batch.forward()
 
 
 def _reward(batch: Batch) -> np.ndarray:
-    """Minus the way from the hand to the handle and from there to where it shall be, m."""
+    """Minus the distances from the hand to the handle and from the handle to its goal, m."""
     hand, handle = place_of(batch, "hand"), place_of(batch, "handle")
     return -np.linalg.norm(hand - handle, axis=-1) - np.abs(handle[:, 0] - _OPEN_X_M)
 
@@ -57,7 +57,7 @@ def _success(batch: Batch) -> np.ndarray:
 
 
 def _script(batch: Batch) -> np.ndarray:
-    """Above the place beside the handle, down to it, then push until the lid is open."""
+    """Move above the place beside the handle, then down, then push until the lid is open."""
     hand, handle = place_of(batch, "hand"), place_of(batch, "handle")
     way = handle + _BESIDE_M - hand
     is_beside = (np.abs(way[:, 0]) < 0.03) & (np.abs(way[:, 1]) < 0.02)

@@ -8,7 +8,7 @@ from simtune.tasks.batch_state import reset_to_default
 from simtune.tasks.suite import load_suite_spec, suite_task, tolerance, untextured_model
 from simtune.tasks.task import Task
 
-_MAX_POSITION_M = 0.1  # initial states: uniform within, the velocities normal
+_MAX_POSITION_M = 0.1  # initial positions are uniform within these, velocities are normal
 _MAX_ANGLE_RAD = 0.034
 _VELOCITY_STD = 0.01  # m/s and rad/s
 
@@ -40,7 +40,7 @@ def balance() -> Task:
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:
-    """The pole nearly upright and nearly at rest."""
+    """Draw states with the pole nearly upright and nearly at rest."""
     high = np.array([_MAX_POSITION_M, _MAX_ANGLE_RAD])
     reset_to_default(batch)
     batch.qpos[:] = rng.uniform(-high, high, batch.qpos.shape)
@@ -49,7 +49,7 @@ def _initialize(batch: Batch, rng: np.random.Generator) -> None:
 
 
 def _reward(batch: Batch) -> np.ndarray:
-    """Upright, and a little for the middle, small controls and a pole that stands still."""
+    """High for an upright pole, and less so for the middle, small controls and a still pole."""
     position, angle = batch.qpos.T
     upright = (np.cos(angle) + 1) / 2
     centered = (1 + tolerance(position, margin=2)) / 2

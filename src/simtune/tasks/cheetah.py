@@ -1,4 +1,4 @@
-"""Cheetah, run: a planar cheetah, the faster the better up to 10 m/s (dm_control's task)."""
+"""Cheetah, run: a planar cheetah runs as fast as possible, up to 10 m/s (dm_control's task)."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ _RUN_SPEED_M_S = 10.0
 _TOTAL_MASS_KG = 14.0
 _STABILISING_STEPS = 200  # physics steps before the episode, to fall onto the ground
 _BODIES = ("torso", "bthigh", "bshin", "bfoot", "fthigh", "fshin", "ffoot")
-_ENCODERS = _BODIES[1:]  # joints are called as the bodies that they move
+_ENCODERS = _BODIES[1:]  # joints have the names of the bodies that they move
 _GEOMS = (*_BODIES, "head")  # each body has a geom of the same name
 
 
@@ -40,10 +40,10 @@ def run() -> Task:
 
 
 def _load_spec() -> mujoco.MjSpec:
-    """The suite's cheetah, its geoms' densities scaled to the total mass.
+    """The suite's cheetah with its geoms' densities scaled to the total mass.
 
-    The file leaves that to the compiler's settotalmass, which would undo a tuned mass in an
-    exported model, and is deprecated.
+    The model file uses the compiler's settotalmass instead, which is deprecated and would undo a
+    tuned mass in an exported model.
     """
     spec = load_suite_spec("cheetah")
     spec.compiler.settotalmass = -1
@@ -54,7 +54,7 @@ def _load_spec() -> mujoco.MjSpec:
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:
-    """Random limited joints, then at rest on the ground, more or less."""
+    """Draw limited joints, then let the cheetah fall until it rests approximately."""
     limited = batch.model.jnt_limited == 1
     low, high = batch.model.jnt_range[limited].T
     reset_to_default(batch)

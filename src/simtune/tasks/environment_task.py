@@ -1,4 +1,4 @@
-"""A task of a gymnasium environment instead of a MuJoCo model: it can be tuned."""
+"""A task with a gymnasium environment instead of a MuJoCo model; it can be tuned."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,27 +14,27 @@ from simtune.simulation.environment import BoxActions
 from simtune.tasks.task import content_hash
 from simtune.views import View
 
-_SLACK = 0.01  # by which the recordings' step may differ from the environment's
+_SLACK = 0.01  # relative difference allowed between the recordings' step and the environment's
 
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentTask:
-    """What `Task` is to a model; see `simulation.environment` for what `make` has to make."""
+    """Counterpart of `Task`; `simulation.environment` says what `make` must return."""
 
     name: str
     description: str
-    make: Callable[[], Any]  # a gymnasium.Env, or what acts like one
+    make: Callable[[], Any]  # returns a gymnasium.Env or an object that acts like one
     parameters: ParameterSpace
-    step_s: float  # that env.step simulates
+    step_s: float  # time that env.step simulates
     episode_steps: int
     cameras: tuple[Footage, ...] = (Footage(camera="render", name="render"),)
-    declared: str = ""  # what files say of it
-    source: str = ""  # as `Task` has it
-    files: tuple[Path, ...] = ()
+    declared: str = ""  # content of the tuning file and of the environment's source
+    source: str = ""  # see `Task`
+    files: tuple[Path, ...] = ()  # see `Task`
 
     @property
     def content_hash(self) -> str:
-        """Another one after a change of it."""
+        """Hash of the declaration; it changes if the declaration does."""
         return content_hash(self.declared, repr(list(self.parameters)))
 
     @cached_property
@@ -49,7 +49,7 @@ class EnvironmentTask:
         return env
 
     def load_actions(self) -> BoxActions:
-        """What actions there are."""
+        """The environment's actions."""
         return BoxActions(self._env.action_space)
 
     def simulator(
@@ -60,10 +60,12 @@ class EnvironmentTask:
         supersampling: int = 1,
         views: Sequence[View] | None = None,
     ) -> EnvironmentSimulator:
-        """Its worlds; see `Task.simulator`. It decides itself how smoothly it draws, and squares.
+        """A simulator of the environment; see `Task.simulator`.
 
-        Raises InputError where recordings have another rate than the environment, or where nothing
-        says where in the picture things are, so that no motion could be seen.
+        The environment itself decides how smoothly it draws, and pictures are square: the arguments
+        `supersampling` and `views` are ignored. Raises InputError if recordings have another rate
+        than the environment, or if the environment does not say where things are in the picture, so
+        that motion could not be seen.
         """
         if step_s and abs(step_s / self.step_s - 1) > _SLACK:
             raise InputError(

@@ -10,7 +10,7 @@ from simtune.tasks.suite import load_suite_spec, suite_task, untextured_model
 from simtune.tasks.task import Task
 
 _SPIN_SPEED_RAD_S = 15.0
-_SPINNER_DAMPING = 0.03  # N·m·s/rad; the file's is that of another task
+_SPINNER_DAMPING = 0.03  # N·m·s/rad; the model file has the value of another task
 
 
 def spin() -> Task:
@@ -43,7 +43,7 @@ def spin() -> Task:
 
 
 def _load_spec() -> mujoco.MjSpec:
-    """The suite's finger as its spin task has it: an easy hinge, and no target to be seen."""
+    """The suite's finger as in its spin task: low spinner damping, and the target is invisible."""
     spec = load_suite_spec("finger")
     spec.joint("hinge").damping[0] = _SPINNER_DAMPING
     for name in ("target", "tip"):
@@ -52,13 +52,13 @@ def _load_spec() -> mujoco.MjSpec:
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:
-    """Finger and spinner at any angles at which they do not touch."""
+    """Draw angles of finger and spinner at which they do not touch."""
     reset_to_default(batch)
     draw_without_contact(batch, lambda ids: randomize_joints(batch, rng, ids))
     batch.forward()
 
 
 def _reward(batch: Batch) -> np.ndarray:
-    """1 while the spinner turns fast enough, in the one direction."""
+    """1 while the spinner turns fast enough in the negative direction."""
     hinge = batch.model.joint("hinge").dofadr[0]
     return (batch.qvel[:, hinge] <= -_SPIN_SPEED_RAD_S).astype(float)

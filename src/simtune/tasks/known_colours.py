@@ -1,4 +1,4 @@
-"""Colours that a user knows, such as a grey card's: by them a camera's gains are found."""
+"""Colours that a user knows, such as a grey card's; a camera's gains are estimated from them."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,21 +14,21 @@ _CHANNELS = ("r", "g", "b")
 
 
 def with_known_colours(task: Task, asked: str | None) -> Task:
-    """The task with colours known as `--known-colour` says: NAME or NAME=R,G,B; several after ";".
+    """The task with the known colours of `--known-colour`: NAME or NAME=R,G,B, separated by ";".
 
-    One without numbers is as the model has it. Raises InputError for what is no colour of it.
+    A colour without numbers has the model's value. Raises InputError for anything else.
     """
     known = dict(task.known_colours)
-    for one in filter(None, (part.strip() for part in (asked or "").split(";"))):
-        name, _, said = one.partition("=")
-        known |= known_colour(task.parameters, name.strip(), _rgb(one, said) if said else None)
+    for entry in filter(None, (part.strip() for part in (asked or "").split(";"))):
+        name, _, rgb = entry.partition("=")
+        known |= known_colour(task.parameters, name.strip(), _rgb(entry, rgb) if rgb else None)
     return replace(task, known_colours=known)
 
 
 def known_colour(
     space: ParameterSpace, name: str, rgb: tuple[float, ...] | None
 ) -> Mapping[str, float]:
-    """{parameter: value} of a colour; None: the nominal one. Raises InputError."""
+    """{parameter: value} of the colour `name`; `rgb` None: the nominal one. Raises InputError."""
     names = [f"{name}_{channel}" for channel in _CHANNELS]
     there = list(dict.fromkeys(p.name[:-2] for p in space if _is_channel(p)))
     if name not in there:
@@ -40,7 +40,7 @@ def known_colour(
 
 
 def known_values(task: object, space: ParameterSpace) -> np.ndarray:
-    """(N,) what is known of a task's parameters, NaN of all others."""
+    """(N,) known values of a task's parameters; NaN for unknown ones."""
     known = task.known_colours if isinstance(task, Task) else {}
     return np.array([known.get(name, np.nan) for name in space.names])
 
@@ -49,11 +49,12 @@ def _is_channel(parameter: Parameter) -> bool:
     return parameter.is_colour and parameter.name.endswith(tuple(f"_{c}" for c in _CHANNELS))
 
 
-def _rgb(one: str, said: str) -> tuple[float, ...]:
+def _rgb(entry: str, rgb: str) -> tuple[float, ...]:
+    """The numbers `rgb` of an entry NAME=R,G,B. Raises InputError."""
     try:
-        values = tuple(float(number) for number in said.split(","))
+        values = tuple(float(number) for number in rgb.split(","))
     except ValueError:
         values = ()
     if len(values) != len(_CHANNELS) or not all(map(is_number, values)):
-        raise InputError(f"--known-colour {one}: expected NAME, or NAME=R,G,B from 0 to 1 each")
+        raise InputError(f"--known-colour {entry}: expected NAME, or NAME=R,G,B from 0 to 1 each")
     return values

@@ -1,8 +1,8 @@
 """Rope peg-in-hole: an arm lowers a peg, which hangs on a rope, into the hole of a tilted box.
 
-After Du et al. 2021 (arXiv:2104.07662, Sec. V), by a scene of our own. The arm starts higher than
-theirs (z 1.0 m instead of 0.87 m), so that longer ropes, too, hang clear of the table. Theirs is a
-tendon, which no ray caster draws; here the rope is always taut.
+After Du et al. 2021 (arXiv:2104.07662, Sec. V), with our own scene. Two differences: the arm starts
+higher (z 1.0 m instead of 0.87 m), so that longer ropes also hang clear of the table; and the rope
+is always taut, since their rope is a tendon, which the ray caster does not draw.
 """
 
 import numpy as np
@@ -15,11 +15,11 @@ from simtune.tasks.xarm7.scene import arm_task, lighting, place_of, start_arm, t
 _WORKSPACE_M = [[-0.25, 0.25], [0.196, 0.546], [0.8, 1.02]]  # of the hand
 _UP = np.array([0.0, 0.0, 1.0])
 _SWING_STD = 0.05  # rad, of the rope at the start
-_ABOVE_M = 0.06  # how high above the hole's mouth the peg comes first
-_OVER_M = 0.03  # of its middle the peg is over the hole
-_THERE_M = 0.03  # of where it shall be the hand is there
-_IN_M = 0.06  # of the hole's middle the peg is in it
-_ROPE = (*(f"rope{i}" for i in range(1, 6)), "peg")  # each hangs on the one before
+_ABOVE_M = 0.06  # height above the hole's mouth to which the peg is moved first
+_OVER_M = 0.03  # horizontal distance from the mouth's middle within which the peg is over the hole
+_THERE_M = 0.03  # horizontal distance from its goal within which the hand has arrived
+_IN_M = 0.06  # distance from the hole's middle within which the peg is in the hole
+_ROPE = (*(f"rope{i}" for i in range(1, 6)), "peg")  # each hangs on the previous one
 _BOX = tuple(f"box_{side}" for side in ("left", "right", "front", "back", "bottom"))
 
 
@@ -52,14 +52,14 @@ def _rope_length() -> Parameter:
         component=2,
         nominal=0.12,
         low=0.04,
-        high=0.24,  # much longer ones could not be lifted over the box
+        high=0.24,  # much longer ropes could not be lifted over the box
         unit="m",
         is_sum=True,
     )
 
 
 def _initialize(batch: Batch, rng: np.random.Generator) -> None:
-    """The arm always at the same place, the rope nearly still."""
+    """Put the arm always at the same place, with the rope nearly still."""
     start_arm(batch)
     swing = batch.model.joint("swing_x").qposadr[0]
     batch.qpos[:, swing : swing + 2] = rng.normal(0, _SWING_STD, (batch.nsim, 2))
@@ -67,7 +67,7 @@ def _initialize(batch: Batch, rng: np.random.Generator) -> None:
 
 
 def _reward(batch: Batch) -> np.ndarray:
-    """Minus the way to the hole, m: over it first, and then down."""
+    """Minus the length of the peg's way to the hole, m: first above it, then down."""
     peg, hole = place_of(batch, "peg"), place_of(batch, "hole")
     above = place_of(batch, "mouth") + _UP * _ABOVE_M
     detour = _distance(peg, above) + _distance(above, hole)
@@ -85,7 +85,7 @@ def _near_success(batch: Batch) -> np.ndarray:
 
 
 def _is_over(peg: np.ndarray, batch: Batch) -> np.ndarray:
-    """(nsim,) bool: seen from above, the peg is at the hole's mouth."""
+    """(nsim,) bool: whether the peg is at the hole's mouth, seen from above."""
     offset = peg - place_of(batch, "mouth")
     return _distance(offset[:, :2], 0) < _OVER_M
 
@@ -95,7 +95,7 @@ def _distance(a: np.ndarray, b: np.ndarray | float) -> np.ndarray:
 
 
 def _script(batch: Batch) -> np.ndarray:
-    """The hand over the hole, without chasing a peg that swings, and then the peg down into it."""
+    """Move the hand over the hole (not the peg, which swings), then lower the peg into it."""
     hand, peg = place_of(batch, "hand"), place_of(batch, "peg")
     rope = _UP * np.linalg.norm(hand - peg, axis=-1, keepdims=True)
     above = place_of(batch, "mouth") + _UP * _ABOVE_M + rope

@@ -1,7 +1,7 @@
-"""What dm_control's tasks share: their models, and soft indicator functions as rewards.
+"""Code shared by dm_control's tasks: models, and soft indicator functions for rewards.
 
-The models are read without importing dm_control, which loads OpenGL. The mathematics of `tolerance`
-is that of dm_control.utils.rewards (Tassa et al. 2018, arXiv:1801.00690, Sec. 4).
+The models are read without importing dm_control, which would load OpenGL. `tolerance` follows
+dm_control.utils.rewards (Tassa et al. 2018, arXiv:1801.00690, Sec. 4).
 """
 
 from collections.abc import Callable
@@ -30,9 +30,9 @@ def suite_task(
     encoders: tuple[str, ...],
     **rest: Any,
 ) -> Task:
-    """The suite's task of its model NAME.xml; `camera` films; `rest`: what else it is.
+    """A task with the suite's model NAME.xml, filmed by `camera`; `rest`: other fields of `Task`.
 
-    `encoders`: joints that have one; they are read where --observe names them.
+    `encoders`: joints with an encoder; --observe must name these, they are not used by default.
     """
     load_spec = load_spec or partial(load_suite_spec, name)
     return Task(
@@ -47,7 +47,7 @@ def suite_task(
 
 
 def _encoders(model: mujoco.MjModel, joints: tuple[str, ...]) -> JointSensor:
-    """Of joints that are all hinges or all slides, and whose zero is where the model has it."""
+    """Encoders of joints that are all hinges or all slides; their zero is the model's."""
     is_hinge = model.joint(joints[0]).type[0] == mujoco.mjtJoint.mjJNT_HINGE
     return JointSensor(
         name="encoders",
@@ -63,7 +63,7 @@ def _encoders(model: mujoco.MjModel, joints: tuple[str, ...]) -> JointSensor:
 
 
 def load_suite_spec(name: str) -> mujoco.MjSpec:
-    """The suite's model NAME.xml with the assets it includes, e.g. "walker"."""
+    """The suite's model NAME.xml, e.g. "walker", with the assets it includes."""
     package = find_spec("dm_control")  # finds a top-level package without importing it
     if package is None or not package.submodule_search_locations:
         raise ModuleNotFoundError("dm_control is not installed; the built-in tasks need its models")
@@ -72,7 +72,7 @@ def load_suite_spec(name: str) -> mujoco.MjSpec:
 
 
 def untextured_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compiled for its numbers alone: the textures take a hundred times as long as all the rest."""
+    """Compile a model without textures, which take a hundred times as long as everything else."""
     spec = spec.copy()
     for texture in spec.textures:
         texture.width = texture.height = 1
@@ -88,9 +88,9 @@ def tolerance(
     value_at_margin: float = 0.1,
     shape: str = "gaussian",
 ) -> np.ndarray:
-    """1 where low <= x <= high, `value_at_margin` at a distance of `margin` from there.
+    """1 where low <= x <= high, falling to `value_at_margin` at a distance of `margin` outside.
 
-    `shape` is how it falls: "gaussian", or "linear" or "quadratic" down to 0.
+    `shape` of the fall: "gaussian", or "linear" or "quadratic" down to 0.
     """
     distance = np.maximum(np.maximum(low - x, x - high), 0) / margin
     if shape == "gaussian":

@@ -1,4 +1,4 @@
-"""What a task is: a model, where to look at it, how it starts, what is good, what is tuned."""
+"""A task: a model, its cameras and sensors, initial states, reward, and the tuned parameters."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,11 +28,11 @@ from simtune.simulation import (
 )
 from simtune.views import View
 
-_SIZES = ("nbuffer", "signature")  # of an MjModel, which grow with the paths of its files
+_SIZES = ("nbuffer", "signature")  # of an MjModel; they depend on the lengths of its file paths
 
 
 def content_hash(*parts: bytes | str) -> str:
-    """Short hexadecimal digits by which a run notices that any of the parts is another one."""
+    """16 hexadecimal digits; a run compares them to notice that a part has changed."""
     digest = sha256()
     for part in parts:
         content = part.encode() if isinstance(part, str) else part
@@ -41,7 +41,7 @@ def content_hash(*parts: bytes | str) -> str:
 
 
 def _content(part: object) -> Iterator[bytes]:
-    """All numbers and names of an MjModel, but not where its files lie."""
+    """All numbers and names of an MjModel, except the paths of its files."""
     for name in sorted(dir(part)):
         if name.startswith("_") or name.endswith(("paths", "pathadr")) or name in _SIZES:
             continue
@@ -56,60 +56,60 @@ def _content(part: object) -> Iterator[bytes]:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A simulated task; each of the built-in ones is a file of this folder."""
+    """A simulated task; each built-in task is a file of this folder."""
 
     name: str
     description: str
-    load_spec: Callable[[], mujoco.MjSpec]  # the nominal model, editable: what is exported
+    load_spec: Callable[[], mujoco.MjSpec]  # the nominal model, editable; used for the export
     parameters: ParameterSpace
-    cameras: tuple[Footage, ...]  # what films, and how; none: only sensors measure
-    sensors: tuple[JointSensor, ...] = ()  # what is measured beside pictures, if recordings have it
-    # Of cameras and sensors, what is looked at unless other names are asked for; None: all of it
+    cameras: tuple[Footage, ...]  # cameras and their recordings; empty: sensors only
+    sensors: tuple[JointSensor, ...] = ()  # measurements beside pictures, if recordings have them
+    # Names of the cameras and sensors used by default; None: all
     looks_at: tuple[str, ...] | None = None
-    control_timestep_s: float  # an action is held for action_repeat of these
-    action_repeat: int
+    control_timestep_s: float
+    action_repeat: int  # number of control timesteps for which an action is held
     episode_steps: int = 200  # policy steps
-    policy_steps: int = 100_000  # in simulation, after which the fast preset has learnt to act
-    # Starts every simulation of the batch anew, whose parameters are written already.
+    policy_steps: int = 100_000  # in simulation; enough for the fast preset to learn the task
+    # Sets the initial state of every simulation of the batch; parameters are written before
     initialize: Callable[[Batch, np.random.Generator], None]
-    map_actions: MapActions = DirectActions  # what actions do, made for a model
-    action_columns: tuple[str, ...] | None = None  # of recordings, by name; None: all they have
-    # (nsim,) reward of the batch's present state, after step(stage=mjSTAGE_VEL), which is one
-    # control timestep; a policy step's reward is the sum over its action_repeat of them.
-    # Tuning looks at no reward: None where no policy is to be trained.
+    map_actions: MapActions = DirectActions  # makes the meaning of actions for a model
+    action_columns: tuple[str, ...] | None = None  # names in recordings; None: all columns
+    # (nsim,) reward of the batch's current state, after step(stage=mjSTAGE_VEL), for one control
+    # timestep; a policy step's reward is the sum over action_repeat of them. Tuning uses no reward,
+    # so None is enough if no policy is trained.
     reward: Callable[[Batch], np.ndarray] | None = None
-    # (nsim,) bool of the batch's present state: done, and nearly so; None where undeclared.
+    # (nsim,) bool for the batch's current state: success, and near success; None: undeclared
     success: Callable[[Batch], np.ndarray] | None = None
     near_success: Callable[[Batch], np.ndarray] | None = None
-    # Acts well by what only a simulator knows: explores what random actions seldom touch.
+    # Acts well with the simulator's state: explores contacts that random actions seldom reach
     script: Script | None = None
-    # Joints whose position makes no difference, such as how far a robot went:
-    # `rollout.Environment.observe` drops it.
+    # Joints whose position makes no difference, such as the distance a robot has gone;
+    # `rollout.Environment.observe` leaves these positions out
     free_joints: tuple[str, ...] = ()
-    # {hinge: n}: after an nth of a turn everything looks and moves the same, so that no picture
-    # tells one from the other; `Environment.observe` does not either.
+    # {hinge: n}: everything looks and moves the same after 1/n of a turn, so pictures cannot
+    # distinguish the angles; neither does `Environment.observe`
     symmetric_hinges: Mapping[str, int] = field(default_factory=dict)
-    # {parameter: value} of colours that are known: by them a camera's gains are found
+    # {parameter: value} of known colours, from which a camera's gains are estimated
     known_colours: Mapping[str, float] = field(default_factory=dict)
-    declared: str = ""  # what a tuning file says of it
-    declared_policy: str = ""  # ... of what is good, which no search looks at
-    source: str = ""  # by which `load_any_task` finds it again, from any folder
-    files: tuple[Path, ...] = ()  # absolute: all that it was read from
+    declared: str = ""  # content of the tuning file
+    declared_policy: str = ""  # its part about reward and success, which no search uses
+    source: str = ""  # name by which `load_any_task` finds the task again, from any folder
+    files: tuple[Path, ...] = ()  # absolute paths of all files it was read from
 
-    @cached_property  # the model is compiled for it
+    @cached_property  # compiles the model
     def content_hash(self) -> str:
-        """Another one after a change of the model, or of what is declared of it."""
+        """Hash of the model and of the tuning file's content; it changes if one of them does."""
         model = b"".join(_content(self.load_model()))
         return content_hash(model, self.declared, repr(list(self.parameters)))
 
     @property
     def policy_hash(self) -> str | None:
-        """The same of what a policy is trained for; None: nothing is declared of it."""
+        """Hash of the declared reward and success; None: none is declared."""
         return content_hash(self.declared_policy) if self.declared_policy else None
 
     @property
     def goals(self) -> dict[str, Callable[[Batch], np.ndarray]]:
-        """What an episode can have reached at its end, by the names that results have."""
+        """{name in results: function} of the goals that an episode may reach at its end."""
         named = {"success": self.success, "near_success": self.near_success}
         return {name: goal for name, goal in named.items() if goal}
 
@@ -120,19 +120,19 @@ class Task:
     def spec_for(self, step_s: float | None = None) -> mujoco.MjSpec:
         """The nominal model, editable, for actions of `step_s` s, by default a policy step.
 
-        Its actuators have what is needed for their parameters: see `prepare_spec`.
+        It is prepared for its parameters; see `prepare_spec`.
         """
         spec = self.load_spec()
         prepare_spec(spec, self.parameters, step_s or self.step_s)
         return spec
 
     def load_actions(self) -> ActionMapping:
-        """What actions do in the nominal model."""
+        """The meaning of actions in the nominal model."""
         return self.map_actions(self.load_model())
 
     @property
     def step_s(self) -> float:
-        """Seconds of one policy step."""
+        """Duration of one policy step."""
         return self.control_timestep_s * self.action_repeat
 
     def simulator(
@@ -145,9 +145,9 @@ class Task:
         supersampling: int = 1,
         views: Sequence[View] | None = None,
     ) -> Simulator:
-        """Worlds of this task; an action lasts `step_s` seconds, by default a policy step.
+        """A simulator of this task; an action lasts `step_s` seconds, by default a policy step.
 
-        Pictures are `image_size` pixels high, of `views` or else of squares by all its cameras.
+        Pictures are `image_size` pixels high and show `views`, by default a square per camera.
         """
         if views is None:
             views = [View(footage.camera) for footage in self.cameras]

@@ -10,7 +10,7 @@ from simtune.tasks.task import Task
 
 _STAND_HEIGHT_M = 1.2  # of the torso
 _WALK_SPEED_M_S = 1.0
-# Each body has one geom, of the same name.
+# Each body has one geom, of the same name
 _LEGS = [f"{side}_{part}" for side in ("right", "left") for part in ("thigh", "leg", "foot")]
 _BODIES = ("torso", *_LEGS)
 _ENCODERS = tuple(f"{side}_{j}" for side in ("right", "left") for j in ("hip", "knee", "ankle"))
@@ -44,7 +44,7 @@ def _initialize(batch: Batch, rng: np.random.Generator) -> None:
 
 
 def _reward(batch: Batch) -> np.ndarray:
-    """Standing, upright, and moving forward."""
+    """High for standing, being upright, and moving forward."""
     torso = batch.model.body("torso").id
     speed = batch.model.sensor("torso_subtreelinvel").adr[0]  # its first component is along x
     standing = tolerance(

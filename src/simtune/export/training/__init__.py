@@ -1,4 +1,4 @@
-"""Files that go into a user's training, where there is no simtune: each is copied as one module."""
+"""Modules for a user's training code, which has no simtune: each is exported as one file."""
 
 import inspect
 from importlib import resources
@@ -9,7 +9,7 @@ LIBRARIES = ("mjlab", "playground")
 
 
 def module_text(library: str) -> str:
-    """The text of one of LIBRARIES's modules, with what it imports from here written into it."""
+    """The text of a module of LIBRARIES, with the function that it imports from here inlined."""
     text = resources.files(__name__).joinpath(f"{library}_worlds.py").read_text("utf-8")
     statement = "from simtune.export.training.rows import rows_of_object\n"
     before, found, after = text.partition(statement)

@@ -1,12 +1,12 @@
-"""Worlds that simtune found possible, as domain randomisation of an mjlab environment.
+"""Domain randomisation of an mjlab environment by worlds that simtune found possible.
 
     from mjlab_worlds import tuned_worlds
 
     cfg.events["tuned_worlds"] = tuned_worlds(prefix="robot/")
 
-Each environment gets one of the worlds in worlds.npz, whole: parameters that only show together
-vary together. `prefix` is the entity's name in the scene, whose objects must have the same names as
-those of the model that was tuned. What mjlab simulates no field for is told, and left out.
+Each environment gets all parameters of one world in worlds.npz, so correlated parameters vary
+together. `prefix` is the entity's name in the scene; its objects must have the same names as in the
+tuned model. Fields that mjlab lacks are left out, with a warning.
 """
 
 import warnings
@@ -29,7 +29,7 @@ WORLDS = Path(__file__).with_name("worlds.npz")
 
 
 def tuned_worlds(prefix: str, mode: str = "startup", worlds: Path = WORLDS) -> EventTermCfg:
-    """An event that draws a world for each environment: once ("startup") or each time ("reset")."""
+    """An event that draws a world for each environment, once ("startup") or at every "reset"."""
     with np.load(worlds) as file:
         num = len(file["draws"])
         found = [

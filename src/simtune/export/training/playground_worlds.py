@@ -1,11 +1,11 @@
-"""Worlds that simtune found possible, as domain randomisation of a MuJoCo Playground environment.
+"""Domain randomisation of a MuJoCo Playground environment by worlds that simtune found possible.
 
     from playground_worlds import domain_randomizer
 
     train(environment=env, randomization_fn=domain_randomizer(env.mj_model), ...)
 
-Each environment gets one of the worlds in worlds.npz, whole: parameters that only show together
-vary together. The model's objects must have the same names as those of the one that was tuned.
+Each environment gets all parameters of one world in worlds.npz, so correlated parameters vary
+together. The model's objects must have the same names as in the tuned model.
 """
 
 import copy
@@ -25,9 +25,9 @@ _ASSETS = ("mesh_", "hfield_", "tex_", "skin_", "bvh_", "oct_")
 
 
 def domain_randomizer(mj_model: mujoco.MjModel, worlds: Path = WORLDS) -> Callable:
-    """A function of (mjx.Model, (E, 2) random keys): the models of E worlds, and their in_axes.
+    """A function that maps (mjx.Model, (E, 2) random keys) to E worlds' models and their in_axes.
 
-    What MJX has no field for is told, and left out.
+    Fields that MJX lacks are left out, with a warning.
     """
     changed = changed_fields(mj_model, worlds)
     with np.load(worlds) as file:
@@ -52,7 +52,7 @@ def domain_randomizer(mj_model: mujoco.MjModel, worlds: Path = WORLDS) -> Callab
 
 
 def changed_fields(mj_model: mujoco.MjModel, worlds: Path = WORLDS) -> dict[str, np.ndarray]:
-    """{field: (worlds, ...) values} of all that differs from the model, derived constants too."""
+    """{field: (worlds, ...) values} of fields that differ from the model, and derived constants."""
     with np.load(worlds) as file:
         targets = [tuple(target) for target in file["targets"].tolist()]
         values = [file[f"values_{i}"] for i in range(len(targets))]
@@ -60,11 +60,11 @@ def changed_fields(mj_model: mujoco.MjModel, worlds: Path = WORLDS) -> dict[str,
     changed: dict[str, np.ndarray] = {}
     for world in range(len(values[0])):
         model = copy.copy(mj_model)
-        for (field, kind, name), each in zip(targets, values, strict=True):
+        for (field, kind, name), by_world in zip(targets, values, strict=True):
             if kind == "opt":
-                setattr(model.opt, field.removeprefix("opt."), each[world])
+                setattr(model.opt, field.removeprefix("opt."), by_world[world])
             else:
-                getattr(model, field)[rows_of_object(model, kind, name)] = each[world]
+                getattr(model, field)[rows_of_object(model, kind, name)] = by_world[world]
         for field, after in _fields(_with_constants(model)).items():
             if not np.array_equal(after, before[field]):
                 whole = np.repeat(before[field][None], len(values[0]), axis=0)
@@ -78,7 +78,7 @@ def _with_constants(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _fields(model: mujoco.MjModel) -> dict[str, np.ndarray]:
-    """What numbers may differ among worlds."""
+    """Fields and options of numbers that may differ among worlds."""
     owners = {"": model, "opt.": model.opt}
     fields = {
         f"{prefix}{name}": getattr(owner, name)

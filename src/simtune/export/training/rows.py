@@ -1,13 +1,13 @@
-"""Where an object's numbers are."""
+"""Rows of an object in a model's fields."""
 
 import mujoco
 import numpy as np
 
 
 def rows_of_object(model: mujoco.MjModel, kind: str, name: str) -> np.ndarray:
-    """Rows of the object's fields: of a joint's degrees of freedom as many as it has, else one.
+    """Rows of an object's fields: one, or for a joint's "dof" fields one per degree of freedom.
 
-    Raises KeyError, which lists the names that there are.
+    Raises KeyError, which lists the valid names.
     """
     if kind == "dof":
         return np.flatnonzero(model.dof_jntid == model.joint(name).id)

@@ -1,4 +1,4 @@
-"""LeRobotDataset: v3.0, whose episodes share files, and v2, with a file an episode."""
+"""LeRobotDataset: v3.0, whose episodes share files, and v2, with one file per episode."""
 
 from simtune.recordings.lerobot.layout import INFO_PATH
 from simtune.recordings.lerobot.source import LeRobotSource

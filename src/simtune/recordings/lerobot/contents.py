@@ -1,4 +1,4 @@
-"""What goes into a LeRobotDataset v3.0, but for its frames."""
+"""Contents of a LeRobotDataset v3.0 that is written, except its frames."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from simtune.recordings.lerobot.stats import count_colours
 from simtune.trajectory import Trajectory
 from simtune.views import apart
 
-# Of the table of rows; without readings there is no STATE.
+# Columns of the table of rows; STATE is missing without readings
 COLUMNS = {
     STATE: "float32",
     "action": "float32",
@@ -21,12 +21,12 @@ COLUMNS = {
     "index": "int64",
     "task_index": "int64",
 }
-CAMERA = "camera0"  # whose the pictures are, if nobody says
-FIRST = {"chunk_index": 0, "file_index": 0}  # what is written goes into the first file of its kind
+CAMERA = "camera0"  # default name of the camera
+FIRST = {"chunk_index": 0, "file_index": 0}  # everything goes into the first file of each kind
 
 
 def first_file(folder: Path, template: str, **names: str) -> Path:
-    """Where it is to be written, by a path of the layout; its folder is made."""
+    """Path of the first file for a path template of the layout; its folder is made."""
     path = folder / template.format(**FIRST, **names)
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
@@ -34,27 +34,28 @@ def first_file(folder: Path, template: str, **names: str) -> Path:
 
 @dataclass(kw_only=True)
 class Contents:
-    """Gathered an episode at a time."""
+    """The contents, added one episode at a time."""
 
     step_s: float
     height: int  # pixels, of all pictures; 0: there are none
     widths: Mapping[str, int]  # {camera: pixels}, in the order in which frames show them
     action_names: tuple[str, ...]
-    reading_names: Mapping[str, Sequence[str]]  # {sensor: its names}
+    reading_names: Mapping[str, Sequence[str]]  # {sensor: names of its numbers}
     robot_type: str
     task: str
-    columns: list[dict[str, np.ndarray]] = field(default_factory=list)  # an episode's rows
-    # an episode's histogram (3, 256) of each camera's pictures
+    # {column: rows} of each episode
+    columns: list[dict[str, np.ndarray]] = field(default_factory=list)
+    # {camera: (3, 256) histogram} of each episode
     colours: list[dict[str, np.ndarray]] = field(default_factory=list)
 
     @property
     def fps(self) -> float:
-        """Rows a second; an int where it is whole, as lerobot wants it."""
+        """Rows per second; an int if it is whole, as lerobot expects."""
         fps = 1 / self.step_s
         return round(fps) if abs(fps - round(fps)) < 1e-6 * fps else fps
 
     def views(self, frames: np.ndarray) -> dict[str, np.ndarray]:
-        """{camera: (T, H, W, 3)} of (T, H, W₁ + W₂ + …, 3) frames."""
+        """{camera: (T, H, W, 3)} from frames (T, H, W₁ + W₂ + …, 3)."""
         return dict(zip(self.widths, apart(frames, list(self.widths.values())), strict=True))
 
     @property
@@ -64,7 +65,7 @@ class Contents:
 
     @property
     def names(self) -> dict[str, list[str]]:
-        """Of the numbers in each column that is a list; {column: names}."""
+        """{column: names of its numbers} for columns of lists."""
         state = [name for names in self.reading_names.values() for name in names]
         return {**({STATE: state} if state else {}), "action": list(self.action_names)}
 
@@ -78,7 +79,7 @@ class Contents:
         return {name: np.concatenate([rows[name] for rows in self.columns]) for name in names}
 
     def add(self, trajectory: Trajectory) -> None:
-        """Note an episode's rows and colours. Raises ValueError where it does not fit in."""
+        """Add an episode's rows and histograms. Raises ValueError if it does not fit."""
         self._check(trajectory)
         frame_index = np.arange(len(trajectory) + 1)
         columns = {
@@ -95,7 +96,7 @@ class Contents:
         self.colours.append({name: count_colours(view) for name, view in views.items()})
 
     def _state(self, trajectory: Trajectory) -> dict[str, np.ndarray]:
-        """{STATE: (T + 1, D)} readings of all sensors; nothing where none was asked for."""
+        """{STATE: (T + 1, D) readings of all sensors}; empty if no readings are written."""
         if not self.reading_names:
             return {}
         return {STATE: np.hstack([trajectory.readings[name] for name in self.reading_names])}

@@ -1,4 +1,4 @@
-"""Where the episodes of a LeRobotDataset lie: what meta/ lists of them, checked."""
+"""Locations of a LeRobotDataset's episodes, as listed in meta/, with checks."""
 
 import itertools
 import reprlib
@@ -15,20 +15,20 @@ from simtune.recordings.source import MOST_ROWS
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """Where one episode lies."""
+    """Location of one episode."""
 
     index: int
     num_rows: int
-    first_index: int | None  # of its rows among those of the dataset, None: not said
+    first_index: int | None  # of its first row among the dataset's rows; None: not listed
     data_file: Path
     video_file: Path | None  # None: no camera was chosen
-    from_s: float  # where it starts in its video file, seconds
+    from_s: float  # its start in the video file, seconds
 
 
 def read_episodes(
     folder: Path, info: dict[str, Any], layout: Layout, camera: str | None
 ) -> tuple[Episode, ...]:
-    """All episodes, by index. Raises InputError where they cannot be as they are listed."""
+    """All episodes, sorted by index. Raises InputError if the list is inconsistent."""
     data_path = _template(folder, info, "data_path", layout)
     video_path = _template(folder, info, "video_path", layout)
 
@@ -77,7 +77,7 @@ def _check(folder: Path, listed: Listed) -> None:
 
 
 def _check_overlaps(episodes: Iterable[Episode], fps: float) -> None:
-    """No frame of a video belongs to two episodes."""
+    """Raise InputError if a frame of a video belongs to two episodes."""
     in_order = sorted(episodes, key=lambda episode: (str(episode.video_file), episode.from_s))
     for before, after in itertools.pairwise(in_order):
         ends_s = before.from_s + (before.num_rows - 0.5) / fps
@@ -89,7 +89,7 @@ def _check_overlaps(episodes: Iterable[Episode], fps: float) -> None:
 
 
 def _template(folder: Path, info: dict[str, Any], key: str, layout: Layout) -> str:
-    """A path template of info.json."""
+    """A path template of info.json. Raises InputError."""
     default: str = getattr(layout, key)
     template = info.get(key) or default
     if not isinstance(template, str) or not layout.template.fullmatch(template):
@@ -98,10 +98,10 @@ def _template(folder: Path, info: dict[str, Any], key: str, layout: Layout) -> s
 
 
 def _inside(folder: Path, place: str) -> Path:
-    """A path within the folder; a dataset must not read what else its user may read.
+    """A path within the folder: a dataset must not make its user read other files.
 
-    Links are followed, wherever they lead: who made them could read their targets, and hubs'
-    caches consist of them.
+    Symbolic links are followed wherever they lead: whoever made a link could read its target, and
+    the caches of model hubs consist of links.
     """
     path = PurePosixPath(place)
     too_long = any(len(part) > 255 for part in path.parts)

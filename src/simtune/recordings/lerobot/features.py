@@ -1,4 +1,4 @@
-"""What the features in meta/info.json say of actions, readings and cameras."""
+"""Actions, readings and cameras from the features in meta/info.json."""
 
 import re
 from collections.abc import Iterator
@@ -10,13 +10,13 @@ from simtune.recordings.lerobot.layout import IMAGES_PREFIX, unexpected
 from simtune.recordings.readings import readings_of
 from simtune.recordings.source import MOST_ACTIONS, Reading, choose_camera, short
 
-_NESTED = 3  # lists in lists, at most
+_NESTED = 3  # largest depth of lists within lists
 _NUMERIC = re.compile(r"u?int\d+|float\d+")  # dtypes
 _NO_READINGS = ("action", "timestamp", "frame_index", "episode_index", "index", "task_index")
 
 
 def action_names(folder: Path, features: dict[str, Any]) -> tuple[str, ...]:
-    """What each number of an action is called. Raises InputError where there are none."""
+    """Names of an action's numbers. Raises InputError if there are no actions."""
     if "action" not in features:
         raise InputError(
             f"{folder}: no column 'action', and without actions nothing can be replayed; "
@@ -32,7 +32,7 @@ def action_names(folder: Path, features: dict[str, Any]) -> tuple[str, ...]:
 
 
 def readings(features: dict[str, Any]) -> tuple[Reading, ...]:
-    """All numbers that were measured, or noted down otherwise, beside each frame."""
+    """All numbers stored with each frame, except actions, times and indices."""
     found = []
     for key, feature in features.items():
         num = _num_values(feature) if isinstance(feature, dict) else None
@@ -46,7 +46,7 @@ def readings(features: dict[str, Any]) -> tuple[Reading, ...]:
 
 
 def choose_video(folder: Path, features: dict[str, Any], camera: str | None) -> str:
-    """The chosen camera's key. Raises InputError where there is no such one."""
+    """Key of the chosen camera. Raises InputError if there is no such camera."""
     dtypes = {key: f.get("dtype") for key, f in features.items() if isinstance(f, dict)}
     cameras = [key for key, dtype in dtypes.items() if dtype == "video"]
     if not cameras and "image" in dtypes.values():
@@ -63,7 +63,7 @@ def choose_video(folder: Path, features: dict[str, Any], camera: str | None) -> 
 
 
 def _num_values(feature: dict[str, Any]) -> int | None:
-    """Of a feature that is one list of numbers a row; None: it is something else."""
+    """Number of values per row, for a feature of lists; None for other features."""
     shape = feature.get("shape")
     if not isinstance(shape, list) or len(shape) != 1 or type(shape[0]) is not int:
         return None
@@ -71,7 +71,7 @@ def _num_values(feature: dict[str, Any]) -> int | None:
 
 
 def _names(names: object, depth: int = _NESTED) -> Iterator[str]:
-    """Of [...], {"motors": [...]} or [[...]], as some recorders have it."""
+    """Names in [...], {"motors": [...]} or [[...]], which different recorders write."""
     if isinstance(names, dict):
         names = list(names.values())
     for name in names if isinstance(names, list) else ():

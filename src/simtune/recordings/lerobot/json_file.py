@@ -1,4 +1,4 @@
-"""JSON that others wrote: files of one object, and of one object a line."""
+"""Reads JSON files from untrusted sources: with one object, or with one object per line."""
 
 import json
 from collections.abc import Iterator
@@ -8,18 +8,18 @@ from typing import Any
 
 from simtune.errors import InputError
 
-_MOST_BYTES = 100_000_000  # of a file, of which a line is read whole
+_MOST_BYTES = 100_000_000  # of a file, since even a single line is read as a whole
 
 
 def read_object(path: Path) -> dict[str, Any]:
-    """A file that is one object. Raises InputError for others."""
+    """The object in a file. Raises InputError if the file does not hold one."""
     with _readable(path):
         text = path.read_text(encoding="utf-8")
     return _object(text, str(path))
 
 
 def read_objects(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """How messages call each line that is not empty, and its object; InputError for others."""
+    """Yield each non-empty line's name in messages, and its object. Raises InputError."""
     with _readable(path), path.open(encoding="utf-8") as file:
         for number, line in enumerate(file, start=1):
             if line.strip():

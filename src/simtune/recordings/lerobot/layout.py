@@ -1,4 +1,4 @@
-"""Names of the LeRobotDataset layouts, for their readers and for the writer, which writes v3.0."""
+"""Names of the LeRobotDataset layouts, for the reader, and for the writer of v3.0."""
 
 import re
 import reprlib
@@ -17,18 +17,18 @@ STATE = "observation.state"
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """Where a version keeps what. Paths are templates, filled in with numbers and a video's key."""
+    """File layout of a version. Paths are templates with numbers and a video's key."""
 
     major: int
-    episodes: str  # where they are listed
+    episodes: str  # place of the list of episodes
     data_path: str
     video_path: str
-    # What templates of a dataset may be. No other fields, widths or attributes: they come from
-    # someone else.
+    # Templates that a dataset may have. Other fields, widths or attributes are refused, since
+    # datasets are untrusted.
     template: re.Pattern[str]
 
 
-# An episode a file.
+# One file per episode
 V2 = Layout(
     major=2,
     episodes="meta/episodes.jsonl",
@@ -38,7 +38,7 @@ V2 = Layout(
         r"(?=.*\{episode_index)([^{}]|\{video_key\}|\{episode_(chunk|index)(:0?\d?d)?\})+"
     ),
 )
-# Many episodes share a file.
+# Many episodes share a file
 V3 = Layout(
     major=3,
     episodes="meta/episodes/",
@@ -49,7 +49,7 @@ V3 = Layout(
 
 
 def layout_of(version: object) -> Layout | None:
-    """Of a dataset that says this `codebase_version`; None: of one that cannot be read."""
+    """Layout of a dataset with this `codebase_version`; None: it cannot be read."""
     if not isinstance(version, str):
         return None
     if re.fullmatch(r"v2\.[01]", version):
@@ -58,5 +58,5 @@ def layout_of(version: object) -> Layout | None:
 
 
 def unexpected(folder: Path, what: str, got: object) -> InputError:
-    """To raise where meta/info.json says something else."""
+    """The error to raise if meta/info.json has an unexpected value."""
     return InputError(f"{folder / INFO_PATH}: expected {what}, got {reprlib.repr(got)}")

@@ -1,4 +1,4 @@
-"""What meta/ lists of each episode: lines of JSON in v2, rows of parquet files in v3."""
+"""Reads the list of episodes in meta/: lines of JSON in v2, rows of parquet files in v3."""
 
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,14 +15,14 @@ from simtune.validate import is_number
 
 @dataclass(frozen=True, kw_only=True)
 class Listed:
-    """An episode as it is listed, nothing of it checked but that numbers are numbers."""
+    """An episode as listed; only checked that numbers are numbers."""
 
-    where: str  # how messages call the place that lists it
+    where: str  # the place that lists it, for messages
     index: int
     num_rows: int
-    first_index: int | None = None  # of its rows among those of the dataset, None: not said
-    from_s: float = 0.0  # where it starts in its video file, seconds
-    # What the paths' templates are filled in with.
+    first_index: int | None = None  # of its first row among the dataset's rows; None: not listed
+    from_s: float = 0.0  # its start in the video file, seconds
+    # Values for the fields of the paths' templates
     data_numbers: Mapping[str, int]
     video_numbers: Mapping[str, int]
 
@@ -30,7 +30,7 @@ class Listed:
 def list_episodes(
     folder: Path, info: dict[str, Any], layout: Layout, camera: str | None
 ) -> Iterator[Listed]:
-    """All episodes, as they come. Without a camera nothing is read of videos."""
+    """Yield all episodes in the listed order; without a camera, videos are ignored."""
     return _in_lines(folder, info) if layout is V2 else _in_tables(folder, camera)
 
 

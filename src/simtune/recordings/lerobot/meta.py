@@ -1,4 +1,4 @@
-"""What a LeRobotDataset says of itself: meta/ read and checked, no frame decoded."""
+"""Reads and checks meta/ of a LeRobotDataset; no frame is decoded."""
 
 import reprlib
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from simtune.recordings.source import LEAST_FPS, MOST_FPS, Reading, is_rate
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetMeta:
-    """A dataset's description, as read by `read_meta`."""
+    """A dataset's description; see `read_meta`."""
 
     version: str  # of the format
     fps: float
@@ -28,11 +28,11 @@ class DatasetMeta:
 def read_meta(folder: Path, camera: str | None = None, *, pictures: bool = True) -> DatasetMeta:
     """Read and check meta/ of a LeRobotDataset v3.0, v2.1 or v2.0.
 
-    `camera` is a video key, "observation.images." left off if you like; it may be None where
-    there is only one. Without `pictures` none is chosen.
+    `camera` is a video key, with or without "observation.images."; it may be None if there is only
+    one. Without `pictures`, no camera is chosen.
 
     Raises:
-        InputError: the folder is no sound dataset, or has no such camera; the message says why
+        InputError: the folder is not a sound dataset, or has no such camera; the message says why
             and what to do.
     """
     info = read_object(folder / INFO_PATH)

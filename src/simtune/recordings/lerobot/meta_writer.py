@@ -1,4 +1,4 @@
-"""Write the meta folder of a LeRobotDataset v3.0: info, statistics, tasks, episodes."""
+"""Writes the meta folder of a LeRobotDataset v3.0: info, statistics, tasks, episodes."""
 
 import json
 from collections.abc import Mapping
@@ -14,18 +14,20 @@ from simtune.recordings.lerobot.layout import CODEBASE_VERSION, DATA_PATH, INFO_
 from simtune.recordings.lerobot.stats import column_stats, image_stats
 
 _EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-_TASK_TEXT = "__index_level_0__"  # as pandas calls the column of an index without a name
+_TASK_TEXT = "__index_level_0__"  # pandas' name for the column of an unnamed index
 
 
 def write_meta(folder: Path, contents: Contents) -> None:
-    """Of a dataset whose episodes are all in `contents`, in the first file of each kind."""
+    """Write meta/ of a dataset with all episodes of `contents`, in the first file of each kind."""
     _write_json(first_file(folder, INFO_PATH), _info(contents))
-    colours = {key: np.sum([its[key] for its in contents.colours], 0) for key in contents.widths}
+    colours = {
+        key: np.sum([counts[key] for counts in contents.colours], 0) for key in contents.widths
+    }
     stats = _stats(contents.all_rows(), colours)
     _write_json(folder / "meta/stats.json", stats)
 
     tasks = pa.table({"task_index": [0], _TASK_TEXT: [contents.task]})
-    # lerobot reads it with pandas and expects the tasks' texts as the index.
+    # lerobot reads the table with pandas and expects the tasks' texts as the index.
     tasks = tasks.replace_schema_metadata({"pandas": json.dumps(_PANDAS_TASKS)})
     pq.write_table(tasks, folder / "meta/tasks.parquet")
 
@@ -34,7 +36,7 @@ def write_meta(folder: Path, contents: Contents) -> None:
 
 
 def _episode_row(contents: Contents, index: int) -> dict[str, Any]:
-    """A row of meta/episodes: where an episode lies, and its statistics."""
+    """A row of meta/episodes: an episode's location and statistics."""
     columns, videos = contents.columns[index], [f"videos/{key}" for key in contents.widths]
     start, stop = int(columns["index"][0]), int(columns["index"][-1]) + 1
     row: dict[str, Any] = {
@@ -57,14 +59,14 @@ def _episode_row(contents: Contents, index: int) -> dict[str, Any]:
 def _stats(
     columns: Mapping[str, np.ndarray], colours: Mapping[str, np.ndarray]
 ) -> dict[str, dict[str, Any]]:
-    """Of some rows and of the (3, 256) histograms of each camera's pictures."""
+    """Statistics of rows, `columns`, and of each camera's (3, 256) histograms, `colours`."""
     num = len(columns["index"])
     pictures = {key: image_stats(counted, num) for key, counted in colours.items()}
     return pictures | {name: column_stats(values) for name, values in columns.items()}
 
 
 def _info(contents: Contents) -> dict[str, Any]:
-    """meta/info.json."""
+    """Content of meta/info.json."""
     num_episodes = len(contents.columns)
     features = {
         key: _video_feature(contents.height, width, contents.fps)
@@ -80,7 +82,7 @@ def _info(contents: Contents) -> dict[str, Any]:
         "total_episodes": num_episodes,
         "total_frames": contents.num_rows,
         "total_tasks": 1,
-        # lerobot's defaults, for those who append to the dataset with it.
+        # lerobot's defaults, used if someone appends to the dataset with lerobot
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,

@@ -1,4 +1,4 @@
-"""Parquet files: columns of numbers, no more of them than memory holds."""
+"""Reads columns of numbers from parquet files, no more than fit into memory."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,13 +11,13 @@ import pyarrow.parquet as pq
 from simtune.errors import InputError
 from simtune.recordings.source import short
 
-# A file of a few kB can hold as many by repeating one, so its size says nothing.
-_MOST_VALUES = 30_000_000  # of a column: 240 MB
+# Of a column: 240 MB. A file's size does not tell: a few kB can encode as many equal values.
+_MOST_VALUES = 30_000_000
 _LISTS = (pa.ListType, pa.LargeListType, pa.FixedSizeListType)
 
 
 def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pa.Table:
-    """Columns of numbers, or of lists of them; InputError where one is missing or damaged."""
+    """Read columns of numbers or of lists of numbers. Raises InputError if missing or damaged."""
     if not path.is_file():
         raise InputError(f"{path}: missing, though the dataset's meta files name it")
     try:
@@ -32,11 +32,11 @@ def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ())
                 if not _holds_numbers(file.schema_arrow.field(column).type):
                     raise InputError(f"{path}: expected numbers in column {column!r}")
                 _check_size(path, file, column)
-            # Of "a" it reads "a.b" as well.
+            # Asked for "a", pyarrow reads "a.b" as well.
             return file.read(wanted).select(wanted)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = (str(error).splitlines() or ["damaged"])[0].rstrip(". ")
-        # It may quote the damaged bytes, which no terminal should be shown.
+        # The message may quote damaged bytes, which must not reach a terminal.
         reason = "".join(char if char.isprintable() else "?" for char in reason)
         raise InputError(
             f"{path}: not a readable parquet file ({reason}); copy the file again"
@@ -44,20 +44,20 @@ def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ())
 
 
 def _holds_numbers(kind: pa.DataType) -> bool:
-    """Numbers, or lists of them."""
+    """Whether the type is a number or a list of numbers."""
     kind = kind.value_type if isinstance(kind, _LISTS) else kind
     numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null)
     return any(is_one(kind) for is_one in numeric)
 
 
 def _check_size(path: Path, file: pq.ParquetFile, column: str) -> None:
-    """Before anything is read of it."""
+    """Raise InputError if the column has too many values, before it is read."""
     metadata, schema = file.metadata, file.schema
     count = metadata.num_rows
     for i in range(len(schema)):
         leaf = schema.column(i)
-        # Of a list it is NAME.list.element, and names may have dots of their own. Of other columns
-        # nothing is asked: where the footer is damaged, to ask may end the process.
+        # A list's leaf is NAME.list.element, and names may contain dots. Other columns are not
+        # queried: with a damaged footer, a query may crash the process.
         if leaf.max_repetition_level and f"{leaf.path}.".startswith(f"{column}."):
             groups = map(metadata.row_group, range(metadata.num_row_groups))
             count = max(count, sum(group.column(i).num_values for group in groups))
@@ -69,7 +69,7 @@ def _check_size(path: Path, file: pq.ParquetFile, column: str) -> None:
 
 
 def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
-    """A column of numbers, (rows,) float64; lists of one number are taken as the number."""
+    """A column of numbers, (rows,) float64; a list of one number counts as a number."""
     lengths, flat = lists(table[column])
     if (lengths != 1).any():
         raise InputError(f"{path}: expected one number a row in column {column!r}")
@@ -77,9 +77,9 @@ def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
 
 
 def lists(values: pa.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
-    """(rows,) lengths of lists of numbers, and all of the numbers.
+    """(rows,) lengths of lists of numbers, and all numbers in one array.
 
-    A plain number counts as a list of one; one that is missing has the length -1.
+    A plain number counts as a list of one; a missing list has the length -1.
     """
     if not isinstance(values.type, _LISTS):
         return np.ones(len(values), int), _floats(values)
@@ -89,5 +89,5 @@ def lists(values: pa.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _floats(values: pa.ChunkedArray) -> np.ndarray:
-    """float64; what is missing is NaN."""
+    """The values as float64; NaN if missing."""
     return values.cast(pa.float64(), safe=False).to_numpy()

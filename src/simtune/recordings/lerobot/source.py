@@ -1,4 +1,4 @@
-"""Episodes of a LeRobotDataset: a row is a frame, and the action applied after it for 1/fps s."""
+"""Episodes of a LeRobotDataset: a row is a frame and the action applied after it for 1/fps s."""
 
 import functools
 from collections.abc import Iterator, Sequence
@@ -18,7 +18,7 @@ from simtune.recordings.source import Reading, Rows, first_wrong
 
 
 class LeRobotSource:
-    """A folder of a LeRobotDataset's layout. See `read_meta`; raises InputError."""
+    """A folder in a LeRobotDataset's layout; see `read_meta`. Raises InputError."""
 
     def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
         meta = read_meta(folder, camera, pictures=pictures)
@@ -31,7 +31,7 @@ class LeRobotSource:
         tables = {path for part in ("meta", "data") for path in (folder / part).rglob("*.*")}
         videos = {e.video_file for e in meta.episodes if e.video_file}
         self.files: Sequence[Path] = [*tables, *videos]
-        # The latest is kept, since the next episode lies in it as a rule.
+        # The latest file is kept, since the next episode is usually in it.
         self._data = functools.lru_cache(maxsize=1)(_read_data)
 
     @property
@@ -62,7 +62,7 @@ class LeRobotSource:
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
         where = self._episodes[episode]
-        # Half a frame, and a little: between two frames either will do.
+        # A little more than half a frame: midway between two frames, either is accepted.
         frames = video.frames_at(
             self._video(where), (where.from_s + times_s).tolist(), tolerance_s=0.51 / self.fps
         )
@@ -75,7 +75,7 @@ class LeRobotSource:
         return where.video_file
 
     def _check_order(self, rows: pa.Table, where: Episode) -> None:
-        """Rows must be the frames 0, 1, 2, ..., and those that meta/ calls this episode."""
+        """Raise InputError unless rows are frames 0, 1, 2, ... of the episode that meta/ names."""
         frame_index = rows["frame_index"].to_numpy()
         if (row := first_wrong(frame_index != np.arange(len(rows)))) is not None:
             raise InputError(
@@ -92,7 +92,7 @@ class LeRobotSource:
             )
 
     def _check_times(self, timestamp_s: np.ndarray, where: Episode) -> None:
-        """Rows must be 1/fps seconds from one to the next."""
+        """Raise InputError unless the rows are 1/fps seconds apart."""
         expected_s = np.arange(len(timestamp_s)) / self.fps
         is_late = ~(np.abs(timestamp_s - timestamp_s[0] - expected_s) < 0.5 / self.fps)
         if (row := first_wrong(is_late)) is not None:
@@ -103,7 +103,7 @@ class LeRobotSource:
             )
 
     def _lists(self, column: pa.ChunkedArray, num: int, what: str, where: Episode) -> np.ndarray:
-        """(T, num), NaN where a number is missing, or a whole list."""
+        """(T, num) numbers; NaN if a number or a whole list is missing."""
         lengths, flat = lists(column)
         is_there = lengths >= 0
         if (row := first_wrong(is_there & (lengths != num))) is not None:
@@ -117,9 +117,9 @@ class LeRobotSource:
 
 
 def _read_data(path: Path, keys: Sequence[str]) -> pa.Table:
-    """A file of rows: actions and `keys` as they are stored, all other columns float64.
+    """Read a file of rows: actions and `keys` as stored, other columns as float64.
 
-    NaN where one is missing.
+    Missing numbers are NaN.
     """
     stored = ("action", *keys)
     table = read_table(path, [*stored, "episode_index", "frame_index", "timestamp"], ["index"])

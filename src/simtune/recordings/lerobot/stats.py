@@ -1,4 +1,4 @@
-"""The statistics that a LeRobotDataset carries for each feature, of an episode and of all."""
+"""Statistics of a LeRobotDataset's features, for each episode and for the dataset."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -9,17 +9,18 @@ _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
 
 def column_stats(values: np.ndarray) -> dict[str, Any]:
-    """Of a column (rows,) or (rows, A), lists of A numbers; integers keep min and max whole.
+    """Statistics of a column (rows,) or (rows, A), as lists of A numbers.
 
-    Numbers that are not finite do not count; where none is, all are 0.
+    Min and max of integers stay integers. Numbers that are not finite are ignored; if none is
+    finite, all statistics are 0.
     """
-    each = [_number_stats(column) for column in values.reshape(len(values), -1).T]
-    stats = {name: [found[name] for found in each] for name in each[0]}
+    by_number = [_number_stats(column) for column in values.reshape(len(values), -1).T]
+    stats = {name: [found[name] for found in by_number] for name in by_number[0]}
     return {**stats, "count": [len(values)]}
 
 
 def _number_stats(values: np.ndarray) -> dict[str, float]:
-    """Of (rows,)."""
+    """Statistics of `values` (rows,)."""
     known = values[np.isfinite(values)]
     if not len(known):
         known = np.zeros_like(values[:1])
@@ -36,7 +37,7 @@ def _number_stats(values: np.ndarray) -> dict[str, float]:
 
 def count_colours(frames: Iterable[np.ndarray]) -> np.ndarray:
     """Histogram (3, 256) of the RGB values of frames (H, W, 3) uint8."""
-    # Histograms of 8-bit values lose nothing, and those of episodes add up.
+    # Histograms of 8-bit values are exact, and those of episodes can be summed.
     counts = np.zeros((3, 256), np.int64)
     for frame in frames:
         for channel in range(3):
@@ -45,7 +46,7 @@ def count_colours(frames: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def image_stats(counts: np.ndarray, num_frames: int) -> dict[str, Any]:
-    """Of pictures, from their histogram (3, 256), (3, 1, 1) lists in [0, 1]."""
+    """Statistics of pictures from their histogram (3, 256), as (3, 1, 1) lists in [0, 1]."""
     values = np.arange(256) / 255
     total, cumulated = counts.sum(1), counts.cumsum(1)
     mean = counts @ values / total

@@ -1,4 +1,4 @@
-"""Write trajectories as a LeRobotDataset v3.0, laid out as the lerobot package does it."""
+"""Writes trajectories as a LeRobotDataset v3.0, in the layout of the lerobot package."""
 
 import itertools
 import json
@@ -21,8 +21,8 @@ from simtune.recordings.source import short
 from simtune.recordings.video_writer import VideoWriter
 from simtune.trajectory import Trajectory
 
-_KEYFRAME_INTERVAL = 2  # lerobot's default: training on the dataset seeks all the time
-_CRF = 18  # lerobot takes 30, which blurs what little detail small pictures have
+_KEYFRAME_INTERVAL = 2  # lerobot's default: training on the dataset seeks often
+_CRF = 18  # lerobot uses 30, which blurs the little detail of small pictures
 
 
 def write_dataset(
@@ -36,24 +36,24 @@ def write_dataset(
     widths: Mapping[str, int] | None = None,
     crf: int = _CRF,
 ) -> None:
-    """Write trajectories, one an episode, as a LeRobotDataset v3.0 (h264).
+    """Write trajectories, one per episode, as a LeRobotDataset v3.0 (h264).
 
-    Of `reading_names`, {sensor: what its numbers are called}, the readings become the feature
-    "observation.state" (float32), one sensor after the other; other readings are left out.
+    The readings of the sensors in `reading_names`, {sensor: names of its numbers}, become the
+    feature "observation.state" (float32), one sensor after the other; other readings are left out.
 
-    `widths`, {camera: pixels}, are those of the views that frames show side by side, by default of
-    one "camera0"; each becomes a video. Of trajectories without pictures the dataset has no camera.
+    `widths`, {camera: pixels}, are the widths of the views that frames show side by side, by
+    default of one "camera0"; each view becomes a video. Without pictures there is no camera.
 
-    A trajectory of T actions becomes T + 1 rows, one a frame; the last row's action, of which
-    no frame shows the outcome, repeats the one before. Trajectories are taken one at a time, so
-    a generator needs memory for one only. `task` says in words what is done, `crf` is x264's
-    quality (less is better). All episodes share one mp4 a camera and one parquet file.
+    A trajectory of T actions becomes T + 1 rows, one per frame; the last row repeats the action
+    before it, since no frame shows the outcome of another one. Trajectories are read one at a time,
+    so a generator needs memory for one only. `task` describes the task in words, `crf` is x264's
+    quality (less is better). All episodes share one mp4 per camera and one parquet file.
 
-    The folder appears whole or not at all: it is written beside its place and then renamed.
+    The folder is written completely or not at all: it is written beside its place, then renamed.
 
     Raises:
         InputError: the folder exists and is not empty, or the pictures have an odd side.
-        ValueError: there is no trajectory, or they do not fit together, or to the names.
+        ValueError: there is no trajectory, or trajectories do not fit each other or the names.
     """
     with _whole_or_not_at_all(Path(folder)) as unfinished:
         trajectories = iter(trajectories)
@@ -91,13 +91,13 @@ def _check_names(reading_names: Mapping[str, Sequence[str]]) -> None:
 
 @contextmanager
 def _whole_or_not_at_all(folder: Path) -> Iterator[Path]:
-    """Where to write what then is renamed to `folder`. Raises InputError where that is taken."""
+    """A temporary folder, renamed to `folder` at the end. Raises InputError if that exists."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         what = "is not empty" if folder.is_dir() else "is a file"
         raise InputError(f"{folder}: exists already and {what}; choose another name")
     unfinished = folder.with_name(f".{folder.name}.{os.getpid()}.part")
-    try:  # before anything is filmed
-        shutil.rmtree(unfinished, ignore_errors=True)  # of one that was killed
+    try:  # fails before anything is filmed
+        shutil.rmtree(unfinished, ignore_errors=True)  # left by a killed process
         unfinished.mkdir(parents=True)
     except OSError as error:
         raise InputError(

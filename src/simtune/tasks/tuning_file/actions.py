@@ -12,7 +12,7 @@ _MAPPINGS = ("direct", "scaled", "joints", "mocap")
 
 
 def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
-    """What makes the mapping for a model. Raises InputError for what does not go with this one."""
+    """A function that makes a model's mapping. Raises InputError if it does not fit `model`."""
     mapping = table.choice("mapping", _MAPPINGS, "direct")
     map_actions: MapActions
     if mapping == "direct":
@@ -53,7 +53,7 @@ def read_actions(table: TomlTable, model: mujoco.MjModel) -> MapActions:
 
 
 def read_columns(table: TomlTable, map_actions: MapActions, model: mujoco.MjModel) -> tuple | None:
-    """Names of the recordings' actions, in the model's order; None: all of them."""
+    """Names of the recordings' action columns, in the model's order; None: all columns."""
     columns = table.names("columns", None)
     if columns is None:
         return None
@@ -65,7 +65,7 @@ def read_columns(table: TomlTable, map_actions: MapActions, model: mujoco.MjMode
 
 
 def _actuators(table: TomlTable, model: mujoco.MjModel) -> tuple[str, ...] | None:
-    """Those named, in that order; None: all."""
+    """The named actuators, in the given order; None: all."""
     if "actuators" not in table:
         return None
     with table.at("actuators"):

@@ -9,9 +9,9 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 
 
 def add_actuators(file: TomlTable, spec: mujoco.MjSpec) -> None:
-    """Servos of positions; in keyframes each is sent to where its joint is.
+    """Add position servos; in keyframes, a servo's control is its joint's position.
 
-    Raises InputError for what is wrong with one, or does not go with the model.
+    Raises InputError if a table is invalid or does not fit the model.
     """
     entries = file.tables("actuators")
     if not entries:

@@ -1,4 +1,4 @@
-"""The tables [[backlash]] of a tuning file: play between motors and what they move."""
+"""The tables [[backlash]] of a tuning file: play between motors and the bodies they move."""
 
 import mujoco
 import numpy as np
@@ -7,15 +7,15 @@ from simtune.parameters.fields import HINGE_OR_SLIDE
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
-_USUAL_RAD = 0.01  # half a degree or so: a hobby servo's; of slides nothing is usual
-_HARD = 2.0  # timesteps: the shortest time constant of a limit that MuJoCo takes
-_IMPEDANCE = (0.95, 0.99, 1e-3, 0.5, 2.0)  # of stops: harder ones rattle where rotors are light
+_USUAL_RAD = 0.01  # play of a hobby servo, about half a degree; slides have no default
+_HARD = 2.0  # timesteps: the shortest time constant of a limit that MuJoCo accepts
+_IMPEDANCE = (0.95, 0.99, 1e-3, 0.5, 2.0)  # of the stops: harder ones rattle with light rotors
 
 
 def add_backlash(file: TomlTable, spec: mujoco.MjSpec) -> None:
-    """A joint NAME_backlash in series with each that is named; in keyframes it is in the middle.
+    """Add a joint NAME_backlash in series with each named joint; in keyframes it is at 0.
 
-    Raises InputError for what is wrong with one, or does not go with the model.
+    Raises InputError if a table is invalid or does not fit the model.
     """
     if not (entries := file.tables("backlash")):
         return
@@ -58,7 +58,7 @@ def _add(entry: TomlTable, spec: mujoco.MjSpec, model: mujoco.MjModel, name: str
         axis=driven.axis,
         pos=driven.pos,
         limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        # As the compiler takes it, which may be told degrees
+        # In the compiler's unit, which may be degrees
         range=np.array([-play, play]) / 2 * _per_radian(spec, model, index),
         solref_limit=[_HARD * spec.option.timestep, 1.0],
         solimp_limit=_IMPEDANCE,
@@ -66,7 +66,7 @@ def _add(entry: TomlTable, spec: mujoco.MjSpec, model: mujoco.MjModel, name: str
 
 
 def _play(entry: TomlTable, model: mujoco.MjModel, joint: int, name: str) -> float:
-    """From end to end, rad or m."""
+    """Play from end to end, rad or m."""
     if "play" not in entry and not _is_hinge(model, joint):
         raise entry.error(f"{name!r} is a slide, which has no usual play: give play, in m", "joint")
     return entry.number("play", _USUAL_RAD, above=0)

@@ -1,4 +1,4 @@
-"""The cameras of a tuning file: the model's by name, or of poses of their own."""
+"""The cameras of a tuning file: cameras of the model, or new ones with a given pose."""
 
 from dataclasses import dataclass, replace
 
@@ -13,21 +13,21 @@ from simtune.tasks.tuning_file.region import own_fovy_deg, read_region, turn
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _POSE = ("position_m", "look_at_m", "up", "quat", "field_of_view_deg", "body")
-_ADDED = "simtune_camera"  # what a camera of its own is called in the model, if nothing else
+_ADDED = "simtune_camera"  # default name of a new camera in the model
 
 
 @dataclass(frozen=True)
 class FilmingCamera:
-    """What a camera films, and where to put it if it is none of the model's."""
+    """A camera's recordings, and its pose if the model does not have the camera."""
 
     footage: Footage
-    position_m: tuple[float, ...] = ()  # (3,), empty where the model has it
+    position_m: tuple[float, ...] = ()  # (3,), empty if the camera is the model's
     quaternion: tuple[float, ...] = ()  # (4,) w, x, y, z: looks along −z, y is up
     fovy_deg: float = 0.0
-    body: str = "world"  # on which it is mounted, in whose frame its pose is
+    body: str = "world"  # on which the camera is mounted; the pose is in its frame
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
-        """Also to one that was tuned and exported, where it is already."""
+        """Add the camera to a model; replaces it in a tuned and exported one that has it."""
         name, lens = self.footage.camera, self.footage.lens
         if self.position_m:
             quaternion = lens.towards_region(self.quaternion) if lens else self.quaternion
@@ -42,11 +42,9 @@ class FilmingCamera:
 
 
 def read_cameras(file: TomlTable, spec: mujoco.MjSpec) -> list[FilmingCamera]:
-    """`camera = "NAME"`, a table [camera], [[cameras]], or nothing where the model has just one.
+    """Read `camera = "NAME"`, a table [camera], or [[cameras]].
 
-    Where sensors measure, one that is not named is not looked at.
-
-    Raises InputError.
+    The default is the model's only camera; with sensors, it is no camera. Raises InputError.
     """
     known = [camera.name for camera in spec.cameras if camera.name]
     if "cameras" in file:
@@ -68,7 +66,7 @@ def read_cameras(file: TomlTable, spec: mujoco.MjSpec) -> list[FilmingCamera]:
 
 
 def _several(tables: list[TomlTable], spec: mujoco.MjSpec, known: list[str]) -> list[FilmingCamera]:
-    """Each of which has a name and a key of its own."""
+    """Cameras of [[cameras]]; raises InputError if two have the same name or key."""
     cameras: list[FilmingCamera] = []
     for table in tables:
         new = _of_table(table, spec, known)
@@ -86,7 +84,7 @@ def _model_s(name: str) -> FilmingCamera:
 
 
 def _named(table: TomlTable, key: str, known: list[str]) -> str:
-    """One of the model's cameras."""
+    """Name of a camera that the model has. Raises InputError."""
     name = table.text(key)
     if name not in known:
         if not known:
@@ -98,7 +96,7 @@ def _named(table: TomlTable, key: str, known: list[str]) -> str:
 
 
 def _of_table(table: TomlTable, spec: mujoco.MjSpec, known: list[str]) -> FilmingCamera:
-    """The model's or one of its own, with what its recordings are."""
+    """A camera of the model, or a new one, with its recordings."""
     table.allow("name", "camera", *_POSE, *FOOTAGE)
     footage = read_footage(table)
     if footage.lens and "field_of_view_deg" in table:
@@ -154,7 +152,7 @@ def _posed(table: TomlTable) -> FilmingCamera:
 
 
 def _looking(position: np.ndarray, target: np.ndarray, up: np.ndarray) -> tuple[float, ...] | None:
-    """The orientation of a camera that looks at a point; None where `up` says no way up."""
+    """(4,) orientation of a camera that looks at `target`; None if it looks along `up`."""
     backward = (position - target) / np.linalg.norm(position - target)
     right = np.cross(up, backward)
     if np.linalg.norm(right) < 1e-6 * max(1e-9, float(np.linalg.norm(up))):

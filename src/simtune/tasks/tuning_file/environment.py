@@ -16,7 +16,7 @@ _PARAMETER_KEYS = ("name", "nominal", "low", "high", "scale", "unit", "shows_in"
 
 
 def read_environment_task(file: TomlTable) -> EnvironmentTask:
-    """The task that a file declares. Raises InputError "FILE:LINE: ..."."""
+    """The task with an environment that a file declares. Raises InputError "FILE:LINE: ..."."""
     file.allow(*_KEYS)
     path = file.file
     with file.at("environment"):
@@ -36,10 +36,10 @@ def read_environment_task(file: TomlTable) -> EnvironmentTask:
 
 
 def _environment(file: TomlTable) -> tuple[str, Callable[[], Any], str]:
-    """What it is called, what makes it, and its source text as far as there is one."""
+    """The environment's name, a function that makes it, and its source text, "" if unknown."""
     if isinstance(given := file.value("environment"), str):
         named = file.text("environment")
-        if is_in_file(named):  # FILE.py:NAME is called, anything else is an id of gymnasium's
+        if is_in_file(named):  # FILE.py:NAME; anything else is an id of gymnasium
             return named, *load_user_code(file.file.parent, named)
         return named, partial(_registered, named), ""
     is_made = hasattr(given, "reset") and not isinstance(given, type)
@@ -51,7 +51,7 @@ def _environment(file: TomlTable) -> tuple[str, Callable[[], Any], str]:
     named = f"{getattr(kind, '__module__', '')}.{getattr(kind, '__qualname__', '')}"
     try:
         source = inspect.getsource(kind)
-    except (OSError, TypeError):  # typed into a prompt, or a partial
+    except (OSError, TypeError):  # defined at a prompt, or a partial
         source = ""
     return named, (lambda: given) if is_made else given, source
 

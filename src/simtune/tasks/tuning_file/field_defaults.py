@@ -1,4 +1,4 @@
-"""What a tuning file leaves out, taken from the model; and what of a model cannot be tuned."""
+"""Defaults of a tuning file, taken from the model, and checks that a field can be tuned."""
 
 import difflib
 
@@ -16,9 +16,9 @@ _JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.va
 
 
 def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
-    """What a model has where the parameter writes, whatever its shape.
+    """The model's values at the places that the parameter writes; of any shape.
 
-    Raises UnknownName for an object, InputError for what cannot be written.
+    Raises UnknownName for an unknown object, InputError if the parameter cannot be written.
     """
     field, values = parameter.field, parameter.field_info.read(model)
     index = field_index(model, parameter, {field: values})
@@ -29,7 +29,7 @@ def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
 
 
 def check_field(model: mujoco.MjModel, field: str) -> None:
-    """Raises InputError for what is no field of real numbers."""
+    """Raises InputError if there is no such field, or it does not hold real numbers."""
     if field not in MODEL_FIELDS:
         if difflib.get_close_matches(field, MODEL_FIELDS, n=1):
             raise UnknownName("field", field, "MjModel", sorted(MODEL_FIELDS))
@@ -42,7 +42,7 @@ def check_field(model: mujoco.MjModel, field: str) -> None:
 
 
 def check_component(model: mujoco.MjModel, parameter: Parameter) -> None:
-    """Raises InputError for one that a row of the field has not."""
+    """Raises InputError for a component that the field's rows do not have."""
     field, component = parameter.field, parameter.component
     values = parameter.field_info.read(model)
     width = values.shape[-1] if values.ndim == 1 + (not parameter.field_info.is_option) else 0
@@ -52,7 +52,7 @@ def check_component(model: mujoco.MjModel, parameter: Parameter) -> None:
 
 
 def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
-    """Raises InputError for objects that have the field, but none that could be another."""
+    """Raises InputError for objects whose value of the field cannot be tuned."""
     for name in parameter.objects:
         rows = rows_of(model, parameter.field, name)
         if problem := parameter.field_info.object_problem(model, rows, name):
@@ -62,7 +62,7 @@ def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
 
 
 def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
-    """The one number that a parameter has in a model: nominal. Raises InputError for several."""
+    """The parameter's nominal value, from the model. Raises InputError if there are several."""
     values, info = own_values(model, parameter), parameter.field_info
     if parameter.is_rotation or info.form == "shift":
         return 0.0
@@ -86,7 +86,7 @@ def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
 
 
 def _has_own(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
-    """Whether each object has the filter, the limit or the compensation that is to be tuned."""
+    """(objects,) bool: whether the object has the filter, limit or compensation to be tuned."""
     if parameter.compensates_weight:
         return own_values(model, parameter) > 0
     ids = [model.actuator(name).id for name in parameter.objects]
@@ -94,9 +94,9 @@ def _has_own(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
 
 
 def _without_form(model: mujoco.MjModel, parameter: Parameter, values: np.ndarray) -> np.ndarray:
-    """The values of which a field has the negative, or of which its ranges are made.
+    """The parameter values behind a field's negatives or ranges; see `Kind.form`.
 
-    Raises InputError for a range that is not made of one.
+    Raises InputError for a missing or asymmetric range.
     """
     if parameter.field_info.form == "negative":
         return -values
@@ -126,7 +126,7 @@ def usual_unit(model: mujoco.MjModel, parameter: Parameter) -> str:
 
 
 def moves_slide(model: mujoco.MjModel, parameter: Parameter) -> bool:
-    """Whether the first object is a slide, or an actuator of one."""
+    """Whether the first object is a slide or an actuator of a slide."""
     if not parameter.field_info.unit_of_slides:
         return False
     name = parameter.objects[0]

@@ -1,4 +1,4 @@
-"""`fixed_joints` of a tuning file: joints that are removed, with all that refers to them."""
+"""`fixed_joints` of a tuning file: joints to remove, with everything that refers to them."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -14,9 +14,9 @@ _TRN, _OBJ, _EQ = mujoco.mjtTrn, mujoco.mjtObj, mujoco.mjtEq
 
 
 def fix_joints(file: TomlTable, spec: mujoco.MjSpec) -> None:
-    """Remove the joints that a file says; bodies stay where `fixed_pose`, or qpos0, has them.
+    """Remove the file's `fixed_joints`; their bodies stay as in `fixed_pose`, by default qpos0.
 
-    Raises InputError for what is wrong with the file, ValueError where MuJoCo refuses.
+    Raises InputError if the file is invalid, ValueError if MuJoCo refuses.
     """
     if "fixed_joints" not in file:
         if "fixed_pose" in file:
@@ -37,7 +37,7 @@ def fix_joints(file: TomlTable, spec: mujoco.MjSpec) -> None:
 
 
 def _remove(spec: mujoco.MjSpec, joints: Iterable[str]) -> list[str]:
-    """Joints and what refers to them; the names of the actuators among it."""
+    """Remove joints and what refers to them; returns the names of the removed actuators."""
     gone: dict[Any, set[str]] = {_OBJ.mjOBJ_JOINT: set(joints)}
     gone[_OBJ.mjOBJ_TENDON] = _delete(
         spec,
@@ -70,7 +70,7 @@ def _remove(spec: mujoco.MjSpec, joints: Iterable[str]) -> list[str]:
 def _delete(
     spec: mujoco.MjSpec, elements: Iterable[Any], is_gone: Callable[[Any], bool]
 ) -> set[str]:
-    """Those that are; their names."""
+    """Delete the elements for which `is_gone`; returns their names."""
     chosen = [element for element in elements if is_gone(element)]
     names = {element.name for element in chosen}
     for element in chosen:
@@ -81,14 +81,14 @@ def _delete(
 def _shorten_keyframes(
     spec: mujoco.MjSpec, model: mujoco.MjModel, joints: set[int], actuators: set[int]
 ) -> None:
-    """Keyframes without the numbers of what was removed from `model`."""
+    """Remove the numbers of joints and actuators that `model` had from the spec's keyframes."""
 
     def kept(num: int, starts: np.ndarray, counts: Iterable[int], removed: set[int]) -> np.ndarray:
         spans = zip(starts.tolist(), counts, strict=True)
         gone = [np.arange(at, at + n) for i, (at, n) in enumerate(spans) if i in removed and n]
         return np.delete(np.arange(num), np.concatenate(gone).astype(int) if gone else [])
 
-    # How many numbers a joint has: positions, and velocities
+    # Ends of the joints' spans in qpos and qvel
     ends = np.append(model.jnt_qposadr[1:], model.nq), np.append(model.jnt_dofadr[1:], model.nv)
     where = {
         "qpos": kept(model.nq, model.jnt_qposadr, ends[0] - model.jnt_qposadr, joints),

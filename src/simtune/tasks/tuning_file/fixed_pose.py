@@ -1,4 +1,4 @@
-"""Bodies where a pose of some joints has them, so that these joints can be removed."""
+"""Moves bodies to a pose of some joints, so that these joints can be removed."""
 
 from typing import NamedTuple
 
@@ -12,13 +12,13 @@ _FREE, _BALL, _SLIDE = _JNT.mjJNT_FREE.value, _JNT.mjJNT_BALL.value, _JNT.mjJNT_
 
 
 class _Pose(NamedTuple):
-    """A rigid motion: first turned, then moved."""
+    """A rigid motion: rotation, then translation."""
 
     pos: np.ndarray  # (3,) m
     quat: np.ndarray  # (4,) w, x, y, z
 
     def then(self, other: "_Pose") -> "_Pose":
-        """`other` within this one's frame."""
+        """The product self · other: `other` in this pose's frame."""
         pos, quat = np.empty(3), np.empty(4)
         mujoco.mju_mulPose(pos, quat, self.pos, self.quat, other.pos, other.quat)
         return _Pose(pos, quat)
@@ -39,10 +39,10 @@ class _Pose(NamedTuple):
 
 
 def move_bodies(model: mujoco.MjModel, fixed: set[int], qpos: np.ndarray) -> None:
-    """Put bodies where (nq,) `qpos` of their fixed joints has them, the other joints at qpos0.
+    """Move bodies to where the fixed joints are at (nq,) `qpos` and the other joints at qpos0.
 
-    A joint that stays moves along with the fixed ones that come after it in the same body.
-    Raises InputError for a ball joint of which that would change the meaning.
+    A remaining joint moves along with the fixed joints that come after it in the same body. Raises
+    InputError if it is a ball joint, whose coordinates would change their meaning.
     """
     for body in range(1, model.nbody):
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
@@ -68,7 +68,7 @@ def move_bodies(model: mujoco.MjModel, fixed: set[int], qpos: np.ndarray) -> Non
 
 
 def _displacement(model: mujoco.MjModel, joint: int, qpos: np.ndarray, at: int) -> _Pose:
-    """What a joint does to its body, in the body's frame."""
+    """Motion of the joint's body at `qpos`, in the body's frame."""
     axis, anchor = model.jnt_axis[joint], model.jnt_pos[joint]
     moved = qpos[at] - model.qpos0[at]
     quat = np.array([1.0, 0, 0, 0])

@@ -1,4 +1,4 @@
-"""What a tuning file says of a camera's recordings: video, lens, background."""
+"""A camera's recordings in a tuning file: video key, lens, background, latency."""
 
 import json
 from pathlib import Path
@@ -19,7 +19,7 @@ _FEWEST_COEFFICIENTS, _COEFFICIENTS = 4, 5  # k3 may be left out
 
 
 def read_footage(table: TomlTable) -> Footage:
-    """Of [camera], or of one of [[cameras]]. Raises InputError."""
+    """Read the recordings of [camera], or of one of [[cameras]]. Raises InputError."""
     latency_s = table.number("latency_s", 0.0)
     if not 0 <= latency_s <= _LONGEST_LATENCY_S:
         raise table.error(
@@ -72,9 +72,9 @@ def _lens(table: TomlTable) -> Lens | None:
 
 
 def read_calibration(path: Path) -> Lens:
-    """OpenCV's FileStorage or ROS's camera_info, YAML or JSON.
+    """Read OpenCV's FileStorage or ROS's camera_info, as YAML or JSON.
 
-    Raises InputError for what is neither.
+    Raises InputError for anything else.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -106,7 +106,7 @@ def read_calibration(path: Path) -> Lens:
 
 
 def _yaml(text: str) -> Any:
-    """OpenCV's has a first line that is no YAML, and a tag of its own."""
+    """Parse YAML; OpenCV's first line, which is not YAML, and its own tag are removed."""
     lines = text.splitlines()
     if lines and lines[0].startswith("%YAML:"):
         lines = lines[1:]
@@ -114,7 +114,7 @@ def _yaml(text: str) -> Any:
 
 
 def _matrix(path: Path, content: dict, names: tuple[str, ...]) -> list[float]:
-    """The numbers of the first of these that is there, row by row."""
+    """The numbers, row by row, of the first of `names` that `content` has."""
     value = next((content[name] for name in names if name in content), None)
     if isinstance(value, dict):
         value = value.get("data")

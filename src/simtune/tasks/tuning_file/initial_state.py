@@ -14,11 +14,12 @@ _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
 _OF_BODIES = (mujoco.mjtEq.mjEQ_CONNECT.value, mujoco.mjtEq.mjEQ_WELD.value)
 _KINDS = ("recording", "distribution", "keyframe")
-_NEAR = 0.1  # of the model's extent: how far off what slides without limits may start
+# Share of the model's extent: unlimited slides and free joints start within it of their pose
+_NEAR = 0.1
 
 
 def read_initial_state(table: TomlTable, model: mujoco.MjModel) -> Start:
-    """Raises InputError for what is wrong with it, or does not go with the model."""
+    """Read the table. Raises InputError if it is invalid or does not fit the model."""
     table.allow("kind", "keyframe", "joints", "may_touch")
     kind = table.choice("kind", _KINDS, "recording")
     if "joints" in table and kind != "distribution":
@@ -42,7 +43,7 @@ def _keyframe(table: TomlTable, model: mujoco.MjModel, is_needed: bool) -> int:
 
 
 def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, list[Spread]]:
-    """For recordings that say nothing of their start: what a fit can find it among."""
+    """Initial states as wide as the joints' ranges, for recordings whose start a fit must find."""
     near = _NEAR * model.stat.extent
     positions, turns, tied = [], [], _tied(model)
     for joint in range(model.njnt):
@@ -54,14 +55,14 @@ def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, 
         elif kind in HINGE_OR_SLIDE:
             width = np.pi if kind == _HINGE else near
             positions.append(Spread(at, pose[at] - width, pose[at] + width))
-        elif kind == _FREE:  # lies or stands somewhere: only its height is kept
+        elif kind == _FREE:  # the body lies or stands anywhere near; only its height is kept
             positions += [Spread(i, pose[i] - near, pose[i] + near) for i in (at, at + 1)]
             turns.append(Spread(at + 3, -np.pi, np.pi))
     return {"positions": positions, "turns": turns}
 
 
 def _tied(model: mujoco.MjModel) -> set[int]:
-    """Joints that an active equality holds together with others: drawn alone they tear it apart."""
+    """Joints coupled by an active equality; drawing them independently would violate it."""
     tied: set[int] = set()
     for i in np.flatnonzero(model.eq_active0):
         pair = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
@@ -71,14 +72,14 @@ def _tied(model: mujoco.MjModel) -> set[int]:
             if model.eq_objtype[i] == mujoco.mjtObj.mjOBJ_SITE.value:
                 pair = [int(model.site_bodyid[site]) for site in pair]
             if (model.body_mocapid[pair] >= 0).any():
-                continue  # which comes to where the other is
+                continue  # the mocap body is moved to the other one
             one, other = (_ancestors(model, body) for body in pair)
             tied |= {joint for joint in range(model.njnt) if model.jnt_bodyid[joint] in one ^ other}
     return tied
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
-    """A body and those that it hangs from, without the world."""
+    """A body and its ancestors, without the world."""
     found = set()
     while body > 0:
         found.add(body)

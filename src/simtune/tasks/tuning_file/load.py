@@ -1,4 +1,4 @@
-"""A tuning file: a user's own model as a task (docs/tuning-file.md)."""
+"""Reads a tuning file: a user's model as a task (docs/tuning-file.md)."""
 
 from pathlib import Path
 
@@ -22,15 +22,14 @@ _MOST_SUBSTEPS = 2000
 
 
 def load_tuning_file(path: Path) -> Task | EnvironmentTask:
-    """The task that a TOML file declares. Raises as `read_task` does."""
+    """The task that a TOML file declares. Raises like `read_task`."""
     return read_task(read_toml(path))
 
 
 def read_task(file: TomlTable) -> Task | EnvironmentTask:
-    """The task that a file, or a dict with the same keys, declares: of a model or an environment.
+    """The task of a model or environment that a file, or a dict with the same keys, declares.
 
-    Raises InputError "FILE:LINE: ..." for whatever is wrong with the file, or does not go with the
-    model that it names.
+    Raises InputError "FILE:LINE: ..." if the file is invalid or does not fit its model.
     """
     if "environment" in file:
         return read_environment_task(file)

@@ -1,4 +1,4 @@
-"""The model of a tuning file: what the model file says, and what the tuning file changes in it."""
+"""The model of a tuning file: read from the model file, then changed as the tuning file says."""
 
 import re
 from collections.abc import Iterable
@@ -15,9 +15,9 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 
 
 def read_model(file: TomlTable) -> mujoco.MjSpec:
-    """The model that `file` names, beside it; everything in it has a name.
+    """The model that the tuning file names, relative to its folder; all objects get names.
 
-    Raises InputError for what is wrong with it, or with what the file changes.
+    Raises InputError if the model, or a change by the tuning file, is invalid.
     """
     path = file.file.parent / model_name(file)
     spec = file.value("model").copy() if _is_spec(file) else _read(file, path)
@@ -38,7 +38,7 @@ def read_model(file: TomlTable) -> mujoco.MjSpec:
 
 
 def model_name(file: TomlTable) -> str:
-    """The model's file, or the name of a spec that a dict has instead. Raises InputError."""
+    """The model's file name, or the name of the spec that a dict has instead. Raises InputError."""
     if "model" in file and isinstance(file.value("model"), mujoco.MjModel):
         raise file.error("a compiled MjModel: give the mujoco.MjSpec, or the file", "model")
     return file.value("model").modelname if _is_spec(file) else file.text("model")
@@ -59,7 +59,7 @@ def _read(file: TomlTable, path: Path) -> mujoco.MjSpec:
 
 
 def _find_packages(spec: mujoco.MjSpec, model: Path) -> None:
-    """Put URDF's "package://NAME/FILE" where it is: in a folder NAME, or beside the model."""
+    """Resolve URDF's "package://NAME/FILE" to a file in a folder NAME, or beside the model."""
     for mesh in spec.meshes:
         if not (words := re.fullmatch(r"package:/+([^/]+)/(.+)", mesh.file)):
             continue
@@ -73,7 +73,7 @@ def _find_packages(spec: mujoco.MjSpec, model: Path) -> None:
 
 
 def _why(error: ValueError, folders: Iterable[Path]) -> str:
-    """What MuJoCo says, and where it looked if it found no file."""
+    """MuJoCo's message, with the folders it searched if it found no file."""
     said = one_line(error)
     if "opening file" not in said:
         return said

@@ -1,12 +1,12 @@
-"""Names for what has none in a model, so that all can be asked for by name."""
+"""Names for a model's unnamed objects, so that all can be referred to by name."""
 
 import mujoco
 
 
 def name_all(spec: mujoco.MjSpec) -> None:
-    """Call "geom 12", by its index in the compiled model, what has no name.
+    """Give unnamed objects names such as "geom 12", with the index in the compiled model.
 
-    Raises ValueError where MuJoCo cannot compile the model.
+    Raises ValueError if MuJoCo cannot compile the model.
     """
     spec.compile()
     plurals = {"body": "bodies", "equality": "equalities", "keyframe": "keys"}

@@ -1,11 +1,11 @@
-"""Which files a tuning file is made of: itself, its model, meshes, pictures, code."""
+"""The files that a tuning file consists of: itself, its model, meshes, pictures, code."""
 
 import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
-_TEXTS = (".toml", ".xml", ".mjcf", ".urdf", ".py")  # that may name others
+_TEXTS = (".toml", ".xml", ".mjcf", ".urdf", ".py")  # files that may name others
 _QUOTED = re.compile(r"""(?=(["'])([^"'\n]+)\1)""")  # also after an apostrophe in a comment
 _NUMBERS = re.compile(r"[-+.\deE\s]+")
 _PACKAGE = re.compile(r"package:/+(.+)")
@@ -14,10 +14,10 @@ _IMPORT = re.compile(r"^\s*(?:from|import)\s+(\w+)", re.MULTILINE)
 
 
 def named_files(first: Path) -> tuple[Path, ...]:
-    """`first`, an absolute path, and all files that it names, or that these name.
+    """`first`, an absolute path, and all files that it names, directly or through other files.
 
-    Whatever stands in quotes is looked for beside the files, and in folders that they name (MJCF's
-    meshdir): a file that is not used may be among them.
+    All quoted texts are looked up beside the files and in folders that they name (MJCF's meshdir),
+    so the result may contain files that are not used.
     """
     found: dict[Path, list[str]] = {}
     folders: dict[Path, None] = {}
@@ -35,14 +35,14 @@ def named_files(first: Path) -> tuple[Path, ...]:
 
 
 def _names(file: Path) -> Iterator[str]:
-    """What a file may call others by."""
+    """Texts in a file that may be names of other files."""
     if file.suffix.lower() not in _TEXTS:
         return
     text = file.read_text(encoding="utf-8", errors="ignore")
     for _, quoted in _QUOTED.findall(text):
         if match := _IN_CODE.fullmatch(quoted):
             yield match[1]
-        elif match := _PACKAGE.fullmatch(quoted):  # in a folder above, or beside: model.py
+        elif match := _PACKAGE.fullmatch(quoted):  # in a folder above or beside, as in model.py
             above = [folder / match[1] for folder in file.parents]
             yield from map(str, (*above, file.parent / match[1].partition("/")[2]))
             yield Path(quoted).name

@@ -1,4 +1,4 @@
-"""How a tuning file names objects of a model: by name, by a pattern, or by what they belong to."""
+"""Finds a model's objects by name, by a pattern, or by the joint or body they belong to."""
 
 import re
 from collections.abc import Sequence
@@ -16,33 +16,33 @@ _JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.va
 
 
 def names_of(model: mujoco.MjModel, kind: str) -> list[str]:
-    """Of all objects of a kind, such as "joint", in the model's order; "" for one without."""
+    """Names of all objects of a kind, such as "joint", in the model's order; "" if unnamed."""
     owner = _KINDS[kind]
     count = getattr(model, owner.count)
     return [mujoco.mj_id2name(model, owner.mjt, i) or "" for i in range(count)]
 
 
 def find_objects(model: mujoco.MjModel, kind: str, given: Sequence[str]) -> tuple[str, ...]:
-    """The names of the objects meant: "left_*" and "geoms of gripper" may be several.
+    """Names of the given objects; "left_*" and "geoms of gripper" may be several.
 
-    Raises UnknownName for what the model lacks, InputError for what belongs to nothing.
+    Raises UnknownName for objects that the model lacks, InputError if a body or joint has none.
     """
     known, found = names_of(model, kind), []
-    for one in given:
-        if one in known:
-            found.append(one)  # also twice, of which others complain
+    for text in given:
+        if text in known:
+            found.append(text)  # duplicates are kept; callers report them
             continue
-        meant = _belonging(model, kind, one)
+        meant = _belonging(model, kind, text)
         if meant is None:
-            meant = [name for name in known if name and fnmatchcase(name, one)]
+            meant = [name for name in known if name and fnmatchcase(name, text)]
         if not meant:
-            raise UnknownName(kind, one, "the model", filter(None, known))
+            raise UnknownName(kind, text, "the model", filter(None, known))
         found += [name for name in meant if name not in found]
     return tuple(found)
 
 
 def _belonging(model: mujoco.MjModel, kind: str, given: str) -> list[str] | None:
-    """Those of "actuator of elbow" or "geoms of gripper"; None for what is no such words."""
+    """Names meant by "actuator of elbow" or "geoms of gripper"; None for other texts."""
     words = re.fullmatch(rf"{kind}s? of (.+)", given)
     if not words:
         return None
@@ -69,7 +69,7 @@ def _index(model: mujoco.MjModel, kind: str, name: str) -> int:
 
 
 def find_keyframe(model: mujoco.MjModel, name: str) -> int:
-    """Its index. Raises UnknownName."""
+    """Index of a keyframe. Raises UnknownName."""
     known = [model.key(i).name for i in range(model.nkey)]
     if name not in known:
         raise UnknownName("keyframe", name, "the model", filter(None, known))

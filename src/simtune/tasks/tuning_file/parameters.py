@@ -30,10 +30,10 @@ _ALL += ("known",)
 def read_parameters(
     file: TomlTable, spec: mujoco.MjSpec, cameras: Sequence[str], step_s: float
 ) -> ParameterSpace:
-    """All of them, in the file's order, checked against the model, which may be changed.
+    """Read all parameters in the file's order and check them against the model.
 
-    `cameras`: the names of those that film; `step_s`: of a policy step.
-    Raises InputError for what is wrong with one, or does not go with the model.
+    `spec` is changed if a parameter needs it. `cameras`: names of the filming cameras; `step_s`:
+    duration of a policy step. Raises InputError if a parameter is invalid or does not fit.
     """
     entries = file.tables("parameters")
     if not entries:
@@ -51,7 +51,7 @@ def read_parameters(
 
 
 def read_known_colours(file: TomlTable, space: ParameterSpace) -> dict[str, float]:
-    """{parameter: value} of the colours that the file calls known. Raises InputError."""
+    """{parameter: value} of the colours with `known = true`. Raises InputError."""
     known: dict[str, float] = {}
     for entry in file.tables("parameters"):
         if entry.flag("known", False):
@@ -72,10 +72,10 @@ def _read(entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str]) -> li
         component = entry.whole("component", None, least=0)
         return [_number(entry, model, field, _objects(entry, model, field, ()), component)]
     if "kind" not in entry:
-        entry.allow(*_ALL)  # it may be misspelt
+        entry.allow(*_ALL)  # first look for a misspelt key
         raise entry.error(f"{name} has neither kind nor field: expected one of them")
     field, kind = KINDS[entry.choice("kind", KINDS)]
-    films = tuple(cameras) if len(cameras) == 1 else None  # of several one has to be named
+    films = tuple(cameras) if len(cameras) == 1 else None  # with several, the file must name one
     if kind.makes == "rgb":
         return _colour(entry, model, field.name)
     if kind.makes == "pose":
@@ -91,7 +91,7 @@ def _read(entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str]) -> li
 def _objects(
     entry: TomlTable, model: mujoco.MjModel, field: str, default: tuple[str, ...] | None = None
 ) -> tuple[str, ...]:
-    """The names meant by `objects`, which is needed where there is no default."""
+    """The names meant by the key `objects`, which is required without a default."""
     given = entry.names("objects") if default is None else entry.names("objects", default)
     owner = field_of(field).object_type
     if owner is None or "objects" not in entry:
@@ -108,28 +108,28 @@ def _number(
     component: int | None,
     kind: str = "",
 ) -> Parameter:
-    """One parameter; what is not said is the model's own, or what is usual for the field."""
-    some = _some_parameter(entry, model, field, objects, component, kind)
-    nominal = entry.number("nominal", None)
+    """One parameter; missing keys default to the model's value or the field's usual range."""
+    draft = _draft(entry, model, field, objects, component, kind)
+    name, nominal = draft.name, entry.number("nominal", None)
     if nominal is None:
-        nominal = own_nominal(model, some)
-    if nominal < 0 and some.field_info.is_never_negative:
-        raise entry.error(f"{some.name}: {field} cannot be negative, got {nominal:g}", "nominal")
-    low, high, scale = some.field_info.usual_range(nominal, moves_slide(model, some))
+        nominal = own_nominal(model, draft)
+    if nominal < 0 and draft.field_info.is_never_negative:
+        raise entry.error(f"{name}: {field} cannot be negative, got {nominal:g}", "nominal")
+    low, high, scale = draft.field_info.usual_range(nominal, moves_slide(model, draft))
     low, high = entry.number("low", low), entry.number("high", high)
     if low is None or high is None:
         known = " and ".join(k for k, v in (("low", low), ("high", high)) if v is None)
         wanted = f"{field} has no usual range around {nominal:g}: give {known}"
-        if nominal == 0 and not some.is_delay and "nominal" not in entry:
+        if nominal == 0 and not draft.is_delay and "nominal" not in entry:
             wanted = f"{field} is 0 in the model, so there is no usual range: give nominal, a guess"
-        raise entry.error(f"{some.name}: {wanted}")
+        raise entry.error(f"{name}: {wanted}")
     scale = entry.choice("scale", ("log", "linear"), scale if low > 0 else "linear")
-    unit = entry.text("unit", usual_unit(model, some))
+    unit = entry.text("unit", usual_unit(model, draft))
     with entry.at("low" if "low" in entry else "nominal"):
-        return replace(some, nominal=nominal, low=low, high=high, scale=scale, unit=unit)
+        return replace(draft, nominal=nominal, low=low, high=high, scale=scale, unit=unit)
 
 
-def _some_parameter(
+def _draft(
     entry: TomlTable,
     model: mujoco.MjModel,
     field: str,
@@ -137,12 +137,12 @@ def _some_parameter(
     component: int | None = None,
     kind: str = "",
 ) -> Parameter:
-    """The parameter but for its numbers, which stand for any; the model has it."""
+    """The parameter with placeholders for nominal and bounds, checked against the model."""
     if twice := next((name for name in objects if objects.count(name) > 1), None):
         raise entry.error(f"{twice!r} is named twice", "objects")
     with entry.at("field"):
         check_field(model, field)
-    some = Parameter(
+    draft = Parameter(
         name=entry.text("name"),
         field=field,
         objects=objects,
@@ -155,18 +155,18 @@ def _some_parameter(
         kind=kind,
     )
     with entry.at("component" if component is not None else "objects"):
-        check_component(model, some)
+        check_component(model, draft)
     with entry.at("objects"):
-        own_values(model, some)
-        check_objects(model, some)
-    return some
+        own_values(model, draft)
+        check_objects(model, draft)
+    return draft
 
 
 def _colour(entry: TomlTable, model: mujoco.MjModel, field: str) -> list[Parameter]:
-    """NAME_r, NAME_g and NAME_b."""
+    """Parameters NAME_r, NAME_g and NAME_b."""
     entry.allow("name", "kind", "objects", "nominal", "known")
     objects = _objects(entry, model, field)
-    channels = [_some_parameter(entry, model, field, objects, i) for i in range(3)]
+    channels = [_draft(entry, model, field, objects, i) for i in range(3)]
     given = entry.numbers("nominal", 3, None)
     red, green, blue = given or (own_nominal(model, channel) for channel in channels)
     return colour(entry.text("name"), objects, (red, green, blue), field=field)
@@ -175,12 +175,12 @@ def _colour(entry: TomlTable, model: mujoco.MjModel, field: str) -> list[Paramet
 def _camera_pose(
     entry: TomlTable, model: mujoco.MjModel, films: tuple[str, ...] | None
 ) -> list[Parameter]:
-    """NAME_x, NAME_y, NAME_z, NAME_pitch, NAME_yaw and NAME_roll."""
+    """Parameters NAME_x, NAME_y, NAME_z, NAME_pitch, NAME_yaw and NAME_roll."""
     entry.allow("name", "kind", "objects", "within_m", "within_rad")
     cameras = _objects(entry, model, "cam_pos", films)
     if len(cameras) != 1:
         raise entry.error("a camera_pose is of one camera", "objects")
-    position = own_values(model, _some_parameter(entry, model, "cam_pos", cameras))[0]
+    position = own_values(model, _draft(entry, model, "cam_pos", cameras))[0]
     x, y, z = map(float, position)
     keys = [key for key in ("within_m", "within_rad") if key in entry]
     within = {key: entry.number(key, above=0) for key in keys}

@@ -1,4 +1,4 @@
-"""The table [policy] of a tuning file: what is good, so that a policy can be trained."""
+"""The table [policy] of a tuning file: reward and success, for training a policy."""
 
 import itertools
 from collections.abc import Callable
@@ -20,9 +20,9 @@ _KEYS = (*_GOALS, "steps", "free_joints", "symmetric_hinges")
 
 
 class WorldsData:
-    """What a user's reward sees: MjData of n worlds at once, and `model`.
+    """Argument of a user's reward: MjData of n worlds, and `model`.
 
-    Each field has the worlds as its first axis: `qpos` is (n, nq), `xpos` is (n, nbody, 3).
+    The first axis of each field is the worlds: `qpos` is (n, nq), `xpos` is (n, nbody, 3).
     """
 
     def __init__(self, batch: Batch):
@@ -33,14 +33,14 @@ class WorldsData:
             values = computed(self._batch, field).view()
         except ValueError as error:
             raise AttributeError(str(error)) from None
-        values.flags.writeable = False  # it is the simulation's own memory
+        values.flags.writeable = False  # this is the simulation's own memory
         return values
 
 
 def read_policy(table: TomlTable, model: mujoco.MjModel) -> dict[str, Any]:
-    """What a `Task` has of it; nothing for an empty table.
+    """Fields of a `Task`; none for an empty table.
 
-    Raises InputError for what is wrong with it, or does not go with the model.
+    Raises InputError if the table is invalid or does not fit the model.
     """
     table.allow(*_KEYS)
     if table.is_empty:
@@ -71,7 +71,7 @@ def read_policy(table: TomlTable, model: mujoco.MjModel) -> dict[str, Any]:
 
 
 def _of_worlds(named: str, function: Callable[..., Any]) -> Callable[[Batch], np.ndarray]:
-    """The user's function of a batch. Raises InputError where it fails."""
+    """The user's function, applied to a batch. Raises InputError if it fails."""
 
     def call(batch: Batch) -> np.ndarray:
         with blame(f"{named} failed"):
@@ -87,9 +87,13 @@ def _of_worlds(named: str, function: Callable[..., Any]) -> Callable[[Batch], np
 
 
 def _some_worlds(model: mujoco.MjModel) -> Batch:
-    """In the default state, as many as there is nothing else of: an axis left out is noticed."""
-    every = (getattr(model, name) for name in dir(model) if name.startswith("n"))
-    sizes = {size for size in every if isinstance(size, int)}
+    """A batch in the default state.
+
+    The number of worlds differs from all sizes of the model, so that a function that confuses the
+    axes is noticed.
+    """
+    counts = (getattr(model, name) for name in dir(model) if name.startswith("n"))
+    sizes = {size for size in counts if isinstance(size, int)}
     batch = Batch(model, next(n for n in itertools.count(11) if n not in sizes), 1)
     batch.forward()
     return batch

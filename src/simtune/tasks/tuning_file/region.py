@@ -1,4 +1,4 @@
-"""A region of interest: a camera's part of a picture, as another camera at its place sees it."""
+"""A region of interest: a part of a camera's picture, seen by a virtual camera at its place."""
 
 import json
 from dataclasses import replace
@@ -12,7 +12,7 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 
 
 def read_region(table: TomlTable, lens: Lens | None, fovy_deg: float) -> Lens | None:
-    """The lens that looks at a region alone, where there is one; without a lens, a pinhole's."""
+    """The lens restricted to the table's region, if it has one; the default is a pinhole's."""
     if "region" not in table:
         return lens
     given, sizes = table.table("region"), ("width", "height")
@@ -28,11 +28,10 @@ def read_region(table: TomlTable, lens: Lens | None, fovy_deg: float) -> Lens | 
 
 
 def turn(spec: mujoco.MjSpec, name: str, lens: Lens) -> None:
-    """A camera of the model, wherever it is mounted, so that it looks at the lens's region.
+    """Turn a camera of the model, wherever it is mounted, so that it looks at the lens's region.
 
-    Its field of view is the caller's to set. A model that was tuned and exported says that it was
-    turned already. Raises InputError where that was to another region, and for a camera that turns
-    by itself.
+    The caller sets its field of view. A tuned and exported model notes that its camera is turned
+    already. Raises InputError if it was turned to another region, or if the camera is not fixed.
     """
     if lens.region is None:
         return
@@ -41,23 +40,23 @@ def turn(spec: mujoco.MjSpec, name: str, lens: Lens) -> None:
         if known["region"] != list(lens.region):
             raise InputError(f"camera {name} of the model looks at region {known['region']} only")
         return
-    before, its = spec.camera(name), spec.compile().camera(name)
-    if its.mode[0] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED:
+    before, compiled = spec.camera(name), spec.compile().camera(name)
+    if compiled.mode[0] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED:
         raise InputError(f"camera {name} turns by itself: a region needs one that is fixed")
     known, body = {"region": lens.region, "fovy_deg": float(before.fovy)}, before.parent
     spec.delete(before)
-    body.add_camera(name=name, pos=its.pos, quat=lens.towards_region(its.quat))
+    body.add_camera(name=name, pos=compiled.pos, quat=lens.towards_region(compiled.quat))
     spec.add_text(name=_text(name), data=json.dumps(known))
 
 
 def own_fovy_deg(spec: mujoco.MjSpec, name: str) -> float:
-    """A camera's vertical field of view, before it looked at a region only."""
+    """A camera's vertical field of view, before it was turned to a region."""
     known = _known(spec, name)
     return float(known["fovy_deg"] if known else spec.camera(name).fovy)
 
 
 def _known(spec: mujoco.MjSpec, name: str) -> dict[str, Any]:
-    """What a model says of a camera that was turned; nothing where it was not."""
+    """The model's note about a turned camera; empty if it was not turned."""
     texts = {text.name: text.data for text in spec.texts}
     return json.loads(texts.get(_text(name), "{}"))
 

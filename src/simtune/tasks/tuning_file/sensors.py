@@ -1,4 +1,4 @@
-"""The tables [[sensors]] of a tuning file: what is measured beside pictures."""
+"""The tables [[sensors]] of a tuning file: measurements beside pictures."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ _KEYS = ("name", "columns", "joints", "quantity", "unit", "noise", "offset", "la
 _KEYS += ("behind_backlash",)
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 _LONGEST_LATENCY_S = 1.0
-# What a recorded number has to be divided by
+# Divisors that turn recorded numbers into rad or m
 _UNITS = {
     "rad": 1.0,
     "deg": 180 / np.pi,
@@ -21,13 +21,13 @@ _UNITS = {
     "mm": 1000.0,
 }
 _TURNS = ("rad", "deg")
-# From one end of a joint's range to the other: LeRobot has both
+# Values at the ends of a joint's range; LeRobot uses both units
 _OF_RANGE = {"percent": (0.0, 100.0), "-100..100": (-100.0, 100.0)}
 _KINDS = ("cameras", "joints")
 
 
 def read_sensors(file: TomlTable, model: mujoco.MjModel) -> tuple[JointSensor, ...]:
-    """All of them. Raises InputError."""
+    """Read all sensors. Raises InputError."""
     sensors: list[JointSensor] = []
     for entry in file.tables("sensors"):
         sensor = _read(entry, model)
@@ -86,7 +86,7 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
 def _plays(
     entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, addresses: np.ndarray
 ) -> np.ndarray:
-    """(D,) places of what is each joint's play, -1 where it has none."""
+    """(D,) addresses of the joints' plays in qpos or qvel; -1: no play."""
     plays = np.array([play_of(model, joint) for joint in ids])
     if plays.max() < 0:
         raise entry.error("none of the joints has one: declare [[backlash]]", "behind_backlash")
@@ -100,7 +100,7 @@ def _own_unit(model: mujoco.MjModel, ids: np.ndarray) -> str:
 def _recorded_per_unit(
     entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, is_velocity: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(D,) what joints' rad or m are multiplied by in a recording, and what is added."""
+    """(D,) factor and (D,) shift that turn the joints' rad or m into recorded numbers."""
     unit = entry.choice("unit", (*_UNITS, *_OF_RANGE), _own_unit(model, ids))
     if unit in _OF_RANGE:
         if is_velocity:
@@ -123,7 +123,7 @@ def _joint(entry: TomlTable, model: mujoco.MjModel, name: str) -> int:
 def _of_range(
     entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, unit: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What a joint's position is multiplied by, and what is added: the unit over its range."""
+    """Factor and shift, as in `_recorded_per_unit`, for a unit that is relative to the range."""
     if len(set(model.jnt_type[ids].tolist())) > 1:
         raise entry.error("give hinges and slides sensors of their own", "joints")
     low, high = model.jnt_range[ids].T

@@ -1,4 +1,4 @@
-"""Where episodes of a user's own model start: a pose, and what is drawn around it."""
+"""Initial states of a user's model: a pose, and random changes of it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _POS = mujoco.mjtStage.mjSTAGE_POS.value
 
 @dataclass(frozen=True)
 class Spread:
-    """A number of qpos or qvel, uniform between low and high."""
+    """A component of qpos or qvel that is drawn uniformly between low and high."""
 
     index: int
     low: float
@@ -24,24 +24,24 @@ class Spread:
 
 @dataclass(frozen=True, kw_only=True)
 class Start:
-    """Starts the worlds of a batch anew; a task's `initialize`.
+    """Sets the initial states of a batch; used as a task's `initialize`.
 
-    What is drawn inside something else would be thrown out of it, so positions are drawn until
-    there are no more contacts than in the pose itself, unless things `may_touch`.
-    Raises InputError where that cannot be had.
+    Objects that start inside others would be thrown out. So positions are drawn until there are no
+    more contacts than in the pose itself, unless things `may_touch`. Raises InputError if no such
+    state is found.
     """
 
-    where: str  # in the user's file, for messages
+    where: str  # place in the user's file, for messages
     keyframe: int = -1  # -1: the model's default state
     positions: Sequence[Spread] = ()
-    # By what free joints are turned about the world's z, rad; the index is their quaternion's.
+    # Rotations of free joints about the world's z, rad; the index is that of the quaternion
     turns: Sequence[Spread] = ()
     velocities: Sequence[Spread] = ()
     may_touch: bool = False
 
     def __call__(self, batch: Batch, rng: np.random.Generator) -> None:
         batch.reset(keyframe=self.keyframe, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        if self.keyframe < 0:  # where encoders are at 0, whatever a world's joint_offset
+        if self.keyframe < 0:  # the nominal qpos0, where encoders are 0 for any joint_offset
             batch.qpos[...] = batch.model.qpos0
         if self.positions or self.turns:
             self._draw_positions(batch, rng)
@@ -71,7 +71,7 @@ class Start:
 
 
 def _turned(quaternions: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(n, 4) w, x, y, z after turns of (n,) rad about the world's z axis."""
+    """(n, 4) quaternions w, x, y, z rotated by (n,) rad about the world's z axis."""
     cos, sin = np.cos(angle / 2), np.sin(angle / 2)
     w, x, y, z = quaternions.T
     return np.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], 1)

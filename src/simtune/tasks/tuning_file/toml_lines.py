@@ -1,13 +1,13 @@
-"""In which line of a TOML file each key is, which Python's parser does not tell.
+"""Line numbers of a TOML file's keys, which Python's parser does not give.
 
-Each statement of a TOML file, a table's header or a key with its value, is a TOML file by itself.
-So lines are collected until they parse, and what they parse to says what they are about.
+Each statement of a TOML file (a table's header, or a key with its value) is itself a valid TOML
+file. So lines are collected until they parse, and the result tells which key they hold.
 """
 
 import tomllib
 from typing import Any
 
-KeyPath = tuple[str | int, ...]  # ("parameters", 2, "name"): of the third of [[parameters]]
+KeyPath = tuple[str | int, ...]  # ("parameters", 2, "name"): name in the third [[parameters]]
 
 
 def key_lines(text: str) -> dict[KeyPath, int]:
@@ -20,7 +20,7 @@ def key_lines(text: str) -> dict[KeyPath, int]:
         try:
             statement = tomllib.loads(collected)
         except tomllib.TOMLDecodeError:
-            continue  # an array or a text goes on in the next line
+            continue  # an array or a string continues on the next line
         if collected.lstrip().startswith("["):
             table = _header(statement, lines)
             lines.setdefault(table, begun)
@@ -31,14 +31,14 @@ def key_lines(text: str) -> dict[KeyPath, int]:
 
 
 def line_of(path: KeyPath, lines: dict[KeyPath, int]) -> int:
-    """Of a key, or of the nearest table around it; 1 for what is missing altogether."""
+    """Line of a key, or else of the nearest table around it, or else 1."""
     while path and path not in lines:
         path = path[:-1]
     return lines.get(path, 1)
 
 
 def _header(statement: dict[str, Any], known: dict[KeyPath, int]) -> KeyPath:
-    """The path of the table that a header begins; of [[...]] the next one."""
+    """Path of the table that a header begins; [[...]] begins the array's next table."""
     path: KeyPath = ()
     value: Any = statement
     while value:
@@ -52,7 +52,7 @@ def _header(statement: dict[str, Any], known: dict[KeyPath, int]) -> KeyPath:
 
 
 def _count(path: KeyPath, known: dict[KeyPath, int]) -> int:
-    """How many tables of the array at `path` have begun."""
+    """Number of tables that the array at `path` has so far."""
     count = 0
     while (*path, count) in known:
         count += 1
@@ -60,7 +60,7 @@ def _count(path: KeyPath, known: dict[KeyPath, int]) -> int:
 
 
 def _note(value: Any, path: KeyPath, line: int, lines: dict[KeyPath, int]) -> None:
-    """Everything within one statement is said to be in its first line."""
+    """Record `line`, the statement's first, for all keys within the statement."""
     if path:
         lines.setdefault(path, line)
     items = value.items() if isinstance(value, dict) else enumerate(value)

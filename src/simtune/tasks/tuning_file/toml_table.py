@@ -1,6 +1,6 @@
-"""A TOML file read with care: what is wrong is said with its line and the nearest valid name.
+"""Reads TOML files; errors name the line and the nearest valid name.
 
-A dict that has the keys of such a file is read alike.
+A dict with a file's keys is read in the same way.
 """
 
 import difflib
@@ -21,14 +21,14 @@ _REQUIRED: Any = object()
 
 
 def usual_name(path: Path) -> str:
-    """Of what a tuning file declares: the file's, or its folder's where it is called tune.toml."""
+    """Default name of a task: that of its file, or of the folder if the file is tune.toml."""
     return path.resolve().parent.name if path.stem == "tune" else path.stem
 
 
 def read_toml(file: Path) -> "TomlTable":
-    """The whole of a file. Raises InputError for one that cannot be read or is no TOML."""
+    """Read a file. Raises InputError if it cannot be read or is not TOML."""
     try:
-        text = file.read_text(encoding="utf-8-sig")  # some editors put a mark in front
+        text = file.read_text(encoding="utf-8-sig")  # some editors write a byte order mark
     except OSError as error:
         raise InputError(f"cannot read {file}: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -36,7 +36,7 @@ def read_toml(file: Path) -> "TomlTable":
     try:
         return TomlTable(tomllib.loads(text), file, key_lines(text))
     except tomllib.TOMLDecodeError as error:
-        # The message ends in where the parser stopped.
+        # The message ends in the position where the parser stopped.
         what, _, at = str(error).removesuffix(")").rpartition(" (at ")
         number = re.match(r"line (\d+)", at)
         line = int(number[1]) if number else text.rstrip().count("\n") + 1
@@ -45,15 +45,14 @@ def read_toml(file: Path) -> "TomlTable":
 
 
 class LocatedError(InputError):
-    """What is wrong, with the file and the line in front."""
+    """An error whose message starts with file and line."""
 
 
 class TomlTable:
-    """A table of a file. What is asked of it raises InputError "FILE:LINE: what is wrong".
+    """A table of a TOML file. Methods raise InputError "FILE:LINE: what is wrong".
 
-    Of a dict in Python, which has no `lines`, that is "task['parameters'][0]: what is wrong".
-
-    A key that is asked for without a default has to be there.
+    For a dict in Python, which has no `lines`, the message is "task['parameters'][0]: ...".
+    A key read without a default is required.
     """
 
     def __init__(
@@ -72,13 +71,13 @@ class TomlTable:
         return iter(self._values)
 
     def content(self, without: str = "") -> str:
-        """All that it says, comments and one key left out."""
+        """The table's content as JSON, without comments and without the key `without`."""
         values = {key: value for key, value in self._values.items() if key != without}
         return json.dumps(values, sort_keys=True, default=str)
 
     @property
     def name(self) -> str:
-        """As messages call it."""
+        """The table's name in messages."""
         names = ".".join(part for part in self._path if isinstance(part, str))
         if not names:
             return "the file"
@@ -92,12 +91,12 @@ class TomlTable:
         return f"{self.file}:{line_of(path, self._lines)}"
 
     def error(self, message: object, key: str | None = None) -> LocatedError:
-        """What to raise for what is wrong with a key, or with the table."""
+        """The error to raise for a key or, without one, for the table."""
         return LocatedError(f"{self.where(key)}: {message}")
 
     @contextmanager
     def at(self, key: str | None = None) -> Iterator[None]:
-        """Put its place before what others complain of, unless it has one."""
+        """Prefix InputErrors raised within with the key's place, unless they have one."""
         try:
             yield
         except LocatedError:
@@ -106,20 +105,20 @@ class TomlTable:
             raise self.error(error, key) from None
 
     def allow(self, *keys: str) -> None:
-        """Refuse all other keys."""
+        """Raise an error if the table has other keys."""
         for key in self._values:
             if key not in keys:
                 raise self.error(UnknownName("key", key, self.name, keys), key)
 
     def value(self, key: str) -> Any:
-        """Whatever stands there."""
+        """The unchecked value of a key."""
         return self._values[key]
 
     def text(self, key: str, default: Any = _REQUIRED) -> Any:
         return self._checked(key, "a text", default, lambda v: isinstance(v, str) and v != "")
 
     def choice(self, key: str, options: Collection[str], default: Any = _REQUIRED) -> Any:
-        """One of some texts."""
+        """A text that must be one of `options`."""
         value = self.text(key, default)
         if key in self and value not in options:
             raise self.error(UnknownName(key, value, self.name, options), key)
@@ -139,7 +138,7 @@ class TomlTable:
         )
 
     def names(self, key: str, default: Any = _REQUIRED) -> Any:
-        """A tuple of one or more texts; one alone may stand without brackets."""
+        """A tuple of one or more texts; a single one needs no brackets in the file."""
         value = self._checked(key, "a name or a list of names", default, _are_names)
         return (value,) if isinstance(value, str) else value and tuple(value)
 
@@ -148,7 +147,7 @@ class TomlTable:
         return self._checked(key, f"{count} finite numbers", default, lambda v: _are(v, count))
 
     def pair(self, key: str) -> tuple[float, float]:
-        """The ends of a range."""
+        """Low and high end of a range."""
         value = self._checked(key, "two numbers, the lower one first", _REQUIRED, _is_pair)
         return value[0], value[1]
 
@@ -162,7 +161,7 @@ class TomlTable:
         return [(low, high) for low, high in value]
 
     def array(self, key: str, default: Any = _REQUIRED) -> Any:
-        """A number, or a list of numbers or of such lists, whose shape others check."""
+        """A number or a nested list of numbers; the caller checks its shape."""
         return self._checked(key, "a number or a list of numbers", default, _is_array)
 
     @property
@@ -173,12 +172,12 @@ class TomlTable:
         return isinstance(self._values.get(key), dict)
 
     def table(self, key: str) -> "TomlTable":
-        """An empty one where there is none."""
+        """The table [key]; empty if there is none."""
         values = self._checked(key, "a table", {}, lambda v: isinstance(v, dict))
         return TomlTable(values, self.file, self._lines, (*self._path, key))
 
     def tables(self, key: str) -> list["TomlTable"]:
-        """Those of [[key]]; an empty list where there are none."""
+        """The tables [[key]]; an empty list if there are none."""
         what = f"tables, each after a line [[{key}]]"
         values = self._checked(key, what, [], _are_tables)
         path = (*self._path, key)
@@ -221,7 +220,7 @@ def _is_array(value: Any) -> bool:
 
 
 def _shown(value: Any) -> str:
-    """As TOML has it, short enough for a line."""
+    """A value for messages, approximately in TOML's notation, at most 60 characters."""
     if isinstance(value, bool):
         return str(value).lower()
     shown = "a table" if isinstance(value, dict) else repr(value)

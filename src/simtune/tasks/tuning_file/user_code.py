@@ -1,4 +1,4 @@
-"""FILE.py:NAME in a tuning file: the user's own code."""
+"""FILE.py:NAME in a tuning file: the user's code."""
 
 import importlib.util
 import re
@@ -15,21 +15,21 @@ def is_in_file(named: str) -> bool:
 
 
 def load_user_code(folder: Path, named: str) -> tuple[Callable[..., Any], str]:
-    """What FILE.py, beside the tuning file in `folder`, calls NAME; and the file's text.
+    """NAME in FILE.py, which lies beside the tuning file in `folder`; and the file's text.
 
-    Raises InputError where there is none, or the file cannot be run.
+    Raises InputError if it does not exist, or the file cannot be run.
     """
     if not is_in_file(named):
         raise InputError(f"expected FILE.py:NAME, a function in a file beside it, got {named}")
     file, _, name = named.rpartition(":")
     path = folder / file
-    module_name = f"simtune_user_{path.stem}"  # no other module's
+    module_name = f"simtune_user_{path.stem}"  # differs from all other modules
     module_spec = importlib.util.spec_from_file_location(module_name, path)
     if not path.is_file() or module_spec is None or module_spec.loader is None:
         raise InputError(f"there is no file {path}")
     module = importlib.util.module_from_spec(module_spec)
-    sys.modules[module_name] = module  # dataclasses look there, among others
-    sys.path.insert(0, str(path.parent))  # as if it were run as a script
+    sys.modules[module_name] = module  # dataclasses, for one, look it up there
+    sys.path.insert(0, str(path.parent))  # as if the file were run as a script
     try:
         with blame(f"{path} cannot be run"):
             module_spec.loader.exec_module(module)

@@ -1,1 +1,1 @@
-"""An xArm 7 before a table: what the manipulation tasks share, and their scenes as MJCF files."""
+"""An xArm 7 in front of a table: code shared by the manipulation tasks, and MJCF scenes."""

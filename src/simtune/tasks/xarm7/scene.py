@@ -1,4 +1,4 @@
-"""Scenes with the arm: their models, what actions do, where they start, and where things are."""
+"""Scenes with the arm: models, actions, initial state, and positions of sites."""
 
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from simtune.tasks.task import Task
 _STEP_S = 0.3  # of a policy step
 _EPISODE_STEPS = 60
 _CAMERA = "over_shoulder"
-_STEP_M = 0.025  # that an action moves the hand at most, along each axis
+_STEP_M = 0.025  # largest displacement of the hand by an action, along each axis
 _LIGHTS = ("left", "right", "front")
 _SCENES = Path(__file__).parent
 
@@ -27,8 +27,8 @@ def arm_task(
 ) -> Task:
     """A task in the scene of the folder `name` beside this file.
 
-    An action is where the hand goes from where it is: x, y, z in [−1, 1], times 2.5 cm, within
-    `workspace_m`, [low, high] along each axis. `rest`: what else a `Task` is.
+    An action is a displacement of the hand: x, y, z in [−1, 1], times 2.5 cm. The hand stays within
+    `workspace_m`, [low, high] along each axis. `rest`: other fields of `Task`.
     """
     scene = str(_SCENES / name / "scene.xml")
     hand = {"body": "target", "metres_per_unit": _STEP_M, "workspace_m": workspace_m}
@@ -46,7 +46,7 @@ def arm_task(
 
 
 def lighting() -> Parameter:
-    """How bright all three lights are."""
+    """The brightness of all three lights."""
     return Parameter(
         name="lighting",
         field="light_diffuse",
@@ -60,16 +60,16 @@ def lighting() -> Parameter:
 
 
 def start_arm(batch: Batch) -> None:
-    """Everything as the scene's keyframe has it, at rest."""
+    """Set the scene's keyframe "start", at rest."""
     reset_to_default(batch)
     batch.qpos[:] = batch.model.key("start").qpos
 
 
 def place_of(batch: Batch, site: str) -> np.ndarray:
-    """(nsim, 3) where a site is, m."""
+    """(nsim, 3) position of a site, m."""
     return computed(batch, "site_xpos")[:, batch.model.site(site).id]
 
 
 def towards(way_m: np.ndarray) -> np.ndarray:
-    """(nsim, 3) the action that moves the hand by `way_m`, or as far of it as one can."""
+    """(nsim, 3) action that moves the hand by `way_m`, clipped to the largest possible action."""
     return np.clip(way_m / _STEP_M, -1, 1)
