@@ -6,6 +6,7 @@ from robot_limits import ACTIONS, HIGH, LIMITS, LOW, START, STEP_S, strange_acti
 
 from simtune.errors import InputError, RobotError
 from simtune.robot.latch import Latch
+from simtune.robot.limits import Limits
 
 
 def through(action, measured: np.ndarray) -> np.ndarray | None:
@@ -36,6 +37,12 @@ def fuzz(num: int) -> int:
 
 def test_strange_actions_are_refused_or_cut():
     assert 1500 < fuzz(4000) < 4000
+
+
+def test_a_robot_whose_step_is_shorter_than_the_margin_goes_towards_its_target():
+    slow = Limits(low=np.zeros(1), high=np.ones(1), speed=0.005, tolerance=0.01)
+    (there,) = slow.cut(np.array([0.9]), np.array([0.5]), 0.1)
+    assert 0.5 < there <= 0.5 + 0.005 * 0.1
 
 
 @pytest.mark.slow

@@ -54,7 +54,9 @@ class RecordingArchive:
     def _datasets(self) -> list[Path]:
         if not self._folder.is_dir():
             return []
-        return sorted(path for path in self._folder.iterdir() if (path / "meta").is_dir())
+        # A hidden folder is a dataset that was being replaced when the process was killed.
+        folders = (path for path in self._folder.iterdir() if not path.name.startswith("."))
+        return sorted(path for path in folders if (path / "meta").is_dir())
 
 
 class RecordingSession:

@@ -130,6 +130,8 @@ def _worse(run: RunData) -> float | None:
     worst = 0.0
     sensors = run.object("held_out").get("sensors")
     for facts in (sensors if isinstance(sensors, dict) else {}).values():
+        if not isinstance(facts, dict):
+            continue
         known = sorted(d for d in facts.get("known_worlds", []) if is_number(d) and d > 0)
         if known and is_number(facts.get("distance")):
             worst = max(worst, facts["distance"] / known[len(known) // 2])

@@ -29,7 +29,8 @@ class Limits:
         """
         target, measured = _place(target, self.low), _place(measured, self.low)
         way = target - measured
-        longest = self.speed * step_s - _INSIDE
+        longest = self.speed * step_s
+        longest -= min(_INSIDE, longest / 10)  # a slow robot's step may be shorter than that
         distance = float(np.linalg.norm(way))
         if distance > longest:
             target = measured + way * (longest / distance)

@@ -76,10 +76,18 @@ class Attempts:
         reason = lines[-1][:_LONGEST_REASON] if lines else "it said nothing"
         if status == 0:
             reason = "it ended without a result.json and a report.html"
-        by = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"
+        by = f"killed by {_signal_name(-status)}" if status < 0 else f"exit status {status}"
         places.note(spent_s, f"{by}: {reason}", killed=status < 0)
 
     def _sleep(self, seconds: float) -> None:
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s and not self.processes.is_stopped:
             time.sleep(min(0.2, seconds))
+
+
+def _signal_name(number: int) -> str:
+    """SIGKILL, say; real-time signals have no name."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

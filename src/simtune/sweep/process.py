@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import os
+import signal
 import subprocess
 import sys
 from collections import deque
@@ -30,7 +31,7 @@ class Processes:
         with self._lock:
             self.is_stopped = True
             for process in self._live:
-                process.kill()
+                _kill(process)
 
     def run(
         self,
@@ -61,8 +62,8 @@ class Processes:
         with self._lock:
             self._live.add(process)
             if self.is_stopped:
-                process.kill()
-        timer = Timer(limit_s, process.kill) if limit_s else None
+                _kill(process)
+        timer = Timer(limit_s, _kill, [process]) if limit_s else None
         try:
             if timer:
                 timer.start()
@@ -73,6 +74,12 @@ class Processes:
                 timer.cancel()
             with self._lock:
                 self._live.remove(process)
+
+
+def _kill(process: subprocess.Popen[str]) -> None:
+    """Kill it and all that it has started, which would keep its output open."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def _read(process: subprocess.Popen[str], log: Path) -> list[str]:
