@@ -59,7 +59,7 @@ class Contraction:
         begun = SPACE.to_unit(parameters)[MOVING]
         return self._at(self.truth + self.left * (begun - self.truth))
 
-    def extend_horizon(self, observed, states, parameters, fit: ShootingFit) -> ShootingFit:
+    def extend_horizon(self, observed, states, parameters, fit: ShootingFit, _) -> ShootingFit:
         return fit if self.moved is None else self._at(fit.unit + self.moved)
 
     def _at(self, unit: np.ndarray) -> ShootingFit:

@@ -199,7 +199,10 @@ def test_an_actuator_that_is_a_filter_keeps_its_own_lag_and_keyframes_grow(load)
     [
         (parameter("p", "gain_damping", "push"), "push is no servo of positions"),
         (parameter("p", "gain_damping", "speed"), "speed is no servo of positions"),
-        (parameter("p", "gain_damping", "follows"), "it is 0 in the model: say nominal"),
+        (
+            parameter("p", "gain_damping", "follows"),
+            "is 0 in the model, so there is no usual range: give nominal",
+        ),
         (parameter("p", "gain_damping", "elbow", nominal=-1), "cannot be negative, got -1"),
         (parameter("p", "lag", "integrates"), "integrates has dynamics of its own"),
         (parameter("p", "lag", "push", low=-1), "cannot be negative, got low = -1"),
