@@ -31,7 +31,7 @@ $(READY): pyproject.toml constraints.txt
 
 # Tunes ball_in_cup from the video of a simulated world whose parameters it cannot look into.
 demo: $(READY)
-	$(BIN)/simtune tune ball_in_cup --real pseudo --real-episodes 10 --budget-minutes 4 --out runs/demo
+	$(BIN)/simtune tune ball_in_cup --real pseudo --real-episodes 10 --budget-minutes 3.5 --out runs/demo
 	@echo "the report: runs/demo/report.html"
 
 # The grid behind the paper's claim. It takes days of one core and hours of many; whatever stops it,
