@@ -1,6 +1,7 @@
 """`export --format`: what training in other libraries reads, without those libraries."""
 
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -134,7 +135,11 @@ def test_what_does_not_fit_a_library_is_refused(scene, tmp_path):
 def test_a_task_of_the_library_itself_is_in_drawn_worlds(library, tmp_path):
     run, _ = a_run_with_a_posterior(tmp_path / "run", "cartpole")
     ended = subprocess.run(
-        [EXAMPLE / "run.sh", library, run], capture_output=True, text=True, timeout=1500
+        [EXAMPLE / "run.sh", library, run],
+        capture_output=True,
+        text=True,
+        timeout=1500,
+        env=os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"},
     )
     assert ended.returncode == 0, ended.stderr[-2000:]
     assert "16 environments, each in a world that was drawn" in ended.stdout

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 import re
 import subprocess
 import sys
@@ -51,10 +52,12 @@ def test_the_site_is_built_without_a_warning(tmp_path):
 
 @needs_docs
 @pytest.mark.slow
-def test_the_notebook_runs(tmp_path):
+def test_the_notebook_runs(monkeypatch):
     import nbformat  # type: ignore[import-not-found]
     from nbclient import NotebookClient  # type: ignore[import-not-found]
 
+    # A cell calls simtune, which is on the path of those who have activated the environment.
+    monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     client = NotebookClient(
         notebook, timeout=900, resources={"metadata": {"path": str(NOTEBOOK.parent)}}

@@ -1,5 +1,6 @@
 """The wheel, as `make dist` builds it, in an environment that does not know the repository."""
 
+import fcntl
 import importlib.util
 import json
 import os
@@ -28,7 +29,10 @@ def dist(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("dist")
     # Without isolation: this environment has setuptools, and nothing is to be fetched.
     command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", out, ROOT]
-    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    # One of two test processes at a time: both would write into the repository's build folder.
+    with (tmp_path_factory.getbasetemp().parent / "dist.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        subprocess.run(command, check=True, capture_output=True, timeout=300)
     return out
 
 

@@ -39,7 +39,7 @@ def load_task(task: str | PathLike[str] | Mapping[str, Any]) -> AnyTask:
     In a dict, `model` may be a `mujoco.MjSpec`, and `environment` a gymnasium.Env, or a class or
     function that makes one. A task has a `name`, `parameters` (each with name, nominal, low, high,
     unit) and `load_model()`.
-    Raises ValueError "FILE:LINE: what is wrong"; for a dict "task['parameters'][0]: ...".
+    Raises ValueError `FILE:LINE: what is wrong`; for a dict `task['parameters'][0]: ...`.
     """
     return declare(task) if isinstance(task, Mapping) else load_any_task(fspath(task))
 
