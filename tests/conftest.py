@@ -209,3 +209,11 @@ def safe_xarm(xarm, latch):
     arm = SafeArm(xarm, LIMITS, STEP_S, latch)
     yield arm
     arm.close()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """`make test-all` includes the tests of a GPU where there is one."""
+    marked = [item for item in items if item.get_closest_marker("gpu")]
+    if marked and not torch.cuda.is_available():
+        for item in marked:
+            item.add_marker(pytest.mark.skip(reason="needs a CUDA device"))
