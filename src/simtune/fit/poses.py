@@ -8,6 +8,7 @@ from simtune.simulation.states import StateSpace
 
 _PLACES = 25  # candidates per picture
 _DELTA = 0.01  # finite-difference step, of a position's prior std
+_SHOWS = 0.2  # least change of a keypoint, relative to its noise, that a picture's colours notice
 
 
 def uncertain_poses(
@@ -15,13 +16,15 @@ def uncertain_poses(
     full_states: np.ndarray,
     parameters: np.ndarray,
     scale: np.ndarray,
+    num_shown: int,
     largest: np.ndarray,
 ) -> np.ndarray:
-    """(M, nv, 2 nv) changes of (M, S) states, of positions only, by one standard deviation each.
+    """(M, D, 2 nv) changes of (M, S) states, of positions only, by one standard deviation each.
 
-    It is what a single frame leaves open of each position alone, if its (D,) observations have
-    noise `scale`. Other frames say more, unless the detector's errors are the same in all of them.
-    At most `largest`, (2 nv,).
+    It is what a single frame leaves open of each position alone, if its observations have noise
+    `scale`, (K,). Other frames say more, unless the detector's errors are the same in all of them.
+    At most `largest`, (2 nv,). Positions that joint readings tell so well that no picture shows
+    what is left open are left out; the first `num_shown` observations are those of pictures.
     """
     space, num = physics.space, len(full_states)
     nv, states = space.nv, physics.states(full_states)
@@ -31,9 +34,14 @@ def uncertain_poses(
     moved = space.move(states, np.repeat(tangents, num, 1)).reshape((1 + nv) * num, -1)
     seen = physics.predict(moved, physics.parameters.to_unit(parameters))
     seen = seen.reshape(1 + nv, num, -1) / scale
-    information = np.square((seen[1:] - seen[:1]) / delta[:, None, None]).sum(-1).T  # (M, nv)
+    slopes = (seen[1:] - seen[:1]) / delta[:, None, None]  # (nv, M, K)
+    information = np.square(slopes).sum(-1).T  # (M, nv)
     std = 1 / np.sqrt(information + largest[:nv] ** -2.0)
-    return std[..., None] * np.eye(nv, 2 * nv)
+    # What readings do not tell may show in ways that keypoints miss: a turning ball.
+    is_read = (slopes[..., num_shown:] != 0).any((1, 2))
+    shows = np.abs(slopes[..., :num_shown] * std.T[..., None]).max((1, 2), initial=0) > _SHOWS
+    open_to = ~is_read | shows
+    return (std[..., None] * np.eye(nv, 2 * nv))[:, open_to]
 
 
 def align_to_images(

@@ -21,8 +21,8 @@ _HARDLY_JUDGED = (
     f"are off. {_GO_ON}"
 )
 _NOT_JUDGED = (
-    "There was no time to fit a known world for comparison, so nothing tells how far these "
-    f"estimates can be trusted: none is called identified. {_GO_ON}"
+    "There was no time to fit a known world for comparison, so nothing tells how far what videos "
+    f"say can be trusted: none of it is called identified. {_GO_ON}"
 )
 
 

@@ -39,7 +39,8 @@ def fit_window_pictures(
         full_states = align_to_images(
             physics.simulator, frames, full_states, parameters, physics.space, tangent
         )
-    poses = uncertain_poses(physics, full_states, parameters, scale, prior_std)
+    num_shown = len(observed.evidence.parts[0].scale)
+    poses = uncertain_poses(physics, full_states, parameters, scale, num_shown, prior_std)
     noise = photometry.camera_noise
     pictures = Pictures(frames=frames, full_states=full_states, poses=poses, camera_noise=noise)
     is_known = photometry.is_known[shown]
