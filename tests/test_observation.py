@@ -176,11 +176,11 @@ def test_recorded_trajectories_have_every_sensors_noisy_readings(simulator):
 # --- a fit --------------------------------------------------------------------------------
 
 
-TRUTHS = SPACE.clip(SPACE.nominal * [[1.8, 0.6], [0.6, 1.6], [1.7, 1.5]])  # mass, gain
+TRUTHS = SPACE.clip(SPACE.nominal * [[1.8, 0.6], [0.6, 1.6]])  # mass, gain
 
 
 def fit_errors(simulator, keypoints, observation: ObservationModel) -> np.ndarray:
-    """(3, 2) unit coordinates by which a fit from the nominal parameters is off, of each truth.
+    """(2, 2) unit coordinates by which a fit from the nominal parameters is off, of each truth.
 
     The detector is sure of no keypoint at all.
     """

@@ -119,21 +119,19 @@ def test_check_takes_arrays():
     rng = np.random.default_rng(0)
     frames = rng.integers(0, 255, (30, 48, 64, 3), np.uint8)
     real = [{"hz": 12.5, "actions": rng.uniform(-1, 1, (29, 1)), "frames": frames}]
-    found = simtune.check("cartpole", real=real)
+    found = simtune.check("cartpole", real=lambda i: real[i], episodes=1)
     assert found["recordings"]["episodes"] == 1
     assert "folder of arrays" in str(found)
-    filmed = simtune.check("cartpole", real=lambda i: real[i], episodes=1)
-    assert filmed["parameters"] == found["parameters"]
 
 
 @pytest.mark.thorough
 def test_a_run_of_arrays_keeps_them_and_goes_on_with_the_same(quickly, tmp_path, monkeypatch):
-    world, _, _ = choose_real(RealConfig(), load_task("cartpole"), 64)
-    real = [
-        {"hz": 1 / film.step_s, "actions": film.actions, "frames": film.frames}
-        for film in world.collect(2)
-    ]
     with quickly() as settings:
+        world, _, _ = choose_real(RealConfig(), load_task("cartpole"), 64)
+        real = [
+            {"hz": 1 / film.step_s, "actions": film.actions, "frames": film.frames}
+            for film in world.collect(2)
+        ]
         quick = partial(tune_from_options, settings=settings)
         monkeypatch.setattr("simtune.api.commands.carry_out_tuning", quick)
         tune = partial(simtune.tune, "cartpole", out=tmp_path / "run", seed=3)

@@ -192,6 +192,7 @@ def test_a_scaled_fit_keeps_the_fewest_that_tell_anything():
     assert few.scaled(0.0) == few, "no more than were asked for"
     assert size(config.least()) == (16, 12)
     assert config.least().shooting.longer == ()
+    assert (config.num_pictures, config.least().num_pictures) == (40, 20)
     assert size(few.least()) == (8, 6)
 
 

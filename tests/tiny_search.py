@@ -30,5 +30,6 @@ TINY_SEARCH = PosteriorSearchConfig(
             longer_iterations=1,
             num_windows=6,
         ),
+        num_pictures=6,
     ),
 )

@@ -131,6 +131,7 @@ class ReplayFit:
             self.space.from_unit(unit),
             self._appearance,
             self._photometry,
+            self._config.num_pictures,
         )
         unit[self._appearance] = pictures.unit
         parameters = self.space.from_unit(unit)

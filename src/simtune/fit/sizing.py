@@ -11,7 +11,7 @@ from simtune.fit.shooting_config import ShootingConfig
 
 _SIDES = 2  # of the start, from which windows are fitted
 _FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20
-_LEAST_PARTICLES, _LEAST_WINDOWS = 16, 12  # if even those take too long
+_LEAST_PARTICLES, _LEAST_WINDOWS, _LEAST_PICTURES = 16, 12, 20  # if even those take too long
 # Factor on the time of particles and windows, for latencies, offsets and the held-out episode.
 _IN_ALL = 2.0
 _WITH_LONGER = 0.8  # of the most that a fit may take: two refits that take as long have time, too
@@ -22,6 +22,7 @@ _TRIED_WORLDS, _TRIED_STEPS = 64, 12
 class FitConfig:
     particles: ParticleConfig = field(default_factory=ParticleConfig)
     shooting: ShootingConfig = field(default_factory=ShootingConfig)
+    num_pictures: int = 40  # in which colours are fitted, at most
     # Seconds after a fit's beginning, by which longer windows must end, the first ones excepted
     longer_within_s: float = np.inf
     held: tuple[int, ...] = ()  # parameters that keep their start and its std
@@ -34,7 +35,9 @@ class FitConfig:
     def least(self) -> "FitConfig":
         """With the fewest that tell anything, and no longer windows."""
         config = self._at_most(_LEAST_PARTICLES, _LEAST_WINDOWS)
-        return replace(config, shooting=replace(config.shooting, longer=()))
+        num_pictures = min(_LEAST_PICTURES, self.num_pictures)
+        shooting = replace(config.shooting, longer=())
+        return replace(config, shooting=shooting, num_pictures=num_pictures)
 
     def _at_most(self, num_particles: int, num_windows: int) -> "FitConfig":
         particles, shooting = self.particles, self.shooting

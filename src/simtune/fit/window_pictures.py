@@ -9,7 +9,6 @@ from simtune.fit.poses import align_to_images, uncertain_poses
 from simtune.fit.response import Photometry
 from simtune.fit.shooting import ShootingFit
 
-_NUM_PICTURES = 40
 # Of all frames, only those that the motion fits best: a thin leg that is a pixel off takes the
 # ground's colour. Choosing by windows was not enough: at 2 px, colours were 5 % too dark.
 _GOOD_FRAMES = 0.15, 0.6  # bounds of their share: the least that gives enough pictures
@@ -25,13 +24,14 @@ def fit_window_pictures(
     parameters: np.ndarray,
     shown: np.ndarray,
     photometry: Photometry,
+    num: int,
 ) -> PictureFit:
-    """Fit parameters `shown`, (V,) indices, to pictures of the windows of `motion`.
+    """Fit parameters `shown`, (V,) indices, to `num` pictures of the windows of `motion`.
 
     `prior_std`: (2 nv,) usual errors of a first guess at a state; `parameters`: (N,) initial.
     """
     parameters = np.where(photometry.is_known, photometry.known, parameters)
-    chosen, step = well_fitted(physics, motion, observed, parameters)
+    chosen, step = well_fitted(physics, motion, observed, parameters, num)
     places = zip(motion.episode[chosen], motion.step[chosen] + step, strict=True)
     frames = np.stack([observed.frames[episode][t] for episode, t in places])
     full_states, scale = motion.full_states[chosen, step], observed.evidence.scale
@@ -48,9 +48,9 @@ def fit_window_pictures(
 
 
 def well_fitted(
-    physics: Physics, motion: ShootingFit, observed: Observed, parameters: np.ndarray
+    physics: Physics, motion: ShootingFit, observed: Observed, parameters: np.ndarray, at_most: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) windows and (M,) steps in them of well-fitted frames, spread over all of these."""
+    """(M,) windows and (M,) steps in them of `at_most` well-fitted frames, spread over all."""
     num, length = motion.full_states.shape[:2]
     states = physics.states(motion.full_states).reshape(num * length, -1)
     predicted = physics.predict(states, physics.parameters.to_unit(parameters))
@@ -60,9 +60,9 @@ def well_fitted(
     # Without the windows' ends, where states are less certain.
     margin = length // 4
     likelihood = likelihood[:, margin : length - margin]
-    share = np.clip(_NUM_PICTURES / likelihood.size, *_GOOD_FRAMES)
+    share = np.clip(at_most / likelihood.size, *_GOOD_FRAMES)
     good = np.argwhere(likelihood >= np.quantile(likelihood, 1 - share))
-    at = np.unique(np.linspace(0, len(good) - 1, _NUM_PICTURES).round()).astype(int)
+    at = np.unique(np.linspace(0, len(good) - 1, at_most).round()).astype(int)
     window, step = good[at].T
     return window, step + margin
 
