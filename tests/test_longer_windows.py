@@ -9,6 +9,7 @@ from keypoint_evidence import observed_keypoints
 
 from simtune.fit import Observed, Physics, ShootingConfig
 from simtune.fit.shooting import Shooting, ShootingFit
+from simtune.fit.windows import even_length
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
@@ -58,6 +59,15 @@ class Swings:
         unit = self.space.to_unit(self.space.nominal)
         unit[self.shooting.fitted] = fit.unit
         return float(self.space.from_unit(unit)[LENGTH])
+
+
+@pytest.mark.parametrize(
+    ("num_steps", "planned", "length"),
+    [(96, 24, 24), (60, 24, 20), (60, 48, 60), (200, 24, 25), (25, 24, 25), (40, 24, 20)],
+)
+def test_longer_windows_share_an_episode_evenly(num_steps, planned, length):
+    assert even_length(num_steps, planned) == length
+    assert num_steps % length == 0, "all of these are shared without a rest"
 
 
 @pytest.mark.thorough

@@ -23,7 +23,7 @@ from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.shooting_config import DERIVED_EVERY, ShootingConfig, Stage
 from simtune.fit.shooting_step import ShootingStep
-from simtune.fit.windows import Windows, cut
+from simtune.fit.windows import Windows, cut, even_length
 
 _STATES_ONLY = 3.0  # above this blur only the states move
 _FIRST_DAMPING = 1e-2
@@ -95,14 +95,16 @@ class Shooting:
         config, unit = self.config, self._begin(parameters)
         best = found = fit
         limit = np.median(best.misfit) + _AS_WELL
-        for window in config.longer:
+        num_steps = observed.actions.shape[1]
+        for planned in config.longer:
             # Always try the first: it is cheap, and short windows may claim too much.
             is_known = np.diag(best.covariance).max(initial=0) < _ENOUGH**2
-            is_known &= window > config.longer[0]
+            is_known &= planned > config.longer[0]
             began_s = time.monotonic()
-            is_known |= began_s + took_s > until_s and window > config.longer[0]
-            if is_known or window > observed.actions.shape[1]:
+            is_known |= began_s + took_s > until_s and planned > config.longer[0]
+            if is_known or planned > num_steps:
                 break
+            window = even_length(num_steps, planned)
             unit[self.fitted] = found.unit
             unit[len(self._physics.parameters) :] = Lateness.unit(found.late_steps)
             improved = self._improved(states, found)

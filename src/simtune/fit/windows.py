@@ -36,6 +36,17 @@ class Windows:
         return replace(self, evidence=evidence, actions=self.actions[:, :steps])
 
 
+def even_length(num_steps: int, steps: int) -> int:
+    """Length near `steps`, at most `num_steps`, of windows that share an episode evenly.
+
+    Windows of another length would leave out what follows the last one, up to nearly half of a
+    short episode.
+    """
+    fewer = num_steps // steps
+    lengths = [num_steps // number for number in (fewer, fewer + 1)]
+    return min(lengths, key=lambda length: abs(np.log(length / steps)))
+
+
 def cut(
     observed: Observed,
     states: np.ndarray,
