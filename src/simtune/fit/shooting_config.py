@@ -18,7 +18,8 @@ class Stage(NamedTuple):
 class ShootingConfig:
     # First short and blurred, to bring the states near from far away.
     stages: tuple[Stage, ...] = (Stage(4, 6, 6.0), Stage(8, 3, 2.0), Stage(12, 6))
-    longer: tuple[int, ...] = (24, 48, 96)  # windows, if short ones do not tell enough
+    # Windows of about so many steps (see `even_length`), if short ones do not tell enough
+    longer: tuple[int, ...] = (24, 48, 96)
     longer_iterations: int = 5  # blurred, and as many that are not
     num_windows: int = 90  # at most, spread evenly; fewer longer ones, with as many steps
 
