@@ -97,12 +97,12 @@ class Shooting:
         limit = np.median(best.misfit) + _AS_WELL
         num_steps = observed.actions.shape[1]
         for planned in config.longer:
-            # Always try the first: it is cheap, and short windows may claim too much.
-            is_known = np.diag(best.covariance).max(initial=0) < _ENOUGH**2
-            is_known &= planned > config.longer[0]
+            if planned > num_steps:
+                break
             began_s = time.monotonic()
-            is_known |= began_s + took_s > until_s and planned > config.longer[0]
-            if is_known or planned > num_steps:
+            is_known = np.diag(best.covariance).max(initial=0) < _ENOUGH**2
+            # Always try the first: it is cheap, and short windows may claim too much.
+            if planned > config.longer[0] and (is_known or began_s + took_s > until_s):
                 break
             window = even_length(num_steps, planned)
             unit[self.fitted] = found.unit
