@@ -190,6 +190,27 @@ class TestBoth:
         assert not idle.reached.any()
         assert (good.rewards.sum(1) > idle.rewards.sum(1)).all()
 
+    def test_a_goal_counts_in_time_and_if_it_is_kept(self, name):
+        """The script needs two thirds of the time; a peg comes out again, a lid stays open."""
+        task, simulator = task_of(name), simulator_of(name)
+        environment, scripted = Environment(task, simulator, 1), simulator.follow_script(1)
+        assert task.goal_steps == 3 * {"rope_peg": 10, "cabinet_slide": 18}[name] // 2
+
+        def reached(is_idle, then=still):
+            steps = iter(range(STEPS))
+
+            def act(seen):
+                return (then if is_idle(next(steps)) else scripted)(0, seen.state)
+
+            world, rng = worlds_of(name, 1), np.random.default_rng(0)
+            return environment.play(act, world, rng, film=False).reached[0, 0]
+
+        spare = task.goal_steps // 3
+        assert reached(lambda t: t < spare)
+        assert not reached(lambda t: t < spare + 2)
+        leaves = reached(lambda t: t > 40, then=lambda t, _: np.ones((1, 3)))
+        assert leaves == (name == "cabinet_slide")
+
     def test_exploring_is_the_script_and_more(self, name):
         simulator = simulator_of(name)
         played = simulator.play(
@@ -310,7 +331,13 @@ class TestRopePeg:
 
     @pytest.mark.parametrize(
         ("offset_m", "is_in", "is_near"),
-        [([0, 0, 0], True, True), ([0, 0, 0.15], False, True), ([0.1, 0, 0.1], False, False)],
+        [
+            ([0, 0.0157, -0.0256], True, True),  # 2 cm below the mouth, along the hole's axis
+            ([0, 0, 0], False, True),
+            ([0, 0, 0.15], False, True),
+            ([0.1, 0, 0.1], False, False),
+            ([0.1, 0.0157, -0.0256], False, False),  # beside the box, as deep
+        ],
     )
     def test_success_by_hand(self, offset_m, is_in, is_near):
         """The peg's body is moved to the mouth, or away from it."""

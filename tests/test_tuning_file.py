@@ -965,9 +965,10 @@ def test_a_reward_is_of_many_worlds_at_once(load, folder):
     )
     task = load(
         f'{HEAD}{POLICY}reward = "policy.py:height"\nsuccess = "policy.py:is_low"\nsteps = 7\n'
+        "success_steps = 150\n"
         'free_joints = "sled"\nsymmetric_hinges = { elbow = 2 }\n'
     )
-    assert (task.policy_steps, task.free_joints) == (7, ("sled",))
+    assert (task.policy_steps, task.free_joints, task.goal_steps) == (7, ("sled",), 150)
     assert task.symmetric_hinges == {"elbow": 2}
     batch = Batch(task.load_model(), 4, 1)
     batch.qpos[:, 1] = angles = np.array([-1.0, -0.5, 0.0, 0.7])
@@ -1006,6 +1007,16 @@ def test_a_change_of_the_reward_is_noticed_and_not_by_who_tunes(load, folder):
             'reward = "policy.py:f"',
             "def f(data): return data.qpos.sum()",
             r"must give a number for each world, here an array of shape \(\d+,\), got \(\)",
+        ),
+        (
+            'reward = "policy.py:f"\nsuccess_steps = 9',
+            "def f(data): return data.qpos[:, 0]",
+            "success_steps needs success, whose time it limits",
+        ),
+        (
+            'reward = "policy.py:f"\nsuccess = "policy.py:f"\nsuccess_steps = 201',
+            "def f(data): return data.qpos[:, 0]",
+            "success_steps must be at most an episode's 200 steps, got 201",
         ),
         (
             'reward = "policy.py:f"',

@@ -152,6 +152,8 @@ class Environment:
             raise RuntimeError(f"the reward of {self.task.name} is no finite number everywhere")
         is_whole = rollouts.lengths == num_steps
         seen = rollouts.observed[:, ::repeat, 1 + num_goals :].astype(np.float32)
+        since = min(self.task.goal_steps or num_steps, num_steps) * repeat
+        is_kept = (rollouts.observed[:, since:, 1 : 1 + num_goals] > 0).all(1)
         return Episodes(
             parameters=rollouts.parameters,
             full_states=rollouts.states,
@@ -168,5 +170,5 @@ class Environment:
             terminated=~is_whole,
             frames=frames,
             keypoints=seen.reshape(n, num_steps + 1, -1, 2) if keypoints else None,
-            reached=(rollouts.observed[:, -1, 1 : 1 + num_goals] > 0) & is_whole[:, None],
+            reached=is_kept & is_whole[:, None],
         )

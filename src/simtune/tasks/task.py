@@ -81,6 +81,9 @@ class Task:
     # (nsim,) bool for the batch's current state: success, and near success; None: undeclared
     success: Callable[[Batch], np.ndarray] | None = None
     near_success: Callable[[Batch], np.ndarray] | None = None
+    # Policy steps within which a goal is to be reached, and kept until the episode's end; None: it
+    # counts if it is reached at the end
+    goal_steps: int | None = None
     # Acts well with the simulator's state: explores contacts that random actions seldom reach
     script: Script | None = None
     # Joints whose position makes no difference, such as the distance a robot has gone;
@@ -109,7 +112,7 @@ class Task:
 
     @property
     def goals(self) -> dict[str, Callable[[Batch], np.ndarray]]:
-        """{name in results: function} of the goals that an episode may reach at its end."""
+        """{name in results: function} of the goals that an episode may reach."""
         named = {"success": self.success, "near_success": self.near_success}
         return {name: goal for name, goal in named.items() if goal}
 

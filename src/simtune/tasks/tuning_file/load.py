@@ -49,6 +49,7 @@ def read_task(file: TomlTable) -> Task | EnvironmentTask:
             f"{model.opt.timestep:g} s; expected at most {_MOST_SUBSTEPS}; is it in seconds?",
             "control_timestep_s",
         )
+    episode_steps = file.whole("episode_steps", 200)
     actions = file.table("actions")
     map_actions = read_actions(actions, model)
     parameters = read_parameters(file, load_spec(), [f.camera for f in footage], step_s)
@@ -63,9 +64,9 @@ def read_task(file: TomlTable) -> Task | EnvironmentTask:
         sensors=read_sensors(file, model),
         control_timestep_s=control_timestep_s,
         action_repeat=action_repeat,
-        episode_steps=file.whole("episode_steps", 200),
+        episode_steps=episode_steps,
         initialize=read_initial_state(file.table("initial_state"), model),
         map_actions=map_actions,
         action_columns=read_columns(actions, map_actions, model),
-        **read_policy(file.table("policy"), model),
+        **read_policy(file.table("policy"), model, episode_steps),
     )

@@ -16,7 +16,7 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.tasks.tuning_file.user_code import load_user_code
 
 _GOALS = ("reward", "success")
-_KEYS = (*_GOALS, "steps", "free_joints", "symmetric_hinges")
+_KEYS = (*_GOALS, "success_steps", "steps", "free_joints", "symmetric_hinges")
 
 
 class WorldsData:
@@ -37,7 +37,7 @@ class WorldsData:
         return values
 
 
-def read_policy(table: TomlTable, model: mujoco.MjModel) -> dict[str, Any]:
+def read_policy(table: TomlTable, model: mujoco.MjModel, episode_steps: int) -> dict[str, Any]:
     """Fields of a `Task`; none for an empty table.
 
     Raises InputError if the table is invalid or does not fit the model.
@@ -56,6 +56,8 @@ def read_policy(table: TomlTable, model: mujoco.MjModel) -> dict[str, Any]:
                 if not np.isfinite(policy[goal](worlds)).all():
                     raise InputError(f"{named} gives no finite number where the model starts")
             policy["declared_policy"] += source
+    if "success_steps" in table:
+        policy["goal_steps"] = _success_steps(table, episode_steps)
     if "steps" in table:
         policy["policy_steps"] = table.whole("steps")
     with table.at("free_joints"):
@@ -68,6 +70,18 @@ def read_policy(table: TomlTable, model: mujoco.MjModel) -> dict[str, Any]:
             if name not in known:
                 raise where.error(UnknownName("hinge or slide", name, "the model", known))
     return policy
+
+
+def _success_steps(table: TomlTable, episode_steps: int) -> int:
+    steps = table.whole("success_steps")
+    with table.at("success_steps"):
+        if "success" not in table:
+            raise InputError("success_steps needs success, whose time it limits")
+        if steps > episode_steps:
+            raise InputError(
+                f"success_steps must be at most an episode's {episode_steps} steps, got {steps}"
+            )
+    return steps
 
 
 def _of_worlds(named: str, function: Callable[..., Any]) -> Callable[[Batch], np.ndarray]:
