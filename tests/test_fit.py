@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from simtune.fit import FitConfig, Observed, ParticleConfig, Physics, fit_to_budget
+from simtune.fit import FitConfig, FitWork, Observed, ParticleConfig, Physics, fit_to_budget
 from simtune.fit.pictures import Pictures, fit_pictures, rounding_std
 from simtune.fit.shooting import Shooting, ShootingFit
 from simtune.fit.shooting_config import ShootingConfig, Stage
@@ -214,8 +214,7 @@ def test_picture_fit_finds_colours_though_much_of_them_is_overexposed(light, blu
     np.testing.assert_allclose(fit.unit, space.to_unit(truth)[shown], atol=0.01)
 
 
-def test_fit_to_budget_counts_windows_by_the_parameters_that_move(simulator, monkeypatch):
-    """Colours, of which a cartpole has six, are derived by elsewhere."""
+def test_fit_to_budget_counts_particles_and_windows(simulator, monkeypatch):
     now_s = [0.0]
     monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
 
@@ -232,9 +231,9 @@ def test_fit_to_budget_counts_windows_by_the_parameters_that_move(simulator, mon
     physics = TimedPhysics(simulator, lambda batch: batch.qpos.copy(), rollouts.states[0, 0])
     particles, shooting = ParticleConfig(num=10_000), ShootingConfig(num_windows=10_000)
     config, seconds = FitConfig(particles=particles, shooting=shooting), 1000.0
-    size = fit_to_budget(config, physics, SPACE.nominal, 1000, seconds)
-    # Every window once as it is, by two joints' positions and velocities, and by a mass and a
-    # gain, up and down.
+    work = FitWork(1000, 2 * 2, 2)  # two joints' positions and velocities, a mass and a gain
+    size = fit_to_budget(config, physics, SPACE.nominal, work, seconds)
+    # Every window once as it is, by the state, and by the parameters up and down.
     derived = 1 + 2 * 2 + 2 * 2
     window_s = 2 * 1e-3 * shooting.steps_per_window(derived)  # from two sides
     window_s += 1e-3 * shooting.steps_of_longer(derived)  # from one
@@ -243,12 +242,12 @@ def test_fit_to_budget_counts_windows_by_the_parameters_that_move(simulator, mon
     assert size.particles.num == pytest.approx(10_000 * seconds / needed_s, rel=1e-3)
     assert size.shooting.num_windows == pytest.approx(10_000 * seconds / needed_s, rel=1e-3)
     assert size.shooting.stages == shooting.stages
-    assert fit_to_budget(config, physics, SPACE.nominal, 1000, 2 * needed_s) == config
-    assert fit_to_budget(config, physics, SPACE.nominal, 1000, math.inf) == config
+    assert fit_to_budget(config, physics, SPACE.nominal, work, 2 * needed_s) == config
+    assert fit_to_budget(config, physics, SPACE.nominal, work, math.inf) == config
     # As few as tell enough, unless those take too long with all that is not counted, twice that
     few = config.scaled(0.0)
     few_s = 1e-3 * 1000 * few.particles.num
     few_s += few.shooting.num_windows * window_s
     for at_most_s, its in ((2.001 * few_s, few), (1.999 * few_s, config.least())):
         its = replace(its, longer_within_s=0.8 * at_most_s)
-        assert fit_to_budget(config, physics, SPACE.nominal, 1000, 1e-3, at_most_s) == its
+        assert fit_to_budget(config, physics, SPACE.nominal, work, 1e-3, at_most_s) == its

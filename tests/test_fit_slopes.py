@@ -10,6 +10,7 @@ from simtune.fit import FitConfig, Observed, Physics, PointEstimate
 from simtune.fit.linearization import LinearizationPoint, WindowPlayer
 from simtune.fit.replay_fit import ReplayFit
 from simtune.fit.shooting import ShootingFit
+from simtune.fit.shooting_config import Spans
 from simtune.fit.windows import Windows
 from simtune.observation import AllEvidence
 from simtune.tasks import load_task
@@ -34,7 +35,7 @@ def slopes_at(unit: float):
     states = np.array([[0.1, 0.0], [0.2, 0.0], [0.31, 0.0]])
     none = np.zeros((3, 1))
     windows = Windows(AllEvidence(()), none[:, None], states, none, np.zeros(3), np.zeros(3))
-    player = WindowPlayer(RoughPhysics(), np.full(2, 1.0), np.array([0]))  # pyright: ignore
+    player = WindowPlayer(RoughPhysics(), np.full(2, 1.0), np.array([0]), Spans())  # pyright: ignore
     point = LinearizationPoint(states, np.array([unit]), np.zeros(3), 0.02**2)
     return player.differentiate(windows, point)
 

@@ -10,6 +10,7 @@ from search_context import SPACE, context_of, record_episodes
 from simtune.budget import Budget, OutOfTime
 from simtune.fit import (
     FitConfig,
+    FitWork,
     ParticleConfig,
     ReplayFit,
     ShootingConfig,
@@ -172,8 +173,8 @@ def test_steps_of_a_fit_by_hand():
     assert FIT.shooting.steps_of_longer(9) == longer == 560
     # Of 200 steps 20 windows of the last stage's 10, from two sides; all that are asked for of 900.
     # The point itself, 4 unknowns of a state, and 2 parameters up and down make 9 worlds.
-    assert count_fit_steps(FIT, 200, 4, 2) == (200 * 50, 20 * (2 * 190 + 560))
-    assert count_fit_steps(FIT, 900, 4, 2) == (900 * 50, 30 * (2 * 190 + 560))
+    assert count_fit_steps(FIT, FitWork(200, 4, 2)) == (200 * 50, 20 * (2 * 190 + 560))
+    assert count_fit_steps(FIT, FitWork(900, 4, 2)) == (900 * 50, 30 * (2 * 190 + 560))
 
 
 def test_a_scaled_fit_keeps_the_fewest_that_tell_anything():

@@ -2,6 +2,7 @@
 
 from simtune.fit.bootstrap import FEW_EPISODES, MANY_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator
+from simtune.fit.joint_motion import JointMotion
 from simtune.fit.lateness import Lateness, as_seen
 from simtune.fit.observed import Observed
 from simtune.fit.open_loop import OpenLoop
@@ -14,7 +15,7 @@ from simtune.fit.replay_fit import ReplayFit, num_fitted
 from simtune.fit.response import Photometry
 from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.shooting_config import ShootingConfig, Stage
-from simtune.fit.sizing import FitConfig, count_fit_steps, fit_to_budget
+from simtune.fit.sizing import FitConfig, FitWork, count_fit_steps, fit_to_budget
 from simtune.fit.uncertainty import (
     correlations,
     held_out_misfit,
@@ -33,7 +34,9 @@ __all__ = [
     "Descent",
     "FitConfig",
     "FitResult",
+    "FitWork",
     "Guess",
+    "JointMotion",
     "Lateness",
     "Observed",
     "OpenLoop",

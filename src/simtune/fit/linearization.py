@@ -11,10 +11,10 @@ import numpy as np
 from simtune.fit.common_errors import directions
 from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics
+from simtune.fit.shooting_config import Spans
 from simtune.fit.windows import Windows
 
-_STATE_DELTA, _SMALLEST_DELTA = 0.03, 1e-5  # of a state's prior_std; at least
-_UNIT_DELTA = 0.5  # of the standard deviation between windows
+_SMALLEST_DELTA = 1e-5  # of a state's unknowns
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,16 @@ class Slopes(NamedTuple):
     """Predictions of W windows at a point, and their derivatives."""
 
     predicted: np.ndarray  # (W, K, D)
-    by_state: np.ndarray  # (W, 2 nv, K, D)
+    by_state: np.ndarray  # (W, F, K, D)
     by_parameter: np.ndarray  # (W, P, K, D)
 
 
 class NormalEquations(NamedTuple):
-    """Of W windows with 2 nv unknowns of the initial state each, P parameters, Q common errors."""
+    """Of W windows with F unknowns of the initial state each, P parameters, Q common errors."""
 
-    hessian: np.ndarray  # (W, 2 nv, 2 nv) H, of the states
-    cross: np.ndarray  # (W, 2 nv, P + Q) C, states by shared unknowns
-    gradient: np.ndarray  # (W, 2 nv) g, of the states
+    hessian: np.ndarray  # (W, F, F) H, of the states
+    cross: np.ndarray  # (W, F, P + Q) C, states by shared unknowns
+    gradient: np.ndarray  # (W, F) g, of the states
     information: np.ndarray  # (W, P + Q, P + Q) B − Cᵀ H⁻¹ C, of the shared unknowns
     shared_gradient: np.ndarray  # (W, P + Q) b − Cᵀ H⁻¹ g
 
@@ -56,14 +56,18 @@ class WindowPlayer:
         physics: Physics,
         prior_std: np.ndarray,
         fitted: np.ndarray,
+        spans: Spans,
         lateness: Lateness | None = None,
     ):
-        """`prior_std`: (2 nv,) of first guesses at states; `fitted`: (P,) indices of the unknowns.
+        """`prior_std`: (2 nv,) of first guesses at states, 0 where they are exact; the other F are
+        unknown. `fitted`: (P,) indices of the unknown parameters.
 
         With `lateness` one more coordinate follows the parameters.
         """
         self._physics, self._space, self._lateness = physics, physics.space, lateness
-        self._prior_std, self._fitted = prior_std, fitted
+        self._fitted, self.unknown = fitted, np.flatnonzero(prior_std)
+        self._delta = np.maximum(spans.state * prior_std[self.unknown], _SMALLEST_DELTA)
+        self._span = spans.unit
 
     def play(
         self, windows: Windows, states: np.ndarray, units: np.ndarray
@@ -92,22 +96,21 @@ class WindowPlayer:
 
         Contacts make the motion rough: slopes across a small step are huge and random, and a fit
         that uses them stops where it began. So central differences span as much as windows disagree
-        on the parameters.
+        on the parameters, or more.
         """
-        num_states, num_fitted = self._space.num_tangent, len(self._fitted)
-        delta = np.maximum(_STATE_DELTA * self._prior_std, _SMALLEST_DELTA)
-        tangents = np.zeros((1 + num_states + 2 * num_fitted, num_states))
-        tangents[1 : 1 + num_states] = np.diag(delta)
+        num_states, num_fitted = len(self.unknown), len(self._fitted)
+        tangents = np.zeros((1 + num_states + 2 * num_fitted, self._space.num_tangent))
+        tangents[1 + np.arange(num_states), self.unknown] = self._delta
         spread = np.repeat(tangents[:, None], len(point.states), 1)
         states = self._space.move(point.states, spread)
         units = np.repeat(point.unit[None], len(tangents), 0)
-        middle, away = point.unit[self._fitted], _UNIT_DELTA * np.sqrt(point.variance)
+        middle, away = point.unit[self._fitted], self._span * np.sqrt(point.variance)
         above, below = np.minimum(middle + away, 1), np.maximum(middle - away, 0)
         sides = 1 + num_states + np.arange(2 * num_fitted)
         units[sides, np.tile(self._fitted, 2)] = np.concatenate([above, below])
         _, predicted = self.play(windows, states, units)
         change = (predicted[1:] - predicted[0]).swapaxes(0, 1)
-        by_state = change[:, :num_states] / delta[:, None, None]
+        by_state = change[:, :num_states] / self._delta[:, None, None]
         rise, fall = np.split(change[:, num_states:], 2, axis=1)
         by_parameter = (rise - fall) / (above - below)[:, None, None]
         return Slopes(predicted[0], by_state, by_parameter)
@@ -122,8 +125,8 @@ class WindowPlayer:
     ) -> tuple[NormalEquations, np.ndarray]:
         """Normal equations, and the windows' (W,) costs −log p(observed | states, parameters).
 
-        `slopes`: predictions at the point, and derivatives there or near by. `pull`: (W, 2 nv)
-        deviation of the states from their first guesses, divided by `prior`, (2 nv,), the standard
+        `slopes`: predictions at the point, and derivatives there or near by. `pull`: (W, F)
+        deviation of the states from their first guesses, divided by `prior`, (F,), the standard
         deviation of these guesses. With residuals r, weights w and noise σ of the evidence,
         J = ∂r/∂(states), K = ∂r/∂(unit, common), W = diag(w), S = diag(prior):
 
@@ -140,7 +143,7 @@ class WindowPlayer:
         scale, num = blur * windows.evidence.scale, len(residual)
         r, w = residual.reshape(num, -1), weight.reshape(num, -1)  # (W, M = K · D)
         num_residuals = r.shape[1]
-        jacobian = (by_state / scale).reshape(*by_state.shape[:2], num_residuals)  # (W, 2 nv, M)
+        jacobian = (by_state / scale).reshape(*by_state.shape[:2], num_residuals)  # (W, F, M)
         sensitivity = (by_shared / scale).reshape(
             *by_shared.shape[:2], num_residuals
         )  # (W, P + Q, M)

@@ -51,6 +51,11 @@ class OpenLoop:
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
         self.start_tangents = tangents
+        # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
+        self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
+        for place in _loose(model):
+            dof = model.jnt_dofadr[list(model.jnt_qposadr).index(place)]
+            self.is_loose_position[place : place + 7] = self.is_loose[dof : dof + 6] = True
 
     @classmethod
     def of(
@@ -122,6 +127,19 @@ class OpenLoop:
             dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
             states[..., nq + dofs] = velocities(joint_values) / self.physics.simulator.step_s
         return states if self.lateness is None else self._go_on(states, unit[-1:])
+
+    def corrected(self, states: np.ndarray, change: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """(E, T + 1, nq + nv) states with measured positions changed by `change`, (E, T + 1, D).
+
+        `rate`: (E, T + 1, D), by how much that changes per step, which corrects velocities.
+        """
+        states, nq = states.copy(), self.physics.space.nq
+        for sensor, columns in self._columns:
+            if not sensor.is_velocity:
+                dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
+                states[..., sensor.places] += change[..., columns]
+                states[..., nq + dofs] += rate[..., columns] / self.physics.simulator.step_s
+        return states
 
     def _go_on(self, states: np.ndarray, late: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) states that were read late by (1,) `late`, extrapolated."""

@@ -23,25 +23,26 @@ def uncertain_poses(
 
     It is what a single frame leaves open of each position alone, if its observations have noise
     `scale`, (K,). Other frames say more, unless the detector's errors are the same in all of them.
-    At most `largest`, (2 nv,). Positions that joint readings tell so well that no picture shows
-    what is left open are left out; the first `num_shown` observations are those of pictures.
+    At most `largest`, (2 nv,); 0: known. Positions that joint readings tell so well that no picture
+    shows what is left open are left out; the first `num_shown` observations are those of pictures.
     """
     space, num = physics.space, len(full_states)
     nv, states = space.nv, physics.states(full_states)
-    delta = np.maximum(_DELTA * largest, 1e-9)[:nv]
-    tangents = np.zeros((1 + nv, 1, 2 * nv))
-    tangents[1 + np.arange(nv), 0, np.arange(nv)] = delta
-    moved = space.move(states, np.repeat(tangents, num, 1)).reshape((1 + nv) * num, -1)
+    unknown = np.flatnonzero(largest[:nv])  # F of them
+    delta = np.maximum(_DELTA * largest[unknown], 1e-9)
+    tangents = np.zeros((1 + len(unknown), 1, 2 * nv))
+    tangents[1 + np.arange(len(unknown)), 0, unknown] = delta
+    moved = space.move(states, np.repeat(tangents, num, 1)).reshape(len(tangents) * num, -1)
     seen = physics.predict(moved, physics.parameters.to_unit(parameters))
-    seen = seen.reshape(1 + nv, num, -1) / scale
-    slopes = (seen[1:] - seen[:1]) / delta[:, None, None]  # (nv, M, K)
-    information = np.square(slopes).sum(-1).T  # (M, nv)
-    std = 1 / np.sqrt(information + largest[:nv] ** -2.0)
+    seen = seen.reshape(len(tangents), num, -1) / scale
+    slopes = (seen[1:] - seen[:1]) / delta[:, None, None]  # (F, M, K)
+    information = np.square(slopes).sum(-1).T  # (M, F)
+    std = 1 / np.sqrt(information + largest[unknown] ** -2.0)
     # What readings do not tell may show in ways that keypoints miss: a turning ball.
     is_read = (slopes[..., num_shown:] != 0).any((1, 2))
     shows = np.abs(slopes[..., :num_shown] * std.T[..., None]).max((1, 2), initial=0) > _SHOWS
     open_to = ~is_read | shows
-    return (std[..., None] * np.eye(nv, 2 * nv))[:, open_to]
+    return (std[..., None] * np.eye(2 * nv)[unknown])[:, open_to]
 
 
 def align_to_images(

@@ -9,6 +9,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit.estimator import StateEstimator
+from simtune.fit.joint_motion import JointMotion, without_readings
 from simtune.fit.latency import clearly_best
 from simtune.fit.lateness import Lateness, as_seen
 from simtune.fit.observed import Observed
@@ -20,7 +21,7 @@ from simtune.fit.response import Photometry
 from simtune.fit.result import FitResult, Misfit, PointEstimate, block_correlation, diluted
 from simtune.fit.shooting import Shooting, ShootingFit
 from simtune.fit.shooting_config import ShootingConfig, Stage
-from simtune.fit.sizing import FitConfig, fit_to_budget
+from simtune.fit.sizing import FitConfig, FitWork, fit_to_budget
 from simtune.fit.window_pictures import fit_window_pictures
 
 _SMALLEST_STD = {"moving": 5e-4, "appearance": 2e-4}  # in unit coordinates: no fit is exact
@@ -64,12 +65,15 @@ class ReplayFit:
         discrepancy_std: np.ndarray,
         config: FitConfig | None = None,
         photometry: Photometry | None = None,
+        joints: JointMotion | None = None,
     ):
         """`discrepancy_std`: (N,) in unit coordinates, of errors that no fit can detect.
 
         `photometry`: prior knowledge of colours; by default none, and the simulator's own camera.
+        With `joints` the readings give the robot's motion; `physics` then predicts pictures only.
         """
         self._physics, self._estimator, self._config = physics, estimator, config or FitConfig()
+        self._joints = joints
         self._discrepancy_std, self.space = discrepancy_std, physics.parameters
         self._all_moving = np.flatnonzero(~self.space.is_appearance)
         self._moving = np.setdiff1d(self._all_moving, self._config.held)
@@ -81,9 +85,10 @@ class ReplayFit:
 
         See `fit_to_budget`.
         """
+        work = FitWork(num_steps, int((self._prior_std > 0).sum()), len(self._moving))
         times = seconds, at_most_s
         return self._with(
-            fit_to_budget(self._config, self._physics, self.space.nominal, num_steps, *times)
+            fit_to_budget(self._config, self._physics, self.space.nominal, work, *times)
         )
 
     def least(self) -> "ReplayFit":
@@ -95,7 +100,7 @@ class ReplayFit:
         return self._config == self._config.least()
 
     def _with(self, config: FitConfig) -> "ReplayFit":
-        rest = self._discrepancy_std, config, self._photometry
+        rest = self._discrepancy_std, config, self._photometry, self._joints
         return ReplayFit(self._physics, self._estimator, *rest)
 
     def fit(
@@ -125,7 +130,7 @@ class ReplayFit:
         shown = as_seen(self._physics.simulator, short.full_states, short.late_steps)
         pictures = fit_window_pictures(
             self._physics,
-            self._estimator.prior_std,
+            self._prior_std,
             replace(short, full_states=shown),
             to_fit,
             self.space.from_unit(unit),
@@ -169,16 +174,24 @@ class ReplayFit:
         blocks = (self._moving, motion.covariance), (self._appearance, pictures.covariance)
         return at_least, diluted(block_correlation(len(std), blocks), std / at_least)
 
+    @property
+    def _prior_std(self) -> np.ndarray:
+        """(2 nv,) usual errors of first guesses at states; 0: known."""
+        usual = self._estimator.prior_std
+        return usual if self._joints is None else np.where(self._joints.is_known, 0.0, usual)
+
     def within(self, budget: Budget) -> "ReplayFit":
         """The same, but raises OutOfTime as soon as `budget` is over."""
         physics = self._physics.within(budget)
-        rest = self._discrepancy_std, self._config, self._photometry
+        rest = self._discrepancy_std, self._config, self._photometry, self._joints
         return ReplayFit(physics, self._estimator, *rest)
 
     def _line_up(
         self, observed: Observed, fitted: slice, start: PointEstimate, latencies: Sequence[int]
     ) -> LinedUp:
         """Find the latency of actions, then the encoders' offsets, for which it must be known."""
+        if self._joints is not None:
+            return self._line_up_by_readings(observed, fitted, start, latencies[0])
         latency_steps, followed = latencies[0], None
         if len(latencies) > 1:
             followed = self._follow(observed.delayed(latency_steps), fitted, start)
@@ -186,6 +199,18 @@ class ReplayFit:
         observed, offsets = self._find_offsets(observed.delayed(latency_steps), start.parameters)
         if followed is None or latency_steps != latencies[0] or len(offsets):
             followed = self._follow(observed, fitted, start)
+        return LinedUp(observed, latency_steps, offsets, *followed)
+
+    def _line_up_by_readings(
+        self, observed: Observed, fitted: slice, start: PointEstimate, latency_steps: int
+    ) -> LinedUp:
+        """The robot's motion is that of the readings; pictures show the rest."""
+        assert self._joints is not None
+        observed = observed.delayed(latency_steps)
+        guessed = self._estimator(observed)
+        states, offsets = self._joints.find(observed, guessed, start.parameters)
+        observed = without_readings(observed)
+        followed = self._follow(observed, fitted, start, states)
         return LinedUp(observed, latency_steps, offsets, *followed)
 
     def _shooting(
@@ -196,14 +221,22 @@ class ReplayFit:
     ) -> Shooting:
         config = config or self._config.shooting
         config = config.where_pictures_are_late() if lateness else config
-        return Shooting(self._physics, self._estimator.prior_std, fitted, config, lateness)
+        return Shooting(self._physics, self._prior_std, fitted, config, lateness)
 
-    def _follow(self, observed: Observed, fitted: slice, start: PointEstimate) -> Followed:
-        """Follow all episodes; the parameters are estimated from the `fitted` ones."""
-        prior_std = self._estimator.prior_std
-        particles = Particles(self._physics, prior_std, self._moving, self._config.particles)
+    def _follow(
+        self,
+        observed: Observed,
+        fitted: slice,
+        start: PointEstimate,
+        guessed: np.ndarray | None = None,
+    ) -> Followed:
+        """Follow all episodes; the parameters are estimated from the `fitted` ones.
+
+        `guessed`: (E, T + 1, nq + nv) first guesses at states, by default the estimator's.
+        """
+        particles = Particles(self._physics, self._prior_std, self._moving, self._config.particles)
         unit, std = self.space.to_unit(start.parameters), start.std.copy()
-        guessed = self._estimator(observed)
+        guessed = self._estimator(observed) if guessed is None else guessed
         followed = particles.follow(observed, guessed, unit, np.clip(start.std, *_PARTICLE_STD))
         estimates = followed.unit[fitted]
         unit[self._moving] = np.median(estimates, 0)

@@ -61,7 +61,7 @@ class Shooting:
         config: ShootingConfig,
         lateness: Lateness | None = None,
     ):
-        """`prior_std`: (2 nv,) usual errors of first guesses at states.
+        """`prior_std`: (2 nv,) usual errors of first guesses at states; 0: these are exact.
 
         `lateness`: of what is late by an unknown time, which is fitted as well.
         """
@@ -69,7 +69,7 @@ class Shooting:
         self._on_time = np.full(int(lateness is not None), Lateness.unit(0.0))
         last = len(physics.parameters) + np.arange(len(self._on_time))
         unknown = np.concatenate([self.fitted, last]).astype(int)
-        self._step = ShootingStep(physics, prior_std, unknown, lateness)
+        self._step = ShootingStep(physics, prior_std, unknown, config.spans, lateness)
         self._lags = [i for i in self.fitted if physics.parameters.parameters[i].is_lag]
 
     def fit(self, observed: Observed, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:

@@ -16,6 +16,7 @@ from simtune.fit.linearization import (
     diagonal,
 )
 from simtune.fit.physics import Physics
+from simtune.fit.shooting_config import Spans
 from simtune.fit.windows import Windows
 
 _PRIOR = 3.0  # factor on the std of first guesses: the estimator overstates its accuracy
@@ -43,12 +44,13 @@ class ShootingStep:
         physics: Physics,
         prior_std: np.ndarray,
         fitted: np.ndarray,
+        spans: Spans,
         lateness: Lateness | None = None,
     ):
         """`prior_std`: (2 nv,) usual errors of first guesses at states; see `WindowPlayer`."""
         self._space, self.fitted = physics.space, fitted
-        self._prior_std = prior_std * _PRIOR
-        self.player = WindowPlayer(physics, self._prior_std, fitted, lateness)
+        self.player = WindowPlayer(physics, prior_std * _PRIOR, fitted, spans, lateness)
+        self._prior_std = prior_std[self.player.unknown] * _PRIOR  # (F,)
 
     def information(self, windows: Windows, point: LinearizationPoint) -> np.ndarray:
         """(W, P, P) information of each window on the parameters, its initial state unknown.
@@ -75,8 +77,9 @@ class ShootingStep:
 
             Σ_w −log p(observed_w | x_w, θ) + ½ ‖S⁻¹ (x_w ⊖ x̄_w)‖²
 
-        with x̄_w the first guess and S = diag(prior). θ has the parameters, and the common errors,
-        which have a prior of their own. Linearised at the point (`linearize`) that is
+        with x̄_w the first guess and S = diag(prior), for what is unknown of the states. θ has the
+        parameters, and the common errors, which have a prior of their own. Linearised at the point
+        (`linearize`) that is
 
             [H_w   C_w] [δx_w]     [g_w]
             [C_wᵀ  B_w] [δθ  ] = − [b_w]
@@ -88,7 +91,7 @@ class ShootingStep:
         and the next step in θ is a quarter as long.
         """
         prior = self._prior_std * (_LAST_PRIOR if blur <= 1 else 1.0)
-        pull = self._pull(point.states, windows, prior)  # (W, 2 nv)
+        pull = self._pull(point.states, windows, prior)  # (W, F)
         by_common, num = directions(windows.evidence), len(self.fitted)
         common = point.common if len(point.common) else np.zeros(len(by_common))
         seen = slopes._replace(predicted=slopes.predicted + common @ by_common)
@@ -134,10 +137,12 @@ class ShootingStep:
         hessian = equations.hessian
         damped = hessian + point.damping[:, None, None] * diagonal(hessian)
         gradient = equations.gradient + equations.cross @ change
-        tangent = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
         limit = _LARGEST_STATE_STEP * self._prior_std
-        return self._space.move(point.states, np.clip(tangent, -limit, limit))
+        tangent = np.zeros((len(step), self._space.num_tangent))
+        tangent[:, self.player.unknown] = np.clip(step, -limit, limit)
+        return self._space.move(point.states, tangent)
 
     def _pull(self, states: np.ndarray, windows: Windows, prior: np.ndarray) -> np.ndarray:
-        """(W, 2 nv) S⁻¹ (x ⊖ x̄), with S = diag(prior)."""
-        return self._space.difference(states, windows.states) / prior
+        """(W, F) S⁻¹ (x ⊖ x̄), with S = diag(prior)."""
+        return self._space.difference(states, windows.states)[:, self.player.unknown] / prior

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,14 @@ _LEAST_PARTICLES, _LEAST_WINDOWS, _LEAST_PICTURES = 16, 12, 20  # if even those 
 _IN_ALL = 2.0
 _WITH_LONGER = 0.8  # of the most that a fit may take: two refits that take as long have time, too
 _TRIED_WORLDS, _TRIED_STEPS = 64, 12
+
+
+class FitWork(NamedTuple):
+    """What the time of a fit depends on, besides its configuration."""
+
+    num_steps: int  # of all episodes
+    num_unknown: int  # numbers of a state that are not known
+    num_fitted: int  # parameters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,26 +57,24 @@ class FitConfig:
         )
 
 
-def count_fit_steps(
-    config: FitConfig, num_steps: int, num_tangent: int, num_fitted: int
-) -> tuple[int, int]:
-    """Policy steps that particles and windows play, for episodes of `num_steps` in all."""
+def count_fit_steps(config: FitConfig, work: FitWork) -> tuple[int, int]:
+    """Policy steps that particles and windows play."""
     shooting = config.shooting
-    windows = min(shooting.num_windows, -(-num_steps // shooting.stages[-1].window))
-    num_derived = 1 + num_tangent + 2 * num_fitted
+    windows = min(shooting.num_windows, -(-work.num_steps // shooting.stages[-1].window))
+    num_derived = 1 + work.num_unknown + 2 * work.num_fitted
     played = _SIDES * shooting.steps_per_window(num_derived) + shooting.steps_of_longer(num_derived)
-    return num_steps * config.particles.num, windows * played
+    return work.num_steps * config.particles.num, windows * played
 
 
 def fit_to_budget(
     config: FitConfig,
     physics: Physics,
     parameters: np.ndarray,
-    num_steps: int,
+    work: FitWork,
     seconds: float,
     at_most_s: float = np.inf,
 ) -> FitConfig:
-    """With as many particles and windows as `seconds` allow, for episodes of `num_steps` in all.
+    """With as many particles and windows as `seconds` allow.
 
     With the fewest that tell enough it may take longer. If that exceeds `at_most_s`, the least
     configuration is taken. Longer windows must end within a share of `at_most_s`: where little is
@@ -76,11 +83,9 @@ def fit_to_budget(
     if not np.isfinite(seconds):
         return config
     step_s, begun_step_s = _seconds_per_step(physics, parameters)
-    num_fitted = int((~physics.parameters.is_appearance).sum())
-    unknown = physics.space.num_tangent, num_fitted
 
     def needed_s(sized: FitConfig) -> float:
-        of_particles, of_windows = count_fit_steps(sized, num_steps, *unknown)
+        of_particles, of_windows = count_fit_steps(sized, work)
         return begun_step_s / sized.particles.steps * of_particles + step_s * of_windows
 
     config = replace(config, longer_within_s=_WITH_LONGER * at_most_s)

@@ -19,14 +19,19 @@ def replay_whole(
     The first few readings give the initial state; later ones are not used. `offsets`: (D,)
     measured − simulated.
     """
-    whole = loop.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
-    states = _begin(loop, whole, unit, offsets)
+    whole, states = begin_whole(loop, readings, unit, offsets)
     predicted, _ = loop.play(whole, states[None], unit[None])
     return predicted[0] + offsets
 
 
-def _begin(loop: OpenLoop, whole: Stretches, unit: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """(W, nq + nv) initial states that explain the first few readings best (Gauss-Newton)."""
+def begin_whole(
+    loop: OpenLoop, readings: Readings, unit: np.ndarray, offsets: np.ndarray
+) -> tuple[Stretches, np.ndarray]:
+    """Whole episodes, and their (E, nq + nv) initial states.
+
+    These explain the first few readings best (Gauss-Newton). Parameters are as in `replay_whole`.
+    """
+    whole = loop.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
     loop = loop.by_starts_alone()
     first, noise = whole.first(_FIRST), usual_noise(loop.sensors)
     start_std, states = loop.start_std(noise, first.values), first.states
@@ -38,4 +43,4 @@ def _begin(loop: OpenLoop, whole: Stretches, unit: np.ndarray, offsets: np.ndarr
         step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]
         shift = shift - step
         states = loop.moved(first.states, shift, start_std)
-    return states
+    return whole, states

@@ -74,6 +74,7 @@ def _unobserved(physics: Physics, prior_std: np.ndarray, scale: np.ndarray) -> n
     """
     space, parameters = physics.space, physics.parameters
     changes = np.diag(_PRIOR_STDS * prior_std)[: space.nv]
+    changes = changes[prior_std[: space.nv] > 0]
     moved = space.move(physics.some_state, np.vstack([0 * changes[:1], changes]))
     predicted = physics.predict(moved, parameters.to_unit(parameters.nominal))
     difference = np.abs(predicted[1:] - predicted[:1]) / scale

@@ -28,6 +28,7 @@ from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import SearchContext
+from simtune.tuning.told import Told
 from simtune.vision.detector import Detections
 from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.keypoint_tracks import KeypointTracks
@@ -83,9 +84,12 @@ class FitStage:
         held_out: HeldOut,
         config: PosteriorSearchConfig,
         budget: Budget,
-        is_blunt: bool = False,
+        told: Told | None = None,
     ) -> "FitStage":
-        """Measure the detector's noise in held-out worlds and train the state estimator there."""
+        """Measure the detector's noise in held-out worlds and train the state estimator there.
+
+        `told`: by readings alone; None if they are used in windows only, or there are none.
+        """
         worlds, simulator = held_out.worlds, context.simulator
         assert isinstance(simulator, Simulator), "see can_fit"
         episodes = held_out.detections.episodes(len(worlds.frames))
@@ -93,7 +97,8 @@ class FitStage:
         tracks = KeypointTracks.of_detections(episodes, simulator.shape, noise)
         evidence = context.observation.evidence(tracks, worlds.readings)
         observed = Observed(evidence, worlds.filmed_actions().astype(float))
-        observe = context.observation.observe_beside(context.keypoints.observe)
+        joints, observe = told and told.joints, context.keypoints.observe
+        observe = observe if joints else context.observation.observe_beside(observe)
         physics = Physics(simulator, observe, worlds.states[0, 0])
         part = budget.share(config.state_share, (0.5, 0.55))
         clock = TrainingClock(
@@ -112,8 +117,8 @@ class FitStage:
         known = nothing if context.known is None else context.known
         photometry = Photometry(context.observation.image_noise, known)
         discrepancy = np.where(photometry.is_known, 0.0, discrepancy)
-        replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit, photometry)
-        return cls(context, model, replay_fit, noise, is_blunt)
+        replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit, photometry, joints)
+        return cls(context, model, replay_fit, noise, is_blunt=told is None)
 
     @property
     def reading_labels(self) -> tuple[str, ...]:

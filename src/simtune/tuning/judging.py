@@ -76,10 +76,8 @@ class Judging:
         """
         stage, config = None, learning.config
         if learning.is_fitted:
-            held = tuple(np.flatnonzero(told.is_held)) if told else ()
-            config = replace(config, fit=replace(config.fit, held=held))
-            is_blunt = told is None  # readings, if any, are used in windows only
-            stage = FitStage.prepare(context, learning.model, held_out, config, budget, is_blunt)
+            config = replace(config, fit=told.fitting(config.fit) if told else config.fit)
+            stage = FitStage.prepare(context, learning.model, held_out, config, budget, told)
             num_steps = min(len(t) for t in real) * len(real)
             fits, left_s = 1 + _REFIT * config.num_refits[0], _FITS_SHARE * budget.seconds_left
             stage = stage.sized(num_steps, left_s / fits, left_s / _FEWEST_FITS)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.fit import FEW_EPISODES, count_fit_steps
+from simtune.fit import FEW_EPISODES, FitWork, count_fit_steps
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.simulation import AnySimulator
@@ -84,9 +84,10 @@ class Pace:
             more = config.num_worlds * (worlds_s + FILMED_WITHOUT_FIT * self.frame_s)
             return seconds + config.no_fit_scale * (more + small_s * config.posterior_updates)
         seconds += small_s * (config.posterior_updates + config.state_updates)
-        unknown, few = (work.num_tangent, work.num_fitted), min(FEW_EPISODES, episodes)
-        played = sum(count_fit_steps(config.fit, episodes * steps, *unknown))
-        played_again = sum(count_fit_steps(config.fit, few * steps, *unknown))
+        fitted = FitWork(episodes * steps, work.num_tangent, work.num_fitted)
+        refitted = fitted._replace(num_steps=min(FEW_EPISODES, episodes) * steps)
+        played = sum(count_fit_steps(config.fit, fitted))
+        played_again = sum(count_fit_steps(config.fit, refitted))
         played += config.num_refits[0] * played_again
         return seconds + _SLOWER * self.step_s * played
 

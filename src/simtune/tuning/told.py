@@ -2,8 +2,10 @@
 
 With video the motion is fitted in windows of a quarter of a second, which tell less of a servo than
 a whole episode. So readings are fitted first. The parameters that they identify are held while
-videos determine the rest; refits of known worlds include the cost, since they start as far from the
-truth as the readings' fit may be. In the end each parameter is taken from the better of both.
+videos determine the rest. If everything is read but loose objects, readings give the robot's
+motion as well (`fit.joint_motion`), and all that they tell of its parameters is held. Refits of
+known worlds include the cost, since they start as far from the truth as the readings' fit may be.
+In the end each parameter is taken from the better of both.
 """
 
 from dataclasses import replace
@@ -11,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import OpenLoop, PointEstimate
+from simtune.fit import FitConfig, JointMotion, OpenLoop, PointEstimate
 from simtune.fit.uncertainty import tell_apart
-from simtune.observation import joints_of, read_later
+from simtune.observation import finds_offset, joints_of, read_later
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
@@ -26,13 +28,22 @@ _CENTRAL = 2 * 1.645  # width of a 90 % interval in standard deviations
 class Told:
     """An estimate from readings, and which of its parameters are held."""
 
-    def __init__(self, estimate: Estimate, distribution: Distribution, is_trusted: bool):
+    def __init__(
+        self,
+        estimate: Estimate,
+        distribution: Distribution,
+        is_trusted: bool,
+        joints: JointMotion | None = None,
+    ):
         """`distribution`: the range that the estimate leaves; `is_trusted`: whether two fits agree,
-        and explain readings as well as the tuning file declares.
+        and explain readings as well as the tuning file declares; `joints`: if everything is read
+        but loose objects.
         """
         self._estimate, self._seen, self._is_trusted = estimate, distribution, is_trusted
-        identified = np.array([verdict == "identified" for verdict in estimate.verdict])
-        self.is_held = identified & is_trusted  # (N,)
+        self.joints = joints if is_trusted else None
+        enough = ("identified",) if self.joints is None else ("identified", "weak")
+        is_told = np.array([verdict in enough for verdict in estimate.verdict])
+        self.is_held = is_told & is_trusted  # (N,)
         is_any = bool(self.is_held.any())
         self.latency_steps = estimate.latency_steps if is_any else 0
         self.late_s = estimate.readings_late_s if is_any else (0.0, 0.0)  # with std
@@ -50,11 +61,20 @@ class Told:
         is_readable = bool(joints_of(seen.sensors)) and not simulator.space.is_appearance.all()
         if not is_readable or not isinstance(simulator, Simulator):
             return None
-        if OpenLoop.of(simulator, seen, context.start).unseen:
+        loop = OpenLoop.of(simulator, seen, context.start)
+        if loop.unseen:
             return None
+        joints = JointMotion(loop, finds_offset(loop.sensors)) if loop.is_loose.any() else None
         search = ReadingsSearch(context, ReadingsConfig(precision=0.0))
         estimate = search.run_round(real, budget).estimate
-        return cls(estimate, search.distribution, search.is_trusted)
+        return cls(estimate, search.distribution, search.is_trusted, joints)
+
+    def fitting(self, config: FitConfig) -> FitConfig:
+        """How to fit what readings leave open."""
+        config = replace(config, held=tuple(np.flatnonzero(self.is_held).tolist()))
+        if self.joints is None:
+            return config
+        return replace(config, shooting=config.shooting.where_joints_are_known())
 
     def narrowed(self, searched: Distribution) -> Distribution:
         """The range to search, with held parameters limited to what readings leave open."""

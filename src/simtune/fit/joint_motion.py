@@ -1,0 +1,97 @@
+"""The motion of a robot whose joints are read, known before its pictures are looked at.
+
+If everything is read except loose objects, parameters that the readings told give the robot's
+states: an open-loop replay, corrected by what readings differ from it for longer than noise does.
+Then only the objects' states are unknown in windows. That is a third of the unknowns, and windows
+can be longer: with ALOHA's arms, a box's mass can at best be told to 6 % instead of 19 %.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+from scipy.signal import savgol_filter
+
+from simtune.fit.observed import Observed
+from simtune.fit.open_loop import OpenLoop
+from simtune.fit.readings import Readings, filled
+from simtune.fit.whole_episodes import begin_whole
+from simtune.observation import AllEvidence, JointReadings
+
+_CALM, _QUICK = 9, 3  # readings to which a parabola is fitted
+_CLEARLY = 4.0  # standard deviations of noise
+_ROUNDS = 3  # in which offsets and initial states are found in turn
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """Finds the states of all joints but those of loose objects."""
+
+    loop: OpenLoop
+    finds_offset: np.ndarray  # (D,) bool, of the readings
+
+    @property
+    def is_known(self) -> np.ndarray:
+        """(2 nv,) bool: which tangents of a state are known."""
+        return ~np.tile(self.loop.is_loose, 2)
+
+    def find(
+        self, observed: Observed, states: np.ndarray, parameters: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(E, T + 1, nq + nv) states, and (D,) offsets of the encoders.
+
+        Loose objects are as in the guesses `states`, (E, T + 1, nq + nv).
+        """
+        unit = self.loop.physics.parameters.to_unit(parameters)
+        parts = observed.evidence.parts
+        values = np.concatenate([p.values for p in parts if isinstance(p, JointReadings)], -1)
+        readings, offsets = Readings(observed.actions, values), np.zeros(len(self.finds_offset))
+        for _ in range(_ROUNDS):
+            replayed, predicted = self._replay(readings, unit, offsets)
+            missed = np.nan_to_num(np.nanmedian(values - predicted, (0, 1)))
+            offsets = np.where(self.finds_offset, missed, 0.0)
+        replayed, predicted = self._replay(readings, unit, offsets)
+        left = smoothed(filled(values - offsets - predicted))
+        return self._with_objects(self.loop.corrected(replayed, *left), states), offsets
+
+    def _replay(
+        self, readings: Readings, unit: np.ndarray, offsets: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(E, T + 1, nq + nv) states and (E, T + 1, D) predictions, without objects in the way."""
+        physics = self.loop.physics
+        whole, begun = begin_whole(self.loop, readings, unit, offsets)
+        units = np.repeat(unit[None], len(begun), 0)
+        full_states, seen = physics.play(begun, units, whole.actions, whole.actuator_states)
+        return physics.states(full_states), seen
+
+    def _with_objects(self, robot: np.ndarray, objects: np.ndarray) -> np.ndarray:
+        is_object = np.concatenate([self.loop.is_loose_position, self.loop.is_loose])
+        return np.where(is_object, objects, robot)
+
+
+def smoothed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(E, T, D) values without their noise, and their changes per step.
+
+    Parabolas through neighbours: few of them where many would leave clearly more than noise, as
+    where an arm touches something.
+    """
+    (calm, calm_rate), (quick, quick_rate) = (_parabolas(values, n) for n in (_CALM, _QUICK))
+    missed = np.abs(values - calm)
+    noise = 1.48 * np.median(missed, (0, 1))
+    is_quick = maximum_filter1d((missed > _CLEARLY * noise).astype(int), _CALM, axis=1) > 0
+    return np.where(is_quick, quick, calm), np.where(is_quick, quick_rate, calm_rate)
+
+
+def _parabolas(values: np.ndarray, width: int) -> list[np.ndarray]:
+    width = min(width, values.shape[1] - (values.shape[1] + 1) % 2)
+    order = min(2, width - 1)
+    return [np.asarray(savgol_filter(values, width, order, deriv=n, axis=1)) for n in (0, 1)]
+
+
+def without_readings(observed: Observed) -> Observed:
+    """Only the evidence of pictures."""
+    parts = tuple(p for p in observed.evidence.parts if not isinstance(p, JointReadings))
+    late = observed.lateness
+    if late is not None:
+        late = replace(late, is_late=late.is_late[late.is_late])
+    return replace(observed, evidence=AllEvidence(parts), lateness=late)

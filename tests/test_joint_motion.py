@@ -1,0 +1,162 @@
+"""A robot whose joints are read, and a loose box that it pushes."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from keypoint_evidence import tracks_at
+
+from simtune.fit import JointMotion, Observed, OpenLoop, Physics
+from simtune.fit.joint_motion import smoothed, without_readings
+from simtune.fit.shooting import Shooting
+from simtune.fit.shooting_config import ShootingConfig
+from simtune.observation import AllEvidence, ObservationModel, finds_offset
+from simtune.tasks import Task, load_task
+
+MJCF = """<mujoco>
+  <option timestep=".005" integrator="implicitfast"/>
+  <worldbody>
+    <geom type="plane" size="2 2 .1" friction=".01"/>
+    <body name="pusher" pos="-.2 0 .05">
+      <joint name="slider" type="slide" axis="1 0 0"/>
+      <geom name="pad" type="box" size=".02 .04 .02" mass="1" friction=".01"/>
+    </body>
+    <body name="box" pos="0 0 .03">
+      <freejoint name="box"/>
+      <geom name="box" type="box" size=".03 .03 .03" mass=".3"/>
+    </body>
+  </worldbody>
+  <actuator><position name="slider" joint="slider" kp="200" kv="20" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+TUNE = """model = "pusher.xml"
+control_timestep_s = 0.02
+[initial_state]
+kind = "distribution"
+[initial_state.joints]
+box = { position = [[-0.05, 0.05], [-0.01, 0.01], [0.03, 0.03]] }
+[[sensors]]
+name = "encoders"
+joints = ["slider"]
+noise = 0.0005
+[[parameters]]
+name = "kp"
+kind = "gain"
+objects = "slider"
+[[parameters]]
+name = "box_friction"
+kind = "friction"
+objects = "box"
+nominal = 0.5
+low = 0.05
+high = 2.0
+"""
+TRUTH = {"kp": 260.0, "box_friction": 0.3}
+OFFSET = 0.01  # m, of the encoder
+STEPS, EPISODES = 100, 4
+PX_PER_M = 100.0
+
+
+def pixels(batch) -> np.ndarray:
+    """(n, 4) two points of the box, from the side."""
+    x, z = batch.qpos[:, 1:2], batch.qpos[:, 3:4]
+    turn = 2 * batch.qpos[:, 6:7]  # about y, while it is small
+    return np.hstack([x, z, x + 0.03, z - 0.03 * turn]) * PX_PER_M + 32
+
+
+@pytest.fixture(scope="module")
+def pushes(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+    """Episodes in which a pusher knocks a box about, with noisy readings."""
+    folder: Path = tmp_path_factory.mktemp("pusher")
+    (folder / "pusher.xml").write_text(MJCF)
+    (folder / "tune.toml").write_text(TUNE)
+    task = load_task(str(folder / "tune.toml"))
+    assert isinstance(task, Task)
+    space, rng = task.parameters, np.random.default_rng(3)
+    simulator, seen = task.simulator(image_size=64), ObservationModel.of_simulator(task.sensors)
+    times = np.arange(STEPS) * 0.02
+    swing = 0.1 + 0.12 * np.sin(times * rng.uniform(4, 7, (EPISODES, 1)) - 1)
+    truth = space.from_dict(TRUTH)
+    played = simulator.roll_out(
+        np.repeat(truth[None], EPISODES, 0), swing[..., None], rng, seen.observe_beside(pixels)
+    )
+    points, exact = np.split(played.observed, [4], axis=-1)
+    readings = seen.readings(exact, rng)["encoders"] + OFFSET
+    tracks = tracks_at(points + 0.3 * rng.normal(size=points.shape), noise_px=0.3)
+    evidence = AllEvidence((tracks, task.sensors[0].evidence(readings)))
+    observed = Observed(evidence, swing[..., None])
+    loop = OpenLoop.of(simulator, seen, space.nominal)
+    physics = Physics(simulator, pixels, played.states[0, 0])
+    states = physics.states(played.states)
+    assert (np.ptp(states[..., 1], axis=1) > 0.02).sum() >= 3  # boxes are moved
+    return SimpleNamespace(
+        space=space, truth=truth, loop=loop, physics=physics, states=states, observed=observed
+    )
+
+
+def test_readings_give_the_robots_states_and_offsets_also_while_it_pushes(pushes):
+    joints = JointMotion(pushes.loop, np.array([True]))
+    assert finds_offset(pushes.loop.sensors).tolist() == [True]
+    objects = np.full_like(pushes.states, 7.0)
+    found, offsets = joints.find(pushes.observed, objects, pushes.truth)
+    assert offsets == pytest.approx([OFFSET], abs=3e-4)
+    off = found - pushes.states
+    assert np.sqrt(np.square(off[..., 0]).mean()) < 5e-4  # m; readings have that noise
+    assert np.median(np.abs(off[..., 8])) < 0.02  # m/s; neighbours' differences: .035
+    assert (found[..., 1:8] == 7).all()  # the box is as it was guessed
+    assert (found[..., 9:] == 7).all()
+    assert joints.is_known.tolist() == 2 * ([True] + 6 * [False])
+
+
+def test_a_known_offset_is_not_found_anew(pushes):
+    _, offsets = JointMotion(pushes.loop, np.array([False])).find(
+        pushes.observed, pushes.states, pushes.truth
+    )
+    assert offsets == [0]
+
+
+def shooting(pushes, is_known: np.ndarray) -> Shooting:
+    prior_std = np.where(is_known, 0.0, np.tile([0.02] * 4 + [0.1] * 3, 2))
+    config = ShootingConfig().where_joints_are_known()
+    friction = np.array([pushes.space.names.index("box_friction")])
+    return Shooting(pushes.physics, prior_std, friction, config)
+
+
+def test_a_boxs_friction_is_found_and_the_robots_states_stay(pushes):
+    joints = JointMotion(pushes.loop, np.array([True]))
+    rough = pushes.states.copy()
+    rough[..., 1] += np.random.default_rng(4).normal(0, 0.003, rough[..., 1].shape)
+    states, _ = joints.find(pushes.observed, rough, pushes.truth)
+    observed, begin = without_readings(pushes.observed), pushes.truth.copy()
+    begin[1] = 0.45
+    fit = shooting(pushes, joints.is_known).fit(observed, states, begin)
+    unit = pushes.space.to_unit(pushes.truth)[1]
+    std = np.sqrt(fit.covariance[0, 0])
+    assert abs(fit.unit[0] - unit) < max(3 * std, 0.01)
+    assert std < 0.03
+    kept = pushes.physics.states(fit.full_states[:, 0])
+    begun = states[fit.episode, fit.step]
+    np.testing.assert_array_equal(kept[:, [0, 8]], begun[:, [0, 8]])
+    assert (kept[:, 1] != begun[:, 1]).any()
+
+
+def test_who_knows_the_robots_states_can_tell_more_of_the_box(pushes):
+    observed = without_readings(pushes.observed)
+    least = [
+        shooting(pushes, is_known).fisher_covariance(observed, pushes.states, pushes.truth)[0, 0]
+        for is_known in (np.tile([True] + 6 * [False], 2), np.zeros(14, bool))
+    ]
+    assert least[0] < 0.97 * least[1]
+
+
+def test_smoothing_takes_noise_away_but_no_blow():
+    rng, noise = np.random.default_rng(5), 0.001
+    line = np.linspace(0, 1, 80) + 0.2 * (np.arange(80) >= 40)  # .2 at once
+    values = np.stack([line, np.linspace(0, 1, 80)], -1)[None] + rng.normal(0, noise, (1, 80, 2))
+    found, rate = smoothed(values)
+    calm = np.r_[5:30, 50:75]
+    assert found[0, calm, 0].tolist() == pytest.approx(line[calm].tolist(), abs=2 * noise)
+    assert rate[0, calm].mean() == pytest.approx(1 / 79, rel=0.03)
+    assert found[0, 39:41, 0] == pytest.approx(values[0, 39:41, 0])
+    assert (found[0, :, 1] != values[0, :, 1]).all()  # of the other reading no blow
