@@ -34,8 +34,8 @@ class ShootingConfig:
     def where_joints_are_known(self) -> "ShootingConfig":
         """Long windows at once, since only objects may go astray in them.
 
-        What pushes them makes their motion rough: slopes across a short span lead nowhere. In six
-        worlds of a pusher and a box, friction was off by .016 on average, before by .054, in unit
+        What pushes them makes their motion rough: slopes across a short span lead nowhere. In seven
+        worlds of a pusher and a box, friction was off by .019 on average, before by .054, in unit
         coordinates; with ALOHA's arms a box's friction by .009, before by .03.
         """
         return replace(
