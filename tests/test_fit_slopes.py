@@ -76,7 +76,10 @@ def fit_motion(truth: np.ndarray, std: float, left: float, moved: float | None =
         np.zeros(len(SPACE)),
         FitConfig(),
     )
-    fit._shooting = lambda *_, **__: Contraction(truth, left, moved)  # pyright: ignore
+    setup = SimpleNamespace(
+        moving=MOVING, shooting=lambda *_, **__: Contraction(truth, left, moved)
+    )
+    fit._setup = setup  # pyright: ignore
     nothing = Observed(AllEvidence(()), np.zeros((1, 4, 1)))
     return fit._fit_motion(nothing, np.zeros((1, 5, 4)), start, moved is not None)[:2]
 

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
-from scipy.signal import savgol_filter
 
 from simtune.fit.observed import Observed
 from simtune.fit.open_loop import OpenLoop
-from simtune.fit.readings import Readings, filled
+from simtune.fit.readings import Readings, filled, parabolas
 from simtune.fit.whole_episodes import begin_whole
 from simtune.observation import AllEvidence, JointReadings
 
@@ -46,8 +45,8 @@ class JointMotion:
         parts = observed.evidence.parts
         values = np.concatenate([p.values for p in parts if isinstance(p, JointReadings)], -1)
         readings, offsets = Readings(observed.actions, values), np.zeros(len(self.finds_offset))
-        for _ in range(_ROUNDS):
-            replayed, predicted = self._replay(readings, unit, offsets)
+        for _ in range(_ROUNDS if self.finds_offset.any() else 0):
+            _, predicted = self._replay(readings, unit, offsets)
             missed = np.nan_to_num(np.nanmedian(values - predicted, (0, 1)))
             offsets = np.where(self.finds_offset, missed, 0.0)
         replayed, predicted = self._replay(readings, unit, offsets)
@@ -75,17 +74,12 @@ def smoothed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Parabolas through neighbours: few of them where many would leave clearly more than noise, as
     where an arm touches something.
     """
-    (calm, calm_rate), (quick, quick_rate) = (_parabolas(values, n) for n in (_CALM, _QUICK))
+    calm, calm_rate = (parabolas(values, _CALM, order) for order in (0, 1))
+    quick, quick_rate = (parabolas(values, _QUICK, order) for order in (0, 1))
     missed = np.abs(values - calm)
     noise = 1.48 * np.median(missed, (0, 1))
     is_quick = maximum_filter1d((missed > _CLEARLY * noise).astype(int), _CALM, axis=1) > 0
     return np.where(is_quick, quick, calm), np.where(is_quick, quick_rate, calm_rate)
-
-
-def _parabolas(values: np.ndarray, width: int) -> list[np.ndarray]:
-    width = min(width, values.shape[1] - (values.shape[1] + 1) % 2)
-    order = min(2, width - 1)
-    return [np.asarray(savgol_filter(values, width, order, deriv=n, axis=1)) for n in (0, 1)]
 
 
 def without_readings(observed: Observed) -> Observed:

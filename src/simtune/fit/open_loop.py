@@ -53,8 +53,8 @@ class OpenLoop:
         self.start_tangents = tangents
         # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
         self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
-        for place in _loose(model):
-            dof = model.jnt_dofadr[list(model.jnt_qposadr).index(place)]
+        for joint in _loose(model):
+            place, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
             self.is_loose_position[place : place + 7] = self.is_loose[dof : dof + 6] = True
 
     @classmethod
@@ -73,7 +73,8 @@ class OpenLoop:
         sensors, space = joints_of(observation.sensors), simulator.state_space
         state, another = space.positions_and_velocities(begun.states[:, 0])
         differs = (state != another)[: simulator.model.nq]
-        for number, place in enumerate(_loose(simulator.model)):
+        for number, joint in enumerate(_loose(simulator.model)):
+            place = simulator.model.jnt_qposadr[joint]
             if not np.array_equal(state[place : place + 3], another[place : place + 3]):
                 state[place] += (1 + number) * _FAR_AWAY * simulator.model.stat.extent
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
@@ -117,6 +118,7 @@ class OpenLoop:
         """
         states = np.tile(self.physics.some_state, (*values.shape[:2], 1))
         read, nq = filled(values) - offsets, self.physics.space.nq
+        step_s = self.physics.simulator.step_s
         # Measured velocities last: they take precedence over differentiated positions
         for sensor, columns in sorted(self._columns, key=lambda part: part[0].is_velocity):
             joint_values = read[..., columns]
@@ -124,21 +126,24 @@ class OpenLoop:
                 states[..., nq + sensor.places] = joint_values
                 continue
             states[..., sensor.places] = joint_values
-            dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
-            states[..., nq + dofs] = velocities(joint_values) / self.physics.simulator.step_s
+            states[..., self._velocities_of(sensor)] = velocities(joint_values) / step_s
         return states if self.lateness is None else self._go_on(states, unit[-1:])
+
+    def _velocities_of(self, sensor: JointSensor) -> np.ndarray:
+        """(J,) indices, in a state, of the velocities of the positions that a sensor reads."""
+        dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
+        return self.physics.space.nq + dofs
 
     def corrected(self, states: np.ndarray, change: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) states with measured positions changed by `change`, (E, T + 1, D).
 
         `rate`: (E, T + 1, D), by how much that changes per step, which corrects velocities.
         """
-        states, nq = states.copy(), self.physics.space.nq
+        states, step_s = states.copy(), self.physics.simulator.step_s
         for sensor, columns in self._columns:
             if not sensor.is_velocity:
-                dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
                 states[..., sensor.places] += change[..., columns]
-                states[..., nq + dofs] += rate[..., columns] / self.physics.simulator.step_s
+                states[..., self._velocities_of(sensor)] += rate[..., columns] / step_s
         return states
 
     def _go_on(self, states: np.ndarray, late: np.ndarray) -> np.ndarray:
@@ -210,17 +215,16 @@ def _unseen(model: mujoco.MjModel, differs: np.ndarray, measured: list[int]) -> 
     """
     differs = differs.copy()
     differs[measured] = False
-    for place in _loose(model):
+    for place in model.jnt_qposadr[_loose(model)]:
         differs[place : place + 7] = False
     ends = [*model.jnt_qposadr[1:], model.nq]
     joints = enumerate(zip(model.jnt_qposadr, ends, strict=True))
     return tuple(model.joint(j).name for j, (start, end) in joints if differs[start:end].any())
 
 
-def _loose(model: mujoco.MjModel) -> list[int]:
-    """First positions of free bodies in trees of their own; none with tendons or constraints."""
+def _loose(model: mujoco.MjModel) -> np.ndarray:
+    """Joints of free bodies in trees of their own; none with tendons or constraints."""
     if model.ntendon or model.neq:
-        return []
+        return np.zeros(0, int)
     alone = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=model.nbody) == 1
-    free = np.flatnonzero((model.jnt_type == _FREE) & alone[model.jnt_bodyid])
-    return model.jnt_qposadr[free].tolist()
+    return np.flatnonzero((model.jnt_type == _FREE) & alone[model.jnt_bodyid])

@@ -63,5 +63,13 @@ def filled(values: np.ndarray) -> np.ndarray:
 
 def velocities(values: np.ndarray) -> np.ndarray:
     """(E, T, D) changes per step, from a parabola through neighbouring readings."""
-    width = min(_SMOOTHED, values.shape[1] - (values.shape[1] + 1) % 2)
-    return np.asarray(savgol_filter(values, width, min(2, width - 1), deriv=1, axis=1))
+    return parabolas(values, _SMOOTHED, 1)
+
+
+def parabolas(values: np.ndarray, width: int, order: int) -> np.ndarray:
+    """(E, T, D) of parabolas through `width` neighbours; `order` 0: values, 1: changes per step.
+
+    `width`: odd; fewer in shorter episodes.
+    """
+    width = min(width, values.shape[1] - (values.shape[1] + 1) % 2)
+    return np.asarray(savgol_filter(values, width, min(2, width - 1), deriv=order, axis=1))
