@@ -214,6 +214,21 @@ def test_picture_fit_finds_colours_though_much_of_them_is_overexposed(light, blu
     np.testing.assert_allclose(fit.unit, space.to_unit(truth)[shown], atol=0.01)
 
 
+def test_picture_fit_finds_the_colour_of_a_few_pixels_from_afar():
+    """While such an object has another colour, its pixels look noisy and seem to tell little."""
+    task = load_task("rope_peg")
+    simulator, space = task.simulator(image_size=28), task.parameters
+    colours, rng = {"lighting": 0.3} | {f"peg_{c}": 0.8 for c in "rgb"}, np.random.default_rng(0)
+    truth, actions = space.from_dict(colours), rng.uniform(-1, 1, (1, 40, 3))
+    rows = simulator.roll_out(truth[None], actions, rng).states[0]
+    frames = simulator.render(rows, np.repeat(truth[None], len(rows), 0))
+    start, shown = space.to_unit(truth), np.array([p.is_appearance for p in space])
+    start[[space.names.index(f"peg_{c}") for c in "rgb"]] -= 0.45
+    pictures = Pictures(frames=frames, full_states=rows)
+    fit = fit_pictures(simulator, pictures, space.from_unit(start), np.flatnonzero(shown))
+    np.testing.assert_allclose(fit.unit, space.to_unit(truth)[shown], atol=0.01)
+
+
 def test_fit_to_budget_counts_particles_and_windows(simulator, monkeypatch):
     now_s = [0.0]
     monkeypatch.setattr(time, "monotonic", lambda: now_s[0])

@@ -18,8 +18,7 @@ _CHI2_MEDIAN = 0.6  # approximate median of χ² / degrees of freedom, for few o
 COMMON_STD = 0.1  # prior standard deviation of common errors, in their own scaled coordinates
 _NOTHING = np.zeros(0)
 _RIDGE = 1e-6  # of information: keeps it invertible where nothing is known
-# Damping of steps (Levenberg 1944), as if parameters were known within a tenth of their range.
-_DAMPING = 0.1**-2
+_DAMPING_STD = 0.1  # of parameters that are not linear: as if known within a tenth of their range
 
 
 @dataclass(frozen=True)
@@ -31,9 +30,14 @@ class Combined:
     covariance: np.ndarray  # (P, P) of the parameters, with common errors marginalised
     variance: float  # between experiments
 
-    def step(self, unit: np.ndarray, largest: float) -> np.ndarray:
-        """(P + Q,) damped Newton step from (P,) `unit`; no coordinate moves more than `largest`."""
-        damped = self.information + _DAMPING * np.eye(len(self.slope))
+    def step(
+        self, unit: np.ndarray, largest: float, damping_std: float = _DAMPING_STD
+    ) -> np.ndarray:
+        """(P + Q,) damped Newton step from (P,) `unit`; no coordinate moves more than `largest`.
+
+        The damping (Levenberg 1944) is that of unknowns known to `damping_std` beforehand.
+        """
+        damped = self.information + damping_std**-2 * np.eye(len(self.slope))
         return step_within_bounds(damped, self.slope, unit, largest)
 
 

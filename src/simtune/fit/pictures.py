@@ -26,6 +26,12 @@ _ROBUST = 3.0  # noise levels from which a pixel counts less: edges, unmodelled 
 _SMALLEST_NOISE = 1.0 / 255
 _FIRST_NOISE = 0.1  # at least, halved in each iteration: a colour far off is no outlier yet
 _LARGEST_STEP = 0.2
+# Pixels are linear in colours, nearly, so damping is weak: as if they were known within the whole
+# range. As long as an object of a few pixels has another colour, its pixels count as noisy, and
+# stronger damping let it take .03 in each iteration.
+_DAMPING_STD = 1.0
+_ITERATIONS = 12, 30  # at least; at most, until no parameter moves more than _SETTLED
+_SETTLED = 0.3  # of its standard deviation
 _ROUNDING = 1 / 255 / 12**0.5  # standard deviation
 _SQUARE_PX = 4  # neighbouring pixels are correlated: a square of 4 × 4 counts as one
 _OTHERS = 0.3  # largest share of other colours in a pixel, relative to it being all white
@@ -65,7 +71,6 @@ def fit_pictures(
     parameters: np.ndarray,
     shown: np.ndarray,
     is_known: np.ndarray | None = None,
-    iterations: int = 12,
 ) -> PictureFit:
     """Fit the visible parameters, (V,) indices `shown`, and the cameras' responses.
 
@@ -78,8 +83,10 @@ def fit_pictures(
     """
     known = np.zeros(len(shown), bool) if is_known is None else is_known
     fit = _Fit(simulator, pictures, simulator.space.to_unit(parameters), shown, known)
-    for iteration in range(iterations):
-        fit.iterate(iteration)
+    fewest, most = _ITERATIONS
+    for iteration in range(most):
+        if fit.iterate(iteration) <= _SETTLED and iteration + 1 >= fewest:
+            break
     return fit.result()
 
 
@@ -96,7 +103,8 @@ class _Fit:
         self._real = self._scene.compared(self._frames)
         self._variance, self._covariance = FIRST_VARIANCE, np.zeros((len(self._fitted),) * 2)
 
-    def iterate(self, number: int) -> None:
+    def iterate(self, number: int) -> float:
+        """The farthest that a parameter moved, in its standard deviations."""
         scene, drawn = self._scene, self._scene.draw(self._unit)
         if number % _DERIVED_EVERY == 0:
             self._slopes = scene.derive(self._unit, drawn)
@@ -115,13 +123,15 @@ class _Fit:
         leads = np.linalg.solve(leads[:, :num] + _RIDGE * np.eye(num), leads[:, num:])  # −du/dρ
         self._covariance = colours.covariance + leads @ cameras.covariance @ leads.T
         self._variance, before = colours.variance, self._unit[self._fitted]
-        step = colours.step(before, _LARGEST_STEP)
+        step = colours.step(before, _LARGEST_STEP, _DAMPING_STD)
         self._unit[self._fitted] = after = np.clip(before + step[:few], 0, 1)
         scene.chroma_blur = np.clip(scene.chroma_blur + step[few:], 0, _MOST_BLUR)
         scene.response = scene.response + cameras.step
         went = np.concatenate([after - before, step[few:], cameras.step])
         scene.move(-follow[..., -1] - follow[..., :-1] @ went)
         scene.log_exposure = exposed(scene.log_exposure, slopes, weight, residual)
+        std = np.sqrt(np.diag(self._covariance))[:few]
+        return float((np.abs(after - before) / std).max(initial=0))
 
     def result(self) -> PictureFit:
         drawn, slopes, known = self._scene.draw(self._unit), self._slopes.shown, self._known
