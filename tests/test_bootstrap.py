@@ -38,14 +38,20 @@ def correlated(one: str, other: str, value: float) -> np.ndarray:
     return correlation
 
 
-def a_fit(motion: float = 0.3, picture: float = 0.004, latency_steps: int = 0) -> FitResult:
+def a_misfit(*motion: float, picture: float | np.ndarray = 0.004) -> Misfit:
+    return Misfit(motion, tuple(np.broadcast_to(picture, len(APPEARANCE)).tolist()))
+
+
+def a_fit(
+    motion: float = 0.3, picture: float | np.ndarray = 0.004, latency_steps: int = 0
+) -> FitResult:
     return FitResult(
         parameters=SPACE.nominal,
         std=np.full(len(SPACE), 0.01),
         discrepancy_std=NOTHING,
         correlation=correlated("pole_mass", "actuator_gain", 0.9),
         moving=MOVING,
-        misfit=Misfit((motion,), picture),
+        misfit=a_misfit(motion, picture=picture),
         sensors=(KEYPOINTS,),
         start=np.zeros(1),
         latency_steps=latency_steps,
@@ -126,9 +132,7 @@ def test_what_all_refits_share_is_taken_off_and_narrows_what_is_left():
 
 
 def test_judged_moves_the_estimate_by_the_bias_unless_the_real_fit_is_worse():
-    known = replace(
-        bootstrap_of(np.full((8, len(SPACE)), 1.0)), misfits=[Misfit((0.3,), 0.004)] * 8
-    )
+    known = replace(bootstrap_of(np.full((8, len(SPACE)), 1.0)), misfits=[a_misfit(0.3)] * 8)
     for motion, share in ((0.3, 1.0), (0.6, 0.5)):
         fit = a_fit(motion=motion, picture=0.004)
         moved = SPACE.to_unit(judged(fit, known, SPACE).parameters) - SPACE.to_unit(fit.parameters)
@@ -150,7 +154,7 @@ def test_ranks_by_hand_use_the_inflation_of_the_other_refits():
 def test_astray_refits_are_left_out_unless_all_are():
     real, distances = a_fit(), [0.3, 0.6, 0.4]
     replay_fit = FakeReplayFit(
-        lambda _: replace(real, misfit=Misfit((distances[len(replay_fit.starts) - 1],), 0.0))
+        lambda _: replace(real, misfit=a_misfit(distances[len(replay_fit.starts) - 1], picture=0.0))
     )
 
     def bootstrap(num: int) -> Bootstrap:
@@ -169,9 +173,9 @@ def test_astray_refits_are_left_out_unless_all_are():
 
 
 def test_refit_astray_in_any_sensor_is_left_out():
-    two = replace(a_fit(), misfit=Misfit((0.3, 0.01), 0.0), sensors=(KEYPOINTS, ANGLE))
+    two = replace(a_fit(), misfit=a_misfit(0.3, 0.01, picture=0.0), sensors=(KEYPOINTS, ANGLE))
     motions = iter([(0.3, 0.01), (0.3, 0.02), (float("nan"), 0.01)])
-    replay_fit = FakeReplayFit(lambda _: replace(two, misfit=Misfit(next(motions), 0.0)))
+    replay_fit = FakeReplayFit(lambda _: replace(two, misfit=a_misfit(*next(motions), picture=0.0)))
     start = PointEstimate(two.parameters, np.full(len(SPACE), 0.02))
     made = run_bootstrap(replay_fit, observe_nothing, two, start, 3, np.random.default_rng(0))
     assert made.errors.shape == (2, len(SPACE))
@@ -251,6 +255,15 @@ def test_intervals_widen_where_reality_fits_worse_than_refits():
     np.testing.assert_allclose(same, bootstrap.inflation() * a_fit().std)
 
 
+def test_a_colour_whose_own_pixels_are_not_explained_is_told_less_and_others_as_well_as_before():
+    bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
+    noise = np.where(np.arange(len(APPEARANCE)) == 1, 0.02, 0.004)
+    wider = (
+        judged(a_fit(picture=noise), bootstrap, SPACE).std / judged(a_fit(), bootstrap, SPACE).std
+    )
+    np.testing.assert_allclose(wider, np.where(np.arange(len(SPACE)) == APPEARANCE[1], 5, 1))
+
+
 def test_half_of_what_a_fit_claims_is_what_fits_like_it_usually_claim():
     claims = iter([0.004, 0.02, 0.2])
     replay_fit = FakeReplayFit(lambda _: replace(a_fit(), std=np.full(len(SPACE), next(claims))))
@@ -300,8 +313,8 @@ def test_each_parameter_is_judged_by_its_own_refits_beside_those_of_its_kind():
 
 def test_the_worst_sensor_widens_intervals():
     bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
-    bootstrap = replace(bootstrap, misfits=[Misfit((0.3, 0.01), 0.004)] * 8)
-    fit = replace(a_fit(), sensors=(KEYPOINTS, ANGLE), misfit=Misfit((0.3, 0.05), 0.004))
+    bootstrap = replace(bootstrap, misfits=[a_misfit(0.3, 0.01)] * 8)
+    fit = replace(a_fit(), sensors=(KEYPOINTS, ANGLE), misfit=a_misfit(0.3, 0.05))
     assert bootstrap.motion_ratios(fit.misfit) == pytest.approx([1, 5])
     std = judged(fit, bootstrap, SPACE).std
     np.testing.assert_allclose(std[MOVING], 5 * bootstrap.inflation()[MOVING] * 0.01)
@@ -314,7 +327,7 @@ def test_the_worst_sensor_widens_intervals():
     }
     told = held_out_misfit(replace(fit, held_out=4), bootstrap)
     assert told == {"episode": 5, "passed": False} | held
-    alike = replace(fit, misfit=Misfit((0.3, 0.01), 0.004))
+    alike = replace(fit, misfit=a_misfit(0.3, 0.01))
     assert held_out_misfit(alike, bootstrap)["passed"]
     assert held_out_misfit(alike, bootstrap)["episode"] is None
     assert held_out_misfit(fit, replace(bootstrap, misfits=[]))["passed"] is None

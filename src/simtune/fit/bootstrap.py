@@ -5,7 +5,7 @@ refits show how large errors are relative to the standard deviations that fits c
 a misfit is when the simulator is right.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -99,12 +99,11 @@ class Bootstrap:
 
     def motion_ratios(self, misfit: Misfit) -> list[float]:
         """Each sensor's misfit divided by the largest one among the refits; see `_ratio`."""
-        known = zip(*(m.motion for m in self.misfits), strict=True)
-        ratios = [_ratio(v, refits) for v, refits in zip(misfit.motion, known, strict=False)]
-        return ratios or [0.0] * len(misfit.motion)
+        return _ratios(misfit.motion, [known.motion for known in self.misfits])
 
-    def picture_ratio(self, misfit: Misfit) -> float:
-        return _ratio(misfit.picture, [m.picture for m in self.misfits])
+    def picture_ratios(self, misfit: Misfit) -> list[float]:
+        """The same for the pixels that show each visible parameter."""
+        return _ratios(misfit.picture, [known.picture for known in self.misfits])
 
 
 def run_bootstrap(
@@ -181,7 +180,13 @@ def _believed(std: np.ndarray, usual_std: np.ndarray, num_refits: int) -> np.nda
     return np.sqrt(std * usual_std) if num_refits else np.maximum(std, usual_std)
 
 
-def _ratio(value: float, known) -> float:
+def _ratios(values: Sequence[float], known: Sequence[Sequence[float]]) -> list[float]:
+    """`_ratio` of each; all 0 if nothing is known."""
+    each = zip(*known, strict=True) if known else [()] * len(values)
+    return [_ratio(value, of_known) for value, of_known in zip(values, each, strict=True)]
+
+
+def _ratio(value: float, known: Sequence[float]) -> float:
     """A misfit divided by the largest of the known ones; infinite if it is NaN.
 
     0 if all known ones are NaN or there are none: then nothing can be compared.

@@ -59,7 +59,7 @@ class PictureFit:
 
     unit: np.ndarray  # (V,)
     covariance: np.ndarray  # (V, V); 0 for known parameters
-    noise: float  # robust noise of a pixel, of the full scale
+    noise: np.ndarray  # (V,) robust std of the pixels that show each, of the full scale
     responses: list[CameraResponse]  # one per camera; none if pictures are the simulator's own
     chroma_blur: np.ndarray  # (C,) see `PictureScene`; likewise
     log_exposure: np.ndarray  # (M, C) likewise
@@ -135,14 +135,14 @@ class _Fit:
 
     def result(self) -> PictureFit:
         drawn, slopes, known = self._scene.draw(self._unit), self._slopes.shown, self._known
-        noise = _noise(drawn - self._real, slopes, _SMALLEST_NOISE)
+        noise = _noises(drawn - self._real, slopes, _SMALLEST_NOISE)
         rounding = np.square([rounding_std(slope, drawn) for slope in slopes[~known]])
         covariance = np.zeros((len(known),) * 2)
         few = len(self._fitted)
         covariance[np.ix_(~known, ~known)] = self._covariance[:few, :few] + np.diag(rounding)
         scene = self._scene
         cameras = scene.responses, scene.chroma_blur, scene.log_exposure
-        return PictureFit(self._unit[self._shown], covariance, float(np.median(noise)), *cameras)
+        return PictureFit(self._unit[self._shown], covariance, noise, *cameras)
 
     def _see_known(self, drawn: np.ndarray, residual: np.ndarray, usually: np.ndarray) -> Told:
         slopes, known = self._slopes, self._known
@@ -229,12 +229,18 @@ def rounding_std(slope: np.ndarray, drawn: np.ndarray) -> float:
 
 
 def _noise(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndarray:
-    """(M, pixels) robust std of residuals (M, pixels) where (V, M, pixels) show a parameter.
+    """(M, pixels) of `_noises`, the largest of the parameters that a pixel shows."""
+    own, noise = _noises(residual, slopes, at_least), np.full_like(residual, at_least)
+    for of_parameter, slope in zip(own, slopes, strict=True):
+        noise = np.where(np.abs(slope) > SHOWN, np.maximum(noise, of_parameter), noise)
+    return noise
+
+
+def _noises(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndarray:
+    """(V,) robust std of residuals (M, pixels), where each of (V, M, pixels) parameters shows.
 
     For each parameter separately: a good fit of the ground says nothing about a thin pole.
     """
-    noise, shown = np.full_like(residual, at_least), np.abs(slopes) > SHOWN
-    for where in shown[shown.any((1, 2))]:
-        own = 1.48 * float(np.median(np.abs(residual[where])))
-        noise = np.where(where, np.maximum(noise, own), noise)
-    return noise
+    sizes = [np.abs(residual[np.abs(slope) > SHOWN]) for slope in slopes]
+    own = [1.48 * float(np.median(size)) if len(size) else 0.0 for size in sizes]
+    return np.maximum(own, at_least)

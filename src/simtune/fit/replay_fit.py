@@ -122,7 +122,7 @@ class ReplayFit:
             self._discrepancy_std,
             correlation,
             self._all_moving,
-            Misfit(test.distances, pictures.noise),
+            Misfit(test.distances, tuple(pictures.noise.tolist())),
             tuple((part.name, part.unit) for part in observed.evidence.parts),
             motion.full_states[0, 0],
             latency_steps,

@@ -21,7 +21,8 @@ class Misfit:
     """How badly observations fit a simulator; larger is worse, NaN if unknown."""
 
     motion: tuple[float, ...]  # each sensor's typical distance from the simulation, in its unit
-    picture: float  # noise of a pixel, of the full scale
+    # Noise of the pixels that show each visible parameter, of the full scale
+    picture: tuple[float, ...]
 
 
 @dataclass(frozen=True)

@@ -29,12 +29,12 @@ _NOT_JUDGED = (
 def judged(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitResult:
     """The fit with bias removed, and with the standard deviations that refits show.
 
-    These include the discrepancy and what fits like this usually claim; they grow if this one is
-    worse than the refits. Then less of the bias is removed, since something else is wrong.
+    These include the discrepancy and what fits like this usually claim; they grow if this one
+    explains the motion, or the pixels that show a parameter, worse than the refits do. Then less of
+    the bias is removed, since something else is wrong.
     """
-    worse_motion = max(1.0, *bootstrap.motion_ratios(fit.misfit))
-    worse_picture = max(1.0, bootstrap.picture_ratio(fit.misfit))
-    worse = np.where(fit.is_moving, worse_motion, worse_picture)
+    worse = np.full(len(fit.std), max(1.0, *bootstrap.motion_ratios(fit.misfit)))
+    worse[~fit.is_moving] = np.maximum(1.0, bootstrap.picture_ratios(fit.misfit))
     claimed = np.hypot(bootstrap.believed(fit.std), fit.discrepancy_std)
     unit = space.to_unit(fit.parameters) - bootstrap.bias() * claimed / worse
     std = bootstrap.believed(fit.std) * worse
