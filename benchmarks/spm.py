@@ -50,7 +50,7 @@ _QUICK_PAPER = PaperConfig(
     max_moves=2,
 )
 _QUICK_POSTERIOR = PosteriorSearchConfig(
-    num_worlds=32, filmed_steps=16, num_rounds=1, detector_updates=(40,), posterior_updates=20
+    num_worlds=32, pictures_per_world=16, num_rounds=1, detector_updates=(40,), posterior_updates=20
 )
 
 Config = PosteriorSearchConfig | PaperConfig

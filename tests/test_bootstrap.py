@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from search_context import context_of, record_episodes
 
-from simtune.budget import OutOfTime
+from simtune.budget import Budget, OutOfTime
 from simtune.fit import (
     Bootstrap,
     FitResult,
@@ -20,9 +21,13 @@ from simtune.fit import (
 from simtune.fit.result import Misfit, block_correlation
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.randomization import Distribution
+from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
+from simtune.simulation import Rollouts
 from simtune.tasks import load_task
+from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.judging import conclude
 from simtune.tuning.range_update import RangeUpdateConfig, normal_curves
+from simtune.vision.detector_noise import DetectorNoise
 
 SPACE = load_task("cartpole").parameters
 APPEARANCE = np.flatnonzero([p.is_appearance for p in SPACE])
@@ -53,7 +58,7 @@ def a_fit(
         moving=MOVING,
         misfit=a_misfit(motion, picture=picture),
         sensors=(KEYPOINTS,),
-        start=np.zeros(1),
+        starts=np.zeros((1, 1)),
         latency_steps=latency_steps,
         rough_std=np.where(np.isin(np.arange(len(SPACE)), MOVING), 0.02, 0.0),
         offsets=np.zeros(0),
@@ -75,6 +80,9 @@ class FakeReplayFit:
     def __init__(self, find):
         """`find(start)`: a `FitResult` for the (N,) parameters where a fit begins."""
         self.find, self.starts = find, []
+
+    def within(self, budget: Budget) -> "FakeReplayFit":
+        return self
 
     def fit(self, observed, start: PointEstimate, latencies: tuple[int], extend_horizon: bool):
         self.starts.append(SPACE.to_unit(start.parameters))
@@ -262,6 +270,34 @@ def test_a_colour_whose_own_pixels_are_not_explained_is_told_less_and_others_as_
         judged(a_fit(picture=noise), bootstrap, SPACE).std / judged(a_fit(), bootstrap, SPACE).std
     )
     np.testing.assert_allclose(wider, np.where(np.arange(len(SPACE)) == APPEARANCE[1], 5, 1))
+
+
+def test_known_worlds_begin_where_the_real_episodes_did():
+    """Elsewhere, the same actions might push nothing of what they pushed."""
+    simulator, played = load_task("cartpole").simulator(image_size=32), []
+    context, roll_out = context_of(simulator), simulator.roll_out
+
+    def watched(*given) -> Rollouts:
+        played.append(roll_out(*given))
+        return played[-1]
+
+    simulator.roll_out = watched
+    (real,) = record_episodes(simulator, 1)
+    num, config = len(context.keypoints), PosteriorConfig()
+    scale, visible, shape = simulator.action_scale, SPACE.is_visible, simulator.shape
+    model = PosteriorSearchParamModel(num, scale, visible, shape, config, 0)
+    exact = DetectorNoise(np.zeros((num, 1)), np.ones((num, 1)), np.zeros((num, 2)))
+    rng = np.random.default_rng(0)
+    begun = roll_out(np.repeat(SPACE.nominal[None], 4, 0), np.ones((4, 5, 1)), rng).states[:, 5]
+    fit = replace(a_fit(), starts=begun)
+    known = FakeReplayFit(lambda _: fit)
+    stage = FitStage(context, model, known, exact)
+    observed = stage.observed([real] * 4, [model.detect(real.frames)] * 4)
+    start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
+    made = stage.bootstrap(observed, fit, start, (2, 3), rng, False, Budget())
+    assert len(made.errors) == len(played) == 2
+    for world in played:
+        np.testing.assert_array_equal(world.states[:, 0], begun[:3])
 
 
 def test_half_of_what_a_fit_claims_is_what_fits_like_it_usually_claim():

@@ -19,6 +19,7 @@ from simtune.search_param_model.posterior_net import (
     posterior_loss,
 )
 from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.training import TrainingClock
 from simtune.vision.detector import (
     Detections,
@@ -162,7 +163,9 @@ def test_detector_learns_to_find_a_dot_and_a_grey():
             np.zeros((300, 1, 1)),
         )
 
-    loss = model.train_detector(worlds(0), distribution, TrainingClock(250))
+    seen = worlds(0)
+    pictures = TrainingPictures(seen.frames[:, 0], seen.filmed_keypoints()[:, 0], seen.parameters)
+    loss = model.train_detector(pictures, distribution, TrainingClock(250))
     assert np.isfinite(loss)
     others = worlds(1)
     errors = model.detector_errors(others, model.detect(others.frames), distribution)
@@ -482,7 +485,9 @@ def test_posterior_batches_hold_stretches_with_errors_of_poses_like_theirs():
 
 def test_curves_do_not_depend_on_the_order_of_episodes():
     model, worlds, distribution = a_model_and_worlds()
-    assert np.isfinite(model.train_detector(worlds, distribution, TrainingClock(3)))
+    first = worlds.frames[:, 0], worlds.filmed_keypoints()[:, 0], worlds.parameters
+    pictures = TrainingPictures(*first)
+    assert np.isfinite(model.train_detector(pictures, distribution, TrainingClock(3)))
     errors = model.detector_errors(worlds, model.detect(worlds.frames), distribution)
     assert np.isfinite(model.train_posterior_net(worlds, distribution, errors, TrainingClock(3)))
     rng = np.random.default_rng(0)

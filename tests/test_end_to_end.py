@@ -66,7 +66,7 @@ SEARCH = PosteriorSearchConfig(
     ),
     num_worlds=64,
     episodes_per_world=2,
-    filmed_steps=12,
+    pictures_per_world=12,
     held_out_worlds=48,
     held_out_steps=24,
     num_rounds=2,

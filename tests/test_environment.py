@@ -19,7 +19,7 @@ from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.record import record
 from simtune.run import read_json
-from simtune.search_param_model.simulated import simulate
+from simtune.search_param_model.simulated import play_worlds
 from simtune.simulation import EnvironmentSimulator, random_actions
 from simtune.tasks import load_any_task
 from simtune.tuning_run import tune
@@ -170,7 +170,8 @@ def test_worlds_of_an_environment_are_simulated_as_those_of_a_model():
     rng = np.random.default_rng(0)
     actions = random_actions(12, 20, simulator.action_mapping, rng).reshape(6, 2, 20, 1)
     observation = ObservationModel.of_reality()
-    worlds = simulate(simulator, points, first.sample(6, rng), actions, 4, rng, observation)
+    played = play_worlds(simulator, points, first.sample(6, rng), actions, rng, observation)
+    worlds = played.filmed(4, rng)
     assert worlds.frames.shape == (6, 4, SIZE, SIZE, 3)
     assert worlds.filmed_keypoints().shape == (6, 4, 1, 2)
 

@@ -8,7 +8,7 @@ import pytest
 from keypoint_evidence import tracks_at
 
 from simtune.fit import JointMotion, Observed, OpenLoop, Physics
-from simtune.fit.joint_motion import smoothed, without_readings
+from simtune.fit.joint_motion import of_unknowns, smoothed, without_readings
 from simtune.fit.shooting import Shooting
 from simtune.fit.shooting_config import ShootingConfig
 from simtune.observation import AllEvidence, ObservationModel, finds_offset
@@ -148,6 +148,26 @@ def test_who_knows_the_robots_states_can_tell_more_of_the_box(pushes):
         for is_known in (np.tile([True] + 6 * [False], 2), np.zeros(14, bool))
     ]
     assert least[0] < 0.97 * least[1]
+
+
+def test_only_keypoints_of_what_is_unknown_count(pushes):
+    def see(batch) -> np.ndarray:
+        return np.hstack([pixels(batch), batch.qpos[:, :1] * PX_PER_M, 0 * batch.qpos[:, :1]])
+
+    known = pushes.physics
+    physics = Physics(known.simulator, see, known.full_states(known.some_state))
+    tracks = tracks_at(np.zeros((EPISODES, STEPS + 1, 6)), noise_px=0.3)
+    evidence = AllEvidence((tracks, *pushes.observed.evidence.parts[1:]))
+    observed, friction = Observed(evidence, pushes.observed.actions), np.array([1])
+    unit = pushes.space.to_unit(pushes.truth)
+    joints = JointMotion(pushes.loop, np.array([True]))
+    for is_known, counted in ((joints.is_known, [1, 1, 0]), (np.zeros(14, bool), [1, 1, 1])):
+        state_std = np.where(is_known, 0.0, 0.01)
+        given = physics, pushes.states[:, 0], state_std, unit, friction
+        left, readings = of_unknowns(observed, *given).evidence.parts
+        expected = tracks.probability * np.array(counted)
+        np.testing.assert_array_equal(left.probability, expected)
+        assert readings is evidence.parts[1]
 
 
 def test_smoothing_takes_noise_away_but_no_blow():

@@ -217,10 +217,14 @@ def fit_errors(simulator, keypoints, observation: ObservationModel) -> np.ndarra
     replay_fit, start = ReplayFit(physics, estimator, NOTHING, config), np.full(2, 0.15)
     errors = []
     for truth in TRUTHS:
-        real = observed(play(np.tile(truth, (2, 1))))
+        played = play(np.tile(truth, (2, 1)))
+        real = observed(played)
         fit = replay_fit.fit(real, PointEstimate(SPACE.nominal, start))
         assert fit.sensors == tuple((part.name, part.unit) for part in real.evidence.parts)
         assert len(fit.misfit.motion) == len(fit.sensors)
+        begun = physics.states(np.stack([fit.starts, played.states[:, 0]]))[..., :2]
+        if observation is BOTH:
+            np.testing.assert_allclose(begun[0], begun[1], atol=4 * ENCODER.std)
         errors.append(SPACE.to_unit(fit.parameters) - SPACE.to_unit(truth))
     return np.abs(errors)
 

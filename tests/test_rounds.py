@@ -151,7 +151,7 @@ FIT = FitConfig(
 SEARCH = PosteriorSearchConfig(
     num_worlds=100,
     episodes_per_world=4,
-    filmed_steps=5,
+    pictures_per_world=5,
     held_out_worlds=80,
     held_out_steps=10,
     detector_updates=(300, 900),
@@ -213,9 +213,9 @@ def test_seconds_of_a_round_by_hand():
 
 
 def test_seconds_of_a_round_without_a_fit_by_hand():
-    # As above, and six times the worlds with two pictures each, and the updates.
+    # As above, and six times the worlds, of which nothing is drawn, and the updates.
     played_s = 1e-3 * 50 * (100 * 2 + 80 + 600 * 2)
-    drawn_s = 0.01 * (100 * 5 + 80 * 10 + 600 * 2) + 0.02 * 80 * 10
+    drawn_s = 0.01 * (100 * 5 + 80 * 10) + 0.02 * 80 * 10
     updates_s = 0.1 * (300 + 0.7 * 6 * 250)
     found_s = PACE.round_s(SEARCH, Work(num_episodes=2, num_steps=50, num_tangent=0, num_fitted=2))
     assert found_s == pytest.approx(played_s + drawn_s + updates_s)

@@ -12,7 +12,9 @@ from search_context import SPACE as CARTPOLE_SPACE
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, colour
-from simtune.search_param_model.simulated import simulate
+from simtune.randomization import Distribution
+from simtune.search_param_model.simulated import play_worlds
+from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.simulation import (
     OpenGLQuality,
     RendererName,
@@ -126,7 +128,10 @@ def test_a_recorded_world_is_one_room_and_simulated_worlds_are_many(monkeypatch)
     simulator = CARTPOLE.simulator(image_size=8)
     monkeypatch.setattr(simulator, "film", film)
     worlds = np.tile(CARTPOLE_SPACE.nominal, (6, 1))
-    simulate(simulator, Keypoints.none(), worlds, np.zeros((6, 1, 2, 1)), 2, rng, seen)
-    one, many = (np.column_stack(room) for room in rooms)
+    played = play_worlds(simulator, Keypoints.none(), worlds, np.zeros((6, 1, 2, 1)), rng, seen)
+    played.filmed(2, rng)
+    TrainingPictures.draw(played, Distribution.first(CARTPOLE_SPACE, worlds[0]), 20, rng)
+    one, many, most = (np.column_stack(room) for room in rooms)
     assert (one == one[0]).all()
     assert len(np.unique(many, axis=0)) == 6
+    assert len(np.unique(most, axis=0)) == 20, "each picture is of another room"

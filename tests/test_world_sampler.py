@@ -12,7 +12,7 @@ from simtune.budget import Budget
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, delay
 from simtune.randomization import Distribution
-from simtune.search_param_model.simulated import SimulatedWorlds, simulate, whole_sets
+from simtune.search_param_model.simulated import SimulatedWorlds, play_worlds, whole_sets
 from simtune.simulation import Rollouts, Simulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.world_sampler import WorldSampler
@@ -48,10 +48,10 @@ def without(rollouts: Rollouts, dropped: list[int]) -> Rollouts:
 
 
 def test_simulated_worlds_replay_the_real_actions(simulator, real):
-    worlds = WorldSampler(context_of(simulator)).sample(real, FIRST, 16, 2, 4, Budget())
+    worlds, pictures = WorldSampler(context_of(simulator)).draw(real, FIRST, (16, 2), 4, Budget())
     assert worlds.actions.shape == (16, 2, STEPS, 1)
     assert worlds.keypoints.shape[:3] == (16, 2, STEPS + 1)
-    assert worlds.frames.shape == (16, 4, SIZE, SIZE, 3)
+    assert pictures.frames.shape == (64, SIZE, SIZE, 3)
     recorded = [t.actions.astype(float) for t in real]
     used = set()
     for world in worlds.actions:
@@ -69,7 +69,7 @@ def test_simulated_worlds_replay_the_real_actions(simulator, real):
 def test_simulated_worlds_are_cut_to_the_shortest_real_episode(simulator, real):
     shorter = Trajectory(real[1].frames[:-2], real[1].actions[:-2], real[1].step_s)
     sampler = WorldSampler(context_of(simulator))
-    worlds = sampler.sample([real[0], shorter], FIRST, 4, 2, 4, Budget())
+    worlds = sampler.play([real[0], shorter], FIRST, (4, 2), Budget())
     assert worlds.actions.shape[1:3] == (2, STEPS - 2)
 
 
@@ -104,7 +104,7 @@ def test_worlds_are_sampled_64_at_a_time_until_the_time_is_over(monkeypatch, sim
     chunk_s = 64 * (1e-3 * 2 * STEPS + 3e-3 * 4)
 
     def sample(num_worlds: int, seconds: float) -> int:
-        return len(sampler.sample(real, FIRST, num_worlds, 2, 4, Budget(seconds)).actions)
+        return len(sampler.draw(real, FIRST, (num_worlds, 2), 4, Budget(seconds))[0].actions)
 
     assert sample(256, 1.9 * chunk_s) == 64, "more would end too late"
     assert sample(256, 2.1 * chunk_s) == 128
@@ -117,7 +117,7 @@ def test_worlds_are_sampled_64_at_a_time_until_the_time_is_over(monkeypatch, sim
 
 def test_worlds_of_several_chunks_are_all_there_and_each_is_whole(monkeypatch, simulator, real):
     rollouts = watch_rollouts(monkeypatch, simulator)
-    worlds = WorldSampler(context_of(simulator)).sample(real, FIRST, 130, 2, 4, Budget())
+    worlds, pictures = WorldSampler(context_of(simulator)).draw(real, FIRST, (130, 2), 4, Budget())
     assert [len(played) for played in rollouts] == [2 * 64, 2 * 66]
     for name, array in vars(worlds).items():
         if name != "readings":
@@ -128,15 +128,13 @@ def test_worlds_of_several_chunks_are_all_there_and_each_is_whole(monkeypatch, s
     np.testing.assert_array_equal(worlds.actions[69], last.actions[10:12])
     keypoints = worlds.keypoints[69].reshape(2, STEPS + 1, -1)
     np.testing.assert_array_equal(keypoints, last.observed[10:12])
-    states = last.states[10, worlds.filmed_from[69] :][:4]
-    np.testing.assert_array_equal(worlds.states[69], states)
-    expected = simulator.render(states, np.tile(worlds.parameters[69], (4, 1)))
-    np.testing.assert_array_equal(worlds.frames[69], expected)
+    assert worlds.frames.size == 0
+    assert len(pictures.frames) == len(pictures.keypoints) == len(pictures.parameters) == 4 * 130
 
 
 def test_joined_worlds_have_the_readings_of_all(simulator, real):
     sampler = WorldSampler(context_of(simulator))
-    parts = [sampler.sample(real, FIRST, num, 1, 4, Budget()) for num in (5, 4)]
+    parts = [sampler.film(real, FIRST, num, 4, Budget()) for num in (5, 4)]
     measured = [np.full((num, 4, 1), float(num)) for num in (5, 4)]
     parts = [replace(p, readings={"angle": m}) for p, m in zip(parts, measured, strict=True)]
     joined = SimulatedWorlds.joined(parts)
@@ -147,12 +145,11 @@ def test_joined_worlds_have_the_readings_of_all(simulator, real):
 def test_filmed_frames_show_the_steps_they_are_said_to(monkeypatch, simulator, real):
     sampler = WorldSampler(context_of(simulator))
     rollouts = watch_rollouts(monkeypatch, simulator)
-    worlds = sampler.sample(real, FIRST, 16, 2, 4, Budget())
+    worlds = sampler.film(real, FIRST, 16, 4, Budget())
     (played,) = rollouts
     for world in range(0, 16, 5):
-        episode = 2 * world  # the first of its two
-        np.testing.assert_array_equal(played.parameters[episode], worlds.parameters[world])
-        states = played.states[episode, worlds.filmed_from[world] :][:4]
+        np.testing.assert_array_equal(played.parameters[world], worlds.parameters[world])
+        states = played.states[world, worlds.filmed_from[world] :][:4]
         expected = simulator.render(states, np.tile(worlds.parameters[world], (4, 1)))
         np.testing.assert_array_equal(worlds.frames[world], expected)
         np.testing.assert_array_equal(worlds.states[world], states)
@@ -163,7 +160,7 @@ def test_worlds_of_which_an_episode_diverged_are_left_out(monkeypatch, simulator
     rollouts = watch_rollouts(
         monkeypatch, simulator, lambda played: without(played, [0, 7, 10, 11, 31])
     )
-    worlds = sampler.sample(real, FIRST, 16, 2, 4, Budget())
+    worlds = sampler.play(real, FIRST, (16, 2), Budget())
     (whole,) = rollouts
     left = [w for w in range(16) if w not in (0, 3, 5, 15)]
     np.testing.assert_array_equal(worlds.parameters, whole.parameters[::2][left])
@@ -177,7 +174,7 @@ def test_sampling_says_so_when_all_worlds_diverge(monkeypatch, simulator, real):
     sampler = WorldSampler(context_of(simulator))
     watch_rollouts(monkeypatch, simulator, lambda played: without(played, list(range(32))))
     with pytest.raises(RuntimeError, match="diverged"):
-        sampler.sample(real, FIRST, 16, 2, 4, Budget())
+        sampler.play(real, FIRST, (16, 2), Budget())
 
 
 def test_whole_sets_by_hand():
@@ -198,7 +195,8 @@ def test_actions_are_late_in_half_the_real_cameras_worlds_unless_a_delay_is_tune
     keypoints = context_of(simulator, nominal[0]).keypoints
     rollouts = watch_rollouts(monkeypatch, simulator)
     rng = np.random.default_rng(0)
-    worlds = simulate(simulator, keypoints, nominal, actions, 2, rng, ObservationModel.of_reality())
+    reality = ObservationModel.of_reality()
+    worlds = play_worlds(simulator, keypoints, nominal, actions, rng, reality)
     played = rollouts[0].actions.reshape(12, 3, STEPS, 1)
     as_asked = (played == actions).all((1, 2, 3))
     one_later = (played == delayed(actions, 1)).all((1, 2, 3))

@@ -13,7 +13,7 @@ TINY_SEARCH = PosteriorSearchConfig(
     ),
     num_worlds=16,
     episodes_per_world=2,
-    filmed_steps=4,
+    pictures_per_world=4,
     held_out_worlds=6,
     held_out_steps=8,
     num_rounds=2,

@@ -2,8 +2,12 @@
 
 import math
 import time
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
 
 from simtune.progress import ReportProgress, silent
+
+T = TypeVar("T")
 
 
 class OutOfTime(Exception):
@@ -55,6 +59,13 @@ class Budget:
     def allows_another(self, num_done: int) -> bool:
         """Whether another piece of work, as long as each of `num_done` so far, ends in time."""
         return self.spent * (num_done + 1) <= num_done
+
+    def each(self, work: Iterable[T]) -> Iterator[T]:
+        """The pieces of `work`, the first one in any case, while it `allows_another`."""
+        for num_done, piece in enumerate(work, 1):
+            yield piece
+            if not self.allows_another(num_done):
+                break
 
     def report(self, doing: str, done: float = 0.0) -> None:
         """Report what is being done, and how much of this budget's work is done, 0 to 1."""

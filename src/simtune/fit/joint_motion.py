@@ -13,12 +13,15 @@ from scipy.ndimage import maximum_filter1d
 
 from simtune.fit.observed import Observed
 from simtune.fit.open_loop import OpenLoop
+from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, filled, parabolas
 from simtune.fit.whole_episodes import begin_whole
 from simtune.observation import AllEvidence, JointReadings
+from simtune.vision.keypoint_tracks import KeypointTracks
 
 _CALM, _QUICK = 9, 3  # readings to which a parabola is fitted
 _CLEARLY = 4.0  # standard deviations of noise
+_NUDGE, _STILL_PX = 0.02, 1e-3  # change of a parameter; movement that is none
 _ROUNDS = 3  # in which offsets and initial states are found in turn
 
 
@@ -80,6 +83,37 @@ def smoothed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     noise = 1.48 * np.median(missed, (0, 1))
     is_quick = maximum_filter1d((missed > _CLEARLY * noise).astype(int), _CALM, axis=1) > 0
     return np.where(is_quick, quick, calm), np.where(is_quick, quick_rate, calm_rate)
+
+
+def of_unknowns(
+    observed: Observed,
+    physics: Physics,
+    states: np.ndarray,
+    state_std: np.ndarray,
+    unit: np.ndarray,
+    fitted: np.ndarray,
+) -> Observed:
+    """Only the evidence of keypoints that something unknown moves.
+
+    Those of a robot whose motion is known tell nothing, but how badly they are found would count.
+    `states`: (E, nq + nv) some; `state_std`: (2 nv,) 0 where states are known; `unit`: (N,)
+    parameters in unit coordinates, of which those `fitted`, (P,) indices, are unknown.
+    """
+    here, moved = physics.predict(states, unit), []
+    for tangent in np.diag(state_std)[state_std > 0]:
+        elsewhere = physics.space.move(states, np.repeat(tangent[None], len(states), 0))
+        moved.append(physics.predict(elsewhere, unit))
+    for parameter in fitted:
+        other = unit.copy()
+        other[parameter] += -_NUDGE if unit[parameter] > 0.5 else _NUDGE
+        moved.append(physics.predict(states, other))
+    changes = np.abs(np.array(moved) - here).max((0, 1)).reshape(-1, 2)
+    parts = observed.evidence.parts
+    kept = tuple(
+        part.only((changes > _STILL_PX).any(1)) if isinstance(part, KeypointTracks) else part
+        for part in parts
+    )
+    return replace(observed, evidence=AllEvidence(kept))
 
 
 def without_readings(observed: Observed) -> Observed:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.fit_setup import FitSetup
-from simtune.fit.joint_motion import JointMotion, without_readings
+from simtune.fit.joint_motion import JointMotion, of_unknowns, without_readings
 from simtune.fit.latency import clearly_best
 from simtune.fit.observed import Observed
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
@@ -72,7 +72,8 @@ def _by_readings(
     """The robot's motion is that of the readings; pictures show the rest."""
     observed = observed.delayed(latency_steps)
     states, offsets = joints.find(observed, setup.estimator(observed), start.parameters)
-    observed = without_readings(observed)
+    given = setup.prior_std, setup.space.to_unit(start.parameters), setup.moving
+    observed = of_unknowns(without_readings(observed), setup.physics, states[:, 0], *given)
     followed = _follow(setup, observed, states, fitted, start)
     return LinedUp(observed, latency_steps, offsets, *followed)
 

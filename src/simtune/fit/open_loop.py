@@ -53,8 +53,10 @@ class OpenLoop:
         self.start_tangents = tangents
         # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
         self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
-        for joint in _loose(model):
-            place, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+        loose = _loose(model)
+        # First position of each: three coordinates, then a quaternion
+        self.loose_places = model.jnt_qposadr[loose].tolist()
+        for place, dof in zip(self.loose_places, model.jnt_dofadr[loose], strict=True):
             self.is_loose_position[place : place + 7] = self.is_loose[dof : dof + 6] = True
 
     @classmethod

@@ -110,6 +110,10 @@ class Physics:
         """(nq + nv,)"""
         return self.states(self._full_state)
 
+    def full_states(self, states: np.ndarray) -> np.ndarray:
+        """(..., S) full states of (..., nq + nv), before any action."""
+        return self.space.with_positions_and_velocities(self._full_state, states)
+
     def states(self, full_states: np.ndarray) -> np.ndarray:
         """(..., nq + nv) positions and velocities of (..., S) full states."""
         return self.space.positions_and_velocities(full_states)

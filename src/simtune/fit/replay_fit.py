@@ -124,7 +124,7 @@ class ReplayFit:
             self._all_moving,
             Misfit(test.distances, tuple(pictures.noise.tolist())),
             tuple((part.name, part.unit) for part in observed.evidence.parts),
-            motion.full_states[0, 0],
+            self._starts(states, (motion, slice(0, kept)), (test, held_out)),
             latency_steps,
             np.where(self.space.is_appearance, 0.0, start.std),
             offsets,
@@ -145,6 +145,17 @@ class ReplayFit:
         at_least = np.maximum(std, [_SMALLEST_STD[kind] for kind in kinds])
         blocks = (self._setup.moving, motion.covariance), (self._appearance, pictures.covariance)
         return at_least, diluted(block_correlation(len(std), blocks), std / at_least)
+
+    def _starts(self, states: np.ndarray, *fits: tuple[ShootingFit, slice]) -> np.ndarray:
+        """(E, S) full states in which episodes begin: as fitted, or else as in (E, ...) `states`.
+
+        Each fit is of some of the episodes.
+        """
+        starts = self._setup.physics.full_states(states[:, 0])
+        for fit, episodes in fits:
+            begins = fit.step == 0
+            starts[episodes][fit.episode[begins]] = fit.full_states[begins, 0]
+        return starts
 
     def within(self, budget: Budget) -> "ReplayFit":
         """The same, but raises OutOfTime as soon as `budget` is over."""

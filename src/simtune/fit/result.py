@@ -38,7 +38,7 @@ class FitResult:
     moving: np.ndarray  # (P,) indices of the parameters that are not mere appearance
     misfit: Misfit
     sensors: tuple[tuple[str, str], ...]  # name and unit of each motion misfit
-    start: np.ndarray  # (S,) full state at the start of the first episode
+    starts: np.ndarray  # (E, S) full states at the start of the episodes
     latency_steps: int  # estimated delay of the actions
     # (N,) standard deviations of the particles' estimate, the fit's start; 0 for appearance
     rough_std: np.ndarray

@@ -24,6 +24,7 @@ from simtune.search_param_model.posterior_net import (
     posterior_loss,
 )
 from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.training import TrainingClock, train_network
 from simtune.vision.detector import (
     Detections,
@@ -74,22 +75,20 @@ class PosteriorSearchParamModel:
         self._scale_px = shape[0] / 8
 
     def train_detector(
-        self, worlds: SimulatedWorlds, distribution: Distribution, clock: TrainingClock
+        self, learnt: TrainingPictures, distribution: Distribution, clock: TrainingClock
     ) -> float:
-        """On the filmed frames of `worlds`; returns the mean loss of the last updates."""
+        """Returns the mean loss of the last updates."""
         config = self.config.detector
         space = distribution.space
-        unit = space.to_unit(worlds.parameters)[:, self.visible]
+        unit = space.to_unit(learnt.parameters)[:, self.visible]
         low, high = space.to_unit(distribution.low), space.to_unit(distribution.high)
         width = torch.tensor((high - low)[self.visible], dtype=torch.float32)
-        num_filmed = worlds.frames.shape[1]
-        frames = worlds.frames.reshape(-1, *worlds.frames.shape[2:])
-        keypoints = torch.from_numpy(worlds.filmed_keypoints()).flatten(0, 1)
-        visible = torch.tensor(unit, dtype=torch.float32).repeat_interleave(num_filmed, 0)
+        keypoints = torch.from_numpy(learnt.keypoints)
+        visible = torch.tensor(unit, dtype=torch.float32)
 
         def draw_loss() -> torch.Tensor:
-            at = torch.randint(len(frames), (config.batch_size,), generator=self.generator)
-            pictures = to_input(frames[at.numpy()])
+            at = torch.randint(len(visible), (config.batch_size,), generator=self.generator)
+            pictures = to_input(learnt.frames[at.numpy()])
             pictures += 2 * config.noise * torch.randn(pictures.shape, generator=self.generator)
             return self.detector.loss(pictures, keypoints[at], visible[at], width)
 

@@ -1,4 +1,4 @@
-"""Simulated worlds for the posterior SPM, only partly rendered."""
+"""Simulated worlds for the posterior SPM: played whole, drawn only in part."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from simtune.observation import ObservationModel
-from simtune.simulation import AnySimulator, Points
+from simtune.simulation import AnySimulator, Points, Rollouts
 from simtune.trajectory import delayed
 from simtune.vision.keypoints import Keypoints
 
@@ -18,7 +18,8 @@ class SimulatedWorlds:
     parameters: np.ndarray  # (W, N)
     actions: np.ndarray  # (W, E, T, A)
     keypoints: np.ndarray  # (W, E, T + 1, L, 2) pixels, true
-    frames: np.ndarray  # (W, F, H, W, 3) uint8: successive ones of each world's first episode
+    # Of each world's first episode, if it is filmed: a stretch of F successive steps
+    frames: np.ndarray  # (W, F, H, W, 3) uint8
     filmed_from: np.ndarray  # (W,) step of the first frame
     states: np.ndarray  # (W, F, S) full states of `frames`
     # {sensor: (W, F, D)} measured with `frames`
@@ -43,27 +44,69 @@ class SimulatedWorlds:
         at = self.filmed_from[:, None] + np.arange(self.frames.shape[1] - 1)
         return self.actions[np.arange(len(at))[:, None], 0, at]
 
-    def without_frames(self) -> "SimulatedWorlds":
-        """The same without frames, which take most memory."""
-        return replace(self, frames=self.frames[:0].copy())
+
+@dataclass(frozen=True)
+class PlayedWorlds:
+    """W worlds of E episodes, before anything is drawn."""
+
+    simulator: AnySimulator
+    keypoints: Keypoints | Points
+    observation: ObservationModel
+    actions: np.ndarray  # (W, E, T, A) as recorded
+    rollouts: Rollouts  # of the episodes of all worlds, and of some that are left out
+    whole: np.ndarray  # (W, E) positions in `rollouts`
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """(W, N)"""
+        return self.rollouts.parameters[self.whole[:, 0]]
+
+    def unfilmed(self) -> SimulatedWorlds:
+        """All worlds, without frames."""
+        nothing = np.zeros((len(self.whole), 0))
+        frames, start = nothing[..., None, None, None], np.zeros(len(nothing), int)
+        return SimulatedWorlds(
+            self.parameters, self.actions, self._points(), frames, start, nothing[..., None]
+        )
+
+    def filmed(self, num_frames: int, rng: np.random.Generator) -> SimulatedWorlds:
+        """With `num_frames` successive frames of each world's first episode."""
+        num, steps = len(self.whole), self.actions.shape[2]
+        num_frames = min(num_frames, steps + 1)
+        start = rng.integers(0, steps + 2 - num_frames, num)
+        at = start[:, None] + np.arange(num_frames)
+        states = self.rollouts.states[self.whole[:, :1], at]
+        shown = replace(self.rollouts, parameters=self.parameters, states=states)
+        frames = self.simulator.film(shown, self.observation.stray_light(num, rng))
+        self.observation.add_noise(self.simulator, frames, rng)
+        measured = self.rollouts.observed[self.whole[:, :1], at, 2 * len(self.keypoints) :]
+        return replace(
+            self.unfilmed(),
+            frames=frames,
+            filmed_from=start,
+            states=states,
+            readings=self.observation.readings(measured, rng),
+        )
+
+    def _points(self) -> np.ndarray:
+        points = self.rollouts.observed[self.whole, :, : 2 * len(self.keypoints)]
+        return points.astype(np.float32).reshape(*points.shape[:-1], -1, 2)
 
 
-def simulate(
+def play_worlds(
     simulator: AnySimulator,
     keypoints: Keypoints | Points,
     parameters: np.ndarray,
     actions: np.ndarray,
-    num_filmed: int,
     rng: np.random.Generator,
     observation: ObservationModel,
-) -> SimulatedWorlds:
-    """Play (W, E, T, A) actions in W worlds of (W, N) parameters, and film a stretch of each.
+) -> PlayedWorlds:
+    """Play (W, E, T, A) actions in W worlds of (W, N) parameters.
 
     If actions may be late, they are, by a step, in half of the worlds, unless a parameter is a
     delay. Worlds with a diverged episode are left out. Raises RuntimeError if hardly any is left.
     """
-    num_episodes, steps = actions.shape[1:3]
-    played = actions.astype(float)
+    num_episodes, played = actions.shape[1], actions.astype(float)
     if observation.max_latency_steps and not simulator.space.is_delay.any():
         late = rng.random(len(actions)) < 0.5
         played[late] = delayed(played[late], 1)
@@ -76,25 +119,8 @@ def simulate(
     whole = whole_sets(rollouts.index, num_episodes)
     if len(whole) < 4:  # some for training, some to measure errors
         raise RuntimeError("nearly every world diverged; check the timestep and the bounds")
-    num_worlds, num_filmed = len(whole), min(num_filmed, steps + 1)
-    start = rng.integers(0, steps + 2 - num_filmed, num_worlds)
-    at = start[:, None] + np.arange(num_filmed)
-    states = rollouts.states[whole[:, :1], at]
-    kept = rollouts.parameters[whole[:, 0]]
-    filmed = replace(rollouts, parameters=kept, states=states)
-    frames = simulator.film(filmed, observation.stray_light(num_worlds, rng))
-    observation.add_noise(simulator, frames, rng)
-    points, measured = np.split(rollouts.observed[whole], [2 * len(keypoints)], axis=-1)
-    with_frames = measured[np.arange(num_worlds)[:, None], 0, at]
-    return SimulatedWorlds(
-        kept,
-        actions[rollouts.index[whole[:, 0]] // num_episodes],
-        points.astype(np.float32).reshape(num_worlds, num_episodes, steps + 1, -1, 2),
-        frames,
-        start,
-        states,
-        observation.readings(with_frames, rng),
-    )
+    kept = actions[rollouts.index[whole[:, 0]] // num_episodes]
+    return PlayedWorlds(simulator, keypoints, observation, kept, rollouts, whole)
 
 
 def whole_sets(index: np.ndarray, episodes: int) -> np.ndarray:

@@ -195,18 +195,21 @@ class FitStage:
         extend_horizon: bool,
         budget: Budget,
     ) -> Bootstrap:
-        """Film and fit known worlds near `fit`, which play the same actions.
+        """Film and fit known worlds near `fit`, which begin as it does and play the same actions.
 
         `size`: number of worlds, and episodes of each. Fewer if `budget` is over before: an
         unfinished refit does not count.
         """
         num, num_episodes = size
         actions, observation = observed.actions[:num_episodes], self._context.observation
+        # What pushes what depends on where things are: with ALOHA's arms, and a box put anywhere,
+        # actions that had moved the real box moved none.
+        starts = fit.starts[:num_episodes]
 
         def synthesize(parameters: np.ndarray, latency_steps: int) -> Observed | None:
             worlds = np.repeat(parameters[None], len(actions), 0)
             played, see = delayed(actions, latency_steps), observation.observe_beside()
-            rollouts = self._simulator.roll_out(worlds, played, rng, see)
+            rollouts = self._simulator.roll_out(worlds, played, rng, see, starts)
             if len(rollouts) < len(actions):
                 return None
             shown = as_seen(

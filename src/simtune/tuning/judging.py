@@ -218,7 +218,7 @@ def conclude(
         ranks=ranks(bootstrap, names),
         warnings=model_checks(fit, bootstrap),
         held_out=held_out_misfit(fit, bootstrap),
-        start=fit.start.tolist(),
+        start=fit.starts[0].tolist(),
         latency_steps=fit.latency_steps,
         pictures_late_s=(float(fit.late_s[0]), float(fit.late_s[1])),
         camera_responses=[camera.to_json() for camera in fit.responses] if len(fit.known) else [],

@@ -11,10 +11,11 @@ from simtune.fit import num_fitted
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory
 from simtune.tuning.fit_stage import Detected, HeldOut
-from simtune.tuning.posterior_config import FILMED_WITHOUT_FIT, PosteriorSearchConfig
+from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import candidate_grid
 from simtune.tuning.world_sampler import WorldSampler
 
@@ -29,32 +30,37 @@ class Learning:
     is_fitted: bool  # whether a fit follows, which decides the estimate
 
     def simulate(
-        self, real: list[Trajectory], searched: Distribution, budget: Budget
-    ) -> SimulatedWorlds:
-        """Worlds in the range, which replay the real actions."""
+        self,
+        real: list[Trajectory],
+        searched: Distribution,
+        loose: Sequence[int],
+        budget: Budget,
+    ) -> tuple[SimulatedWorlds, TrainingPictures]:
+        """Worlds in the range, which replay the real actions, and pictures of them.
+
+        `loose`: see `TrainingPictures.draw`.
+        """
         config = self.config
         budget.report("simulating and filming")
-        num_episodes, part = self._episodes_per_world(real), budget.share(config.collect_share)
-        return self.worlds.sample(
-            real, searched, config.num_worlds, num_episodes, config.filmed_steps, part
-        )
+        size = config.num_worlds, self._episodes_per_world(real)
+        part = budget.share(config.collect_share)
+        return self.worlds.draw(real, searched, size, config.pictures_per_world, part, loose)
 
     def train_detector(
-        self, worlds: SimulatedWorlds, searched: Distribution, number: int, budget: Budget
+        self, pictures: TrainingPictures, searched: Distribution, number: int, budget: Budget
     ) -> dict[str, float]:
         """In round `number`, counted from 0."""
         config = self.config
         updates = config.detector_updates[min(number, len(config.detector_updates) - 1)]
         part = budget.share(config.detector_share, (0.1, 0.4))
         clock = TrainingClock(updates, part, "training the detector", config.least_updates)
-        return {"loss/detector": self.model.train_detector(worlds, searched, clock)}
+        return {"loss/detector": self.model.train_detector(pictures, searched, clock)}
 
     def hold_out(self, real: list[Trajectory], searched: Distribution, budget: Budget) -> HeldOut:
         """Other worlds, to measure the detector's errors."""
         config, part = self.config, budget.share(self.config.collect_share / 2)
-        worlds = self.worlds.sample(
-            real, searched, config.held_out_worlds, 1, config.held_out_steps, part
-        )
+        size = config.held_out_worlds, config.held_out_steps
+        worlds = self.worlds.film(real, searched, *size, part)
         return HeldOut(worlds, self.model.detect(worlds.frames))
 
     def train_posterior_net(
@@ -69,9 +75,8 @@ class Learning:
         config, errors = self.config, self.model.detector_errors(*held_out, searched)
         scale = 1 if self.is_fitted else config.no_fit_scale
         if scale > 1:
-            num, num_episodes = config.num_worlds * scale, self._episodes_per_world(real)
-            part = budget.share(config.collect_share)
-            worlds = self.worlds.sample(real, searched, num, num_episodes, FILMED_WITHOUT_FIT, part)
+            size = config.num_worlds * scale, self._episodes_per_world(real)
+            worlds = self.worlds.play(real, searched, size, budget.share(config.collect_share))
         part = budget.share(config.posterior_share * scale, (0.4, 0.5))
         updates, least = config.posterior_updates * scale, config.least_updates
         clock = TrainingClock(updates, part, "training the posterior network", least)

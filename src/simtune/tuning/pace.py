@@ -16,7 +16,7 @@ from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.posterior_config import FILMED_WITHOUT_FIT, PosteriorSearchConfig
+from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import SearchContext
 
 _WORLDS, _STEPS, _UPDATES = 32, 20, 3
@@ -75,14 +75,14 @@ class Pace:
         episodes, steps = work.num_episodes, work.num_steps
         worlds_s = self.step_s * steps * min(config.episodes_per_world, episodes)  # per world
         held_out = config.held_out_worlds * config.held_out_steps
-        drawn = (config.num_worlds * config.filmed_steps + held_out) / work.supersampling
+        drawn = (config.num_worlds * config.pictures_per_world + held_out) / work.supersampling
         seconds = config.num_worlds * worlds_s + config.held_out_worlds * self.step_s * steps
         seconds += self.frame_s * drawn + self.detect_s * held_out / work.supersampling
         seconds += self.update_s * config.detector_updates[0]
         small_s = _SMALL_UPDATE * self.update_s
         if not work.num_tangent:
-            more = config.num_worlds * (worlds_s + FILMED_WITHOUT_FIT * self.frame_s)
-            return seconds + config.no_fit_scale * (more + small_s * config.posterior_updates)
+            more = config.num_worlds * worlds_s + small_s * config.posterior_updates
+            return seconds + config.no_fit_scale * more
         seconds += small_s * (config.posterior_updates + config.state_updates)
         fitted = FitWork(episodes * steps, work.num_tangent, work.num_fitted)
         refitted = fitted._replace(num_steps=min(FEW_EPISODES, episodes) * steps)

@@ -2,7 +2,7 @@
 
 A round is sequential neural posterior estimation with a truncated prior, followed by a fit:
 
-    simulate                    worlds drawn from Ξ replay the real actions; a part is filmed
+    simulate                    worlds drawn from Ξ replay the real actions; pictures of them
     train the detector          keypoints and visible parameters in single pictures
     train the posterior network survival curves from whole episodes with the detector's errors
     estimate                    detect in the real frames, once; read the curves
@@ -122,14 +122,14 @@ class PosteriorSearch:
         real = self._listen(real, budget)
         budget, may_be_last = self._plan(real, budget)
         searched, began = self.distribution, learning.worlds.rng.bit_generator.state
-        worlds = learning.simulate(real, searched, budget)
+        worlds, pictures = learning.simulate(real, searched, self._loose, budget)
         if self._learned is None:
-            metrics = learning.train_detector(worlds, searched, self.num_rounds, budget)
+            metrics = learning.train_detector(pictures, searched, self.num_rounds, budget)
             self._learned = {"metrics": metrics, "rng": began}
             keep()
+        del pictures  # most of the memory
         metrics = dict(self._learned["metrics"])
         held_out = learning.hold_out(real, searched, budget)
-        worlds = worlds.without_frames()
         metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
         ranges = searched, self.first
         told, before = self._told, self._judging
@@ -160,6 +160,12 @@ class PosteriorSearch:
             return real
         self.distribution = self._told.narrowed(self.distribution)
         return self._told.late(real)
+
+    @property
+    def _loose(self) -> list[int]:
+        """Objects to put beside a robot whose postures are read; see `TrainingPictures.draw`."""
+        joints = self._told and self._told.joints
+        return joints.loop.loose_places if joints else []
 
     def _plan(self, real: list[Trajectory], budget: Budget) -> tuple[Budget, bool]:
         """The present round's part of the budget, and whether the round may be the last one."""

@@ -6,10 +6,6 @@ from simtune.fit import FitConfig
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.tuning.range_update import RangeUpdateConfig
 
-# Frames drawn of each extra world for the posterior network, if nothing can be fitted: these worlds
-# do not train the detector.
-FILMED_WITHOUT_FIT = 2
-
 
 @dataclass(frozen=True, kw_only=True)
 class PosteriorSearchConfig:
@@ -18,7 +14,7 @@ class PosteriorSearchConfig:
     fit: FitConfig = field(default_factory=FitConfig)
     num_worlds: int = 192  # simulated per round
     episodes_per_world: int = 4  # at most; each replays a real one's actions
-    filmed_steps: int = 32  # successive frames drawn of each world
+    pictures_per_world: int = 32  # to train the detector on
     held_out_worlds: int = 128  # per round, to test the detector on
     held_out_steps: int = 56  # filmed of each
     num_rounds: int = 4  # at most

@@ -1,10 +1,13 @@
-"""Simulated worlds to learn from: drawn from Ξ, with the real actions, partly filmed."""
+"""Simulated worlds to learn from: drawn from Ξ, with the real actions, partly drawn as pictures."""
+
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from simtune.budget import Budget
 from simtune.randomization import Distribution
-from simtune.search_param_model.simulated import SimulatedWorlds, simulate
+from simtune.search_param_model.simulated import PlayedWorlds, SimulatedWorlds, play_worlds
+from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.trajectory import Trajectory
 from simtune.tuning.search import SearchContext
 
@@ -12,45 +15,74 @@ _AT_A_TIME = 64  # worlds between looks at the clock; the fewest to learn from
 
 
 class WorldSampler:
-    """Draws as many worlds as there is time for."""
+    """Draws as many worlds as there is time for: so many, or fewer if a budget would be over."""
 
     def __init__(self, context: SearchContext):
         self._context, self.rng = context, np.random.default_rng(context.seed)
 
-    def sample(
+    def play(
         self,
         real: list[Trajectory],
-        distribution: Distribution,
-        num_worlds: int,
-        num_episodes: int,
-        num_filmed: int,
+        searched: Distribution,
+        size: tuple[int, int],
         budget: Budget,
     ) -> SimulatedWorlds:
-        """Worlds that replay the actions of `num_episodes` real episodes; a stretch is filmed.
+        """Worlds without pictures; `size`: (worlds, episodes of each)."""
+        played = budget.each(self._play(real, searched, *size))
+        return SimulatedWorlds.joined([p.unfilmed() for p in played])
 
-        `num_worlds` worlds, or fewer if `budget` would be over before.
+    def film(
+        self,
+        real: list[Trajectory],
+        searched: Distribution,
+        num_worlds: int,
+        num_frames: int,
+        budget: Budget,
+    ) -> SimulatedWorlds:
+        """Worlds of an episode each, of which `num_frames` successive frames are filmed."""
+        num_frames, played = self._affordable(num_frames), self._play(real, searched, num_worlds, 1)
+        return SimulatedWorlds.joined([p.filmed(num_frames, self.rng) for p in budget.each(played)])
+
+    def draw(
+        self,
+        real: list[Trajectory],
+        searched: Distribution,
+        size: tuple[int, int],
+        num_pictures: int,
+        budget: Budget,
+        loose: Sequence[int] = (),
+    ) -> tuple[SimulatedWorlds, TrainingPictures]:
+        """The same as `play`, and `num_pictures` for each world.
+
+        `loose`: see `TrainingPictures.draw`.
         """
+        worlds, pictures = [], []
+        for played in budget.each(self._play(real, searched, *size)):
+            num = len(played.whole) * self._affordable(num_pictures)
+            worlds.append(played.unfilmed())
+            pictures.append(TrainingPictures.draw(played, searched, num, self.rng, loose))
+        return SimulatedWorlds.joined(worlds), TrainingPictures.joined(pictures)
+
+    def _affordable(self, num_pictures: int) -> int:
+        """Supersampled pictures are expensive."""
+        return max(2, num_pictures // self._context.simulator.supersampling)
+
+    def _play(
+        self, real: list[Trajectory], searched: Distribution, num_worlds: int, num_episodes: int
+    ) -> Iterator[PlayedWorlds]:
+        """Worlds that replay the actions of `num_episodes` real episodes, some at a time."""
         context, rng = self._context, self.rng
-        # Supersampled pictures are expensive.
-        num_filmed = max(2, num_filmed // context.simulator.supersampling)
         steps = min(len(t) for t in real)
-        actions, parts, left = np.stack([t.actions[:steps] for t in real]), [], num_worlds
+        actions, left = np.stack([t.actions[:steps] for t in real]), num_worlds
         while left:
             num = _AT_A_TIME if left >= 2 * _AT_A_TIME else left  # a few alone may all diverge
             left -= num
             which = np.stack([rng.permutation(len(real))[:num_episodes] for _ in range(num)])
-            worlds = distribution.sample(num, rng)
-            parts.append(
-                simulate(
-                    context.simulator,
-                    context.keypoints,
-                    worlds,
-                    actions[which],
-                    num_filmed,
-                    rng,
-                    context.observation,
-                )
+            yield play_worlds(
+                context.simulator,
+                context.keypoints,
+                searched.sample(num, rng),
+                actions[which],
+                rng,
+                context.observation,
             )
-            if not budget.allows_another(len(parts)):
-                break
-        return SimulatedWorlds.joined(parts)

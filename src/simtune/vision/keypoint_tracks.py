@@ -74,6 +74,10 @@ class KeypointTracks:
         kept = self.information[index] if isinstance(self.information, np.ndarray) else 1.0
         return replace(self, candidates=candidates, probability=probability, information=kept)
 
+    def only(self, kept: np.ndarray) -> "KeypointTracks":
+        """Those `kept`, (L,) bool; the others count for nothing."""
+        return replace(self, probability=np.where(kept, self.probability, 0.0))
+
     def log_likelihood(self, predicted: np.ndarray, blur: float = 1.0) -> np.ndarray:
         """(...) Σ_K Σ_L log Σ_c p_c |i_c| [N(r_c) + 0.05 N(r_c / 4)] + 0.003 (1 − Σ_c p_c).
 

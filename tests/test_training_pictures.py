@@ -1,0 +1,96 @@
+"""Pictures to train the detector on: each has its own looks, and loose objects their own places."""
+
+import mujoco
+import numpy as np
+import pytest
+from search_context import CARTPOLE, SIZE, SPACE, START, STEPS, context_of, record_episodes
+
+from simtune.budget import Budget
+from simtune.randomization import Distribution
+from simtune.search_param_model.simulated import PlayedWorlds, play_worlds
+from simtune.search_param_model.training_pictures import TrainingPictures, scattered
+from simtune.simulation.states import StateSpace
+from simtune.tuning.world_sampler import WorldSampler
+
+FIRST = Distribution.first(SPACE, START)
+
+
+@pytest.fixture(scope="module")
+def played() -> PlayedWorlds:
+    context, rng = context_of(CARTPOLE.simulator(image_size=SIZE)), np.random.default_rng(0)
+    actions = rng.uniform(-1, 1, (8, 2, STEPS, 1))
+    given = context.simulator, context.keypoints, FIRST.sample(8, rng), actions
+    return play_worlds(*given, rng, context.observation)
+
+
+def test_each_picture_has_colours_of_its_own_and_the_rest_from_a_world_that_was_played(played):
+    pictures = TrainingPictures.draw(played, FIRST, 100, np.random.default_rng(1))
+    look = SPACE.is_appearance
+    assert len(np.unique(pictures.parameters[:, look], axis=0)) == 100
+    assert ((pictures.parameters >= FIRST.low) & (pictures.parameters <= FIRST.high)).all()
+    worlds = {tuple(world) for world in played.parameters[:, ~look]}
+    assert {tuple(world) for world in pictures.parameters[:, ~look]} == worlds
+
+
+def test_pictures_show_what_their_keypoints_and_parameters_say(played):
+    pictures = TrainingPictures.draw(played, FIRST, 60, np.random.default_rng(1))
+    rollouts = played.rollouts
+    points = rollouts.observed[:, :, : 2 * len(played.keypoints)].astype(np.float32)
+    moments = set()
+    for frame, keypoints, parameters in zip(*vars(pictures).values(), strict=True):
+        where = np.argwhere((points == keypoints.ravel()).all(-1))
+        assert len(where), "of a step that was played"
+        episode, step = where[0]
+        moments.add((episode, step))
+        drawn = played.simulator.render(rollouts.states[episode, step][None], parameters[None])
+        np.testing.assert_array_equal(frame, drawn[0])
+    assert len({episode for episode, _ in moments}) > 12, "of any episode"
+    assert len({step for _, step in moments}) > 15, "and of any step"
+
+
+def test_a_sampler_draws_so_many_pictures_for_each_world():
+    context = context_of(CARTPOLE.simulator(image_size=SIZE))
+    real = record_episodes(CARTPOLE.simulator(image_size=SIZE), 3)
+    worlds, pictures = WorldSampler(context).draw(real, FIRST, (130, 2), 3, Budget())
+    assert len(worlds.parameters) == 130
+    assert pictures.frames.shape == (390, SIZE, SIZE, 3)
+    assert pictures.keypoints.shape == (390, len(context.keypoints), 2)
+
+
+TWO_THINGS = """
+<mujoco>
+  <worldbody>
+    <body name="arm"><joint name="hinge"/><geom size=".1"/></body>
+    <body name="cup" pos="1 2 .3"><freejoint/><geom type="box" size=".1 .1 .2"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_loose_things_are_spread_twice_as_wide_and_turned_and_nothing_else_changes():
+    model, rng = mujoco.MjModel.from_xml_string(TWO_THINGS), np.random.default_rng(0)
+    space, size = StateSpace(model), mujoco.mjtState.mjSTATE_INTEGRATION
+    full_states = rng.normal(size=(4000, mujoco.mj_stateSize(model, size)))
+    states = np.zeros((4000, model.nq + model.nv))
+    states[:, 0] = rng.normal(size=4000)  # the hinge
+    states[:, 1:3] = [1, 2] + rng.uniform(-1, 1, (4000, 2)) * [0.1, 0.3]
+    states[:5, 1] = 50.0  # flung away
+    states[:, 3] = rng.uniform(0.3, 0.31, 4000)
+    tilt = np.array([np.cos(0.2), np.sin(0.2), 0, 0])  # by .4 rad about x
+    states[:, 4:8] = tilt
+    given = space.with_positions_and_velocities(full_states, states)
+    put = scattered(space, given, [1], rng)
+    moved = space.positions_and_velocities(put)
+    np.testing.assert_array_equal(moved[:, [0, 3, *range(8, 15)]], states[:, [0, 3, *range(8, 15)]])
+    rest = np.ones(full_states.shape[1], bool)
+    rest[1 : 1 + model.nq + model.nv] = False
+    np.testing.assert_array_equal(put[:, rest], full_states[:, rest])
+    low, high = moved[:, 1:3].min(0), moved[:, 1:3].max(0)
+    np.testing.assert_allclose(low, [1 - 0.2, 2 - 0.6], atol=0.03)
+    np.testing.assert_allclose(high, [1 + 0.2, 2 + 0.6], atol=0.03)
+    # The box's own upright axis keeps its angle to the vertical, and turns about it.
+    w, x, y, z = moved[:, 4:8].T
+    axis = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)], 1)
+    np.testing.assert_allclose(axis[:, 2], np.cos(0.4), atol=1e-9)
+    heading = np.arctan2(axis[:, 1], axis[:, 0])
+    assert np.histogram(heading, 8, (-np.pi, np.pi))[0].min() > 400
