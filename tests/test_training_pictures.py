@@ -6,11 +6,14 @@ import pytest
 from search_context import CARTPOLE, SIZE, SPACE, START, STEPS, context_of, record_episodes
 
 from simtune.budget import Budget
+from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import PlayedWorlds, play_worlds
 from simtune.search_param_model.training_pictures import TrainingPictures, scattered
 from simtune.simulation.states import StateSpace
+from simtune.tasks import Task, load_task
 from simtune.tuning.world_sampler import WorldSampler
+from simtune.vision.keypoints import every_keypoint
 
 FIRST = Distribution.first(SPACE, START)
 
@@ -94,3 +97,61 @@ def test_loose_things_are_spread_twice_as_wide_and_turned_and_nothing_else_chang
     np.testing.assert_allclose(axis[:, 2], np.cos(0.4), atol=1e-9)
     heading = np.arctan2(axis[:, 1], axis[:, 0])
     assert np.histogram(heading, 8, (-np.pi, np.pi))[0].min() > 400
+
+
+PUSHER = """
+<mujoco>
+  <option timestep=".005"/>
+  <visual><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual>
+  <worldbody>
+    <camera name="above" pos="0 0 1" fovy="60"/>
+    <geom type="plane" size="2 2 .1" rgba="0 0 1 1"/>
+    <body pos="-.3 0 .05">
+      <joint name="slider" type="slide" axis="1 0 0"/>
+      <geom type="box" size=".02 .04 .02" rgba="0 1 0 1"/>
+    </body>
+    <body pos="0 0 .03">
+      <freejoint name="box"/>
+      <geom name="box" type="box" size=".05 .05 .03"/>
+    </body>
+  </worldbody>
+  <actuator><position joint="slider" kp="20" kv="2" ctrlrange="-.02 .02"/></actuator>
+</mujoco>
+"""
+TUNE = """
+model = "pusher.xml"
+control_timestep_s = 0.02
+[camera]
+camera = "above"
+[initial_state]
+kind = "distribution"
+[initial_state.joints]
+box = { position = [[-0.06, 0.06], [-0.1, 0.1], [0.03, 0.03]] }
+[[parameters]]
+name = "box"
+kind = "colour"
+objects = "box"
+nominal = [0.8, 0.2, 0.2]
+"""
+
+
+def test_a_loose_box_is_drawn_where_its_keypoints_say(tmp_path):
+    (tmp_path / "pusher.xml").write_text(PUSHER)
+    (tmp_path / "tune.toml").write_text(TUNE)
+    task = load_task(str(tmp_path / "tune.toml"))
+    assert isinstance(task, Task)
+    simulator, space, rng = task.simulator(image_size=64), task.parameters, np.random.default_rng(0)
+    looks, points = Distribution.first(space, space.nominal), every_keypoint(simulator)
+    middle = [i for i in range(len(points)) if points.geoms[i] == simulator.model.geom("box").id]
+    keypoints = points.select(middle[1:2])
+    seen = ObservationModel.of_simulator()
+    given = simulator, keypoints, looks.sample(6, rng), np.zeros((6, 1, 10, 1))
+    played = play_worlds(*given, rng, seen)
+    pictures = TrainingPictures.draw(played, looks, 200, rng)
+    red = pictures.frames[..., 0] > 60
+    is_red = red.sum((1, 2)) > 20  # in the others it has another colour
+    assert is_red.sum() > 100
+    at = np.array([np.argwhere(one)[:, ::-1].mean(0) for one in red[is_red]])
+    np.testing.assert_allclose(at, pictures.keypoints[is_red, 0], atol=1.0)
+    began = played.rollouts.observed[..., :2].reshape(-1, 2)
+    assert (np.ptp(at, 0) > 1.5 * np.ptp(began, 0)).all()

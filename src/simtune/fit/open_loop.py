@@ -14,9 +14,9 @@ from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, Stretches, filled, velocities
 from simtune.observation import JointSensor, ObservationModel, joints_of
 from simtune.simulation import AnySimulator, Simulator
+from simtune.simulation.loose_objects import loose_joints, loose_places
 
 _VELOCITY_ERROR = 3.0  # std of an initial velocity, in position noise per step
-_FREE = mujoco.mjtJoint.mjJNT_FREE.value
 _FAR_AWAY = 1e3  # in units of the model's extent
 
 
@@ -53,10 +53,8 @@ class OpenLoop:
         self.start_tangents = tangents
         # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
         self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
-        loose = _loose(model)
-        # First position of each: three coordinates, then a quaternion
-        self.loose_places = model.jnt_qposadr[loose].tolist()
-        for place, dof in zip(self.loose_places, model.jnt_dofadr[loose], strict=True):
+        loose = zip(loose_places(model), model.jnt_dofadr[loose_joints(model)], strict=True)
+        for place, dof in loose:
             self.is_loose_position[place : place + 7] = self.is_loose[dof : dof + 6] = True
 
     @classmethod
@@ -75,8 +73,7 @@ class OpenLoop:
         sensors, space = joints_of(observation.sensors), simulator.state_space
         state, another = space.positions_and_velocities(begun.states[:, 0])
         differs = (state != another)[: simulator.model.nq]
-        for number, joint in enumerate(_loose(simulator.model)):
-            place = simulator.model.jnt_qposadr[joint]
+        for number, place in enumerate(loose_places(simulator.model)):
             if not np.array_equal(state[place : place + 3], another[place : place + 3]):
                 state[place] += (1 + number) * _FAR_AWAY * simulator.model.stat.extent
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
@@ -213,20 +210,12 @@ def _measured(sensors: Sequence[JointSensor]) -> list[int]:
 def _unseen(model: mujoco.MjModel, differs: np.ndarray, measured: list[int]) -> tuple[str, ...]:
     """Unmeasured joints whose position (nq,) differs between episodes.
 
-    Without the free objects of `_loose`.
+    Without the objects of `loose_joints`.
     """
     differs = differs.copy()
     differs[measured] = False
-    for place in model.jnt_qposadr[_loose(model)]:
+    for place in loose_places(model):
         differs[place : place + 7] = False
     ends = [*model.jnt_qposadr[1:], model.nq]
     joints = enumerate(zip(model.jnt_qposadr, ends, strict=True))
     return tuple(model.joint(j).name for j, (start, end) in joints if differs[start:end].any())
-
-
-def _loose(model: mujoco.MjModel) -> np.ndarray:
-    """Joints of free bodies in trees of their own; none with tendons or constraints."""
-    if model.ntendon or model.neq:
-        return np.zeros(0, int)
-    alone = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=model.nbody) == 1
-    return np.flatnonzero((model.jnt_type == _FREE) & alone[model.jnt_bodyid])

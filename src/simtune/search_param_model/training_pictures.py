@@ -1,9 +1,9 @@
 """Single pictures to train the detector on, each of looks of its own.
 
 A detector that has seen two hundred worlds knows these. What it needs is variety: so every picture
-is another moment of another episode, with other colours, in another light. Where a robot's joints
-are read, its postures are known, and a loose object is what must be found, next to the robot in any
-place: random actions hardly ever push it there, so it is put there. With ALOHA's arms, on films by
+is another moment of another episode, with other colours, in another light. A loose object must be
+found next to the robot in any place, where the same actions in worlds that begin elsewhere hardly
+ever push it: so it is put there. With ALOHA's arms, on films by
 another renderer, a detector that had learnt from whole episodes found a grey box in 6 % of the
 pictures, and with colours and places drawn for each picture in 90 %.
 """
@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import PlayedWorlds
 from simtune.simulation import Points, Simulator
+from simtune.simulation.loose_objects import loose_places
 from simtune.simulation.states import StateSpace
 from simtune.vision.keypoints import Keypoints
 
@@ -45,11 +46,10 @@ class TrainingPictures:
         looks: Distribution,
         num: int,
         rng: np.random.Generator,
-        loose: Sequence[int] = (),
     ) -> "TrainingPictures":
         """`num` pictures of any steps of the worlds, with colours and light drawn from `looks`.
 
-        `loose`: of objects to be put in other places, see `scattered`.
+        Loose objects are in places of their own; see `scattered`.
         """
         simulator, observation, rollouts = played.simulator, played.observation, played.rollouts
         episode = rng.choice(played.whole.ravel(), num)
@@ -58,8 +58,7 @@ class TrainingPictures:
         is_look = looks.space.is_appearance
         parameters[:, is_look] = looks.sample(num, rng)[:, is_look]
         points = rollouts.observed[episode, step, : 2 * len(played.keypoints)]
-        if len(loose):
-            assert isinstance(simulator, Simulator), "a model's joints"
+        if isinstance(simulator, Simulator) and (loose := loose_places(simulator.model)):
             states = scattered(simulator.state_space, states, loose, rng)
             points = _look(simulator, played.keypoints, states, parameters)
         shown = replace(rollouts, parameters=parameters, states=states[:, None])

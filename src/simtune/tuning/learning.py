@@ -30,21 +30,14 @@ class Learning:
     is_fitted: bool  # whether a fit follows, which decides the estimate
 
     def simulate(
-        self,
-        real: list[Trajectory],
-        searched: Distribution,
-        loose: Sequence[int],
-        budget: Budget,
+        self, real: list[Trajectory], searched: Distribution, budget: Budget
     ) -> tuple[SimulatedWorlds, TrainingPictures]:
-        """Worlds in the range, which replay the real actions, and pictures of them.
-
-        `loose`: see `TrainingPictures.draw`.
-        """
+        """Worlds in the range, which replay the real actions, and pictures of them."""
         config = self.config
         budget.report("simulating and filming")
         size = config.num_worlds, self._episodes_per_world(real)
         part = budget.share(config.collect_share)
-        return self.worlds.draw(real, searched, size, config.pictures_per_world, part, loose)
+        return self.worlds.draw(real, searched, size, config.pictures_per_world, part)
 
     def train_detector(
         self, pictures: TrainingPictures, searched: Distribution, number: int, budget: Budget

@@ -122,7 +122,7 @@ class PosteriorSearch:
         real = self._listen(real, budget)
         budget, may_be_last = self._plan(real, budget)
         searched, began = self.distribution, learning.worlds.rng.bit_generator.state
-        worlds, pictures = learning.simulate(real, searched, self._loose, budget)
+        worlds, pictures = learning.simulate(real, searched, budget)
         if self._learned is None:
             metrics = learning.train_detector(pictures, searched, self.num_rounds, budget)
             self._learned = {"metrics": metrics, "rng": began}
@@ -160,12 +160,6 @@ class PosteriorSearch:
             return real
         self.distribution = self._told.narrowed(self.distribution)
         return self._told.late(real)
-
-    @property
-    def _loose(self) -> list[int]:
-        """Objects to put beside a robot whose postures are read; see `TrainingPictures.draw`."""
-        joints = self._told and self._told.joints
-        return joints.loop.loose_places if joints else []
 
     def _plan(self, real: list[Trajectory], budget: Budget) -> tuple[Budget, bool]:
         """The present round's part of the budget, and whether the round may be the last one."""

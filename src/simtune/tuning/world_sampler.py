@@ -1,6 +1,6 @@
 """Simulated worlds to learn from: drawn from Ξ, with the real actions, partly drawn as pictures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -50,17 +50,13 @@ class WorldSampler:
         size: tuple[int, int],
         num_pictures: int,
         budget: Budget,
-        loose: Sequence[int] = (),
     ) -> tuple[SimulatedWorlds, TrainingPictures]:
-        """The same as `play`, and `num_pictures` for each world.
-
-        `loose`: see `TrainingPictures.draw`.
-        """
+        """The same as `play`, and `num_pictures` for each world."""
         worlds, pictures = [], []
         for played in budget.each(self._play(real, searched, *size)):
             num = len(played.whole) * self._affordable(num_pictures)
             worlds.append(played.unfilmed())
-            pictures.append(TrainingPictures.draw(played, searched, num, self.rng, loose))
+            pictures.append(TrainingPictures.draw(played, searched, num, self.rng))
         return SimulatedWorlds.joined(worlds), TrainingPictures.joined(pictures)
 
     def _affordable(self, num_pictures: int) -> int:
