@@ -34,7 +34,7 @@ def judged(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitRe
     the bias is removed, since something else is wrong.
     """
     worse = np.full(len(fit.std), max(1.0, *bootstrap.motion_ratios(fit.misfit)))
-    # A fit to pictures claims more where its pixels are noisier; `believed` takes half of that away.
+    # A fit to pictures claims more where pixels are noisier, but `believed` takes half of it away.
     noisier = np.maximum(1.0, bootstrap.picture_ratios(fit.misfit))
     worse[~fit.is_moving] = np.sqrt(noisier)
     claimed = np.hypot(bootstrap.believed(fit.std), fit.discrepancy_std)
