@@ -1,14 +1,18 @@
 """Simulated worlds for the posterior SPM: played whole, drawn only in part."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from simtune.observation import ObservationModel
-from simtune.simulation import AnySimulator, Points, Rollouts
+from simtune.simulation import AnySimulator, Points, Rollouts, Simulator
+from simtune.simulation.loose_objects import loose_places, scattered
 from simtune.trajectory import delayed
 from simtune.vision.keypoints import Keypoints
+
+_STREWN = 2.0  # width of the places of loose objects, relative to where episodes begin
 
 
 @dataclass(frozen=True)
@@ -104,13 +108,16 @@ def play_worlds(
     """Play (W, E, T, A) actions in W worlds of (W, N) parameters.
 
     If actions may be late, they are, by a step, in half of the worlds, unless a parameter is a
-    delay. Worlds with a diverged episode are left out. Raises RuntimeError if hardly any is left.
+    delay. In half of the episodes loose objects begin in other places than the task's, since they
+    are pushed there later. Worlds with a diverged episode are left out. Raises RuntimeError if
+    hardly any is left.
     """
     num_episodes, played = actions.shape[1], actions.astype(float)
     if observation.max_latency_steps and not simulator.space.is_delay.any():
         late = rng.random(len(actions)) < 0.5
         played[late] = delayed(played[late], 1)
-    rollouts = simulator.roll_out(
+    rollouts = _roll_out(
+        simulator,
         np.repeat(parameters, num_episodes, axis=0),
         played.reshape(len(played) * num_episodes, *actions.shape[2:]),  # there may be no actions
         rng,
@@ -121,6 +128,29 @@ def play_worlds(
         raise RuntimeError("nearly every world diverged; check the timestep and the bounds")
     kept = actions[rollouts.index[whole[:, 0]] // num_episodes]
     return PlayedWorlds(simulator, keypoints, observation, kept, rollouts, whole)
+
+
+def _roll_out(
+    simulator: AnySimulator,
+    parameters: np.ndarray,
+    actions: np.ndarray,
+    rng: np.random.Generator,
+    observe: Callable[[Any], np.ndarray],
+) -> Rollouts:
+    """As the simulator's own, but loose objects begin elsewhere in half of the episodes."""
+    if not isinstance(simulator, Simulator) or not (loose := loose_places(simulator.model)):
+        return simulator.roll_out(parameters, actions, rng, observe)
+    starts = simulator.play(parameters, lambda *_: np.zeros(0), 0, rng).states[:, 0]
+    strewn = scattered(simulator.state_space, starts, loose, _STREWN, rng)
+    return simulator.play(
+        parameters,
+        lambda t, _: actions[:, t],
+        actions.shape[1],
+        rng,
+        starts=np.where(rng.random((len(starts), 1)) < 0.5, strewn, starts),
+        observe=observe,
+        is_beginning=True,
+    ).finished()
 
 
 def whole_sets(index: np.ndarray, episodes: int) -> np.ndarray:

@@ -3,26 +3,21 @@
 A detector that has seen two hundred worlds knows these. What it needs is variety: so every picture
 is another moment of another episode, with other colours, in another light. A loose object must be
 found next to the robot in any place, where the same actions in worlds that begin elsewhere hardly
-ever push it: so it is put there. With ALOHA's arms, on films by
-another renderer, a detector that had learnt from whole episodes found a grey box in 6 % of the
-pictures, and with colours and places drawn for each picture in 90 %.
+ever push it: so it is put there. With ALOHA's arms, on films by another renderer, a detector that
+had learnt from whole episodes found a grey box in 6 % of the pictures; with colours and places
+drawn for each picture, in 90 %.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import PlayedWorlds
 from simtune.simulation import Points, Simulator
-from simtune.simulation.loose_objects import loose_places
-from simtune.simulation.states import StateSpace
+from simtune.simulation.loose_objects import loose_places, scattered
 from simtune.vision.keypoints import Keypoints
-
-_SPREAD = 2.0  # of places, relative to where objects were in the episodes
-_USUAL = 0.02, 0.98  # quantiles: an object that was flung away tells nothing
 
 
 @dataclass(frozen=True)
@@ -59,32 +54,12 @@ class TrainingPictures:
         parameters[:, is_look] = looks.sample(num, rng)[:, is_look]
         points = rollouts.observed[episode, step, : 2 * len(played.keypoints)]
         if isinstance(simulator, Simulator) and (loose := loose_places(simulator.model)):
-            states = scattered(simulator.state_space, states, loose, rng)
+            states = scattered(simulator.state_space, states, loose, 1.0, rng)
             points = _look(simulator, played.keypoints, states, parameters)
         shown = replace(rollouts, parameters=parameters, states=states[:, None])
         frames = simulator.film(shown, observation.stray_light(num, rng))
         observation.add_noise(simulator, frames, rng)
         return cls(frames[:, 0], points.reshape(num, -1, 2).astype(np.float32), parameters)
-
-
-def scattered(
-    space: StateSpace, full_states: np.ndarray, places: Sequence[int], rng: np.random.Generator
-) -> np.ndarray:
-    """(n, S) states with free bodies moved sideways and turned about the vertical.
-
-    `places`: index of each body's three coordinates and its quaternion among positions. Bodies are
-    spread twice as wide as they are, and keep their heights.
-    """
-    states = space.positions_and_velocities(full_states).copy()
-    for place in places:
-        sideways, turn = slice(place, place + 2), slice(place + 3, place + 7)
-        low, high = np.quantile(states[:, sideways], _USUAL, axis=0)
-        half = _SPREAD * (high - low) / 2
-        states[:, sideways] = (low + high) / 2 + rng.uniform(-half, half, (len(states), 2))
-        upright = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, (len(states), 1)))
-        turned = upright * Rotation.from_quat(states[:, turn], scalar_first=True)
-        states[:, turn] = turned.as_quat(scalar_first=True)
-    return space.with_positions_and_velocities(full_states, states)
 
 
 def _look(

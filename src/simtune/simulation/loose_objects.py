@@ -1,9 +1,15 @@
 """Objects that nothing holds: boxes to be pushed, balls to be thrown."""
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
+
+from simtune.simulation.states import StateSpace
 
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
+_USUAL = 0.02, 0.98  # quantiles of places: an object that was flung away tells nothing
 
 
 def loose_joints(model: mujoco.MjModel) -> np.ndarray:
@@ -17,3 +23,27 @@ def loose_joints(model: mujoco.MjModel) -> np.ndarray:
 def loose_places(model: mujoco.MjModel) -> list[int]:
     """Where each one's three coordinates and its quaternion begin among positions."""
     return model.jnt_qposadr[loose_joints(model)].tolist()
+
+
+def scattered(
+    space: StateSpace,
+    full_states: np.ndarray,
+    places: Sequence[int],
+    spread: float,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """(n, S) states with objects moved sideways and turned about the vertical.
+
+    `places`: of the objects, see `loose_places`. Each is put anywhere in the rectangle in which the
+    states have it, made `spread` times as wide, and keeps its height.
+    """
+    states = space.positions_and_velocities(full_states).copy()
+    for place in places:
+        sideways, turn = slice(place, place + 2), slice(place + 3, place + 7)
+        low, high = np.quantile(states[:, sideways], _USUAL, axis=0)
+        half = spread * (high - low) / 2
+        states[:, sideways] = (low + high) / 2 + rng.uniform(-half, half, (len(states), 2))
+        upright = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, (len(states), 1)))
+        turned = upright * Rotation.from_quat(states[:, turn], scalar_first=True)
+        states[:, turn] = turned.as_quat(scalar_first=True)
+    return space.with_positions_and_velocities(full_states, states)
