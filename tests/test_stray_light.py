@@ -75,6 +75,32 @@ def test_a_shadow_lacks_its_share_of_the_lamp_and_falls_aside():
     assert drawn("above", None)[row, column].tolist() == pytest.approx([LIT] * 3, abs=1)
 
 
+def test_scenes_of_meshes_get_shadows_in_the_rooms_that_have_some():
+    corners = " ".join(
+        f"{x} {y} {z}" for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)
+    )
+    scene = SCENE.replace(
+        '<geom size=".1" mass="1" material="red"/>', '<geom type="mesh" mesh="c"/>'
+    )
+    scene = scene.replace("<asset>", f'<asset><mesh name="c" vertex="{corners}"/>')
+    scene = scene.replace('dir="0 0 -1"', 'dir="-1 0 -1"')  # from the right, at 45°
+    model = mujoco.MjModel.from_xml_string(scene)
+    renderer = make_renderer("raycaster", model, SPACE, "above", (SIZE, SIZE))
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, mujoco.MjData(model), state, kind)
+    given = np.tile(state, (3, 1)), np.tile(SPACE.nominal, (3, 1))
+    rooms = StrayLight(np.array([0.0, 0.7, 1.0]), np.full(3, 0.4), np.zeros((3, 3)))
+    plain, shaded = renderer.render(*given).astype(int), renderer.render(*given, rooms).astype(int)
+    row, column = pixel(-0.5, 0, 2)  # the box is .5 m above the ground
+    lit = LIT * 0.5**0.5
+    assert plain[:, row, column, 0].tolist() == pytest.approx([lit] * 3, abs=1)
+    assert shaded[:, row, column, 0].tolist() == pytest.approx([lit, 0.1 * lit, 0.1 * lit], abs=1)
+    np.testing.assert_array_equal(shaded[0], plain[0])
+    np.testing.assert_array_equal(shaded[:, :, SIZE // 2 + 8 :], plain[:, :, SIZE // 2 + 8 :])
+    np.testing.assert_array_equal(renderer.render(*given), plain)
+
+
 def test_a_plane_shows_the_ball_as_far_below_it_as_the_ball_is_above():
     at = pixel(0, 1 + 0.5, 2)
     frame = drawn("beside", stray(mirror=0.4))

@@ -87,7 +87,7 @@ class AnySimulator(ABC):
     ) -> np.ndarray:
         """Draw (n, S) states of worlds of (n, N) parameters: (n, H, W, 3) uint8 RGB.
 
-        `stray`: of each, for simple shapes drawn by the ray caster; ignored otherwise.
+        `stray`: of each; of meshes the ray caster draws shadows only. Others ignore it.
         """
 
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:

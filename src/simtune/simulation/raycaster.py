@@ -4,6 +4,7 @@ import copy
 import os
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
+from functools import partial
 from queue import SimpleQueue
 from threading import Lock
 
@@ -22,6 +23,7 @@ from simtune.simulation.worlds import no_printed_warnings
 _CHUNK = 64  # pictures per launch: fits the cache, and still amortises the launch
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 _COMPILING = Lock()  # Warp builds modules one at a time
+_LEFT_IN_SHADOW = 0.1  # of a lamp's light; `Primitives` take each room's own share
 _NOTHING = 0  # packed pixel of a ray without a hit; drawn ones are opaque, so never 0
 
 
@@ -71,7 +73,8 @@ class Raycaster:
     ) -> np.ndarray:
         """(n, S) states, (n, N) parameters to (n, H, W, 3) uint8 RGB.
 
-        `stray`: of each; only `Primitives` draw it.
+        `stray`: of each. Only `Primitives` draw all of it. Others draw shadows only, all equally
+        dark, and where the model's own lamps throw them.
         """
         n = len(states)
         stray = stray or StrayLight.none(n)
@@ -107,6 +110,7 @@ class _Context:
         self._drawn = sorted(f for f in fields if field_of(f).is_drawn_per_world)
         self._written: np.ndarray | None = None
         self._sky = sky  # (H, W) uint32 or None
+        self._casts_shadow = model.light_castshadow.astype(bool)  # (lights,)
         self._has_flexes = model.nflex > 0
         self._poses = (*_POSES, "flexvert_xpos") if self._has_flexes else _POSES
         for name in self._poses:
@@ -114,7 +118,8 @@ class _Context:
         with _COMPILING:
             self._model = mujoco_warp.put_model(model)
             self._data = mujoco_warp.make_data(model, nworld=_CHUNK)
-            self._warp_context = _make_context(
+            self._make = partial(
+                _make_context,
                 model,
                 camera,
                 size,
@@ -122,6 +127,8 @@ class _Context:
                 render_skybox=sky is None,
                 use_precomputed_rays="cam_fovy" not in fields,
             )
+            self._warp_context = self._make()
+            self._with_shadows = None  # made when it is needed first: it takes time
             self._primitives: Primitives | None = None
             if Primitives.can_draw(self._warp_context):
                 self._primitives = Primitives(model, self._warp_context)
@@ -146,8 +153,22 @@ class _Context:
     def _cast(self, stray: StrayLight) -> np.ndarray:
         if self._primitives:
             return self._primitives.draw(self._model, self._data, stray)
-        with _COMPILING if self._warp_context._megakernel is None else nullcontext():
-            return _draw(self._model, self._data, self._warp_context)
+        context = self._shadowing(stray.shadow > 0) if stray.shadow.any() else self._warp_context
+        with _COMPILING if context._megakernel is None else nullcontext():
+            return _draw(self._model, self._data, context)
+
+    def _shadowing(self, in_world: np.ndarray):
+        """The render context of worlds of which those `in_world`, (n,) bool, have shadows."""
+        if self._with_shadows is None:
+            with _COMPILING:
+                self._with_shadows = self._make(
+                    use_shadows=True, shadow_light_fraction=_LEFT_IN_SHADOW
+                )
+        cast = np.zeros((_CHUNK, len(self._casts_shadow)), bool)
+        cast[: len(in_world)] = in_world[:, None] & self._casts_shadow
+        device = self._model.light_castshadow.device
+        self._model.light_castshadow = warp.array(cast, dtype=bool, device=device)
+        return self._with_shadows
 
     def _write(self, parameters: np.ndarray) -> None:
         """Write (n, N) parameters, unless they equal the previous chunk's."""
