@@ -78,8 +78,7 @@ def _known(
     simulator: Simulator, seen: ObservationModel, trajectories: list[Trajectory]
 ) -> tuple[np.ndarray, np.ndarray]:
     """(F, H, W, 3) frames, evenly spread, and their (F, S) states from joint readings."""
-    nominal, nothing = simulator.space.nominal[None], np.zeros((1, 0, simulator.num_actions))
-    rest = simulator.roll_out(nominal, nothing, np.random.default_rng(0)).states[0, 0]
+    rest = simulator.begin(simulator.space.nominal[None], np.random.default_rng(0)).states[0, 0]
     states = measured_states(simulator.model, seen, trajectories, rest)
     (known,) = np.nonzero(np.isfinite(states).all(1))
     if len(known) < _FEWEST_FRAMES:

@@ -29,8 +29,8 @@ def extents_px(simulator: Simulator, states: np.ndarray) -> dict[str, float]:
     at = np.linspace(0, states.shape[1] - 1, min(_STEPS, states.shape[1])).astype(int)
     some = states[:_EPISODES, at].reshape(-1, states.shape[2])
     worlds = np.tile(simulator.space.nominal, (len(some), 1))
-    still, rng = np.zeros((len(some), 0, simulator.num_actions)), np.random.default_rng(0)
-    seen = simulator.roll_out(worlds, still, rng, corners.observe, starts=some).observed
+    rng = np.random.default_rng(0)
+    seen = simulator.begin(worlds, rng, starts=some, observe=corners.observe).observed
     pixels = seen.reshape(-1, len(corners), 2).astype(float)
     model = simulator.model
     bodies = model.body_weldid[model.geom_bodyid[corners.geoms]]

@@ -53,8 +53,8 @@ class OpenLoop:
         self.start_tangents = tangents
         # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
         self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
-        loose = zip(loose_places(model), model.jnt_dofadr[loose_joints(model)], strict=True)
-        for place, dof in loose:
+        for joint in loose_joints(model):
+            place, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
             self.is_loose_position[place : place + 7] = self.is_loose[dof : dof + 6] = True
 
     @classmethod

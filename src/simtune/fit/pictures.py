@@ -135,7 +135,7 @@ class _Fit:
 
     def result(self) -> PictureFit:
         drawn, slopes, known = self._scene.draw(self._unit), self._slopes.shown, self._known
-        noise = _noises(drawn - self._real, slopes, _SMALLEST_NOISE)
+        noise = _noises(drawn - self._real, np.abs(slopes) > SHOWN, _SMALLEST_NOISE)
         rounding = np.square([rounding_std(slope, drawn) for slope in slopes[~known]])
         covariance = np.zeros((len(known),) * 2)
         few = len(self._fitted)
@@ -230,17 +230,17 @@ def rounding_std(slope: np.ndarray, drawn: np.ndarray) -> float:
 
 def _noise(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndarray:
     """(M, pixels) of `_noises`, the largest of the parameters that a pixel shows."""
-    own, noise = _noises(residual, slopes, at_least), np.full_like(residual, at_least)
-    for of_parameter, slope in zip(own, slopes, strict=True):
-        noise = np.where(np.abs(slope) > SHOWN, np.maximum(noise, of_parameter), noise)
+    shown, noise = np.abs(slopes) > SHOWN, np.full_like(residual, at_least)
+    for own, where in zip(_noises(residual, shown, at_least), shown, strict=True):
+        noise = np.where(where, np.maximum(noise, own), noise)
     return noise
 
 
-def _noises(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndarray:
-    """(V,) robust std of residuals (M, pixels), where each of (V, M, pixels) parameters shows.
+def _noises(residual: np.ndarray, shown: np.ndarray, at_least: float) -> np.ndarray:
+    """(V,) robust std of residuals (M, pixels), where each parameter shows, (V, M, pixels) bool.
 
     For each parameter separately: a good fit of the ground says nothing about a thin pole.
     """
-    sizes = [np.abs(residual[np.abs(slope) > SHOWN]) for slope in slopes]
+    sizes = [np.abs(residual[where]) for where in shown]
     own = [1.48 * float(np.median(size)) if len(size) else 0.0 for size in sizes]
     return np.maximum(own, at_least)

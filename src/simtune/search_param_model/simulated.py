@@ -140,7 +140,7 @@ def _roll_out(
     """As the simulator's own, but loose objects begin elsewhere in half of the episodes."""
     if not isinstance(simulator, Simulator) or not (loose := loose_places(simulator.model)):
         return simulator.roll_out(parameters, actions, rng, observe)
-    starts = simulator.play(parameters, lambda *_: np.zeros(0), 0, rng).states[:, 0]
+    starts = simulator.begin(parameters, rng).states[:, 0]
     strewn = scattered(simulator.state_space, starts, loose, _STREWN, rng)
     return simulator.play(
         parameters,

@@ -15,9 +15,8 @@ import numpy as np
 
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import PlayedWorlds
-from simtune.simulation import Points, Simulator
+from simtune.simulation import Simulator
 from simtune.simulation.loose_objects import loose_places, scattered
-from simtune.vision.keypoints import Keypoints
 
 
 @dataclass(frozen=True)
@@ -55,23 +54,9 @@ class TrainingPictures:
         points = rollouts.observed[episode, step, : 2 * len(played.keypoints)]
         if isinstance(simulator, Simulator) and (loose := loose_places(simulator.model)):
             states = scattered(simulator.state_space, states, loose, 1.0, rng)
-            points = _look(simulator, played.keypoints, states, parameters)
+            see = played.keypoints.observe
+            points = simulator.begin(parameters, rng, starts=states, observe=see).observed[:, 0]
         shown = replace(rollouts, parameters=parameters, states=states[:, None])
         frames = simulator.film(shown, observation.stray_light(num, rng))
         observation.add_noise(simulator, frames, rng)
         return cls(frames[:, 0], points.reshape(num, -1, 2).astype(np.float32), parameters)
-
-
-def _look(
-    simulator: Simulator, keypoints: Keypoints | Points, states: np.ndarray, parameters: np.ndarray
-) -> np.ndarray:
-    """(n, 2 L) pixels in (n, S) states of worlds of (n, N) parameters."""
-    at_once = simulator.play(
-        parameters,
-        lambda *_: np.zeros(0),
-        0,
-        np.random.default_rng(0),
-        starts=states,
-        observe=keypoints.observe,
-    )
-    return at_once.observed[:, 0]

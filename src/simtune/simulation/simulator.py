@@ -89,6 +89,17 @@ class Simulator(AnySimulator):
         self.num_steps += n * num_steps
         return Rollouts(parameters, states, actions, lengths, np.stack(observed, 1), np.arange(n))
 
+    def begin(
+        self,
+        parameters: np.ndarray,
+        rng: np.random.Generator,
+        *,
+        starts: np.ndarray | None = None,
+        observe: Observe | None = None,
+    ) -> Rollouts:
+        """The first states of n worlds of (n, N) parameters, before any action; see `play`."""
+        return self.play(parameters, _never, 0, rng, starts=starts, observe=observe)
+
     def _start(
         self,
         parameters: np.ndarray,
@@ -153,6 +164,11 @@ class Simulator(AnySimulator):
                 self._worlds.pop(next(iter(self._worlds)))
             self._worlds[num_worlds] = Worlds(self.model, self.space, num_worlds)
         return self._worlds[num_worlds]
+
+
+def _never(t: int, states: np.ndarray) -> np.ndarray:
+    """What acts in worlds that are not stepped."""
+    raise AssertionError("there are no steps")
 
 
 def _nothing(batch: Batch) -> np.ndarray:
