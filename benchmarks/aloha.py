@@ -18,16 +18,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import tyro
 from common import kept_in, machine, record_figures
 from two_arms import sysid
+from two_arms.score import print_table, rows, score
 from two_arms.world import World, film
 
 from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.real.choose import observed, open_recordings
-from simtune.real.truth import Truth
 from simtune.run.files import read_json, write_json
 from simtune.tasks import Task, load_task
 
@@ -86,11 +85,11 @@ def main(settings: tyro.conf.OmitArgPrefixes[Settings]) -> None:
             film(task, world, real, settings.episodes, settings.steps, settings.seed)
         for method in settings.methods:
             if result := _result(method, settings, task):
-                scores[method] = _score(task, world, result)
-    rows = _rows(task, settings.seed, scores)
-    _print_table(rows)
+                scores[method] = score(task, world, result)
+    table = rows(task, settings.seed, scores)
+    print_table(table)
     if not settings.quick:
-        record_figures(settings.record, ["world", "parameter"], rows)
+        record_figures(settings.record, ["world", "parameter"], table)
     about = {"benchmark": "aloha", "quick": settings.quick, **machine()}
     print(json.dumps({**about, "methods": scores}))
     if len(scores) < len(settings.methods):
@@ -124,61 +123,6 @@ def _tune(observe: str, settings: Settings, out: Path) -> int:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     print(f"{observe}: {' '.join(command[-10:])}", file=sys.stderr)
     return subprocess.run(command, stdout=sys.stderr, env=environment).returncode
-
-
-def _score(task: Task, world: World, result: dict[str, Any]) -> dict[str, Any]:
-    """Percent errors, and whether 90 % intervals hold, of what the method has an estimate of."""
-    found, space = result["parameters"], task.parameters
-    mean = np.array([found[n]["mean"] if n in found else np.nan for n in space.names])
-    real, percent = Truth(space, world.parameters).score(mean)
-    parameters = {}
-    for name, true, error in zip(space.names, real, percent, strict=True):
-        if name in found:
-            low, high = (found[name][end] for end in ("low", "high"))  # null: no interval
-            parameters[name] = {
-                "percent_error": round(float(error), 1),
-                "holds": None if low is None else bool(low <= true <= high),
-                "verdict": found[name].get("verdict"),
-                "true": float(true),
-                **{key: found[name][key] for key in ("mean", "low", "high")},
-            }
-    return {
-        "seconds": round(result["wall_s"]),
-        "warnings": result["warnings"],
-        "parameters": parameters,
-    }
-
-
-def _rows(task: Task, seed: int, scores: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
-    """One a parameter, and one of the time; a column a method."""
-    rows: list[dict[str, Any]] = []
-    for name in task.parameters.names:
-        row: dict[str, Any] = {"world": seed, "parameter": name}
-        for method, score in scores.items():
-            its = score["parameters"].get(name)
-            row[method.replace(".", "_")] = _words(its) if its else "–"
-        rows.append(row)
-    seconds = {m.replace(".", "_"): f"{score['seconds']} s" for m, score in scores.items()}
-    return [*rows, {"world": seed, "parameter": "time", **seconds}]
-
-
-def _words(its: dict[str, Any]) -> str:
-    """Error, half of the interval in percent of the estimate, whether that holds, and a verdict."""
-    words = [f"{its['percent_error']} %"]
-    if its["holds"] is None:
-        words.append("no interval")
-    elif its["verdict"] != "not identifiable":
-        half = 50 * (its["high"] - its["low"]) / max(abs(its["mean"]), 1e-9)
-        words.append(f"±{half:.2g} % {'holds' if its['holds'] else '**misses**'}")
-    return ", ".join([*words, *filter(None, [its["verdict"]])])
-
-
-def _print_table(rows: list[dict[str, Any]]) -> None:
-    columns = [key for key in rows[0] if key != "world"]
-    print("| " + " | ".join(columns) + " |")
-    print("|" + "---|" * len(columns))
-    for row in rows:
-        print("| " + " | ".join(str(row.get(key, "–")) for key in columns) + " |")
 
 
 if __name__ == "__main__":

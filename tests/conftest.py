@@ -71,12 +71,12 @@ def one_renderer_each():
     """Renderers by what they draw: each takes a second to make, and none keeps anything."""
     renderers = {}  # the latest few, each of 100 MB
 
-    def make_once(name, model, space, camera, size, quality, plate):
+    def make_once(name, model, space, camera, size, quality, plate, is_unknown):
         shapes = (model.cam_pos, model.cam_fovy, model.geom_size, model.geom_pos, model.body_pos)
         scene = (model.names, *(values.tobytes() for values in shapes))
         behind = None if plate is None else plate.tobytes()
-        key = (name, scene, space.names, camera, size, quality, behind)
-        options = (quality, plate)
+        key = (name, scene, space.names, camera, size, quality, behind, is_unknown)
+        options = (quality, plate, is_unknown)
         renderer = renderers.pop(key, None)
         renderers[key] = renderer or make_renderer(name, model, space, camera, size, *options)
         if len(renderers) > 3:

@@ -56,7 +56,7 @@ def drawn(camera: str, stray: StrayLight | None, kind: RendererName = "raycaster
 
 
 def stray(shadow=0.0, mirror=0.0, aside=(0.0, 0.0, 0.0)) -> StrayLight:
-    return StrayLight(np.array([shadow]), np.array([mirror]), np.array([aside]))
+    return StrayLight(np.array([shadow]), np.array([mirror]), np.array([aside]), np.zeros(1, int))
 
 
 def pixel(across_m: float, down_m: float, away_m: float) -> tuple[int, int]:
@@ -90,7 +90,7 @@ def test_scenes_of_meshes_get_shadows_in_the_rooms_that_have_some():
     state = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, mujoco.MjData(model), state, kind)
     given = np.tile(state, (3, 1)), np.tile(SPACE.nominal, (3, 1))
-    rooms = StrayLight(np.array([0.0, 0.7, 1.0]), np.full(3, 0.4), np.zeros((3, 3)))
+    rooms = StrayLight.none(3)._replace(shadow=np.array([0.0, 0.7, 1.0]), mirror=np.full(3, 0.4))
     plain, shaded = renderer.render(*given).astype(int), renderer.render(*given, rooms).astype(int)
     row, column = pixel(-0.5, 0, 2)  # the box is .5 m above the ground
     lit = LIT * 0.5**0.5

@@ -588,9 +588,9 @@ def test_films_begin_where_the_fit_found_the_start_or_else_where_one_is_found(
     film = Trajectory(simulator.film(played)[0], np.zeros((6, 1), np.float32), simulator.step_s)
     filmed = []
 
-    def watch(simulator, actions, parameters, start):
+    def watch(simulator, real, parameters, start):
         filmed.append(start)
-        return film_from(simulator, actions, parameters, start)
+        return film_from(simulator, real, parameters, start)
 
     film_from = comparison.film_from
     monkeypatch.setattr(comparison, "film_from", watch)
@@ -613,7 +613,8 @@ def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_re
     rng = np.random.default_rng(0)
     start = simulator.roll_out(SPACE.nominal[None], np.zeros((1, 1, 1)), rng).states[0, 0]
     start[2] = np.nan
-    frames = comparison.film_from(simulator, np.zeros((3, 1), np.float32), SPACE.nominal, start)
+    real = Trajectory(np.zeros((4, 64, 64, 3), np.uint8), np.zeros((3, 1), np.float32), 0.02)
+    frames = comparison.film_from(simulator, real, SPACE.nominal, start)
     assert frames.shape == (1, 64, 64, 3)
 
 

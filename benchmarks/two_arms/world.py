@@ -1,6 +1,7 @@
 """A world of the two arms that differs from the model, and recordings of it."""
 
 import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from simtune.recordings import write_dataset
 from simtune.simulation import OPENGL_DM_CONTROL
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
+from simtune.views import View
 from two_arms.pushes import Operator
 
 _FACTOR = 2.0  # a parameter of motion is as many times too high or too low at most
@@ -39,11 +41,30 @@ class World:
         return cls(values, rng.uniform(-_OFFSET_RAD, _OFFSET_RAD, num_joints))
 
 
-def film(task: Task, world: World, out: Path, episodes: int, steps: int, seed: int) -> None:
-    """Recordings, as a robot would have made them, into the new folder `out`."""
+# (T + 1, H, W₁ + W₂, 3) drawn frames of views so many pixels wide, to what cameras record
+Record = Callable[[np.ndarray, Sequence[int], float, np.random.Generator], np.ndarray]
+
+
+def film(
+    task: Task,
+    world: World,
+    out: Path,
+    episodes: int,
+    steps: int,
+    seed: int,
+    widths: Mapping[str, int] | None = None,
+    as_recorded: Record = lambda frames, widths, step_s, rng: frames,
+) -> None:
+    """Recordings, as a robot would have made them, into the new folder `out`.
+
+    `widths`: {name: pixels} of each camera's video; None: one camera, whose pictures are square.
+    """
     rng = np.random.default_rng((seed, 1))
-    whole = filming_whole(task)
-    simulator = whole.simulator(image_size=_PIXELS, renderer="opengl", quality=OPENGL_DM_CONTROL)
+    shapes = zip(task.cameras, (widths or {"": _PIXELS}).values(), strict=True)
+    views = [View(footage.camera, width / _PIXELS) for footage, width in shapes]
+    simulator = filming_whole(task).simulator(
+        image_size=_PIXELS, renderer="opengl", quality=OPENGL_DM_CONTROL, views=views
+    )
     seen = ObservationModel.of_simulator(task.sensors)
     operator = Operator(simulator, world.parameters, task.step_s, _DELAY_STEPS, rng)
     filmed: list[Trajectory] = []
@@ -59,7 +80,9 @@ def film(task: Task, world: World, out: Path, episodes: int, steps: int, seed: i
         (trajectory,) = seen.record(simulator, rollouts, rng)
         (name,) = trajectory.readings
         readings = {name: trajectory.readings[name] + world.offsets}
-        filmed.append(replace(trajectory, actions=actions.astype(np.float32), readings=readings))
+        frames = as_recorded(trajectory.frames, simulator.widths, task.step_s, rng)
+        commands = actions.astype(np.float32)
+        filmed.append(replace(trajectory, frames=frames, actions=commands, readings=readings))
     columns = task.action_columns
     assert columns is not None, "the tuning file names them"
     write_dataset(
@@ -68,6 +91,7 @@ def film(task: Task, world: World, out: Path, episodes: int, steps: int, seed: i
         action_names=columns,
         robot_type=task.name,
         task=task.description,
+        widths=widths,
         reading_names={sensor.name: sensor.column_names for sensor in task.sensors},
     )
     truth = dict(zip(task.parameters.names, world.parameters.tolist(), strict=True))

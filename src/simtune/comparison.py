@@ -59,7 +59,7 @@ def write_comparison(
     """
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
-    before, after = (film_from(simulator, trajectory.actions, p, start) for p in parameters)
+    before, after = (film_from(simulator, trajectory, p, start) for p in parameters)
     write_video(folder / "before.mp4", before, fps)
     write_video(folder / "after.mp4", after, fps)
     write_video(folder / "overlay.mp4", overlay(trajectory.frames, after), fps)
@@ -114,15 +114,26 @@ def _compare(
     actions = np.repeat(real.actions[None].astype(float), num, axis=0)
     worlds = np.repeat(parameters[None], num, axis=0)
     rollouts = simulator.roll_out(worlds, actions, rng, starts=starts, keep_diverged=True)
-    difference = simulator.film(rollouts).astype(np.float32) - real.frames
-    return rollouts.states[:, 0], np.square(difference).mean((1, 2, 3, 4))
+    frames, states = simulator.film(rollouts), rollouts.states
+    difference = np.square(frames.astype(np.float32) - real.frames).mean(-1)
+    steps = states.shape[1]
+    covered = simulator.covers(states.reshape(num * steps, -1), np.repeat(worlds, steps, 0))
+    covered = covered.reshape(difference.shape)
+    distance = (difference * covered).sum((1, 2, 3)) / np.maximum(covered.sum((1, 2, 3)), 1)
+    return states[:, 0], distance
 
 
 def film_from(
-    simulator: AnySimulator, actions: np.ndarray, parameters: np.ndarray, start: np.ndarray
+    simulator: AnySimulator, real: Trajectory, parameters: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
+    """(T + 1, H, W, 3) of the world that plays a real episode's actions, or its start if it diverges.
+
+    An unknown background is the real one's.
+    """
     rng = np.random.default_rng(0)  # not used: the start is given
     world, starts = parameters[None], start[None]
-    rollouts = simulator.roll_out(world, actions[None].astype(float), rng, starts=starts)
-    # If it diverged: only the start
-    return simulator.film(rollouts)[0] if len(rollouts) else simulator.render(starts, world)
+    rollouts = simulator.roll_out(world, real.actions[None].astype(float), rng, starts=starts)
+    states = rollouts.states[0] if len(rollouts) else starts
+    worlds = np.repeat(world, len(states), 0)
+    drawn, covered = simulator.render(states, worlds), simulator.covers(states, worlds)
+    return np.where(covered[..., None], drawn, real.frames[: len(states)])

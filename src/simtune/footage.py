@@ -25,8 +25,8 @@ class Footage:
     key: str | None = None  # of its videos in recordings; None: the only one, or the one asked for
     lens: Lens | None = None  # None: a pinhole with the model's field of view
     # Background behind all that moves, in place of the model's: a picture by the same camera, or
-    # the recordings' own median; None: the model's
-    background: Path | Literal["recording"] | None = None
+    # the recordings' own median; "unknown": anything; None: the model's
+    background: Path | Literal["recording", "unknown"] | None = None
     latency_s: float = 0.0  # by which a frame shows an earlier moment than its time
     is_square: bool = False  # only the central square is used
 
@@ -63,12 +63,13 @@ class Footage:
         return resize(picture, size, (rows, min(rows * size[1] / size[0], picture.shape[1])))
 
     def plate(self, recorded: Iterable[np.ndarray], size: tuple[int, int]) -> np.ndarray | None:
-        """(height, width, 3) uint8 to draw behind what moves; None: the model's background.
+        """(height, width, 3) uint8 to draw behind what moves; None: the model's
+        background, or none that is known.
 
         `recorded`: (T, height, width, 3) frames of episodes. Raises InputError for a picture that
         cannot be read.
         """
-        if self.background is None:
+        if self.background in (None, "unknown"):
             return None
         if isinstance(self.background, Path):
             return self.fit(_read_picture(self.background), size)

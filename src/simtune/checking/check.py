@@ -24,6 +24,7 @@ from simtune.real.recorded import how_many
 from simtune.recordings import Dataset
 from simtune.run.files import plain
 from simtune.simulation import Simulator
+from simtune.simulation.plate import camera_moves
 from simtune.tasks import Task, load_task
 from simtune.tuning import needed_image_size
 from simtune.views import View, apart
@@ -31,6 +32,7 @@ from simtune.views import View, apart
 _EPISODES = 5
 _MOST_NAMED = 5  # of unsound episodes
 _LOOKED_AT = 3  # episodes whose pictures are compared
+_NOT_MODELLED = 'where the room around is not in the model, say background = "unknown"'
 _PICTURES, _FEWEST_PICTURES = 24, 8  # in total, and at least per episode
 
 
@@ -143,13 +145,14 @@ def _look_at(
     for name, library, film, view in zip(
         films.names, libraries, films.films, films.views, strict=True
     ):
-        comparison = compare(film, library)
-        path = config.pictures or new_file()
+        comparison = compare(film, library, is_judged=not view.background_is_unknown)
+        path, warned = config.pictures or new_file(), comparison.warnings
+        if warned and camera_moves(simulator.model, view.camera):
+            warned = [f"{warned[0]}; {_NOT_MODELLED}"]
         if len(libraries) > 1:
             path = path.with_stem(f"{path.stem}-{name}")
-            found += [f"camera {name}: {warning}" for warning in comparison.warnings]
-        else:
-            found += comparison.warnings
+            warned = [f"camera {name}: {warning}" for warning in warned]
+        found += warned
         draw_film(path, task, Shown(film, view, library), comparison)
         facts[name] = comparison.facts() | {"pictures": str(path)}
     return facts, found

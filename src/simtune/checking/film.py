@@ -39,6 +39,7 @@ class Comparison:
     moving_share: float  # of the pixels
     simulated_moving_share: float
     nearest: np.ndarray  # (E, K) nearest of the library's W · K pictures, for each of the film's
+    is_judged: bool  # whether the simulator draws all that the film shows
 
     @property
     def is_reframed(self) -> bool:
@@ -63,6 +64,8 @@ class Comparison:
             return [_STUCK]
         if self.moving_share < _STILL * self.simulated_moving_share:
             return ["nothing moves in the film, though the simulator's parts do: is it this scene?"]
+        if not self.is_judged:
+            return []
         other = "and even then another scene than the simulator's, or seen from elsewhere"
         if self.is_reframed:
             also = f", {other}" * (self.framed_alike < _ALIKE)
@@ -75,8 +78,11 @@ class Comparison:
         return []
 
 
-def compare(film: np.ndarray, library: Library) -> Comparison:
-    """Compare one camera's film, (E, K, H, W, 3) uint8 of E episodes, with a library."""
+def compare(film: np.ndarray, library: Library, is_judged: bool = True) -> Comparison:
+    """Compare one camera's film, (E, K, H, W, 3) uint8 of E episodes, with a library.
+
+    `is_judged`: whether the simulator draws all that the film shows, so that it must be alike.
+    """
     film = np.stack([brought_to_size(episode) for episode in film])
     usual = np.maximum(_own_likeness(library), 1e-3)
     found = [_best(film, framing, library).mean((1, 2)) for framing in FRAMINGS]
@@ -92,6 +98,7 @@ def compare(film: np.ndarray, library: Library) -> Comparison:
         moving_share=float(moving_share(film).mean()),
         simulated_moving_share=float(moving_share(library.frames).mean()),
         nearest=both.argmax(1).reshape(film.shape[:2]),
+        is_judged=is_judged,
     )
 
 

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import binary_erosion, generate_binary_structure
 
 from simtune.fit.response import NUM_UNKNOWN, CameraResponse
 from simtune.simulation import Simulator
@@ -12,6 +13,7 @@ from simtune.vision.smoothing import with_smooth_chroma
 SHOWN = 0.05  # change of a pixel, of the full scale, over a parameter's whole range
 _DELTA = 0.03  # finite-difference step of a parameter: several of a pixel's 256 levels
 _WHITE = 254.5 / 255
+_MARGIN_PX = 1
 _LARGEST_MOVE = 4.0  # of a pose, in standard deviations
 
 
@@ -39,8 +41,11 @@ class PictureScene:
         shown: np.ndarray,
         poses: np.ndarray | None,
         is_real: bool,
+        parameters: np.ndarray,
     ):
         """`shown`: (V,) indices of the visible parameters; `poses`: see `fit_pictures`.
+
+        `parameters`: (N,) by which pictures show anything but an unknown background.
 
         `is_real`: the cameras have responses, initially the identity, and their colours come from
         compressed videos.
@@ -50,6 +55,8 @@ class PictureScene:
         shape = (len(full_states), 0, self._space.num_tangent)
         self._poses = np.zeros(shape) if poses is None else poses
         self.moved = np.zeros(self._poses.shape[:2])  # (M, D) in standard deviations
+        covered = simulator.covers(full_states, np.tile(parameters, (len(full_states), 1)))
+        self._is_known = _within(covered)[..., None]  # (M, H, W, 1) bool
         num_real = len(simulator.widths) * is_real
         # (M, C) logarithms of the pictures' exposures, 0 on average over those of a camera
         self.log_exposure = np.zeros((len(full_states), num_real))
@@ -68,11 +75,14 @@ class PictureScene:
         self.moved = np.clip(self.moved + change, -_LARGEST_MOVE, _LARGEST_MOVE)
 
     def compared(self, pictures: np.ndarray) -> np.ndarray:
-        """(..., pixels) of (..., H, W, 3); of a real camera without fine chroma."""
+        """(..., pixels) of (..., M, H, W, 3); of a real camera without fine chroma.
+
+        0 where an unknown background shows, in all pictures.
+        """
         if self._is_real:
             views = apart(pictures, self._simulator.widths)
             pictures = np.concatenate([with_smooth_chroma(view) for view in views], -2)
-        return pictures.reshape(*pictures.shape[:-3], -1)
+        return (pictures * self._is_known).reshape(*pictures.shape[:-3], -1)
 
     def draw(self, unit: np.ndarray) -> np.ndarray:
         """(M, pixels) as seen with (N,) parameters."""
@@ -148,6 +158,12 @@ class PictureScene:
             states = self._space.with_positions_and_velocities(states, changed)
         parameters = np.repeat(self._simulator.space.from_unit(unit)[None], len(states), 0)
         return self._simulator.render(states, parameters).astype(np.float32) / 255
+
+
+def _within(covered: np.ndarray) -> np.ndarray:
+    """(M, H, W) bool without a margin that smoothing and a slight move may take in."""
+    around = generate_binary_structure(2, 2)[None]
+    return binary_erosion(covered, around, _MARGIN_PX, border_value=1)
 
 
 def _lost_chroma(pictures: np.ndarray) -> np.ndarray:

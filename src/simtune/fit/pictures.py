@@ -97,7 +97,8 @@ class _Fit:
         self._unit, self._shown, self._known = unit, shown, known
         self._fitted, self._camera = shown[~known], pictures.camera_noise
         is_real, states = self._camera is not None, pictures.full_states
-        self._scene = PictureScene(simulator, states, shown, pictures.poses, is_real)
+        parameters = simulator.space.from_unit(unit)
+        self._scene = PictureScene(simulator, states, shown, pictures.poses, is_real, parameters)
         self._slopes = Slopes.none(len(states))
         self._frames = pictures.frames.astype(np.float32) / 255
         self._real = self._scene.compared(self._frames)

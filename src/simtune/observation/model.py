@@ -137,7 +137,10 @@ class ObservationModel:
         """What a simulator must draw, in front of each camera's plate."""
         plates = plates or [None] * len(self.cameras)
         both = zip(self.cameras, plates, strict=True)
-        return [View(c.footage.camera, c.aspect, plate) for c, plate in both]
+        return [
+            View(c.footage.camera, c.aspect, plate, c.footage.background == "unknown")
+            for c, plate in both
+        ]
 
     @property
     def reading_labels(self) -> tuple[str, ...]:

@@ -139,11 +139,15 @@ class AnySimulator(ABC):
         )
         return rollouts if keep_diverged else rollouts.finished()
 
+    def covers(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """(n, H, W) bool for (n, S) states: pixels that show no unknown background; here all."""
+        return np.ones((len(states), *self.shape), bool)
+
     def film(self, rollouts: Rollouts, stray: StrayLight | None = None) -> np.ndarray:
         """Draw every state of n episodes: (n, T + 1, H, W, 3) uint8 RGB. `stray`: of n worlds."""
         n, num_frames, size = rollouts.states.shape
         parameters = np.repeat(rollouts.parameters, num_frames, axis=0)
-        by_frame = stray and stray.of(np.repeat(np.arange(n), num_frames))
+        by_frame = stray and stray.in_frames(num_frames)
         frames = self.render(rollouts.states.reshape(n * num_frames, size), parameters, by_frame)
         return frames.reshape(n, num_frames, *frames.shape[1:])
 

@@ -41,6 +41,13 @@ class Filming:
             frames[part] = (blocks.sum((2, 4), dtype=np.uint16) + k * k // 2) // (k * k)
         return frames
 
+    def covers(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """(n, H, W) bool: pixels that show nothing but what is drawn; see `Renderer.covers`."""
+        each = [renderer.covers(states, parameters) for renderer in self._renderers]
+        (height, width), k = self._shape, self._supersampling
+        points = np.concatenate(each, 2).reshape(-1, height, k, width, k)
+        return np.all(points, axis=(2, 4))
+
     def _side_by_side(
         self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None
     ) -> np.ndarray:
@@ -56,4 +63,5 @@ def _renderer(
     if plate is not None:
         plate = plate.repeat(k, 0).repeat(k, 1)
     name, quality = drawing.renderer, drawing.quality
-    return make_renderer(name, model, space, view.camera, size, quality, plate)
+    unknown = view.background_is_unknown
+    return make_renderer(name, model, space, view.camera, size, quality, plate, unknown)

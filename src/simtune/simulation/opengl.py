@@ -76,6 +76,10 @@ class OpenGLRenderer:
             self._canvas.draw(scene, frame)
         return frames
 
+    def covers(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """(n, H, W) True: the model's background is drawn."""
+        return np.ones((len(states), *self.size), bool)
+
     def __del__(self) -> None:
         if hasattr(self, "_canvas"):
             self._canvas.close()

@@ -15,22 +15,31 @@ def before_plate(model: mujoco.MjModel, space: ParameterSpace) -> mujoco.MjModel
     Their contacts stay as they are.
     """
     model = copy.copy(model)
-    still = model.body_weldid[model.geom_bodyid] == 0
-    still &= model.body_mocapid[model.body_rootid[model.geom_bodyid]] < 0
-    model.geom_rgba[still & ~_painted(model, space)] = 0
+    model.geom_rgba[stands_still(model) & ~_painted(model, space)] = 0
     return model
+
+
+def stands_still(model: mujoco.MjModel) -> np.ndarray:
+    """(ngeom,) bool: geoms that never move in the world."""
+    still = model.body_weldid[model.geom_bodyid] == 0
+    return still & (model.body_mocapid[model.body_rootid[model.geom_bodyid]] < 0)
 
 
 def check_stands_still(model: mujoco.MjModel, camera: str) -> None:
     """Raises InputError for a camera that moves, whose background is no fixed picture."""
+    if camera_moves(model, camera):
+        raise InputError(
+            f"camera {camera!r} moves, and a background is a picture that stands still; say "
+            'background = "unknown" if the model lacks what is around, or leave it out'
+        )
+
+
+def camera_moves(model: mujoco.MjModel, camera: str) -> bool:
+    """Whether a camera may move with the state."""
     given = model.camera(camera)
     body = int(model.cam_bodyid[given.id])
     moves = model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0
-    if moves or model.cam_mode[given.id] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value:
-        raise InputError(
-            f"camera {camera!r} moves, and a background is a picture that stands still; leave "
-            "background out, or name a camera that does not move"
-        )
+    return bool(moves or model.cam_mode[given.id] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value)
 
 
 def _painted(model: mujoco.MjModel, space: ParameterSpace) -> np.ndarray:

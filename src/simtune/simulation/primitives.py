@@ -153,8 +153,8 @@ class Primitives:
 
 def _strays(stray: StrayLight) -> np.ndarray:
     strays = np.zeros(len(stray.shadow), _STRAY)
-    for name, values in stray._asdict().items():
-        strays[name] = values
+    for name in _STRAY.fields or ():
+        strays[name] = getattr(stray, name)
     return strays
 
 

@@ -2,6 +2,7 @@
 
 import copy
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from functools import partial
@@ -15,6 +16,7 @@ import warp
 from mujoco.batch import Batch
 
 from simtune.parameters import ModelWriter, ParameterSpace, field_of
+from simtune.simulation.backdrops import Backdrops
 from simtune.simulation.plate import before_plate, check_stands_still
 from simtune.simulation.primitives import Primitives
 from simtune.simulation.stray_light import StrayLight
@@ -24,6 +26,7 @@ _CHUNK = 64  # pictures per launch: fits the cache, and still amortises the laun
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 _COMPILING = Lock()  # Warp builds modules one at a time
 _LEFT_IN_SHADOW = 0.1  # of a lamp's light; `Primitives` take each room's own share
+_GREY = 0xFF808080  # packed; of a background that is unknown
 _NOTHING = 0  # packed pixel of a ray without a hit; drawn ones are opaque, so never 0
 
 
@@ -45,12 +48,13 @@ class Raycaster:
         num_threads: int = 0,
         sky_samples: int = 4,
         plate: np.ndarray | None = None,
+        background_is_unknown: bool = False,
     ):
         """`sky_samples` per pixel and axis: stars are smaller than pixels and would sparkle.
 
         `size`: (height, width) of pictures. `plate`: (height, width, 3) uint8 RGB in place of the
-        sky and of static geoms, see `before_plate`. Raises InputError for a plate with a camera
-        that moves.
+        sky and of static geoms, see `before_plate`. An unknown background is a random picture in
+        their place. Raises InputError for a plate with a camera that moves.
         """
         init_warp()
         self.size = size
@@ -59,6 +63,8 @@ class Raycaster:
         if plate is not None:
             check_stands_still(model, camera)
             model, sky = before_plate(model, space), _packed(plate)
+        elif background_is_unknown:
+            model, sky = before_plate(model, space), np.full(size, _GREY, np.uint32)
         elif _can_turn(model, space, model.camera(camera).id):
             model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / size[0])
         else:
@@ -67,6 +73,7 @@ class Raycaster:
         for _ in range(self._num_threads):
             self._idle.put(_Context(model, space, camera, size, sky))
         self._pool = ThreadPoolExecutor(self._num_threads)
+        self._backdrops = Backdrops(size) if background_is_unknown else None
 
     def render(
         self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
@@ -74,25 +81,45 @@ class Raycaster:
         """(n, S) states, (n, N) parameters to (n, H, W, 3) uint8 RGB.
 
         `stray`: of each. Only `Primitives` draw all of it. Others draw shadows only, all equally
-        dark, and where the model's own lamps throw them.
+        dark, and where the model's own lamps throw them. Without it unknown backgrounds are grey.
         """
-        n = len(states)
-        stray = stray or StrayLight.none(n)
-        frames = np.empty((n, *self.size, 3), np.uint8)
-        step = min(_CHUNK, max(1, -(-n // self._num_threads)))  # work for each thread
+        stray = stray or StrayLight.none(len(states))
+        frames = np.empty((len(states), *self.size, 3), np.uint8)
 
-        def draw(start: int) -> None:
-            chunk = slice(start, start + step)
+        def draw(context: "_Context", chunk: slice) -> None:
+            backdrops = stray.backdrop[chunk]
+            behind = self._backdrops.of(backdrops) if self._backdrops and backdrops.any() else None
+            context.render(states[chunk], parameters[chunk], stray.of(chunk), frames[chunk], behind)
+
+        self._in_threads(draw, len(states))
+        return frames
+
+    def covers(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """See `Renderer`."""
+        covered = np.ones((len(states), *self.size), bool)
+
+        def cast(context: "_Context", chunk: slice) -> None:
+            none = StrayLight.none(len(states[chunk]))
+            pixels = context.cast(states[chunk], parameters[chunk], none)
+            covered[chunk] = pixels.reshape(-1, *self.size) != _NOTHING
+
+        if self._backdrops:
+            self._in_threads(cast, len(states))
+        return covered
+
+    def _in_threads(self, work: Callable[["_Context", slice], None], num: int) -> None:
+        """`num` pictures in chunks, each by a thread that has a context for itself."""
+        step = min(_CHUNK, max(1, -(-num // self._num_threads)))  # work for each thread
+
+        def do(start: int) -> None:
             context = self._idle.get()
             try:
-                inputs = states[chunk], parameters[chunk], stray.of(chunk)
-                context.render(*inputs, frames[chunk])
+                work(context, slice(start, start + step))
             finally:
                 self._idle.put(context)
 
         with no_printed_warnings():  # diverged worlds are drawn, too
-            list(self._pool.map(draw, range(0, n, step)))
-        return frames
+            list(self._pool.map(do, range(0, num, step)))
 
 
 def _num_cores() -> int:
@@ -134,9 +161,22 @@ class _Context:
                 self._primitives = Primitives(model, self._warp_context)
 
     def render(
-        self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight, frames: np.ndarray
+        self,
+        states: np.ndarray,
+        parameters: np.ndarray,
+        stray: StrayLight,
+        frames: np.ndarray,
+        behind: np.ndarray | None,
     ) -> None:
-        """Draw n <= _CHUNK states, (n, S), into `frames`, (n, H, W, 3)."""
+        """Draw n <= _CHUNK states, (n, S), into `frames`, (n, H, W, 3), perhaps before others."""
+        pixels = self.cast(states, parameters, stray).reshape(frames.shape[:-1])
+        sky = self._sky if behind is None else _packed(behind)
+        if sky is not None:
+            np.copyto(pixels, sky, where=pixels == _NOTHING)
+        _unpack(pixels, frames)
+
+    def cast(self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight) -> np.ndarray:
+        """(n, H * W) packed pixels of n <= _CHUNK states; _NOTHING where none is drawn."""
         n, worlds = len(states), self._worlds
         worlds.state[:n] = states
         self._write(parameters)
@@ -145,12 +185,9 @@ class _Context:
             assign(getattr(self._data, name), getattr(worlds, name))
         # Draw only these; but flexes' search trees have a fixed number of worlds.
         self._data.nworld = _CHUNK if self._has_flexes else n
-        pixels = self._cast(stray)[:n].reshape(frames.shape[:-1])
-        if self._sky is not None:
-            np.copyto(pixels, self._sky, where=pixels == _NOTHING)
-        _unpack(pixels, frames)
+        return self._drawn_by(stray)[:n]
 
-    def _cast(self, stray: StrayLight) -> np.ndarray:
+    def _drawn_by(self, stray: StrayLight) -> np.ndarray:
         if self._primitives:
             return self._primitives.draw(self._model, self._data, stray)
         context = self._shadowing(stray.shadow > 0) if stray.shadow.any() else self._warp_context
@@ -217,8 +254,8 @@ def _draw(model, data, context) -> np.ndarray:
 
 
 def _packed(picture: np.ndarray) -> np.ndarray:
-    """(H, W, 3) uint8 RGB to (H, W) pixels, packed as ARGB."""
-    opaque = np.full((*picture.shape[:2], 1), 255, np.uint8)
+    """(..., 3) uint8 RGB to (...,) pixels, packed as ARGB."""
+    opaque = np.full((*picture.shape[:-1], 1), 255, np.uint8)
     return np.concatenate([picture[..., ::-1], opaque], -1).view(np.uint32)[..., 0]
 
 

@@ -26,6 +26,10 @@ class Renderer(Protocol):
         """
         ...
 
+    def covers(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """(n, H, W) bool: whether a pixel is drawn, not left to an unknown background."""
+        ...
+
 
 def make_renderer(
     name: RendererName,
@@ -35,10 +39,12 @@ def make_renderer(
     size: tuple[int, int],
     quality: OpenGLQuality = OPENGL_FAST,
     plate: np.ndarray | None = None,
+    background_is_unknown: bool = False,
 ) -> Renderer:
     """The renderer with this name, for pictures of `size`, (height, width).
 
-    The ray caster has no `quality`; only it supports a `plate`, (height, width, 3) uint8.
+    The ray caster has no `quality`; only it supports a `plate`, (height, width, 3) uint8, and an
+    unknown background (OpenGL draws the model's own).
 
     Raises InputError for an unknown name or camera, for OpenGL if there is none, and for a plate
     with a camera that moves.
@@ -49,7 +55,8 @@ def make_renderer(
     if name == "raycaster":
         from simtune.simulation.raycaster import Raycaster
 
-        return Raycaster(model, space, camera, size, plate=plate)
+        unknown = background_is_unknown
+        return Raycaster(model, space, camera, size, plate=plate, background_is_unknown=unknown)
     if name == "opengl":
         if plate is not None:
             raise ValueError("OpenGL draws no plate")

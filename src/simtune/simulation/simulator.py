@@ -158,6 +158,10 @@ class Simulator(AnySimulator):
         """
         return self._filming.render(states, parameters, stray)
 
+    def covers(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """(n, H, W) bool for (n, S) states of worlds of (n, N) parameters; see `AnySimulator`."""
+        return self._filming.covers(states, parameters)
+
     def _worlds_for(self, num_worlds: int) -> Worlds:
         if num_worlds not in self._worlds:
             if len(self._worlds) == _BATCHES_KEPT:

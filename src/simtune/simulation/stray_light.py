@@ -1,4 +1,4 @@
-"""Shadows and reflections, which real rooms have and simulated pictures lack."""
+"""Shadows, reflections and backgrounds, which real rooms have and simulated pictures lack."""
 
 from typing import NamedTuple
 
@@ -6,6 +6,7 @@ import numpy as np
 
 _SHADOWED, _SHADOW = 0.8, (0.5, 1.0)  # share of rooms; a shadow is full but for fill light
 _REFLECTING, _MIRROR = 0.5, (0.0, 0.4)
+_BACKDROPS = 2**31
 _ASIDE = 0.3  # standard deviation, relative to a light's unit vector
 
 
@@ -19,19 +20,27 @@ class StrayLight(NamedTuple):
     shadow: np.ndarray  # (n,) share of a lamp's light that is missing in shadows
     mirror: np.ndarray  # (n,) share of reflection in what a plane sends to the eye
     aside: np.ndarray  # (n, 3) offset of a shadow's direction, relative to a lamp's unit vector
+    backdrop: np.ndarray  # (n,) number of a picture, see `Backdrops`; 0: none
 
     @classmethod
     def none(cls, num: int) -> "StrayLight":
         """As the simulator draws by itself."""
-        return cls(np.zeros(num), np.zeros(num), np.zeros((num, 3)))
+        return cls(np.zeros(num), np.zeros(num), np.zeros((num, 3)), np.zeros(num, int))
 
     @classmethod
     def draw(cls, num: int, rng: np.random.Generator) -> "StrayLight":
         """For `num` rooms."""
         shadow = rng.uniform(*_SHADOW, num) * (rng.random(num) < _SHADOWED)
         mirror = rng.uniform(*_MIRROR, num) * (rng.random(num) < _REFLECTING)
-        return cls(shadow, mirror, rng.normal(0, _ASIDE, (num, 3)))
+        backdrop = rng.integers(1, _BACKDROPS, num)
+        return cls(shadow, mirror, rng.normal(0, _ASIDE, (num, 3)), backdrop)
 
     def of(self, worlds: np.ndarray | slice) -> "StrayLight":
         """Of some worlds, perhaps repeated."""
         return StrayLight(*(values[worlds] for values in self))
+
+    def in_frames(self, num: int) -> "StrayLight":
+        """Of `num` frames of each, one after the other: a camera that moves has more behind it."""
+        frames = self.of(np.repeat(np.arange(len(self.shadow)), num))
+        following = np.tile(np.arange(num), len(self.shadow))
+        return frames._replace(backdrop=frames.backdrop + following)

@@ -15,6 +15,7 @@ from mujoco.batch import Batch
 from simtune.lens import focal_px
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
+from simtune.simulation.plate import stands_still
 from simtune.views import View
 
 # As values, since MuJoCo's enums do not equal the integers in its arrays.
@@ -99,7 +100,10 @@ def candidate_keypoints(model: mujoco.MjModel, seen: Sequence[View], height: int
     cameras = np.array([model.camera(view.camera).id for view in seen], int)
     geoms, offsets, views = [], [], []
     for view, camera in enumerate(cameras):
-        for geom in np.flatnonzero(moves_before(model, camera)).tolist():
+        shown = moves_before(model, camera)
+        if seen[view].background_is_unknown:  # what stands still in the world is not drawn
+            shown &= ~stands_still(model)
+        for geom in np.flatnonzero(shown).tolist():
             ends = [0.0] if model.geom_type[geom] == _SPHERE else [-1.0, 0.0, 1.0]
             half_length = _half_length(model, geom)
             for end in ends:

@@ -35,13 +35,13 @@ def read_footage(table: TomlTable) -> Footage:
 
 def _background(table: TomlTable) -> Any:
     background = table.text("background", None)
-    if background is None or background == "recording":
+    if background in (None, "recording", "unknown"):
         return background
     path = table.file.parent / background
     if not path.is_file():
         raise table.error(
             f'background = "{background}": no such file beside {table.file.name}; expected a '
-            'picture by this camera, or "recording"',
+            'picture by this camera, "recording" or "unknown"',
             "background",
         )
     return path

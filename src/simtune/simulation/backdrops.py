@@ -1,0 +1,65 @@
+"""Random pictures behind what moves, where nobody knows what is there.
+
+A camera on a wrist sees a table full of things from ever other sides, and no plate shows them. A
+detector that learns before such pictures looks at the things that the simulator does draw.
+"""
+
+import numpy as np
+from scipy.ndimage import zoom
+
+_KEPT = 24  # textures that pictures are cut out of
+_WIDER = 2  # a texture than a picture
+_OCTAVES = 7
+_FLAT = 0.15  # share of pictures that one colour fills, such as an empty table
+_TINT = 60.0  # standard deviation, of 256 levels
+_EDGES = 3  # straight ones at most, with another texture beyond each
+
+
+class Backdrops:
+    """Pictures of (height, width); the same number gives the same picture."""
+
+    def __init__(self, size: tuple[int, int]):
+        rng = np.random.default_rng(0)
+        self._size = size
+        wide = _WIDER * size[0], _WIDER * size[1]
+        self._textures = np.stack([_texture(wide, rng) for _ in range(_KEPT)])
+
+    def of(self, numbers: np.ndarray) -> np.ndarray:
+        """(n, H, W, 3) uint8 of (n,) whole numbers."""
+        return np.stack([self._draw(np.random.default_rng(number)) for number in numbers])
+
+    def _draw(self, rng: np.random.Generator) -> np.ndarray:
+        picture = self._part(rng)
+        rows, columns = (np.linspace(-1, 1, n) for n in self._size)
+        for _ in range(rng.integers(_EDGES + 1)):
+            angle, away = rng.uniform(0, 2 * np.pi), rng.uniform(-0.8, 0.8)
+            beyond = np.cos(angle) * columns + np.sin(angle) * rows[:, None] > away
+            np.copyto(picture, self._part(rng), where=beyond[..., None])
+        return picture
+
+    def _part(self, rng: np.random.Generator) -> np.ndarray:
+        """(H, W, 3) cut out of a texture, in other colours; or a single colour."""
+        if rng.random() < _FLAT:
+            return np.full((*self._size, 3), rng.integers(256, size=3), np.uint8)
+        top, left = (rng.integers((_WIDER - 1) * n + 1) for n in self._size)
+        texture = self._textures[rng.integers(_KEPT)]
+        part = texture[top : top + self._size[0], left : left + self._size[1]]
+        part = part[:: rng.choice([-1, 1]), :: rng.choice([-1, 1]), rng.permutation(3)]
+        ends = rng.uniform(0, 255, (2, 1)) + rng.normal(0, _TINT, (2, 3))
+        first, last = ends.clip(0, 255)
+        levels = np.linspace(first, last, 256).astype(np.uint8)  # (256, 3)
+        return np.stack([levels[part[..., c], c] for c in range(3)], -1)
+
+
+def _texture(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """(H, W, 3) uint8 over the full scale: noise of all scales, as natural pictures have."""
+    picture, roughness = np.zeros((*size, 3)), rng.uniform(0.5, 1.0)
+    for octave in range(_OCTAVES):
+        cells = 2 + 2**octave, 2 + 2**octave, 3
+        grid = rng.standard_normal(cells) + 1.5 * rng.standard_normal((*cells[:2], 1))
+        scale = (np.array(size) + 0.5) / cells[:2]
+        smooth = int(rng.integers(2))
+        enlarged = zoom(grid, (*scale, 1), order=smooth, grid_mode=True, mode="nearest")
+        picture = picture + roughness**octave * enlarged[: size[0], : size[1]]
+    low, high = np.quantile(picture, [0.02, 0.98])
+    return np.rint(255 * ((picture - low) / (high - low)).clip(0, 1)).astype(np.uint8)
