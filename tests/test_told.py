@@ -1,11 +1,12 @@
 """What readings tell before videos are looked at, and how the two are put together."""
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from simtune.fit import PointEstimate
+from simtune.fit import JointMotion, PointEstimate
 from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
@@ -67,6 +68,23 @@ def test_readings_that_no_simulator_explains_twice_have_no_say():
     mixed = told.better(both)
     assert mixed.mean == pytest.approx(both.mean)
     assert mixed.verdict == both.verdict
+
+
+def test_a_robots_motion_is_read_even_if_no_second_fit_agreed():
+    """Where all but loose objects is read. What one fit found is weak, and is said to be one's."""
+    joints = cast(JointMotion, object())
+    once = replace(READ, verdict=["weak", "not identifiable"], warnings=["found once"])
+    told = Told(once, SEEN, is_trusted=False, joints=joints)
+    assert told.joints is joints
+    assert told.is_held.tolist() == [True, False]
+    assert told.latency_steps == 2
+    both = estimate((1.0, 0.9), (3.0, 1.1), "not identifiable", "identified", warnings=["seen"])
+    mixed = told.better(both)
+    assert mixed.mean == pytest.approx([READ.mean[0], both.mean[1]])
+    assert mixed.verdict == ["weak", "identified"]
+    assert mixed.warnings == ["found once", "seen"]
+    sure = Told(once, SEEN, is_trusted=True, joints=joints)
+    assert sure.better(both).warnings == ["seen"]
 
 
 def test_actions_and_readings_are_taken_when_it_was_so():

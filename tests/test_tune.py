@@ -618,6 +618,19 @@ def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_re
     assert frames.shape == (1, 64, 64, 3)
 
 
+def test_a_start_is_searched_for_no_longer_than_is_said(monkeypatch, one_renderer_each):
+    simulator = TASK.simulator(image_size=32)
+    real = Trajectory(np.zeros((5, 32, 32, 3), np.uint8), np.zeros((4, 1), np.float32), 0.02)
+    filmed, render = [], simulator.render
+    monkeypatch.setattr(simulator, "render", lambda *a: filmed.append(len(a[0])) or render(*a))
+    for seconds, batches in ((0.0, 1), (1e6, 8 + 5)):  # all starts, and five rounds near the best
+        filmed.clear()
+        config = StartSearchConfig(num_starts=256, seconds=seconds)
+        rng = np.random.default_rng(0)
+        comparison.find_start(simulator, real, SPACE.nominal, rng, config)
+        assert len(filmed) == batches
+
+
 @pytest.mark.parametrize("search", ["paper", "regression"])
 @pytest.mark.slow
 def test_the_papers_searches_write_the_files_of_the_default_search(tmp_path, quick, search):

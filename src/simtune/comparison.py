@@ -4,6 +4,7 @@ A video does not show its initial state. A fit finds it; without one, the start 
 look most like the real ones is searched for: many random ones, then many near the best.
 """
 
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from simtune.tuning.search import Estimate
 
 _COMPARED_STEPS = 4  # the first pictures, which also show velocities
 _ELITE = 8
+_AT_ONCE = 32  # starts that are tried between looks at the clock
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +26,7 @@ class StartSearchConfig:
 
     num_starts: int = 256  # random, then in each later round near the best
     rounds: int = 6
+    seconds: float = 10.0  # at most: pictures of meshes from two cameras take long
 
 
 _USUAL = StartSearchConfig()
@@ -84,8 +87,13 @@ def find_start(
     config: StartSearchConfig = _USUAL,
 ) -> np.ndarray:
     """(S,) state from which the simulator's first pictures are nearest to the real ones."""
-    first, num = trajectory.first(_COMPARED_STEPS), config.num_starts
-    states, distance = _compare(simulator, first, parameters, rng, num)
+    first, at_once = trajectory.first(_COMPARED_STEPS), min(config.num_starts, _AT_ONCE)
+    end = time.perf_counter() + config.seconds
+    states, distance = _compare(simulator, first, parameters, rng, at_once)
+    while len(states) < config.num_starts and time.perf_counter() < end - config.seconds / 2:
+        more, its_distance = _compare(simulator, first, parameters, rng, at_once)
+        states, distance = np.append(states, more, 0), np.append(distance, its_distance)
+    num = len(states)
     space, std = simulator.state_space, states.std(0)
     if space is None:  # worlds cannot start near other states
         return states[np.argmin(distance)]
@@ -93,6 +101,8 @@ def find_start(
     moving = space.positions_and_velocities(std)
     spread = space.with_positions_and_velocities(np.zeros_like(std), moving)
     for round_ in range(1, config.rounds):
+        if time.perf_counter() > end:
+            break
         nearest = np.argsort(distance)[:_ELITE]
         states, distance = states[nearest], distance[nearest]
         starts = states[rng.integers(len(nearest), size=num)]
@@ -126,7 +136,7 @@ def _compare(
 def film_from(
     simulator: AnySimulator, real: Trajectory, parameters: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
-    """(T + 1, H, W, 3) of the world that plays a real episode's actions, or its start if it diverges.
+    """(T + 1, H, W, 3) of a world with a real episode's actions; its start alone if it diverges.
 
     An unknown background is the real one's.
     """

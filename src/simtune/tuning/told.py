@@ -2,10 +2,12 @@
 
 With video the motion is fitted in windows of a quarter of a second, which tell less of a servo than
 a whole episode. So readings are fitted first. The parameters that they identify are held while
-videos determine the rest. If everything is read but loose objects, readings give the robot's
-motion as well (`fit.joint_motion`), and all that they tell of its parameters is held. Refits of
-known worlds include the cost, since they start as far from the truth as the readings' fit may be.
-In the end each parameter is taken from the better of both.
+videos determine the rest, if two fits agree. If everything is read but loose objects, readings give
+the robot's motion as well (`fit.joint_motion`), and all that they tell of its parameters is held,
+even if there was no time for a second fit: measured angles correct the motion, and no window of a
+quarter of a second knows servos better. Refits of known worlds include the cost, since they start
+as far from the truth as the readings' fit may be. In the end each parameter is taken from the
+better of both.
 """
 
 from dataclasses import replace
@@ -39,11 +41,11 @@ class Told:
         and explain readings as well as the tuning file declares; `joints`: if everything is read
         but loose objects.
         """
-        self._estimate, self._seen, self._is_trusted = estimate, distribution, is_trusted
-        self.joints = joints if is_trusted else None
-        enough = ("identified",) if self.joints is None else ("identified", "weak")
+        self._estimate, self._seen, self.joints = estimate, distribution, joints
+        self._is_trusted, self._counts = is_trusted, is_trusted or joints is not None
+        enough = ("identified",) if joints is None else ("identified", "weak")
         is_told = np.array([verdict in enough for verdict in estimate.verdict])
-        self.is_held = is_told & is_trusted  # (N,)
+        self.is_held = is_told & self._counts  # (N,)
         is_any = bool(self.is_held.any())
         self.latency_steps = estimate.latency_steps if is_any else 0
         self.late_s = estimate.readings_late_s if is_any else (0.0, 0.0)  # with std
@@ -106,15 +108,23 @@ class Told:
         )
 
     def better(self, estimate: Estimate) -> Estimate:
-        """Each parameter from the estimate of readings and video, or from this one if narrower."""
+        """Each parameter from the estimate of readings and video, or from this one if narrower.
+
+        With the warnings of a fit to readings that has a say though no second one agreed.
+        """
         space, told = self._seen.space, self._estimate
         widths = [space.to_unit(e.high) - space.to_unit(e.low) for e in (told, estimate)]
-        own = (widths[0] <= widths[1]) & ~space.is_appearance & self._is_trusted
+        own = (widths[0] <= widths[1]) & ~space.is_appearance & self._counts
         mixed = _mixed(own, told, estimate)
+        doubts = told.warnings if own.any() and not self._is_trusted else []
         together = {} if mixed.correlation is None else tell_apart(mixed.correlation, space)
         late = estimate.latency_steps + self.latency_steps
         return replace(
-            mixed, correlations=together, latency_steps=late, readings_late_s=self.late_s
+            mixed,
+            correlations=together,
+            latency_steps=late,
+            readings_late_s=self.late_s,
+            warnings=[*doubts, *mixed.warnings],
         )
 
 
