@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from keypoint_evidence import tracks_at
 
-from simtune.fit import JointMotion, Observed, OpenLoop, Physics
+from simtune.fit import JointMotion, Observed, OpenLoop, Physics, left_open
 from simtune.fit.joint_motion import of_unknowns, smoothed, without_readings
 from simtune.fit.shooting import Shooting
 from simtune.fit.shooting_config import ShootingConfig
 from simtune.observation import AllEvidence, ObservationModel, finds_offset
 from simtune.tasks import Task, load_task
+from simtune.vision.keypoints import Keypoints, every_keypoint
 
 MJCF = """<mujoco>
   <option timestep=".005" integrator="implicitfast"/>
@@ -168,6 +169,45 @@ def test_only_keypoints_of_what_is_unknown_count(pushes):
         expected = tracks.probability * np.array(counted)
         np.testing.assert_array_equal(left.probability, expected)
         assert readings is evidence.parts[1]
+
+
+CAMERA = """[camera]
+position_m = [0, -1, 0.3]
+look_at_m = [0, 0, 0]
+"""
+POSE = """[[parameters]]
+name = "camera"
+kind = "camera_pose"
+objects = "simtune_camera"
+"""
+
+
+SENSORS = TUNE[TUNE.index("[[sensors]]") : TUNE.index("[[parameters]]")]
+ANYWHERE = TUNE.replace("box =", "slider = { position = [-0.1, 0.1] }\nbox =", 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "bodies"),
+    [
+        (TUNE, {"box"}),
+        (TUNE + POSE, {"pusher", "box"}),  # a camera's pose shows in the robot
+        (ANYWHERE, {"box"}),
+        (ANYWHERE.replace(SENSORS, ""), {"pusher", "box"}),
+    ],
+)
+def test_keypoints_are_of_what_readings_leave_open(tmp_path, text, bodies):
+    (tmp_path / "pusher.xml").write_text(MJCF)
+    (tmp_path / "tune.toml").write_text(text.replace("[initial_state]", f"{CAMERA}[initial_state]"))
+    task = load_task(str(tmp_path / "tune.toml"))
+    assert isinstance(task, Task)
+    simulator = task.simulator(image_size=32)
+    seen, nominal = ObservationModel.of_reality(task.sensors), task.parameters.nominal
+    keypoints = every_keypoint(simulator)
+    assert isinstance(keypoints, Keypoints)
+    kept = left_open(OpenLoop.of(simulator, seen, nominal), keypoints, nominal)
+    model = simulator.model
+    of = model.geom_bodyid[keypoints.geoms[kept]]
+    assert {model.body(body).name for body in of} == bodies
 
 
 def test_smoothing_takes_noise_away_but_no_blow():

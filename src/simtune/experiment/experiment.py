@@ -12,13 +12,13 @@ from simtune import outcome
 from simtune.checking.recording_warnings import warnings_of
 from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.experiment.keypoints import keypoints_of_run
 from simtune.experiment.settings import Settings
 from simtune.names import SearchName
 from simtune.networks import under
 from simtune.parameters import ParameterSpace
 from simtune.presets import choose_search_settings
 from simtune.progress import ReportProgress, silent
-from simtune.randomization import Distribution
 from simtune.real import RealWorld
 from simtune.real.choose import choose_real, observed
 from simtune.real.recorded import ClosedReal, RecordedReal
@@ -39,7 +39,7 @@ from simtune.tuning import SearchContext, make_search, needed_image_size
 from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
 from simtune.tuning.search import Search
 from simtune.views import apart
-from simtune.vision.keypoints import Keypoints, every_keypoint, find_keypoints
+from simtune.vision.keypoints import Keypoints
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,14 +165,14 @@ def build_world(
         )
     is_read = tunes or (num_recorded != 0 and isinstance(real, RecordedReal))
     recordings = real.collect(num_recorded) if is_read else []
-    run_config = outcome.run_config(config, task, start, real.facts, truth)
+    run_config, seen = outcome.run_config(config, task, start, real.facts, truth), real.observation
     state = trained or stored_state(config.out, run_config)  # of the run that resumes there
     simulator = _simulator_like(real, recordings, task, image_size, tunes)
     context = SearchContext(
         simulator=simulator,
-        keypoints=_choose_keypoints(simulator, task, config.seed, state),
+        keypoints=keypoints_of_run(simulator, task, config.seed, state, seen if tunes else None),
         start=start,
-        observation=real.observation,
+        observation=seen,
         seed=config.seed,
         known=known_values(task, task.parameters),
         device=device,
@@ -211,19 +211,6 @@ def _simulator_like(
         supersampling=seen.supersampling,
         views=seen.views(plates),
     )
-
-
-def _choose_keypoints(
-    simulator: AnySimulator, task: AnyTask, seed: int, state: Mapping[str, Any] | None
-) -> Keypoints | Points:
-    """Those of a checkpoint's state, if there is one, since its networks were trained on them.
-
-    Another machine may find others. Without a camera there are none.
-    """
-    if state is not None:
-        return every_keypoint(simulator).with_state(state["keypoints"])
-    first = Distribution.first(task.parameters, task.parameters.nominal)
-    return find_keypoints(simulator, first, seed)
 
 
 def build_search(world: World, name: SearchName, settings: Settings) -> Search:

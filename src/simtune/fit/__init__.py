@@ -2,7 +2,7 @@
 
 from simtune.fit.bootstrap import FEW_EPISODES, MANY_EPISODES, Bootstrap, run_bootstrap
 from simtune.fit.estimator import StateEstimator
-from simtune.fit.joint_motion import JointMotion
+from simtune.fit.joint_motion import JointMotion, left_open
 from simtune.fit.lateness import Lateness, as_seen
 from simtune.fit.observed import Observed
 from simtune.fit.open_loop import OpenLoop
@@ -59,6 +59,7 @@ __all__ = [
     "held_out_misfit",
     "in_range",
     "judged",
+    "left_open",
     "model_checks",
     "moves_otherwise",
     "num_fitted",

@@ -18,10 +18,12 @@ from simtune.fit.readings import Readings, filled, parabolas
 from simtune.fit.whole_episodes import begin_whole
 from simtune.observation import AllEvidence, JointReadings
 from simtune.vision.keypoint_tracks import KeypointTracks
+from simtune.vision.keypoints import Keypoints
 
 _CALM, _QUICK = 9, 3  # readings to which a parabola is fitted
 _CLEARLY = 4.0  # standard deviations of noise
 _NUDGE, _STILL_PX = 0.02, 1e-3  # change of a parameter; movement that is none
+_BEGUN = 8  # worlds in which keypoints are looked at
 _ROUNDS = 3  # in which offsets and initial states are found in turn
 
 
@@ -99,21 +101,50 @@ def of_unknowns(
     `states`: (E, nq + nv) some; `state_std`: (2 nv,) 0 where states are known; `unit`: (N,)
     parameters in unit coordinates, of which those `fitted`, (P,) indices, are unknown.
     """
-    here, moved = physics.predict(states, unit), []
+    here, changes = physics.predict(states, unit), _by_parameters(physics, states, unit, fitted)
     for tangent in np.diag(state_std)[state_std > 0]:
         elsewhere = physics.space.move(states, np.repeat(tangent[None], len(states), 0))
-        moved.append(physics.predict(elsewhere, unit))
-    for parameter in fitted:
-        other = unit.copy()
-        other[parameter] += -_NUDGE if unit[parameter] > 0.5 else _NUDGE
-        moved.append(physics.predict(states, other))
-    changes = np.abs(np.array(moved) - here).max((0, 1)).reshape(-1, 2)
+        change = np.abs(physics.predict(elsewhere, unit) - here).max(0)
+        changes = np.maximum(changes, change)
+    changes = changes.reshape(-1, 2)
     parts = observed.evidence.parts
     kept = tuple(
-        part.only((changes > _STILL_PX).any(1)) if isinstance(part, KeypointTracks) else part
+        part.only(np.any(changes > _STILL_PX, axis=1)) if isinstance(part, KeypointTracks) else part
         for part in parts
     )
     return replace(observed, evidence=AllEvidence(kept))
+
+
+def left_open(loop: OpenLoop, keypoints: Keypoints, parameters: np.ndarray) -> np.ndarray:
+    """(L,) bool: keypoints of what readings leave open, in a world of (N,) parameters.
+
+    Those are of loose objects; but all, if not everything else is read, or if a parameter moves
+    keypoints by itself, such as a camera's pose. Fewer are learnt sooner, and better.
+    """
+    simulator, all_of_them = loop.physics.simulator, np.ones(len(keypoints), bool)
+    if loop.unseen or not loop.is_loose.any():
+        return all_of_them
+    rng, worlds = np.random.default_rng(0), np.repeat(parameters[None], _BEGUN, 0)
+    begun = simulator.begin(worlds, rng).states[:, 0]
+    physics = Physics(simulator, keypoints.observe, begun[0])
+    states, unit = physics.states(begun), physics.parameters.to_unit(parameters)
+    if _by_parameters(physics, states, unit, loop.fitted).max(initial=0) > _STILL_PX:
+        return all_of_them
+    model = simulator.model
+    of_loose = np.isin(model.body_rootid[model.geom_bodyid], model.dof_bodyid[loop.is_loose])
+    return of_loose[keypoints.geoms]
+
+
+def _by_parameters(
+    physics: Physics, states: np.ndarray, unit: np.ndarray, nudged: np.ndarray
+) -> np.ndarray:
+    """(D,) largest change of predictions in (n, nq + nv) states, if `nudged` parameters change."""
+    here, largest = physics.predict(states, unit), np.zeros(1)
+    for parameter in nudged:
+        other = unit.copy()
+        other[parameter] += -_NUDGE if unit[parameter] > 0.5 else _NUDGE
+        largest = np.maximum(largest, np.abs(physics.predict(states, other) - here).max(0))
+    return np.broadcast_to(largest, here.shape[1:])
 
 
 def without_readings(observed: Observed) -> Observed:

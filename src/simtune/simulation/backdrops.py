@@ -60,6 +60,7 @@ def _texture(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
         scale = (np.array(size) + 0.5) / cells[:2]
         smooth = int(rng.integers(2))
         enlarged = zoom(grid, (*scale, 1), order=smooth, grid_mode=True, mode="nearest")
+        assert isinstance(enlarged, np.ndarray)
         picture = picture + roughness**octave * enlarged[: size[0], : size[1]]
     low, high = np.quantile(picture, [0.02, 0.98])
     return np.rint(255 * ((picture - low) / (high - low)).clip(0, 1)).astype(np.uint8)

@@ -174,13 +174,19 @@ def every_keypoint(simulator: AnySimulator) -> Keypoints | Points:
 
 
 def find_keypoints(
-    simulator: AnySimulator, distribution: Distribution, seed: int
+    simulator: AnySimulator,
+    distribution: Distribution,
+    seed: int,
+    points: Keypoints | Points | None = None,
 ) -> Keypoints | Points:
     """Few keypoints from which all others follow, judged by a few exploring episodes.
 
+    Among `points`, by default all that there are.
+
     Chosen for each view separately: what two cameras see is measured twice.
     """
-    rng, points = np.random.default_rng(seed), every_keypoint(simulator)
+    rng = np.random.default_rng(seed)
+    points = every_keypoint(simulator) if points is None else points
     if not len(points):
         return points
     steps = PILOT_STEPS // _PILOTS
