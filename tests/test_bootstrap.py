@@ -424,9 +424,27 @@ def test_colours_that_are_known_say_nothing_of_how_well_others_are_found():
         FakeReplayFit(find), observe_nothing, real, PointEstimate(SPACE.nominal, NOTHING), 6, rng
     )
     np.testing.assert_array_equal(made.errors[:, known], 0)
-    some = replace(made, errors=np.delete(made.errors, known, 1), known=np.zeros(0, int))
+    some = replace(made, errors=np.delete(made.errors, known, 1), unfitted=np.zeros(0, int))
     some = replace(some, is_moving=np.delete(made.is_moving, known), usual_std=None)
     np.testing.assert_allclose(np.delete(made.inflation(), known), some.inflation())
+
+
+def test_what_is_held_says_nothing_of_how_well_the_rest_is_found():
+    """Readings told it: a refit leaves it where it began, as far off as readings may be."""
+    errors = 4.0 * np.random.default_rng(0).normal(size=(6, len(SPACE)))
+    held = MOVING[:-1]
+    errors[:, held] = 0.1
+    usual = Bootstrap(errors, a_fit().is_moving)
+    told = replace(usual, unfitted=held)
+    alone = replace(
+        usual, errors=np.delete(errors, held, 1), is_moving=np.delete(a_fit().is_moving, held)
+    )
+    last = MOVING[-1]
+    assert told.inflation()[last] == pytest.approx(alone.inflation()[last - len(held)])
+    assert told.inflation()[last] > 1.1 * usual.inflation()[last]
+    assert replace(a_fit(), held=held, known=APPEARANCE[:1]).unfitted.tolist() == sorted(
+        [*held, APPEARANCE[0]]
+    )
 
 
 def test_misfit_that_cannot_be_told_makes_everything_that_moves_unsure():

@@ -48,15 +48,15 @@ class Bootstrap:
     misfits: list[Misfit] = field(default_factory=list)  # failed fits included
     # (N,) standard deviations that fits like these usually claim; None: use those asked about
     usual_std: np.ndarray | None = None
-    # (K,) indices of known parameters: they are not fitted, so their errors of 0 mean nothing
-    known: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    # (K,) indices of parameters that are known or held: their errors say nothing of these fits
+    unfitted: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
     @classmethod
     def none(cls, fit: FitResult) -> "Bootstrap":
         """For a fit without refits."""
         nothing = np.zeros((0, len(fit.std)))
         usual_std = _usual_std(nothing, fit, fit.rough_std[None])
-        return cls(nothing, fit.is_moving, [], usual_std, fit.known)
+        return cls(nothing, fit.is_moving, [], usual_std, fit.unfitted)
 
     def believed(self, std: np.ndarray) -> np.ndarray:
         """(N,) standard deviations for those that a fit claims, before `inflation`.
@@ -83,7 +83,7 @@ class Bootstrap:
     @property
     def _kinds(self) -> dict[str, np.ndarray]:
         """(N,) bool for each kind of fitted parameter; refits of one kind are pooled."""
-        is_fitted = ~np.isin(np.arange(len(self.is_moving)), self.known)
+        is_fitted = ~np.isin(np.arange(len(self.is_moving)), self.unfitted)
         return {"moving": self.is_moving & is_fitted, "appearance": ~self.is_moving & is_fitted}
 
     def ranks(self) -> np.ndarray:
@@ -157,7 +157,7 @@ def run_bootstrap(
     off, std = np.array(errors).reshape(shape)[kept], np.array(stds).reshape(shape)[kept]
     usual_std = _usual_std(std, fit, np.array(rough))
     claimed = np.hypot(_believed(std, usual_std, len(std)), fit.discrepancy_std)
-    return Bootstrap(off / claimed, fit.is_moving, misfits, usual_std, fit.known)
+    return Bootstrap(off / claimed, fit.is_moving, misfits, usual_std, fit.unfitted)
 
 
 def _usual_std(std: np.ndarray, fit: FitResult, rough: np.ndarray) -> np.ndarray:

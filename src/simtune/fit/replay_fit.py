@@ -132,6 +132,7 @@ class ReplayFit:
             pictures.responses,
             kept if kept < num else None,
             setup.physics.simulator.step_s * np.array([motion.late_steps, motion.late_std]),
+            np.array(setup.config.held, int),
         )
 
     def _claimed(

@@ -48,6 +48,13 @@ class FitResult:
     held_out: int | None = None  # the episode that only the misfit was computed from
     # (2,) seconds by which pictures are also late, and their std; 0 if lateness is known
     late_s: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    # (K,) indices of held parameters, which stay where the fit began
+    held: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+
+    @property
+    def unfitted(self) -> np.ndarray:
+        """(K,) indices of known and held parameters."""
+        return np.union1d(self.known, self.held).astype(int)
 
     @property
     def is_moving(self) -> np.ndarray:
