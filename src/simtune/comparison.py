@@ -14,9 +14,11 @@ from simtune.recordings import write_video
 from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.search import Estimate
+from simtune.unexplained import marked, unexplained
 
 _COMPARED_STEPS = 4  # the first pictures, which also show velocities
 _ELITE = 8
+_WORTH_A_LOOK = 0.002  # share of pixels that are not explained
 _AT_ONCE = 32  # starts that are tried between looks at the clock
 
 
@@ -58,7 +60,8 @@ def write_comparison(
 ) -> None:
     """Write real.mp4, before.mp4, after.mp4, overlay.mp4 of one real episode from its `start` (S,).
 
-    `parameters`: (N,) before and after.
+    And unexplained.mp4, if the simulator explains parts of the pictures badly. `parameters`: (N,)
+    before and after.
     """
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
@@ -66,6 +69,11 @@ def write_comparison(
     write_video(folder / "before.mp4", before, fps)
     write_video(folder / "after.mp4", after, fps)
     write_video(folder / "overlay.mp4", overlay(trajectory.frames, after), fps)
+    where = unexplained(trajectory.frames[: len(after)], after)
+    (folder / "unexplained.mp4").unlink(missing_ok=True)  # of an earlier round
+    if where.mean() > _WORTH_A_LOOK:
+        film = marked(trajectory.frames[: len(after)], where)
+        write_video(folder / "unexplained.mp4", film, fps)
 
 
 def overlay(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ _CHANNELS = 96
 _DILATIONS = (1, 2, 4)  # with kernels of 5: 14 frames to either side
 _CROP, _BATCH, _LEARNING_RATE = 48, 48, 3e-3
 _LINEAR_ERRORS = 0.2  # standard deviations from which errors count linearly (Huber 1964)
+_USUAL, _FARTHEST = (0.005, 0.995), 10.0  # quantiles of states, and standard deviations, learnt
 _TRAINED_SHARE = 0.8  # of the episodes; the others measure the errors
 
 
@@ -44,8 +45,11 @@ class StateEstimator:
         inputs = _inputs(observed, np.asarray(action_scale))
         features = space.features(states)
         flat = features[:num_trained].reshape(-1, features.shape[-1])
+        # An object that is flung away would make all else seem to stand still.
+        flat = flat.clip(*np.quantile(flat, _USUAL, axis=0))
         mean, std = flat.mean(0), flat.std(0) + 1e-6
-        goal = torch.tensor((features - mean) / std, dtype=torch.float32).transpose(1, 2)
+        goal = ((features - mean) / std).clip(-_FARTHEST, _FARTHEST)
+        goal = torch.tensor(goal, dtype=torch.float32).transpose(1, 2)
         with seeded(seed):
             network = _Network(inputs.shape[1], mean, std)
         crop = min(_CROP, inputs.shape[-1])

@@ -17,7 +17,7 @@ from simtune.run.sources import changed_sources, source_of
 from simtune.tasks import AnyTask, load_any_task
 from simtune.validate import is_number
 
-VIDEOS = ("real", "before", "after", "overlay")
+VIDEOS = ("real", "before", "after", "overlay", "unexplained")
 POLICY_VIDEO = "policy"  # of the policy that is scored
 
 

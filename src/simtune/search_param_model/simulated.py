@@ -8,7 +8,7 @@ import numpy as np
 
 from simtune.observation import ObservationModel
 from simtune.simulation import AnySimulator, Points, Rollouts, Simulator
-from simtune.simulation.loose_objects import loose_places, scattered
+from simtune.simulation.loose_objects import astray, loose_places, scattered
 from simtune.trajectory import delayed
 from simtune.vision.keypoints import Keypoints
 
@@ -109,7 +109,8 @@ def play_worlds(
 
     If actions may be late, they are, by a step, in half of the worlds, unless a parameter is a
     delay. In half of the episodes loose objects begin in other places than the task's, since they
-    are pushed there later. Worlds with a diverged episode are left out. Raises RuntimeError if
+    are pushed there later. Worlds with a diverged episode are left out, and those with an object
+    that went astray, since it would be all that a network of states learns. Raises RuntimeError if
     hardly any is left.
     """
     num_episodes, played = actions.shape[1], actions.astype(float)
@@ -123,6 +124,9 @@ def play_worlds(
         rng,
         observation.observe_beside(keypoints.observe),
     )
+    if isinstance(simulator, Simulator) and loose_places(simulator.model):
+        lost = astray(simulator.model, simulator.state_space, rollouts.states)
+        rollouts = rollouts.only(~lost)
     whole = whole_sets(rollouts.index, num_episodes)
     if len(whole) < 4:  # some for training, some to measure errors
         raise RuntimeError("nearly every world diverged; check the timestep and the bounds")

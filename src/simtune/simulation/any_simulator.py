@@ -35,7 +35,10 @@ class Rollouts:
 
     def finished(self) -> "Rollouts":
         """The worlds whose physics stayed finite to the end."""
-        kept = self.lengths == self.actions.shape[1]
+        return self.only(self.lengths == self.actions.shape[1])
+
+    def only(self, kept: np.ndarray) -> "Rollouts":
+        """The worlds `kept`, (n,) bool."""
         return Rollouts(*(array[kept] for array in vars(self).values()))
 
 

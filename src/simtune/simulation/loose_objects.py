@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from simtune.simulation.states import StateSpace
 
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
+_FAR = 2.0  # of the model's extent, from where it began
 _USUAL = 0.02, 0.98  # quantiles of places: an object that was flung away tells nothing
 
 
@@ -23,6 +24,18 @@ def loose_joints(model: mujoco.MjModel) -> np.ndarray:
 def loose_places(model: mujoco.MjModel) -> list[int]:
     """Where each one's three coordinates and its quaternion begin among positions."""
     return model.jnt_qposadr[loose_joints(model)].tolist()
+
+
+def astray(model: mujoco.MjModel, space: StateSpace, full_states: np.ndarray) -> np.ndarray:
+    """(n,) bool for (n, T + 1, S) states: whether an object went farther than the scene is large.
+
+    A box that a strong arm pressed through a table falls for ever.
+    """
+    states, places = space.positions_and_velocities(full_states), loose_places(model)
+    at = np.array(places, int)[:, None] + np.arange(3)
+    away = states[:, :, at] - states[:, :1, at]  # (n, T + 1, objects, 3)
+    far = np.linalg.norm(away, axis=-1) > _FAR * model.stat.extent
+    return far.any((1, 2))
 
 
 def scattered(

@@ -1,0 +1,27 @@
+"""Parts of a film that no setting of the simulator explains: a hand, a cable, a thing it lacks."""
+
+import numpy as np
+from scipy.ndimage import binary_dilation, binary_opening
+
+_FAR = 4.0  # noise levels
+_LEAST = 0.06  # of the full scale, that a pixel must differ by
+_SQUARE = np.ones((1, 3, 3), bool)  # what is smaller is an edge that lies a little aside
+_GREY, _MARK = 0.5, np.array([255, 120, 0])
+
+
+def unexplained(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:
+    """(T, H, W) bool: where films (T, H, W, 3) uint8 differ by much more than they usually do.
+
+    Exposure may differ from picture to picture. Single lines of pixels do not count.
+    """
+    difference = (real.astype(np.float32) - simulated) / 255
+    difference -= np.median(difference, (1, 2), keepdims=True)
+    size = np.abs(difference).max(-1)
+    limit = max(_FAR * 1.48 * float(np.median(size)), _LEAST)
+    return binary_dilation(binary_opening(size > limit, _SQUARE), _SQUARE)
+
+
+def marked(real: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """The film (T, H, W, 3) in dark grey, and orange `where`, (T, H, W) bool."""
+    grey = np.repeat(_GREY * real.mean(-1, keepdims=True), 3, -1)
+    return np.where(where[..., None], (grey + _MARK) / 1.5, grey).clip(0, 255).astype(np.uint8)
