@@ -10,7 +10,7 @@ from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import PlayedWorlds, play_worlds
 from simtune.search_param_model.training_pictures import TrainingPictures
-from simtune.simulation.loose_objects import loose_places, scattered
+from simtune.simulation.loose_objects import astray, loose_places, scattered
 from simtune.simulation.states import StateSpace
 from simtune.tasks import Task, load_task
 from simtune.tuning.world_sampler import WorldSampler
@@ -100,6 +100,19 @@ def test_loose_things_are_spread_twice_as_wide_and_turned_and_nothing_else_chang
     assert np.histogram(heading, 8, (-np.pi, np.pi))[0].min() > 400
 
 
+def test_a_thing_that_is_pressed_through_the_floor_went_astray():
+    model, rng = mujoco.MjModel.from_xml_string(TWO_THINGS), np.random.default_rng(0)
+    space, size = StateSpace(model), mujoco.mjtState.mjSTATE_INTEGRATION
+    full_states = rng.normal(size=(3, 5, mujoco.mj_stateSize(model, size)))
+    states = np.zeros((3, 5, model.nq + model.nv))
+    states[..., 0] = 1e3  # the hinge is no loose thing
+    states[..., 1:4] = [50, 2, 0.3]  # far from the middle, but where it began
+    states[1, :, 1] += np.linspace(0, 1.9 * model.stat.extent, 5)
+    states[2, 2:, 3] -= 2.1 * model.stat.extent
+    given = space.with_positions_and_velocities(full_states, states)
+    assert astray(model, space, given).tolist() == [False, False, True]
+
+
 PUSHER = """
 <mujoco>
   <option timestep=".005"/>
@@ -160,3 +173,27 @@ def test_a_loose_box_is_drawn_where_its_keypoints_say(tmp_path):
     assert (np.abs(began) < [0.06, 0.1]).all(1).mean() > 0.5
     spans = np.ptp(at, 0) / np.ptp(played.rollouts.observed[..., :2].reshape(-1, 2), 0)
     assert (spans > 0.8).all()
+
+
+def test_worlds_in_which_a_box_fell_are_not_learnt_from(tmp_path):
+    """Without a floor under its half of the places, it falls."""
+    floor = '<geom type="plane" size="2 2 .1" rgba="0 0 1 1"/>'
+    assert floor in PUSHER
+    half = '<geom type="box" pos="1.02 0 -.1" size="1 1 .1"/>'
+    (tmp_path / "pusher.xml").write_text(PUSHER.replace(floor, half))
+    (tmp_path / "tune.toml").write_text(TUNE)
+    task = load_task(str(tmp_path / "tune.toml"))
+    assert isinstance(task, Task)
+    simulator, rng = task.simulator(image_size=32), np.random.default_rng(0)
+    keypoints, space = every_keypoint(simulator), task.parameters
+    parameters = Distribution.first(space, space.nominal).sample(40, rng)
+    seen, still = ObservationModel.of_reality(), np.zeros((40, 1, 60, 1))
+    worlds = play_worlds(simulator, keypoints, parameters, still, rng, seen)
+    states = simulator.state_space.positions_and_velocities(worlds.rollouts.states)
+    (place,) = loose_places(simulator.model)
+    assert 5 < len(worlds.whole) < 35
+    assert len(worlds.actions) == len(worlds.parameters) == len(worlds.whole)
+    assert (
+        np.abs(np.diff(states[..., place + 2], axis=1)).sum(1).max()
+        < 2 * simulator.model.stat.extent
+    )

@@ -392,7 +392,7 @@ def test_precision_is_a_percentage_that_the_search_gets(tmp_path, asked, share):
 def test_a_resumed_search_keeps_the_keypoints_it_was_trained_with(
     one_round, tmp_path, quick, monkeypatch
 ):
-    module = "simtune.experiment.experiment"
+    module = "simtune.experiment.keypoints"
     monkeypatch.setattr(f"{module}.find_keypoints", find_others)
     resumed = build_experiment(config_of(one_round), settings=quick)
     new = build_experiment(config_of(tmp_path / "new"), settings=quick)
