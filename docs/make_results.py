@@ -35,6 +35,7 @@ ORDER = (  # on the page; other claims follow
     "arms",
     "motions",
     "aloha",
+    "two_cameras",
     "camera_pose",
     "head_camera",
     "honesty",

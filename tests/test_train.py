@@ -565,17 +565,17 @@ def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quic
 def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, quick, monkeypatch):
     seeds, num_keypoints = [], []
 
-    def find(simulator, distribution, seed) -> Keypoints:
+    def find(simulator, distribution, seed, points) -> Keypoints:
         """Another seed may choose others; each but 0 does here."""
         seeds.append(seed)
         choose = find_others if seed else find_keypoints
-        return choose(simulator, distribution, seed)
+        return choose(simulator, distribution, seed, points)
 
     def make_agent(name: str, spec: AgentSpec) -> Agent:
         num_keypoints.append(spec.num_keypoints)
         return quick.make_agent(name, spec)
 
-    monkeypatch.setattr("simtune.experiment.experiment.find_keypoints", find)
+    monkeypatch.setattr("simtune.experiment.keypoints.find_keypoints", find)
     settings = dataclasses.replace(quick, make_agent=make_agent)
     experiment = build_training(config_of(tmp_path / "run", seed=5), settings=settings)
     assert seeds == [5]
@@ -592,7 +592,7 @@ def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(
     """Where `find_keypoints` would choose others, as it may on another machine."""
     config = config_of(shutil.copytree(autotuned[0], tmp_path / "run"))
     begun = load(newest(config.out / "checkpoints"))[1]["keypoints"]
-    monkeypatch.setattr("simtune.experiment.experiment.find_keypoints", find_others)
+    monkeypatch.setattr("simtune.experiment.keypoints.find_keypoints", find_others)
     new = build_training(config_of(tmp_path / "new"), settings=quick)
     assert new.environment.keypoints.state() != begun
     resumed = build_training(config, settings=quick)

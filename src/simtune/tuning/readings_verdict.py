@@ -23,6 +23,10 @@ _NOT_FOUND_TWICE = (
     "the best of them is cannot be said, and nothing is called identified. Leave parameters out "
     "that go with others, give better first guesses, or more minutes."
 )
+_ONE_FIT = (
+    "There was time for one fit to whole episodes of readings, so how sure it is cannot be said, "
+    "and nothing that it tells is called identified. Give it more minutes."
+)
 _BY_STRETCHES = (
     "Fits to whole episodes ended at no answer twice, as where the least change throws a motion "
     "elsewhere; fits to stretches of two seconds did, and leave little but noise: the estimate is "
@@ -97,7 +101,8 @@ def _warnings(
     if not found.is_whole:
         warnings.append(_BY_STRETCHES)
     if not found.is_sure:
-        warnings.append(_NOT_FOUND_TWICE.format(found.num_fits))
+        many = found.num_fits > 1
+        warnings.append(_NOT_FOUND_TWICE.format(found.num_fits) if many else _ONE_FIT)
     off = unexplained(judged.noise, joints_of(observation.sensors))
     if off.any():
         labels = [n for n, is_off in zip(observation.reading_labels, off, strict=True) if is_off]
