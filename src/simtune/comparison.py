@@ -28,7 +28,7 @@ class StartSearchConfig:
 
     num_starts: int = 256  # random, then in each later round near the best
     rounds: int = 6
-    seconds: float = 10.0  # at most: pictures of meshes from two cameras take long
+    seconds: float = 10.0  # after which no round begins: pictures of meshes take long
 
 
 _USUAL = StartSearchConfig()
