@@ -124,7 +124,7 @@ def _drifting(frames: np.ndarray, seconds: np.ndarray, rng: np.random.Generator)
 def _hand_passes(frames: np.ndarray, seconds: np.ndarray, rng: np.random.Generator) -> None:
     """A forearm from the lower edge, across the (T, H, W, 3) pictures, in place."""
     height, width = frames.shape[1:3]
-    begin = rng.uniform(seconds[0], seconds[-1] - _PASSES_S)
+    begin = rng.uniform(0, max(seconds[-1] - _PASSES_S, 0.0))
     tip_row = height * rng.uniform(0.4, 0.6)
     rows, columns = np.mgrid[:height, :width]
     for frame, share in zip(frames, (seconds - begin) / _PASSES_S, strict=True):
