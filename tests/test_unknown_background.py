@@ -5,9 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simtune.checking import check
 from simtune.comparison import film_from
+from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.fit.pictures import Pictures, fit_pictures
+from simtune.recordings import write_dataset
 from simtune.simulation import StrayLight
 from simtune.simulation.backdrops import Backdrops
 from simtune.simulation.plate import camera_moves
@@ -179,3 +182,25 @@ def test_only_a_background_that_is_one_picture_needs_a_camera_that_stands(tmp_pa
         recorded.simulator(image_size=SIZE, views=[View("hand", 1.0, picture)])
     with pytest.raises(InputError, match='"recording" or "unknown"'):
         load(tmp_path, "anything")
+
+
+@pytest.mark.thorough
+def test_check_names_an_unknown_background_unless_it_is_declared(tmp_path):
+    """A film in which nothing moves: whatever is wrong with it, it is not of this scene."""
+    frames = np.full((31, 40, 50, 3), 90, np.uint8)
+    frames[:, 10:30, 10:30] = 200
+    actions = np.outer(np.cos(np.arange(30) / 8), [3.0, 0.3]).astype(np.float32)
+    film = [Trajectory(frames, actions, 0.05)] * 2
+    write_dataset(tmp_path / "real", film, action_names=["push", "turn"], robot_type="", task="")
+    for background, is_named in ((None, True), ("unknown", False)):
+        folder = tmp_path / str(background)
+        folder.mkdir()
+        load(folder, "unknown")
+        tuning = folder / "tune.toml"
+        if background is None:
+            tuning.write_text(tuning.read_text().replace('background = "unknown"\n', ""))
+        pictures = folder / "seen.png"
+        asked = CheckConfig(task=str(tuning), real=str(tmp_path / "real"), pictures=pictures)
+        (warning,) = check(asked)["warnings"]
+        assert "film" in warning
+        assert ('say background = "unknown"' in warning) == is_named

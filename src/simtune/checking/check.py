@@ -147,7 +147,7 @@ def _look_at(
     ):
         comparison = compare(film, library, is_judged=not view.background_is_unknown)
         path, warned = config.pictures or new_file(), comparison.warnings
-        if warned and camera_moves(simulator.model, view.camera):
+        if warned and comparison.is_judged and camera_moves(simulator.model, view.camera):
             warned = [f"{warned[0]}; {_NOT_MODELLED}"]
         if len(libraries) > 1:
             path = path.with_stem(f"{path.stem}-{name}")
