@@ -22,6 +22,7 @@ import tyro
 from common import kept_in, machine, record_figures
 from two_arms import sysid
 from two_arms.score import print_table, rows, score
+from two_arms.settings import WorldSettings
 from two_arms.world import World, film
 
 from simtune.config import TuneConfig
@@ -44,26 +45,14 @@ _QUICK_TUNE = (
 )  # found beside this file
 
 
-@dataclass(frozen=True)
-class Settings:
+@dataclass(frozen=True, kw_only=True)
+class Settings(WorldSettings):
     """Measure it."""
 
-    task: Path = Path("examples/aloha/tune.toml")
-    """The example's tuning file; examples/aloha/prepare.sh unpacks its scene."""
-    seed: int = 0
-    """Of the world and of what the arms do."""
     methods: tuple[Method, ...] = METHODS
     """What is compared."""
-    minutes: float = 10.0
-    """Each run's --budget-minutes."""
-    episodes: int = 6
-    """Of the world."""
-    steps: int = 200
-    """Of each episode."""
     out: Path = Path("runs/aloha")
     """Folder for the recordings and the runs."""
-    record: Path | None = None
-    """Write the figures into this file of docs/results, too."""
     quick: bool = False
     """A search that finds nothing, by readings and both of two short episodes."""
 

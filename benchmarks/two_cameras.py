@@ -19,6 +19,7 @@ import tyro
 from common import QUICK, kept_in, machine, record_figures
 from two_arms import room
 from two_arms.score import print_table, rows, score
+from two_arms.settings import WorldSettings
 from two_arms.world import World, film
 
 from simtune.config import TuneConfig
@@ -30,24 +31,12 @@ from simtune.tuning_run import tune
 _OBSERVE = {"one": "over_the_table,joints", "two": "cameras,joints"}
 
 
-@dataclass(frozen=True)
-class Settings:
+@dataclass(frozen=True, kw_only=True)
+class Settings(WorldSettings):
     """Measure it."""
 
-    task: Path = Path("examples/aloha/tune.toml")
-    """The example's tuning file; examples/aloha/prepare.sh unpacks its scene."""
-    seed: int = 0
-    """Of the world and of what the arms do."""
-    minutes: float = 10.0
-    """Each run's --budget-minutes."""
-    episodes: int = 6
-    """Of the world."""
-    steps: int = 200
-    """Of each episode."""
     out: Path = Path("runs/two_cameras")
     """Folder for the recordings and the runs."""
-    record: Path | None = None
-    """Write the figures into this file of docs/results, too."""
     quick: bool = False
     """A search that finds nothing, by two short episodes."""
 

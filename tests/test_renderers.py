@@ -22,7 +22,8 @@ from simtune.simulation import (
 )
 from simtune.simulation.depths import Depths
 from simtune.simulation.primitives import Primitives
-from simtune.simulation.raycaster import Raycaster, smooth_sky
+from simtune.simulation.raycaster import Raycaster
+from simtune.simulation.sky import smooth_sky
 from simtune.tasks import TASKS, load_task
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION

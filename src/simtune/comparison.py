@@ -69,11 +69,11 @@ def write_comparison(
     write_video(folder / "before.mp4", before, fps)
     write_video(folder / "after.mp4", after, fps)
     write_video(folder / "overlay.mp4", overlay(trajectory.frames, after), fps)
-    where = unexplained(trajectory.frames[: len(after)], after)
+    filmed = trajectory.frames[: len(after)]
+    where = unexplained(filmed, after)
     (folder / "unexplained.mp4").unlink(missing_ok=True)  # of an earlier round
     if where.mean() > _WORTH_A_LOOK:
-        film = marked(trajectory.frames[: len(after)], where)
-        write_video(folder / "unexplained.mp4", film, fps)
+        write_video(folder / "unexplained.mp4", marked(filmed, where), fps)
 
 
 def overlay(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:

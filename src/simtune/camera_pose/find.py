@@ -8,7 +8,7 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Robot
-from simtune.camera_pose.scene import measured_states, stands_still, with_any_camera
+from simtune.camera_pose.scene import measured_states, with_any_camera
 from simtune.camera_pose.search import CameraSearch
 from simtune.camera_pose.written import describe, tuning_table
 from simtune.config import CheckConfig
@@ -18,6 +18,7 @@ from simtune.progress import ReportProgress, silent
 from simtune.real.choose import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.simulation import Simulator
+from simtune.simulation.plate import camera_moves
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
 
@@ -69,7 +70,7 @@ def camera_by(
     size = (frames.shape[1], frames.shape[2])
     geometry = CameraGeometry.of(simulator.model, camera, task.parameters, size)
     robot = Robot(simulator.model, camera, states, geometry)
-    plate = np.median(frames, 0) if stands_still(simulator.model, camera) else None
+    plate = None if camera_moves(simulator.model, camera) else np.median(frames, 0)
     found = CameraSearch(frames, plate, robot, geometry, seed).run(budget)
     return describe(task, found, len(frames))
 

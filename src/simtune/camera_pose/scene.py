@@ -66,11 +66,6 @@ def robot_before(model: mujoco.MjModel, camera: str) -> np.ndarray:
     return moves
 
 
-def stands_still(model: mujoco.MjModel, camera: str) -> bool:
-    """Whether the camera is fixed to the world, so that its background stands still."""
-    return bool(model.body_weldid[model.camera(camera).bodyid[0]] == 0)
-
-
 def measured_states(
     model: mujoco.MjModel,
     observation: ObservationModel,

@@ -21,8 +21,13 @@ def before_plate(model: mujoco.MjModel, space: ParameterSpace) -> mujoco.MjModel
 
 def stands_still(model: mujoco.MjModel) -> np.ndarray:
     """(ngeom,) bool: geoms that never move in the world."""
-    still = model.body_weldid[model.geom_bodyid] == 0
-    return still & (model.body_mocapid[model.body_rootid[model.geom_bodyid]] < 0)
+    return ~can_move(model, model.geom_bodyid)
+
+
+def can_move(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
+    """Bool for each of the indices `bodies`: whether it has joints, or follows a mocap body."""
+    is_placed = model.body_mocapid[model.body_rootid[bodies]] >= 0
+    return (model.body_weldid[bodies] != 0) | is_placed
 
 
 def check_stands_still(model: mujoco.MjModel, camera: str) -> None:
@@ -37,9 +42,8 @@ def check_stands_still(model: mujoco.MjModel, camera: str) -> None:
 def camera_moves(model: mujoco.MjModel, camera: str) -> bool:
     """Whether a camera may move with the state."""
     given = model.camera(camera)
-    body = int(model.cam_bodyid[given.id])
-    moves = model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0
-    return bool(moves or model.cam_mode[given.id] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value)
+    turns = model.cam_mode[given.id] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value
+    return bool(turns or can_move(model, model.cam_bodyid[given.id]))
 
 
 def _painted(model: mujoco.MjModel, space: ParameterSpace) -> np.ndarray:

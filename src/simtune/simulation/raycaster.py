@@ -19,6 +19,7 @@ from simtune.parameters import ModelWriter, ParameterSpace, field_of
 from simtune.simulation.backdrops import Backdrops
 from simtune.simulation.plate import before_plate, check_stands_still
 from simtune.simulation.primitives import Primitives
+from simtune.simulation.sky import can_turn, smooth_sky
 from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import no_printed_warnings
 
@@ -65,7 +66,7 @@ class Raycaster:
             model, sky = before_plate(model, space), _packed(plate)
         elif background_is_unknown:
             model, sky = before_plate(model, space), np.full(size, _GREY, np.uint32)
-        elif _can_turn(model, space, model.camera(camera).id):
+        elif can_turn(model, space, model.camera(camera).id):
             model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / size[0])
         else:
             sky = _constant_sky(model, camera, size, sky_samples)
@@ -271,19 +272,6 @@ def assign(target, values: np.ndarray) -> None:
     target.assign(np.ascontiguousarray(values, np.float32).reshape(shape))
 
 
-def _can_turn(model: mujoco.MjModel, space: ParameterSpace, camera: int) -> bool:
-    """Whether the camera's direction may change, by the state or by a parameter."""
-    fields = {p.field for p in space} - {"cam_pos"}  # a camera that merely moves sees the same sky
-    if any(field_of(f).prefix == "cam" or f == "body_quat" for f in fields):
-        return True
-    mode = mujoco.mjtCamLight(model.cam_mode[camera])
-    if mode != mujoco.mjtCamLight.mjCAMLIGHT_FIXED:
-        keeps_direction = ("mjCAMLIGHT_TRACK", "mjCAMLIGHT_TRACKCOM")
-        return mode.name not in keeps_direction
-    body = model.cam_bodyid[camera]
-    return model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0
-
-
 def _constant_sky(
     model: mujoco.MjModel, camera: str, size: tuple[int, int], samples: int
 ) -> np.ndarray:
@@ -295,31 +283,3 @@ def _constant_sky(
     context = _make_context(model, camera, size, render_skybox=True, samples_per_pixel=samples)
     pixels = _draw(mujoco_warp.put_model(model), mujoco_warp.put_data(model, data), context)
     return pixels.reshape(size).copy()
-
-
-def smooth_sky(model: mujoco.MjModel, pixel_deg: float) -> mujoco.MjModel:
-    """A copy of the model with its skyboxes averaged over squares of about a pixel's angle.
-
-    Stars smaller than pixels would sparkle as the camera turns.
-    """
-    model = copy.copy(model)
-    for texture in np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX.value):
-        width, height = model.tex_width[texture], model.tex_height[texture]
-        side = round(width * pixel_deg / 90) if height == 6 * width else 0  # six faces of 90°
-        if side > 1:
-            start = model.tex_adr[texture]
-            texels = slice(start, start + height * width * model.tex_nchannel[texture])
-            faces = model.tex_data[texels].reshape(6, width, width, -1)
-            model.tex_data[texels] = _average_squares(faces, side).ravel()
-    return model
-
-
-def _average_squares(faces: np.ndarray, side: int) -> np.ndarray:
-    """(n, W, W, channels) uint8, each square of `side` texels in its mean colour."""
-    width = faces.shape[1]
-    starts = np.arange(0, width, side)  # the last squares may be smaller
-    sizes = np.diff(starts, append=width)
-    sums = np.add.reduceat(faces.astype(float), starts, axis=1)
-    sums = np.add.reduceat(sums, starts, axis=2)
-    means = np.rint(sums / np.outer(sizes, sizes)[..., None]).astype(np.uint8)
-    return means.repeat(sizes, axis=1).repeat(sizes, axis=2)

@@ -55,8 +55,14 @@ def make_renderer(
     if name == "raycaster":
         from simtune.simulation.raycaster import Raycaster
 
-        unknown = background_is_unknown
-        return Raycaster(model, space, camera, size, plate=plate, background_is_unknown=unknown)
+        return Raycaster(
+            model,
+            space,
+            camera,
+            size,
+            plate=plate,
+            background_is_unknown=background_is_unknown,
+        )
     if name == "opengl":
         if plate is not None:
             raise ValueError("OpenGL draws no plate")

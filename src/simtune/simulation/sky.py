@@ -1,0 +1,49 @@
+"""The sky before a camera that turns."""
+
+import copy
+
+import mujoco
+import numpy as np
+
+from simtune.parameters import ParameterSpace, field_of
+from simtune.simulation.plate import can_move
+
+
+def can_turn(model: mujoco.MjModel, space: ParameterSpace, camera: int) -> bool:
+    """Whether the camera's direction may change, by the state or by a parameter."""
+    fields = {p.field for p in space} - {"cam_pos"}  # a camera that merely moves sees the same sky
+    if any(field_of(f).prefix == "cam" or f == "body_quat" for f in fields):
+        return True
+    mode = mujoco.mjtCamLight(model.cam_mode[camera])
+    if mode != mujoco.mjtCamLight.mjCAMLIGHT_FIXED:
+        keeps_direction = ("mjCAMLIGHT_TRACK", "mjCAMLIGHT_TRACKCOM")
+        return mode.name not in keeps_direction
+    return bool(can_move(model, model.cam_bodyid[camera]))
+
+
+def smooth_sky(model: mujoco.MjModel, pixel_deg: float) -> mujoco.MjModel:
+    """A copy of the model with its skyboxes averaged over squares of about a pixel's angle.
+
+    Stars smaller than pixels would sparkle as the camera turns.
+    """
+    model = copy.copy(model)
+    for texture in np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX.value):
+        width, height = model.tex_width[texture], model.tex_height[texture]
+        side = round(width * pixel_deg / 90) if height == 6 * width else 0  # six faces of 90°
+        if side > 1:
+            start = model.tex_adr[texture]
+            texels = slice(start, start + height * width * model.tex_nchannel[texture])
+            faces = model.tex_data[texels].reshape(6, width, width, -1)
+            model.tex_data[texels] = _average_squares(faces, side).ravel()
+    return model
+
+
+def _average_squares(faces: np.ndarray, side: int) -> np.ndarray:
+    """(n, W, W, channels) uint8, each square of `side` texels in its mean colour."""
+    width = faces.shape[1]
+    starts = np.arange(0, width, side)  # the last squares may be smaller
+    sizes = np.diff(starts, append=width)
+    sums = np.add.reduceat(faces.astype(float), starts, axis=1)
+    sums = np.add.reduceat(sums, starts, axis=2)
+    means = np.rint(sums / np.outer(sizes, sizes)[..., None]).astype(np.uint8)
+    return means.repeat(sizes, axis=1).repeat(sizes, axis=2)
