@@ -1,6 +1,7 @@
 """Arms out of other people's wheels, with servos of every kind, and how they are moved."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -29,9 +30,11 @@ class Arm:
     kv: float
     torque_limit: float  # of the second joint
     armature: float  # nominal, of all
+    without: tuple[str, ...] = ()  # sections of the file, such as servos of its own
 
 
 _G1 = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
+_VIPERX = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate")
 ARMS = {
     "jaco": Arm(
         None, "dm_control/third_party/kinova/", "jaco_arm.xml",
@@ -47,6 +50,18 @@ ARMS = {
         ("floating_base_joint", "left_*", "right_hip_*", "right_knee_*", "right_ankle_*",
          "waist_*", "right_wrist_*"), 40.0, 3.0, 8.0, 0.02,
     ),
+    "panda": Arm(
+        "gym-hil==0.1.14", "gym_hil/assets/", "panda.xml",
+        tuple(f"joint{i}" for i in range(1, 8)),
+        ("*_driver_joint", "*_coupler_joint", "*_spring_link_joint", "*_follower_joint"),
+        400.0, 40.0, 60.0, 0.1, ("tendon", "equality", "actuator", "sensor"),
+    ),
+    "viperx": Arm(
+        "gym-aloha==0.1.5", "gym_aloha/assets/", "bimanual_viperx_transfer_cube.xml",
+        tuple(f"vx300s_left/{j}" for j in _VIPERX),
+        ("vx300s_right/*", "vx300s_left/*_finger", "red_box_joint"),
+        800.0, 80.0, 100.0, 0.1, ("actuator", "keyframe"),
+    ),
 }  # fmt: skip
 
 
@@ -58,6 +73,8 @@ def unpack(arm: Arm, target: Path) -> None:
         path.write_bytes(content)
     model = target / arm.file
     text = model.read_text()
+    for section in arm.without:
+        text = re.sub(f"<{section}>.*?</{section}>", "", text, flags=re.DOTALL)
     end = text.index(">", text.index("<mujoco")) + 1
     model.write_text(f"{text[:end]}\n{_OPTION}{text[end:]}")
 
@@ -104,7 +121,8 @@ def tuning_file(arm: Arm) -> str:
 
 
 def _parameter(name: str, kind: str, *objects: str, **numbers: float) -> list[str]:
-    lines = ["[[parameters]]", f'name = "{name}"', f'kind = "{kind}"']
+    plain = name.replace("/", "_")
+    lines = ["[[parameters]]", f'name = "{plain}"', f'kind = "{kind}"']
     return [*lines, f"objects = {json.dumps(objects)}", *(f"{k} = {v}" for k, v in numbers.items())]
 
 

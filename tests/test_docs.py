@@ -111,6 +111,7 @@ if __name__ == "__main__":
 
 _SO_101 = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 JOINTS = {
+    "Video and readings in one file": ("elbow", "wrist"),
     "SO-101": _SO_101,
     "xArm 7": tuple(f"joint{i}" for i in range(1, 8)),
 }
@@ -129,6 +130,10 @@ def test_tuning_files_of_your_robot_load_with_such_a_model(robot: str, tmp_path:
         servo = spec.add_actuator(name=joint, target=joint)
         servo.trntype = mujoco.mjtTrn.mjTRN_JOINT
         servo.set_to_position(kp=10.0)
+    box = spec.worldbody.add_body(name="box")
+    box.add_freejoint(name="box_joint")
+    box.add_geom(name="box", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02, 0.02, 0.02])
+    spec.worldbody.add_camera(name="front", pos=[0, -1, 0.2], xyaxes=[1, 0, 0, 0, 0, 1])
     spec.compile()
     model = tmp_path / text.split('model = "')[1].split('"')[0]
     model.parent.mkdir(exist_ok=True)
@@ -136,4 +141,5 @@ def test_tuning_files_of_your_robot_load_with_such_a_model(robot: str, tmp_path:
     (tmp_path / "tune.toml").write_text(text)
     task = load_task(str(tmp_path / "tune.toml"))
     assert task.sensors[0].size == min(len(JOINTS[robot]), 5 if robot == "SO-101" else 7)
-    assert len(task.parameters) == text.count("[[parameters]]")
+    colours = text.count('kind = "colour"')  # of three numbers each
+    assert len(task.parameters) == text.count("[[parameters]]") + 2 * colours
