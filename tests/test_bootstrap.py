@@ -291,7 +291,7 @@ def test_known_worlds_begin_where_the_real_episodes_did():
     begun = roll_out(np.repeat(SPACE.nominal[None], 4, 0), np.ones((4, 5, 1)), rng).states[:, 5]
     fit = replace(a_fit(), starts=begun)
     known = FakeReplayFit(lambda _: fit)
-    stage = FitStage(context, model, known, exact)
+    stage = FitStage(context, model, known, exact, AllEvidence(()))
     observed = stage.observed([real] * 4, [model.detect(real.frames)] * 4)
     start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
     made = stage.bootstrap(observed, fit, start, (2, 3), rng, False, Budget())

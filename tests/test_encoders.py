@@ -15,7 +15,7 @@ from simtune.real.choose import choose_real, observed
 from simtune.record import record
 from simtune.run import RunFolder
 from simtune.tasks import load_task
-from simtune.tuning.fit_stage import _blunted
+from simtune.tuning.fit_stage import _blunted, _scaled_as
 from simtune.tuning.told import Told
 
 JOINTS = {
@@ -100,6 +100,18 @@ def test_readings_in_windows_count_as_ten_times_as_noisy():
     evidence = AllEvidence((JointReadings.of("encoders", "rad", values, 0.001),))
     off = evidence.log_likelihood(values + 0.02)
     assert _blunted(evidence).log_likelihood(values + 0.2) == pytest.approx(off)
+
+
+def test_a_network_gets_readings_on_the_scale_that_it_learnt():
+    """A joint that swings half as far must not look as if it swung as far."""
+    swing = np.sin(np.arange(40.0))[None, :, None]
+    learnt, real = (
+        AllEvidence((JointReadings.of("encoders", "rad", values, 0.001),))
+        for values in (swing, 0.5 * swing + 0.1)
+    )
+    middle, spread = swing.mean(), swing.std()
+    expected = (0.5 * swing + 0.1 - middle) / spread
+    np.testing.assert_allclose(_scaled_as(real, learnt.at(np.arange(0))).features, expected)
 
 
 @pytest.mark.thorough

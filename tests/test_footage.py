@@ -119,6 +119,8 @@ def test_plate_of_a_file_is_seen_as_recordings_are(tmp_path):
     lens = Lens(fx=80.0, fy=80.0, **CENTRED, distortion=(-0.2, 0.0, 0.0, 0.0, 0.0))
     for footage in (Footage(background=path), Footage(background=path, lens=lens)):
         np.testing.assert_array_equal(footage.plate([], (16, 20)), footage.fit(picture, (16, 20)))
+    with pytest.raises(InputError, match="96×64, narrower than the recordings' pictures"):
+        Footage(background=path).plate([], (16, 30))
     path.write_bytes(b"no picture")
     with pytest.raises(InputError, match=r"table\.png: cannot be read as a picture"):
         Footage(background=path).plate([], (16, 16))
@@ -261,6 +263,7 @@ camera_matrix: {rows: 3, cols: 3, data: [80, 0, 47.5, 0, 80, 31.5, 0, 0, 1]}
 distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0, 0, 0, 0]}
 """
+FISHEYE = OPENCV.replace("image_width", "fisheye_model: 1\nimage_width")
 JSON = """{"image_width": 96, "image_height": 64, "dist_coeffs": [[-0.2, 0, 0, 0]],
 "camera_matrix": [[80, 0, 47.5], [0, 80, 31.5], [0, 0, 1]]}"""
 
@@ -282,6 +285,7 @@ def test_tuning_file_takes_calibrations_as_others_write_them(scene, load, name, 
         ('[camera]\ncamera = "above"\ndistortion = [0, 0, 0, 0, 0]', 5, "goes with intrinsics"),
         ('[camera]\ncamera = "above"\ncalibration = "no.yml"', 5, "cannot read"),
         ('[camera]\ncamera = "above"\ncalibration = "scene.xml"', 5, "calibration"),
+        ('[camera]\ncamera = "above"\ncalibration = "fish.yml"', 5, "of a fisheye lens"),
         (f'[camera]\ncamera = "above"\n{INTRINSICS}calibration = "a"', 6, "give calibration, or"),
         ('[camera]\ncamera = "above"\nlens = "wide"', 5, "no key 'lens'"),
         ('[[cameras]]\ncamera = "above"\n[[cameras]]\ncamera = "above"', 5, "the name 'above'"),
@@ -295,4 +299,5 @@ def test_tuning_file_takes_calibrations_as_others_write_them(scene, load, name, 
     ],
 )
 def test_tuning_file_says_what_is_wrong_with_a_camera(scene, refuses, camera, line, message):
+    (scene / "fish.yml").write_text(FISHEYE)
     refuses(f"{SCENE_TOML}{camera}\n{PARAMETER}", line, message)

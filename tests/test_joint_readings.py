@@ -150,6 +150,19 @@ def test_a_change_counts_by_how_well_another_one_agrees():
     assert np.sqrt(np.square(left).mean()) < 0.2 * 100
 
 
+def test_a_gain_says_what_a_recorded_number_is(tmp_path):
+    toml = write_arm(tmp_path)
+    text = toml.read_text()
+    toml.write_text(text.replace("noise = 0.002", "gain = [0.01, -0.02]\nnoise = 1"))
+    (sensor,) = load_task(str(toml)).sensors
+    np.testing.assert_allclose(sensor.from_recorded(np.full((2, 2), 50.0), 0.1), [[0.5, -1]] * 2)
+    assert sensor.noise == pytest.approx(1 / 75)
+    for wrong in ("gain = [1, 2, 3]", "gain = 0", 'gain = 1\nunit = "deg"', "gain = [[1], [1, 2]]"):
+        toml.write_text(text.replace("noise = 0.002", wrong))
+        with pytest.raises(InputError, match=r"tune.toml:1.*gain"):
+            load_task(str(toml))
+
+
 @pytest.mark.parametrize(("unit", "low", "high"), [("percent", 0, 100), ("-100..100", -100, 100)])
 def test_shares_of_a_joints_range(tmp_path, unit, low, high):
     """The arm's joints go from -2 to 2 rad."""

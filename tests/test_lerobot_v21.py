@@ -110,6 +110,11 @@ def test_names_may_be_nested(tmp_path, names):
     assert open_dataset(tmp_path / "dataset").action_names == tuple(JOINTS)
 
 
+def test_names_may_be_given_with_their_places(tmp_path):
+    write(tmp_path / "dataset", {name: place for place, name in reversed([*enumerate(JOINTS)])})
+    assert open_dataset(tmp_path / "dataset").action_names == tuple(JOINTS)
+
+
 @pytest.mark.parametrize("names", [["pan"], [[*JOINTS, "more"]], {"motors": 3}, "pan", [[[[[1]]]]]])
 def test_names_that_do_not_fit_are_left_aside(tmp_path, names):
     write(tmp_path / "dataset", names)

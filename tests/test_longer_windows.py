@@ -9,7 +9,7 @@ from keypoint_evidence import observed_keypoints
 
 from simtune.fit import Observed, Physics, ShootingConfig
 from simtune.fit.shooting import Shooting, ShootingFit
-from simtune.fit.windows import even_length
+from simtune.fit.windows import even_length, not_longer
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
@@ -68,6 +68,15 @@ class Swings:
 def test_longer_windows_share_an_episode_evenly(num_steps, planned, length):
     assert even_length(num_steps, planned) == length
     assert num_steps % length == 0, "all of these are shared without a rest"
+
+
+@pytest.mark.parametrize(
+    ("num_steps", "usual", "length"),
+    [(200, 12, 12), (60, 12, 12), (200, 50, 50), (95, 50, 47), (70, 50, 35), (40, 50, 40)],
+)
+def test_windows_leave_out_a_tenth_of_an_episode_at_most(num_steps, usual, length):
+    assert not_longer(num_steps, usual) == length
+    assert num_steps % length <= 0.1 * num_steps
 
 
 @pytest.mark.thorough

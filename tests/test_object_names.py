@@ -173,6 +173,37 @@ def test_urdf_is_driven_by_added_servos(load, tmp_path):
     assert (tuned.body("forearm").mass[0], tuned.nmesh, tuned.nu) == (1.5, 1, 1)
 
 
+def test_urdf_is_drawn_as_a_camera_sees_it(load, tmp_path):
+    """By default MuJoCo drops what is to be seen, and draws what is meant for collisions."""
+    inertial = '<inertial><mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" '
+    inertial += 'ixz="0" iyz="0"/></inertial>'
+    (tmp_path / "arm.urdf").write_text(
+        f"""<robot name="arm"><link name="base"/><link name="forearm">{inertial}
+        <visual><geometry><sphere radius=".1"/></geometry></visual>
+        <collision><geometry><box size=".3 .3 .3"/></geometry></collision>
+        </link><link name="hand">{inertial}
+        <collision><geometry><box size=".1 .1 .1"/></geometry></collision></link>
+        <joint name="elbow" type="revolute"><parent link="base"/><child link="forearm"/>
+        <axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="5" velocity="2"/></joint>
+        <joint name="wrist" type="revolute"><parent link="forearm"/><child link="hand"/>
+        <axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="5" velocity="2"/></joint></robot>"""
+    )
+    text = 'model = "arm.urdf"\ncontrol_timestep_s = 0.05\n'
+    text += "camera = { position_m = [0, -1, 0], look_at_m = [0, 0, 0] }\n"
+    text += "[[actuators]]\njoint = 'elbow'\nkp = 20\ntorque_limit = 9\n"
+    text += "[[actuators]]\njoint = 'wrist'\nkp = 20\n" + MASS
+    text += "[[parameters]]\nname = 'limit'\nkind = 'torque_limit'\nobjects = 'wrist'\n"
+    task = load(text)
+    model = task.load_model()
+    sphere, box = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_BOX
+    shown = {(int(k), int(g)) for k, g in zip(model.geom_type, model.geom_group, strict=True)}
+    assert shown == {(sphere, 1), (box, 3), (box, 0)}
+    # A servo's limit replaces URDF's effort, which is what a parameter begins with
+    assert not model.jnt_actfrclimited.any()
+    assert task.parameters["limit"].nominal == 5
+    np.testing.assert_allclose(model.actuator_forcerange, [[-9, 9], [-5, 5]])
+
+
 def test_what_is_exported_of_a_model_without_names_has_them_and_its_script_gives_them(
     load, tmp_path
 ):

@@ -86,12 +86,38 @@ def test_what_is_wrong_is_said_in_a_line(tmp_path, changed, said):
 
 def test_damaged_files_and_other_episodes_are_said_in_a_line(tmp_path):
     folder = write(tmp_path / "a", episode(), episode(actions=actions()[:, :2]))
-    assert "expected 3 actions, as in swing9.npz, got 2" in message(folder)
+    assert (
+        "expected the actions of swing9.npz (action_0, action_1, action_2), got action_0, action_1"
+        in message(folder)
+    )
     path = folder / "swing9.npz"
     whole = path.read_bytes()
     for damaged in (b"", b"no zip", whole[: len(whole) // 2], b"PK" + whole[40:]):
         path.write_bytes(damaged)
         assert "not readable as arrays" in message(folder)
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"hz": 2 * FPS}, "give one rate for all as --control-hz"),
+        ({"action_names": ["b", "a", "c"]}, "expected the actions of swing9.npz (a, b, c), got b"),
+        ({"joints": np.zeros((NUM_STEPS + 1, 1))}, "expected 2 numbers of joints in a row"),
+    ],
+)
+def test_later_files_are_as_the_first_or_refused(tmp_path, other, said):
+    first = {"joints": np.zeros((NUM_STEPS + 1, 2)), "action_names": ["a", "b", "c"]}
+    folder = write(tmp_path / "a", episode(**first), episode(**(first | other)))
+    dataset = open_dataset(folder, readings={"arm": ["joints"]})
+    with pytest.raises(InputError) as caught:
+        dataset.read(1)
+    assert said in str(caught.value)
+
+
+def test_what_is_no_episode_is_left_alone(tmp_path):
+    folder = write(tmp_path / "a", episode(depth=np.zeros((NUM_STEPS + 1, 2, 2)), task="swing"))
+    (folder / "._swing9.npz").write_bytes(b"macOS writes such files")
+    assert_whole(open_dataset(folder, num_actions=3))
 
 
 def test_arrays_in_memory_are_written_once_by_what_they_hold(tmp_path):

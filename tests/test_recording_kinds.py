@@ -347,6 +347,13 @@ def sum_of_a_fine_grid(rows: Rows, times_s: np.ndarray) -> np.ndarray:
     return np.stack([held[step == k].mean(0) for k in range(len(times_s) - 1)])
 
 
+def test_a_clock_that_rounds_leaves_actions_as_they_are():
+    times_s = np.round(np.arange(31) / 30, 2)
+    rows = Rows(np.arange(31.0)[:, None], times_s, times_s[-1])
+    grid_s = step_times(rows, typical_step_s(times_s))
+    np.testing.assert_array_equal(step_actions(rows, grid_s), rows.actions[: len(grid_s) - 1])
+
+
 def test_uneven_rows_against_a_plain_mean():
     rng = np.random.default_rng(0)
     times_s = 0.3 + np.cumsum(rng.uniform(0.01, 0.09, 60))

@@ -349,6 +349,18 @@ def write_reordered(path: Path, num_frames: int, options: dict[str, str]) -> Non
         container.mux(stream.encode(None))
 
 
+def test_colours_of_hdr_are_refused(tmp_path: Path):
+    path = tmp_path / "phone.mov"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = SIZE, SIZE, "yuv420p"
+        stream.codec_context.color_trc = 18  # HLG
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(0), format="rgb24")))
+        container.mux(stream.encode(None))
+    with pytest.raises(InputError, match="its colours are HDR"):
+        list(decode(path))
+
+
 @pytest.mark.parametrize("options", [{}, {"use_editlist": "0"}])
 def test_b_frames_are_shown_in_order(tmp_path: Path, options: dict[str, str]):
     path = tmp_path / "video.mp4"

@@ -74,6 +74,15 @@ def test_growing_horizons_end_at_the_truth(arm: SimpleNamespace):
     assert np.abs(ended[0].unit - arm.truth).max() < 0.03
 
 
+def test_horizons_of_equal_steps_may_differ_in_stretches(arm: SimpleNamespace):
+    """At ten readings a second, a quarter and half of a second are both the fewest steps."""
+    horizons = Horizons(growing=(Horizon(0.25, 2, 5), Horizon(0.5, 1, 3)), iterations=2)
+    ends = (np.zeros(4), np.ones(4))
+    fits = ReadingsFits(arm.fit, arm.readings, 0.1, ends, horizons, 0)
+    ended = fits.grow(fits.begin(arm.start), Budget())
+    assert np.isfinite(ended[0].cost)
+
+
 class OneStepLate:
     """Fits that find a delay of a step, but for what a lateness cannot reach."""
 

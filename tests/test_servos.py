@@ -87,6 +87,18 @@ def test_a_servo_sags_by_the_weight_over_kp_whatever_its_damping(load):
         assert -angle * kp == pytest.approx(9.81 * 0.5 * np.cos(angle), rel=1e-3)
 
 
+def test_a_gain_does_not_move_the_target_of_a_servo_of_another_scale(load, folder):
+    """As a gripper's, whose control goes from 0 to 255."""
+    plain = 'gainprm="3" biastype="affine" biasprm="0 -3 -.5"'
+    scaled = 'gainprm=".5" biastype="affine" biasprm="10 -100 -10"'
+    (folder / "scene.xml").write_text(SCENE.replace(plain, scaled))
+    task = load(parameter("kp", "gain", "servo"))
+    model = task.load_model()
+    ModelWriter(task.parameters, model).write(model, np.array([1.5]))
+    servo = model.actuator("servo")
+    assert (servo.gainprm[0], *servo.biasprm[:3]) == (1.5, 30, -300, -10)
+
+
 def test_damping_is_the_force_against_the_velocity(load):
     task = load(parameter("kv", "gain_damping", "elbow"))
     model = task.load_model()

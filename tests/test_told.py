@@ -83,8 +83,9 @@ def test_a_robots_motion_is_read_even_if_no_second_fit_agreed():
     assert mixed.mean == pytest.approx([READ.mean[0], both.mean[1]])
     assert mixed.verdict == ["weak", "identified"]
     assert mixed.warnings == ["found once", "seen"]
-    sure = Told(once, SEEN, is_trusted=True, joints=joints)
-    assert sure.better(both).warnings == ["seen"]
+    late = Told(once, SEEN, is_trusted=False, joints=joints, is_in_time=False)
+    assert not late.is_held.any()
+    assert late.better(both).mean == pytest.approx(both.mean)
 
 
 def test_actions_and_readings_are_taken_when_it_was_so():
@@ -97,5 +98,20 @@ def test_actions_and_readings_are_taken_when_it_was_so():
     assert np.isnan(late.readings["arm"][4, 0])
     both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "identified")
     assert told.better(both).readings_late_s == (0.03, 0.001)
-    unsure = Told(replace(READ, verdict=["weak", "weak"]), SEEN, is_trusted=True)
-    assert unsure.late([real])[0] is real
+    # Readings may tell how late actions are, and no parameter well
+    weak = Told(replace(READ, verdict=["weak", "weak"]), SEEN, is_trusted=True)
+    assert not weak.is_held.any()
+    assert weak.late([real])[0].actions[:, 0].tolist() == [0, 0, 0, 1]
+    assert Told(READ, SEEN, is_trusted=False).late([real])[0] is real
+
+
+def test_what_readings_tell_goes_with_their_offsets_and_warnings():
+    read = replace(READ, offsets={"arm": 0.05}, warnings=["at a bound", "late"])
+    both = estimate(
+        (1.0, 0.9), (3.0, 1.1), "weak", "identified", offsets={"arm": 0.02}, warnings=["late"]
+    )
+    mixed = Told(read, SEEN, is_trusted=True).better(both)
+    assert mixed.offsets == {"arm": 0.05}
+    assert mixed.warnings == ["at a bound", "late"]
+    alone = Told(read, SEEN, is_trusted=False).better(both)
+    assert (alone.offsets, alone.warnings) == ({"arm": 0.02}, ["late"])

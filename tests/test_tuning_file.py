@@ -809,6 +809,17 @@ def test_actions_in_other_units_are_warned_of(load):
     assert "actions of elbow go from -5000 to 5000, beyond the model's range of -100 to 100" in said
 
 
+def test_actions_in_another_order_are_noticed_whatever_recorders_add_to_names(load):
+    task = load(HEAD + "[actions]\nactuators = ['shoulder', 'elbow']\n" + MASS)
+    names = task.load_actions().names
+    facts = {"control_hz": 1 / task.step_s, "cameras": [], "action_names": None}
+    actions = np.random.default_rng(0).uniform(-0.1, 0.1, (40, 2)).astype(np.float32)
+    as_it_is, swapped = ([f"{name}.pos" for name in order] for order in (names, names[::-1]))
+    assert warnings(task, facts | {"action_names": as_it_is}, [actions], 1) == []
+    (said,) = warnings(task, facts | {"action_names": swapped}, [actions], 1)
+    assert f"say --actions {','.join(as_it_is)}" in said
+
+
 @pytest.mark.slow
 def test_check_takes_a_tuning_file_and_recordings(load, folder):
     load(HEAD + PERCENT + MASS)
@@ -932,7 +943,6 @@ def test_a_model_that_was_exported_can_be_tuned_again(folder, load):
     [
         ("field = 'opt.timestep'", 6, "it cannot be tuned"),
         ("kind = 'size'\nobjects = ['cube']\ncomponent = 0", 7, "cube has the size of its mesh"),
-        ("kind = 'field_of_view'", 4, "camera front has a sensorsize"),
     ],
 )
 def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, refuses):
@@ -941,13 +951,37 @@ def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, re
   <asset><mesh name="tent" vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1"/></asset>
   <worldbody>
     <camera name="front" pos="0 -2 .5"
-      resolution="640 480" sensorsize=".008 .006" focal=".006 .006"/>
+    />
     <body name="bar"><joint/><geom name="cube" type="mesh" mesh="tent"/></body>
   </worldbody>
 </mujoco>
 """)
     head = "model = 'scene.xml'\ncamera = 'front'\ncontrol_timestep_s = 0.05\n"
     refuses(f"{head}[[parameters]]\nname = 'x'\n{parameter}\n", line, message)
+
+
+DEVICE = """<mujoco><worldbody><camera name="front" pos="0 -2 .5" resolution="640 480"
+  sensorsize=".008 .006" focal="{}"/><body name="bar"><joint/><geom name="cube" type="box"
+  size=".1 .1 .1"/></body></worldbody></mujoco>"""
+FROM_FRONT = "model = 'scene.xml'\ncontrol_timestep_s = 0.05\n[camera]\ncamera = 'front'\n"
+REGION = "region = { left = 0, top = 0, right = 640, bottom = 480, width = 640, height = 480 }\n"
+VIEW = "[[parameters]]\nname = 'x'\nkind = 'field_of_view'\n"
+
+
+@pytest.mark.parametrize("more", ["", REGION])
+def test_a_camera_with_a_sensor_has_the_field_of_view_that_follows(more, folder, load):
+    (folder / "scene.xml").write_text(DEVICE.format(".006 .006"))
+    task, degrees = load(FROM_FRONT + more + VIEW), np.degrees(2 * np.arctan(0.5))
+    model = task.load_model()
+    assert model.cam_fovy[0] == pytest.approx(degrees, rel=0.01)
+    assert not model.cam_sensorsize.any()
+    assert task.parameters["x"].nominal == pytest.approx(degrees, rel=0.01)
+
+
+def test_a_camera_that_no_field_of_view_describes_is_refused(folder, load):
+    (folder / "scene.xml").write_text(DEVICE.format(".006 .009"))
+    with pytest.raises(InputError, match="pixels that are not square"):
+        load(FROM_FRONT + VIEW)
 
 
 # --- [policy] -------------------------------------------------------------------------------

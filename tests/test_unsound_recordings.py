@@ -389,6 +389,7 @@ CASES = {
         table("slide", *["0.1"] * 23, "nan"), r"line 25 of \S+/swing1.csv: action is not finite"
     ),
     "no header": pairs(table("0.1", "0.2"), "expected a header with the actions' names, got 0.1"),
+    "an index of pandas": pairs(table(",slide", "0,0.1"), "column 1 has no name; .* pandas"),
     "another header": pairs(table("cart", "0.2"), r"columns of swing0.csv \(slide\), got cart"),
     "nothing": pairs(text("swing1.csv", ""), "swing1.csv: is empty"),
     "no text": pairs(lambda folder: (folder / "swing1.csv").write_bytes(b"\xff\xfe\0"), "as CSV"),
@@ -646,3 +647,14 @@ def test_sensors_that_do_not_suit_recordings_are_told_in_one_line(
         }[command]()
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "run").exists()
+
+
+def test_times_in_milliseconds_are_refused_even_without_a_video(tmp_path: Path):
+    """A step of 50 s would be played for hours."""
+    arm = write_arm(tmp_path, TUNE + '[actions]\nactuators = ["shoulder"]\n')
+    (tmp_path / "real").mkdir()
+    rows = [f"{50 * t},0.1,0.2,0.3" for t in range(30)]
+    header = "time,push,measured.shoulder,measured.elbow"
+    (tmp_path / "real" / "swing.csv").write_text("\n".join([header, *rows]))
+    with pytest.raises(InputError, match=r"its rows come 0.02 times a second, .* in seconds"):
+        check(CheckConfig(task=str(arm), real=tmp_path / "real", observe="joints"))

@@ -14,6 +14,7 @@ from simtune.lens import Lens
 from simtune.pictures import resize
 
 _FRAMES = 200  # used, evenly spread: a median of more is no better
+_NARROWER = 0.02  # relative difference of the ratio of width and height
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +73,20 @@ class Footage:
         if self.background in (None, "unknown"):
             return None
         if isinstance(self.background, Path):
-            return self.fit(_read_picture(self.background), size)
+            picture = _read_picture(self.background)
+            self._check_shape(picture.shape, size)
+            return self.fit(picture, size)
         return median_picture(recorded)
+
+    def _check_shape(self, picture: tuple[int, ...], size: tuple[int, int]) -> None:
+        """Raise InputError for a background, (H, W, ...), too narrow for (height, width)."""
+        (height, width), wanted = picture[:2], size[1] / size[0]
+        is_narrow = width / height < wanted * (1 - _NARROWER)
+        if is_narrow and not self.lens:  # a lens checks by itself
+            raise InputError(
+                f"{self.background}: {width}×{height}, narrower than the recordings' pictures, "
+                f"which are {wanted:.3g} times as wide as high; expected one by the same camera"
+            )
 
 
 PLAIN = Footage()  # a pinhole, with the model's background
@@ -97,4 +110,5 @@ def _read_picture(path: Path) -> np.ndarray:
     except (OSError, av.error.FFmpegError, StopIteration) as error:
         why = getattr(error, "strerror", None) or "it holds no picture"
         raise InputError(f"{path}: cannot be read as a picture: {why}") from None
-    return frame.to_ndarray(format="rgb24")
+    turns = round(frame.rotation / 90)  # as a phone's picture is shown
+    return np.rot90(frame.to_ndarray(format="rgb24"), turns)

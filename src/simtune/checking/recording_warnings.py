@@ -69,21 +69,28 @@ def _of_lengths(lengths: list[int]) -> list[str]:
         )
     if min(lengths) < SHORTEST_STEPS:
         found.append(
-            f"episode {lengths.index(min(lengths)) + 1} has {min(lengths)} steps: `simtune tune` "
-            f"needs at least {SHORTEST_STEPS} of each, so leave it out"
+            f"episode {lengths.index(min(lengths))}, counted from 0, has {min(lengths)} steps: "
+            f"`simtune tune` needs at least {SHORTEST_STEPS} of each, so leave it out"
         )
     return found
 
 
 def _of_order(recorded: Sequence[str], own: Sequence[str]) -> list[str]:
     """On the names of recorded actions beside the task's own, which they are taken for in turn."""
-    if list(recorded) == list(own) or sorted(recorded) != sorted(own):
+    plain = [_plain(name) for name in recorded]
+    if plain == [_plain(name) for name in own] or sorted(plain) != sorted(map(_plain, own)):
         return []
+    in_order = [recorded[plain.index(_plain(name))] for name in own]
     return [
         f"recorded actions are named as the task's, but in another order ({short(list(recorded))}; "
         f"the task's are {short(list(own))}), and they are taken in their own: say --actions "
-        f"{','.join(own)}"
+        f"{','.join(in_order)}"
     ]
+
+
+def _plain(name: str) -> str:
+    """A name without what recorders add to it."""
+    return name.lower().removesuffix(".pos").removeprefix("main_").replace("/", "_")
 
 
 def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:

@@ -81,7 +81,10 @@ def _other_scale(name: str, unit: str, following: Following) -> str | None:
         where = f"{unit} already, or are the actions {other}?"
         return f"{times}: are its readings {where} see unit and [actions]{also}"
     if following.slope < 0:
-        return f"{times}: the sign of its readings, or of its actions, is reversed"
+        return (
+            f"{times}: the sign of its readings, or of its actions, is reversed; a sensor's "
+            "gain = -1 turns readings (docs/tuning-file.md)"
+        )
     return None
 
 
@@ -101,8 +104,8 @@ def _stuck(
     if steps * step_s < _STUCK_S:
         return []
     return [
-        f"{name} reads {value:.4g} {unit} for {steps * step_s:.2g} s of episode {episode}, while "
-        "it is commanded elsewhere: does its sensor get stuck, or the joint?"
+        f"{name} reads {value:.4g} {unit} for {steps * step_s:.2g} s of episode {episode}, counted "
+        "from 0, while it is commanded elsewhere: does its sensor get stuck, or the joint?"
     ]
 
 

@@ -124,7 +124,7 @@ class ReplayFit:
             self._all_moving,
             Misfit(test.distances, tuple(pictures.noise.tolist())),
             tuple((part.name, part.unit) for part in observed.evidence.parts),
-            self._starts(states, (motion, slice(0, kept)), (test, held_out)),
+            self._starts(observed, states, unit, (motion, slice(0, kept)), (test, held_out)),
             latency_steps,
             np.where(self.space.is_appearance, 0.0, start.std),
             offsets,
@@ -147,12 +147,20 @@ class ReplayFit:
         blocks = (self._setup.moving, motion.covariance), (self._appearance, pictures.covariance)
         return at_least, diluted(block_correlation(len(std), blocks), std / at_least)
 
-    def _starts(self, states: np.ndarray, *fits: tuple[ShootingFit, slice]) -> np.ndarray:
+    def _starts(
+        self,
+        observed: Observed,
+        states: np.ndarray,
+        unit: np.ndarray,
+        *fits: tuple[ShootingFit, slice],
+    ) -> np.ndarray:
         """(E, S) full states in which episodes begin: as fitted, or else as in (E, ...) `states`.
 
-        Each fit is of some of the episodes.
+        Each fit is of some of the episodes; `unit`: the (N,) parameters found.
         """
-        starts = self._setup.physics.full_states(states[:, 0])
+        physics, first = self._setup.physics, (observed.actions[:, :1], states[:, :2])
+        begun = physics.replay_actuators(*first, unit)[:, 0]  # before any action
+        starts = physics.space.with_positions_and_velocities(begun, states[:, 0])
         for fit, episodes in fits:
             begins = fit.step == 0
             starts[episodes][fit.episode[begins]] = fit.full_states[begins, 0]

@@ -23,7 +23,7 @@ from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.shooting_config import DERIVED_EVERY, ShootingConfig, Stage
 from simtune.fit.shooting_step import ShootingStep
-from simtune.fit.windows import Windows, cut, even_length
+from simtune.fit.windows import Windows, cut, even_length, not_longer
 
 _STATES_ONLY = 3.0  # above this blur only the states move
 _FIRST_DAMPING = 1e-2
@@ -202,7 +202,7 @@ class Shooting:
     ) -> Windows:
         """By default as long as the last stage's; of any length, as many steps in all."""
         usual = self.config.stages[-1].window
-        steps = steps or usual
+        steps = steps or not_longer(observed.actions.shape[1], usual)
         actuator_states = self._replay_actuators(observed.actions, states, unit)
         at_most = self.config.num_windows * usual
         return cut(observed, states, actuator_states, steps, max(1, at_most // steps))

@@ -8,6 +8,8 @@ import numpy as np
 from simtune.fit.observed import Observed
 from simtune.observation import AllEvidence
 
+_LEFT_OUT = 0.1  # share of an episode that windows may leave out
+
 
 @dataclass(frozen=True)
 class Windows:
@@ -45,6 +47,13 @@ def even_length(num_steps: int, steps: int) -> int:
     fewer = num_steps // steps
     lengths = [num_steps // number for number in (fewer, fewer + 1)]
     return min(lengths, key=lambda length: abs(np.log(length / steps)))
+
+
+def not_longer(num_steps: int, steps: int) -> int:
+    """`steps`, or less if windows of `steps` would leave out much of an episode of `num_steps`."""
+    if num_steps % steps <= _LEFT_OUT * num_steps or num_steps < steps:
+        return min(steps, num_steps)
+    return num_steps // (num_steps // steps + 1)
 
 
 def cut(

@@ -47,6 +47,10 @@ class JointReadings:
         """(..., K, D); a missing reading counts as the mean."""
         return np.nan_to_num((self.values - self.middle) / self.spread)
 
+    def scaled_as(self, other: "JointReadings") -> "JointReadings":
+        """The same, with features on the scale of another's, on which a network was trained."""
+        return replace(self, middle=other.middle, spread=other.spread)
+
     def at(self, index: Any) -> "JointReadings":
         return replace(self, values=self.values[index])
 

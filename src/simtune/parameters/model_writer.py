@@ -136,12 +136,13 @@ def _carry(fields, parameter: Parameter, rows: np.ndarray, nominal, ratio: np.nd
         inertia = nominal["body_inertia"][rows]  # (objects, 3)
         fields["body_inertia"][:, rows] = inertia * ratio[..., None]
     elif parameter.component == 0:
-        # A servo's force is gain · control − gain · position (or velocity). Both must be scaled,
-        # else its target moves.
+        # A servo's force is gain · control + bias0 − kp · position, or gain · control − gain ·
+        # velocity. All must be scaled, else its target moves.
         gain, bias = nominal["actuator_gainprm"][rows, 0], nominal["actuator_biasprm"][rows]
-        for i in np.flatnonzero((bias[:, 1:3] == -gain[:, None]).any(1) & (gain > 0)):
-            column = 1 if bias[i, 1] == -gain[i] else 2
-            fields["actuator_biasprm"][:, rows[i], column] = bias[i, column] * ratio[:, i]
+        of_position, of_velocity = bias[:, 1] < 0, bias[:, 2] == -gain
+        for i in np.flatnonzero((of_position | of_velocity) & (gain > 0)):
+            for column in (0, 1) if of_position[i] else (2,):
+                fields["actuator_biasprm"][:, rows[i], column] = bias[i, column] * ratio[:, i]
 
 
 def _rotated(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:

@@ -23,6 +23,8 @@ from simtune.recordings import Dataset, open_dataset
 from simtune.run.config import FILMED, stored_config
 from simtune.tasks import AnyTask, Task
 
+_OTHER_ORDER = 50.0  # factor between the duration of recorded steps and the task's
+
 
 def choose_real(
     config: RealConfig,
@@ -113,7 +115,7 @@ def open_recordings(
     films = [camera.footage for camera in observation.cameras]
     if config.camera and len(films) > 1:
         raise InputError("--camera names one of the recordings' cameras; here [[cameras]] does")
-    return open_dataset(
+    dataset = open_dataset(
         path,
         cameras=[replace(footage, key=config.camera or footage.key) for footage in films],
         image_size=image_size,
@@ -122,6 +124,18 @@ def open_recordings(
         control_hz=config.control_hz,
         readings={sensor.name: sensor.columns for sensor in observation.sensors},
     )
+    _check_pace(dataset, task)
+    return dataset
+
+
+def _check_pace(dataset: Dataset, task: AnyTask) -> None:
+    """Raises InputError for steps of another order than the task's, which take hours to play."""
+    if max(ratio := dataset.step_s / task.step_s, 1 / ratio) > _OTHER_ORDER:
+        raise InputError(
+            f"{dataset.where}: its rows come {1 / dataset.step_s:.3g} times a second, and "
+            f"{task.name} takes {1 / task.step_s:.3g} steps; are its times in seconds? If so, say "
+            "control_timestep_s in the tuning file accordingly, or --control-hz"
+        )
 
 
 def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:

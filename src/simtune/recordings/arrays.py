@@ -2,6 +2,7 @@
 
 import math
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,30 +41,27 @@ class ArraysSource:
     def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
         self.path = folder
         self.files: Sequence[Path] = sorted(
-            folder.glob(f"*{ENDING}"), key=lambda path: natural(path.stem)
+            folder.glob(f"[!.]*{ENDING}"), key=lambda path: natural(path.stem)
         )
         self.episodes: Sequence[str] = [path.stem for path in self.files]
         self.robot_type: str | None = None
         first = _Episode.load(self.files[0])
         self.camera = _choose_camera(folder, first, camera) if pictures else None
-        self.fps = float(first.numbers("hz", ndim=0))
-        if not is_rate(self.fps):
-            raise InputError(f"{first.path}: expected hz as rows a second, got {self.fps:g}")
-        self.action_names = first.action_names()
+        self.fps, self.action_names = first.hz(), first.action_names()
         self.readings: Sequence[Reading] = [
             reading
             for key in sorted(first.arrays)
-            if key not in _OF_ACTIONS and not _is_camera(key)
+            if key not in _OF_ACTIONS and not _is_camera(key) and first.is_table(key)
             for reading in readings_of(key, (), first.table(key).shape[1])
         ]
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         stored = _Episode.load(self.files[episode])
-        actions = stored.table("actions")
-        if actions.shape[1] != len(self.action_names):
+        actions, names = stored.table("actions"), stored.action_names()
+        if names != self.action_names:
             raise InputError(
-                f"{stored.path}: expected {len(self.action_names)} actions, as in "
-                f"{self.files[0].name}, got {actions.shape[1]}"
+                f"{stored.path}: expected the actions of {self.files[0].name} "
+                f"({short(self.action_names)}), got {short(names)}"
             )
         keys = {reading.key for reading in readings} | ({self.camera} if self.camera else set())
         lengths = {key: len(stored.numbers(key)) for key in keys}
@@ -75,8 +73,8 @@ class ArraysSource:
         num = min(lengths.values(), default=len(actions))
         # One action per picture; the action after the last picture is not used.
         actions = np.concatenate([actions, actions[-1:]])[:num]
-        times_s = np.arange(num) / self.fps
-        found = gather(readings, num, lambda key: stored.table(key)[:num])
+        times_s = np.arange(num) / stored.hz()
+        found = gather(readings, num, lambda key: self._read(stored, key)[:num])
         return Rows(actions, times_s, float(times_s[-1]), found)
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
@@ -89,8 +87,19 @@ class ArraysSource:
                 f"{stored.path}: expected {self.camera} as (T + 1, H, W, 3) uint8, got "
                 f"{frames.shape} {frames.dtype}"
             )
-        for row in np.rint(times_s * self.fps).astype(int).clip(max=len(frames) - 1):
-            yield row / self.fps, frames[row]
+        hz = stored.hz()
+        for row in np.rint(times_s * hz).astype(int).clip(max=len(frames) - 1):
+            yield row / hz, frames[row]
+
+    def _read(self, stored: "_Episode", key: str) -> np.ndarray:
+        """(T, D) readings, as many as in the first file."""
+        table, num = stored.table(key), sum(reading.key == key for reading in self.readings)
+        if table.shape[1] != num:
+            raise InputError(
+                f"{stored.path}: expected {num} numbers of {key} in a row, as in "
+                f"{self.files[0].name}, got {table.shape[1]}"
+            )
+        return table
 
 
 @dataclass(frozen=True)
@@ -103,7 +112,7 @@ class _Episode:
         try:
             with np.load(path, allow_pickle=False) as file:
                 return cls(path, dict(file))
-        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
             reason = str(error).splitlines()[0] if str(error) else "damaged"
             raise InputError(
                 f"{path}: not readable as arrays ({reason}); expected a file of numpy.savez"
@@ -120,6 +129,17 @@ class _Episode:
                 f"{self.path}: expected {key} as numbers{axes}, got {found.shape} {found.dtype}"
             )
         return found
+
+    def hz(self) -> float:
+        hz = float(self.numbers("hz", ndim=0))
+        if not is_rate(hz):
+            raise InputError(f"{self.path}: expected hz as rows a second, got {hz:g}")
+        return hz
+
+    def is_table(self, key: str) -> bool:
+        """Whether an array holds numbers in rows; others cannot be readings."""
+        array = self.arrays[key]
+        return array.dtype.kind in "fiu" and array.ndim in (1, 2)
 
     def table(self, key: str) -> np.ndarray:
         """(T, D) float64, from an array (T, D) or (T,)."""
@@ -138,6 +158,18 @@ class _Episode:
         if names.shape != (num,) or names.dtype.kind not in "U" + "f" * (num == 0):
             raise InputError(f"{self.path}: expected action_names as {num} texts, got {names}")
         return tuple(map(str, names.tolist()))
+
+
+def holds_episodes(folder: Path) -> bool:
+    """Whether a folder has files of episodes; a camera's calibration has no `hz`."""
+    for path in folder.glob(f"[!.]*{ENDING}"):
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                if "hz" in file.files:
+                    return True
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+            continue
+    return False
 
 
 def _is_camera(key: str) -> bool:

@@ -25,6 +25,11 @@ def read_header(path: Path) -> list[str]:
         raise InputError(f"{path}: expected commas between columns, got {names[0]!r}")
     if len(names) > MOST_ACTIONS:
         raise InputError(f"{path}: has {len(names)} columns; expected at most {MOST_ACTIONS}")
+    if "" in names and any(names):
+        raise InputError(
+            f"{path}: column {names.index('') + 1} has no name; a comma too many, or an index that "
+            "pandas wrote? Write it with to_csv(..., index=False)"
+        )
     if any(re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?|nan|", name) for name in names):
         raise InputError(f"{path}: expected a header with the actions' names, got {short(names)}")
     if sum(map(is_time, names)) > 1 or len(set(names)) < len(names):

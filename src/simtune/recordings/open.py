@@ -6,7 +6,7 @@ from pathlib import Path
 from simtune.errors import InputError
 from simtune.footage import PLAIN, Footage
 from simtune.recordings.arrays import ENDING as ARRAYS
-from simtune.recordings.arrays import ArraysSource
+from simtune.recordings.arrays import ArraysSource, holds_episodes
 from simtune.recordings.dataset import Dataset
 from simtune.recordings.film import Film, Shot
 from simtune.recordings.lerobot import INFO_PATH, LeRobotSource
@@ -62,9 +62,11 @@ def _recognise(
         if len(hdf5) > 1:
             raise InputError(f"{path}: has several HDF5 files, give one of them: {short(hdf5)}")
         return RobomimicSource(path / hdf5[0], camera, control_hz, pictures=pictures)
-    if any(name.endswith(ARRAYS) for name in names):
+    are_pairs = any(name.lower().endswith((*VIDEOS, TABLE)) for name in names)
+    has_arrays = any(name.endswith(ARRAYS) for name in names)
+    if has_arrays and (not are_pairs or holds_episodes(path)):
         return ArraysSource(path, camera, pictures=pictures)
-    if any(name.lower().endswith((*VIDEOS, TABLE)) for name in names):
+    if are_pairs:
         return PairsSource(path, camera, pictures=pictures)
     raise InputError(
         f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset), *.hdf5 "

@@ -29,7 +29,10 @@ class PairsSource:
 
     def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
         if pictures and camera is not None:
-            raise InputError(f"{folder}: pairs of mp4 and csv have one camera; leave out --camera")
+            raise InputError(
+                f"{folder}: pairs of mp4 and csv have one camera, without a name; "
+                "leave out --camera, or the camera's key in the tuning file"
+            )
         self.path, self.camera = folder, "mp4" if pictures else None
         self.robot_type: str | None = None
         seen = [p for p in sorted(folder.iterdir()) if not p.name.startswith(".")]

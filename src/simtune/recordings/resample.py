@@ -5,6 +5,7 @@ import numpy as np
 from simtune.recordings.source import Rows
 
 _ON_TIME = 0.02  # of a step: rows this near to a step's start are not resampled
+_ROUNDED = 0.25  # of a step: the same, of rows at the steps' own rate, whose clock rounds
 _BRIDGED = 3.5  # of the rows' steps: gaps of up to two missing rows are interpolated
 
 
@@ -31,7 +32,8 @@ def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:
     num_steps, step_s = len(times_s) - 1, times_s[1] - times_s[0]
     if len(rows) >= num_steps:
         late_s = np.abs(rows.times_s[:num_steps] - times_s[:-1])
-        if late_s.max() <= _ON_TIME * step_s:
+        is_own_rate = len(rows) > 1 and abs(typical_step_s(rows.times_s) / step_s - 1) < 1e-3
+        if late_s.max() <= (_ROUNDED if is_own_rate else _ON_TIME) * step_s:
             return rows.actions[:num_steps]
     if not rows.actions.shape[1]:
         return np.empty((num_steps, 0))

@@ -51,7 +51,12 @@ class RobomimicSource:
             data = self._file.get("data", {})
             names = [name for name in hdf5.keys(data) if name.startswith("demo_")]
             if not names:
-                raise InputError(f"{path}: holds no episode; expected groups /data/demo_0, ...")
+                act = "observations" in hdf5.keys(self._file)
+                hint = "; ACT's files are converted by lerobot, or saved as arrays" if act else ""
+                raise InputError(
+                    f"{path}: holds no episode; expected groups /data/demo_0, ...{hint} "
+                    "(docs/recordings.md)"
+                )
             self.episodes: Sequence[str] = sorted(names, key=lambda name: (len(name), name))
             self.robot_type, own_fps = _environment(data.attrs.get("env_args"))
             observed = self._observed()

@@ -27,6 +27,7 @@ if hasattr(Interpolation, "ACCURATE_RND"):
 
 # 8K. A decoder holds a dozen pictures, of whatever size the file claims.
 MOST_PIXELS = 7680 * 4320
+_HDR = (16, 18)  # transfer functions PQ and HLG, as H.273 numbers them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,6 +181,11 @@ def _open(
             raise InputError(
                 f"{path}: pictures of {width}×{height} pixels; expected at most 7680×4320, "
                 "make the video smaller"
+            )
+        if stream.codec_context.color_trc in _HDR:
+            raise InputError(
+                f"{path}: its colours are HDR, which looks flat and grey on a plain screen; record "
+                "in SDR, or convert it (for example with FFmpeg's zscale and tonemap)"
             )
         # Decoded pictures may be larger than the file claims.
         stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}

@@ -21,9 +21,12 @@ def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> N
     filter_controls(spec, space)
     compensate_weight(spec, space)
     for parameter, actuator in _actuators(spec, space):
-        if parameter.field_info.form == "range" and not _is_limited(actuator):
-            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-            actuator.forcerange = [-parameter.nominal, parameter.nominal]
+        if parameter.field_info.form == "range":
+            if not parameter.is_factor:
+                lift_joint_limit(spec, actuator)
+            if not _is_limited(actuator):
+                actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+                actuator.forcerange = [-parameter.nominal, parameter.nominal]
 
 
 def compensate_weight(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
@@ -74,7 +77,16 @@ def _actuators(
                 yield parameter, actuator
 
 
+def lift_joint_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> None:
+    """Remove a joint's own limit of actuator forces, where the actuator's replaces it.
+
+    URDF's `effort` is such a limit; beside it, larger ones would not act.
+    """
+    if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and (joint := spec.joint(actuator.target)):
+        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+
 def _is_limited(actuator: mujoco.MjsActuator) -> bool:
     if actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO:
         return actuator.forcerange[0] < actuator.forcerange[1]
-    return bool(actuator.forcelimited)
+    return actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_TRUE  # all of them are true

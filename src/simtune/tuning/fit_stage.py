@@ -69,12 +69,16 @@ class FitStage:
         model: PosteriorSearchParamModel,
         replay_fit: ReplayFit,
         noise: DetectorNoise,
+        learnt_from: AllEvidence,
         is_blunt: bool = False,
     ):
-        """`noise`: of the detector; `is_blunt`: readings count as if they were noisier."""
+        """`noise`: of the detector; `learnt_from`: by the state estimator, on whose scale readings
+        are given to it; `is_blunt`: readings count as if they were noisier.
+        """
         assert isinstance(context.simulator, Simulator), "see can_fit"
         self._context, self._model, self._simulator = context, model, context.simulator
         self._replay_fit, self._noise, self._is_blunt = replay_fit, noise, is_blunt
+        self._learnt_from = learnt_from
 
     @classmethod
     def prepare(
@@ -118,7 +122,8 @@ class FitStage:
         photometry = Photometry(context.observation.image_noise, known)
         discrepancy = np.where(photometry.is_known, 0.0, discrepancy)
         replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit, photometry, joints)
-        return cls(context, model, replay_fit, noise, is_blunt=told is None)
+        learnt_from = evidence.at(np.arange(0))  # its scales only
+        return cls(context, model, replay_fit, noise, learnt_from, is_blunt=told is None)
 
     @property
     def reading_labels(self) -> tuple[str, ...]:
@@ -141,7 +146,8 @@ class FitStage:
         return self._replay_fit.is_least
 
     def _with(self, replay_fit: ReplayFit) -> "FitStage":
-        return FitStage(self._context, self._model, replay_fit, self._noise, self._is_blunt)
+        given = self._noise, self._learnt_from, self._is_blunt
+        return FitStage(self._context, self._model, replay_fit, *given)
 
     def observed(
         self, trajectories: Sequence[Trajectory], detections: Sequence[Detections]
@@ -154,6 +160,7 @@ class FitStage:
         names = first[0].readings
         readings = {name: np.stack([t.readings[name] for t in first]) for name in names}
         evidence = self._context.observation.evidence(tracks, readings)
+        evidence = _scaled_as(evidence, self._learnt_from)
         evidence = _blunted(evidence) if self._is_blunt else evidence
         actions = np.stack([t.actions for t in first]).astype(float)
         frames = [t.frames for t in first]  # views, not copies: there may be many
@@ -180,7 +187,8 @@ class FitStage:
 
         Raises OutOfTime as soon as `budget` is over.
         """
-        is_known = self._replay_fit.space.is_delay.any() or not may_be_late
+        is_tuned = self._replay_fit.space.is_delay.any()
+        is_known = is_tuned or not may_be_late or not self._simulator.num_actions
         most = 0 if is_known else self._context.observation.max_latency_steps
         replay_fit = self._replay_fit.within(budget)
         return replay_fit.fit(observed, start, range(most + 1), extend_horizon)
@@ -221,6 +229,17 @@ class FitStage:
 
         replay_fit = self._replay_fit.within(budget)
         return run_bootstrap(replay_fit, synthesize, fit, start, num, rng, extend_horizon, budget)
+
+
+def _scaled_as(evidence: AllEvidence, other: AllEvidence) -> AllEvidence:
+    """Evidence whose joint readings are features on the scale of another's."""
+    like = {part.name: part for part in other.parts if isinstance(part, JointReadings)}
+    return AllEvidence(
+        tuple(
+            part.scaled_as(like[part.name]) if isinstance(part, JointReadings) else part
+            for part in evidence.parts
+        )
+    )
 
 
 def _blunted(evidence: AllEvidence) -> AllEvidence:

@@ -112,7 +112,7 @@ class Judging:
             return read_curves(prob_higher, self.searched, self.first, update), prob_higher
         budget.report("fitting", 0.55)
         observed, start = self.stage.observed(*detected), self._start(prob_higher)
-        may_be_late = self.told is None or not self.told.is_held.any()
+        may_be_late = self.told is None or not self.told.counts
         try:
             fit, fit_s = self._fit((observed, start, may_be_last, may_be_late), budget)
         except OutOfTime:

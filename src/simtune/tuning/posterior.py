@@ -42,6 +42,8 @@ from simtune.tuning.world_sampler import WorldSampler
 from simtune.vision.detector import Detections
 
 _READINGS_SHARE = 0.35  # of all time, for the fit to readings alone
+# At least, since keypoints of what readings tell are not looked for (`keypoints_of_run`)
+_LEAST_READINGS_SHARE = 0.15
 
 
 class PosteriorSearch:
@@ -99,7 +101,7 @@ class PosteriorSearch:
         lengths = [len(t) for t in real]
         if (steps := min(lengths)) < SHORTEST_STEPS:
             raise InputError(
-                f"episode {lengths.index(steps) + 1} of {len(real)} has {steps} steps; expected at "
+                f"episode {lengths.index(steps)}, counted from 0, has {steps} steps; expected at "
                 f"least {SHORTEST_STEPS}: leave it out, or record a longer one"
             )
 
@@ -152,8 +154,9 @@ class PosteriorSearch:
         if not self._can_fit:
             return real
         left = budget.seconds_left
-        seconds = left if budget.is_endless else min(_READINGS_SHARE * left, left - self._least_s)
-        if self._told is None and seconds > 0:
+        spare = max(left - self._least_s, _LEAST_READINGS_SHARE * left)
+        seconds = left if budget.is_endless else min(_READINGS_SHARE * left, spare)
+        if self._told is None:
             part = budget.part(seconds, (0.0, 0.1), "readings: ")
             self._told = Told.by_readings(self.context, real, part)
         if self._told is None:

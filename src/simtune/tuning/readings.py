@@ -26,7 +26,7 @@ from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.readings_fits import FEWEST_STEPS, Found, Horizons, ReadingsFits, unexplained
-from simtune.tuning.readings_verdict import conclude
+from simtune.tuning.readings_verdict import conclude, is_too_late
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (
     Event,
@@ -72,7 +72,9 @@ class ReadingsSearch:
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = Distribution.first(simulator.space, context.start)
         self.stop_reason = ""
-        self.is_trusted = False  # whether two fits agree, and residuals match the declared noise
+        # Whether two fits agree, and residuals match the declared noise; whether no delay is left
+        # that the fit cannot describe, and other parameters may have taken its place
+        self.is_trusted = self.is_in_time = False
 
     def check(self, real: list[Trajectory]) -> None:
         """Raises InputError if there are no trajectories, or too short ones."""
@@ -106,7 +108,9 @@ class ReadingsSearch:
         budget.report("judging how sure that is", 0.9)
         judged = fit.judge(found.best, budget)
         is_explained = not unexplained(judged.noise, loop.sensors).any()
-        self.is_trusted = found.is_sure and bool(is_explained) and not loop.unseen
+        self.is_in_time = not is_too_late(judged)
+        is_explained = bool(is_explained) and self.is_in_time
+        self.is_trusted = found.is_sure and is_explained and not loop.unseen
         estimate, self.distribution = conclude(
             judged, found, self.first, seen, late, self._simulator.step_s
         )
@@ -149,8 +153,8 @@ class ReadingsSearch:
     @property
     def _may_be_late(self) -> bool:
         """Whether actions or readings may be late, and no parameter describes it."""
-        most = self._context.observation.max_latency_steps
-        return bool(most) and not self._simulator.space.is_delay.any()
+        simulator, most = self._simulator, self._context.observation.max_latency_steps
+        return bool(most and simulator.num_actions) and not simulator.space.is_delay.any()
 
     def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoop]:
         loop = OpenLoop.of(self._simulator, self._context.observation, self._context.start)

@@ -81,7 +81,8 @@ class ReadingsFits:
         """
         self._fit, self._readings, self._step_s, self._seed = fit, readings, step_s, seed
         self._bounds, self._horizons = bounds, horizons
-        self._near = dict[int, Descent]()  # by a stretch's steps: for their derivatives
+        # By a stage's stretches, of which two may have as many steps: for their derivatives
+        self._near = dict[tuple[int, int], Descent]()
 
     def begin(self, first_guess: np.ndarray) -> list[Guess]:
         """The first guess, (N,) in unit coordinates, and random ones for the first horizon."""
@@ -110,9 +111,9 @@ class ReadingsFits:
             for guess in followed:
                 if is_twice(ended) and budget.spent > _HURRY:
                     break
-                near = self._near.get(stage.steps)
+                near = self._near.get(stretches := (stage.steps, stage.at_most))
                 ended.append(self._fit.descend(readings, guess, stage, budget, near))
-                self._near.setdefault(stage.steps, ended[0])
+                self._near.setdefault(stretches, ended[0])
             ended.sort(key=lambda descent: descent.cost)
             guesses = [descent.guess for descent in ended]
         return ended

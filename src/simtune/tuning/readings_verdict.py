@@ -18,6 +18,7 @@ _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviation
 _LEAST_STD = 1e-3  # in unit coordinates
 _UNKNOWN_STD = 1.0  # of parameters that only pictures show
 _AT_BOUND = 1e-3
+_UNSURE = 3.0  # factor on errors if no second fit says whether there are several minima
 _NOT_FOUND_TWICE = (
     "Fits to whole episodes ended at no answer twice ({} tried, from as many starts), so how sure "
     "the best of them is cannot be said, and nothing is called identified. Leave parameters out "
@@ -59,6 +60,7 @@ def conclude(
     space, fitted = first.space, np.flatnonzero(~first.space.is_appearance)
     std = np.full(len(space), _UNKNOWN_STD)
     std[fitted] = np.hypot(np.sqrt(np.diag(judged.covariance)), found.apart)
+    std[fitted] *= 1.0 if found.is_sure else _UNSURE
     discrepancy = observation.discrepancy_std(space.is_appearance)
     std = np.maximum(np.hypot(std, discrepancy), _LEAST_STD)
     ends = (judged.unit - _SEEN_WIDTH * std, judged.unit + _SEEN_WIDTH * std)
@@ -68,8 +70,7 @@ def conclude(
     width = space.to_unit(high) - space.to_unit(low)
     curves = normal_curves(seen.to_range_unit(mean), std / width)
     correlation = block_correlation(len(std), [(fitted, judged.covariance)])
-    is_too_late = abs(judged.late_steps[0]) > MOST_STEPS - _AT_BOUND
-    is_sure = found.is_sure and not is_too_late
+    is_sure = found.is_sure and not is_too_late(judged)
     read = read_curves(curves, seen, first, RangeUpdateConfig())
     estimate = replace(
         read,
@@ -80,7 +81,7 @@ def conclude(
         warnings=[
             *latency_warning(late),
             *lateness_warning("readings", *late_s),
-            *([_TOO_LATE.format(1e3 * late_s[0])] if is_too_late else []),
+            *([_TOO_LATE.format(1e3 * late_s[0])] if is_too_late(judged) else []),
             *_warnings(judged, found, first, observation),
         ],
         start=judged.start.tolist(),
@@ -89,6 +90,11 @@ def conclude(
         offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),
     )
     return estimate, seen
+
+
+def is_too_late(judged: OutputErrorFit) -> bool:
+    """Whether a lateness ended at the end of its range, and hides the rest of a delay."""
+    return abs(judged.late_steps[0]) > MOST_STEPS - _AT_BOUND
 
 
 def _warnings(

@@ -42,7 +42,7 @@ class Estimate:
     # Seconds by which pictures seem to be late as well, and the standard deviation
     pictures_late_s: tuple[float, float] = (0.0, 0.0)
     readings_late_s: tuple[float, float] = (0.0, 0.0)  # the same, for joint readings
-    # {reading: measured − simulated}, from a fit to readings alone
+    # {reading: measured − simulated}, if offsets are unknown
     offsets: dict[str, float] = field(default_factory=dict)
     # Gain, gamma and offset of each camera, if a known colour informs them
     camera_responses: list[dict[str, Any]] = field(default_factory=list)

@@ -36,19 +36,20 @@ class Told:
         distribution: Distribution,
         is_trusted: bool,
         joints: JointMotion | None = None,
+        is_in_time: bool = True,
     ):
         """`distribution`: the range that the estimate leaves; `is_trusted`: whether two fits agree,
         and explain readings as well as the tuning file declares; `joints`: if everything is read
-        but loose objects.
+        but loose objects; `is_in_time`: whether no delay may pass for something else.
         """
         self._estimate, self._seen, self.joints = estimate, distribution, joints
-        self._is_trusted, self._counts = is_trusted, is_trusted or joints is not None
+        # Whether the readings have a say, as in how late actions are
+        self.counts = is_trusted or (joints is not None and is_in_time)
         enough = ("identified",) if joints is None else ("identified", "weak")
         is_told = np.array([verdict in enough for verdict in estimate.verdict])
-        self.is_held = is_told & self._counts  # (N,)
-        is_any = bool(self.is_held.any())
-        self.latency_steps = estimate.latency_steps if is_any else 0
-        self.late_s = estimate.readings_late_s if is_any else (0.0, 0.0)  # with std
+        self.is_held = is_told & self.counts  # (N,)
+        self.latency_steps = estimate.latency_steps if self.counts else 0
+        self.late_s = estimate.readings_late_s if self.counts else (0.0, 0.0)  # with std
 
     @classmethod
     def by_readings(
@@ -69,7 +70,8 @@ class Told:
         joints = JointMotion(loop, finds_offset(loop.sensors)) if loop.is_loose.any() else None
         search = ReadingsSearch(context, ReadingsConfig(precision=0.0))
         estimate = search.run_round(real, budget).estimate
-        return cls(estimate, search.distribution, search.is_trusted, joints)
+        found = estimate, search.distribution, search.is_trusted
+        return cls(*found, joints, search.is_in_time)
 
     def fitting(self, config: FitConfig) -> FitConfig:
         """How to fit what readings leave open."""
@@ -110,13 +112,13 @@ class Told:
     def better(self, estimate: Estimate) -> Estimate:
         """Each parameter from the estimate of readings and video, or from this one if narrower.
 
-        With the warnings of a fit to readings that has a say though no second one agreed.
+        Where one is this, with its warnings and the offsets that belong to it.
         """
         space, told = self._seen.space, self._estimate
         widths = [space.to_unit(e.high) - space.to_unit(e.low) for e in (told, estimate)]
-        own = (widths[0] <= widths[1]) & ~space.is_appearance & self._counts
+        own = (widths[0] <= widths[1]) & ~space.is_appearance & self.counts
         mixed = _mixed(own, told, estimate)
-        doubts = told.warnings if own.any() and not self._is_trusted else []
+        doubts = told.warnings if own.any() else []
         together = {} if mixed.correlation is None else tell_apart(mixed.correlation, space)
         late = estimate.latency_steps + self.latency_steps
         return replace(
@@ -124,7 +126,8 @@ class Told:
             correlations=together,
             latency_steps=late,
             readings_late_s=self.late_s,
-            warnings=[*doubts, *mixed.warnings],
+            offsets=told.offsets if own.any() else estimate.offsets,
+            warnings=list(dict.fromkeys([*doubts, *mixed.warnings])),
         )
 
 

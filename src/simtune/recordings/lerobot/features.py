@@ -71,9 +71,10 @@ def _num_values(feature: dict[str, Any]) -> int | None:
 
 
 def _names(names: object, depth: int = _NESTED) -> Iterator[str]:
-    """Names in [...], {"motors": [...]} or [[...]], which different recorders write."""
+    """Names in [...], {"motors": [...]}, [[...]] or {name: place}: recorders differ."""
     if isinstance(names, dict):
-        names = list(names.values())
+        are_places = sorted(map(str, names.values())) == sorted(map(str, range(len(names))))
+        names = sorted(names, key=names.__getitem__) if are_places else list(names.values())
     for name in names if isinstance(names, list) else ():
         if not isinstance(name, list | dict):
             yield str(name)

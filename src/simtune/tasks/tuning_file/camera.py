@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from simtune.errors import UnknownName
+from simtune.errors import InputError, UnknownName
 from simtune.footage import Footage
+from simtune.tasks.tuning_file.camera_sensor import beyond_a_field_of_view
 from simtune.tasks.tuning_file.footage import KEYS as FOOTAGE
 from simtune.tasks.tuning_file.footage import read_footage
 from simtune.tasks.tuning_file.region import own_fovy_deg, read_region, turn
@@ -27,7 +28,10 @@ class FilmingCamera:
     body: str = "world"  # on which the camera is mounted; the pose is in its frame
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
-        """Add the camera to a model; replaces it in a tuned and exported one that has it."""
+        """Add the camera to a model; replaces it in a tuned and exported one that has it.
+
+        Raises InputError for a camera of the model that no field of view describes.
+        """
         name, lens = self.footage.camera, self.footage.lens
         if self.position_m:
             quaternion = lens.towards_region(self.quaternion) if lens else self.quaternion
@@ -35,6 +39,12 @@ class FilmingCamera:
                 spec.delete(before)
             spec.body(self.body).add_camera(
                 name=name, pos=self.position_m, quat=quaternion, fovy=self.fovy_deg
+            )
+        elif beyond_a_field_of_view(model := spec.compile(), model.camera(name).id):
+            raise InputError(
+                f"camera {name} of the model has pixels that are not square, or an optical axis "
+                "beside its picture's middle: leave its sensorsize, focal and principal out, give "
+                "it fovy, and say the rest as intrinsics in [camera]"
             )
         elif lens:
             turn(spec, name, lens)

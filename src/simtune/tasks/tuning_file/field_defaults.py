@@ -102,10 +102,13 @@ def _without_form(model: mujoco.MjModel, parameter: Parameter, values: np.ndarra
         return -values
     if parameter.field_info.form == "play":
         return values[:, 1] - values[:, 0]
-    for name, is_limited, (low, high) in zip(
-        parameter.objects, _has_own(model, parameter), values, strict=True
-    ):
-        if not is_limited:
+    limits = np.where(_has_own(model, parameter)[:, None], values, np.nan)
+    if not parameter.is_factor:  # the narrower one acts
+        of_joints = _of_joints(model, parameter)
+        low, high = np.fmax(limits[:, 0], of_joints[:, 0]), np.fmin(limits[:, 1], of_joints[:, 1])
+        limits = np.stack([low, high], 1)
+    for name, (low, high) in zip(parameter.objects, limits, strict=True):
+        if np.isnan(low):
             wanted = "say nominal" if len(values) == 1 else "give it a parameter of its own"
             raise InputError(f"{name} has no limit (forcerange) in the model: {wanted}")
         if low != -high:
@@ -113,7 +116,18 @@ def _without_form(model: mujoco.MjModel, parameter: Parameter, values: np.ndarra
                 f"{name} has a forcerange of {low:g} to {high:g}, which no limit to both sides "
                 "makes: say nominal"
             )
-    return values[:, 1]
+    return limits[:, 1]
+
+
+def _of_joints(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
+    """(objects, 2) limits of the joints that the actuators drive, as their forces; NaN: none."""
+    limits = np.full((len(parameter.objects), 2), np.nan)
+    for i, name in enumerate(parameter.objects):
+        actuator = model.actuator(name)
+        joint, gear = actuator.trnid[0], actuator.gear[0]
+        if actuator.trntype[0] in _JOINTS and model.jnt_actfrclimited[joint] and gear:
+            limits[i] = np.sort(model.jnt_actfrcrange[joint] / gear)
+    return limits
 
 
 def usual_unit(model: mujoco.MjModel, parameter: Parameter) -> str:

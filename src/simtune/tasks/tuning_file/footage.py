@@ -91,6 +91,11 @@ def read_calibration(path: Path) -> Lens:
         path, content, ("distortion_coefficients", "dist_coeffs", "distCoeffs", "D", "d")
     )
     model = content.get("distortion_model", "plumb_bob")
+    if content.get("fisheye_model"):
+        raise InputError(
+            f"{path}: of a fisheye lens, whose numbers mean something else; calibrate with k1, k2, "
+            "p1, p2, k3, or undistort the film first"
+        )
     if len(matrix) != 9 or model != "plumb_bob" or len(coefficients) < _FEWEST_COEFFICIENTS:
         raise InputError(
             f"{path}: expected a camera matrix of 3 × 3 numbers and k1, k2, p1, p2, k3 "

@@ -1,6 +1,5 @@
 """The model of a tuning file: read from the model file, then changed as the tuning file says."""
 
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -9,9 +8,11 @@ import mujoco
 from simtune.errors import InputError, one_line
 from simtune.tasks.tuning_file.actuators import add_actuators
 from simtune.tasks.tuning_file.backlash import add_backlash
+from simtune.tasks.tuning_file.camera_sensor import use_fields_of_view
 from simtune.tasks.tuning_file.fixed_joints import fix_joints
 from simtune.tasks.tuning_file.name_all import name_all
 from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.tasks.tuning_file.urdf import find_packages, read_urdf
 
 
 def read_model(file: TomlTable) -> mujoco.MjSpec:
@@ -22,8 +23,9 @@ def read_model(file: TomlTable) -> mujoco.MjSpec:
     path = file.file.parent / model_name(file)
     spec = file.value("model").copy() if _is_spec(file) else _read(file, path)
     try:
-        _find_packages(spec, path)
+        find_packages(spec, path)
         name_all(spec)
+        use_fields_of_view(spec)
         fix_joints(file, spec)
         add_backlash(file, spec)
         add_actuators(file, spec)
@@ -52,24 +54,11 @@ def _read(file: TomlTable, path: Path) -> mujoco.MjSpec:
     if not path.is_file():
         raise file.error(f"there is no model file {path}", "model")
     try:
-        return mujoco.MjSpec.from_file(str(path))
+        is_urdf = path.suffix.lower() == ".urdf"
+        return read_urdf(path) if is_urdf else mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         why = _why(error, [path.parent])
         raise file.error(f"MuJoCo cannot read {path}: {why}", "model") from None
-
-
-def _find_packages(spec: mujoco.MjSpec, model: Path) -> None:
-    """Resolve URDF's "package://NAME/FILE" to a file in a folder NAME, or beside the model."""
-    for mesh in spec.meshes:
-        if not (words := re.fullmatch(r"package:/+([^/]+)/(.+)", mesh.file)):
-            continue
-        package, file = words.groups()
-        folders = model.resolve().parents
-        places = [folder / package / file for folder in folders]
-        places += [folder / file for folder in folders if folder.name == package]
-        places += [folders[0] / file, folders[0] / Path(file).name]
-        if found := next((place for place in places if place.is_file()), None):
-            mesh.file = str(found)
 
 
 def _why(error: ValueError, folders: Iterable[Path]) -> str:

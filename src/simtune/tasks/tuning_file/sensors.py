@@ -9,8 +9,8 @@ from simtune.parameters.fields import HINGE_OR_SLIDE
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
-_KEYS = ("name", "columns", "joints", "quantity", "unit", "noise", "offset", "latency_s")
-_KEYS += ("behind_backlash",)
+_KEYS = ("name", "columns", "joints", "quantity", "unit", "gain", "noise", "offset")
+_KEYS += ("latency_s", "behind_backlash")
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 _LONGEST_LATENCY_S = 1.0
 # Divisors that turn recorded numbers into rad or m
@@ -77,7 +77,7 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         unit=_own_unit(model, ids) + "/s" * is_velocity,
         factor=factor,
         shift=shift,
-        noise=None if noise is None else noise / float(factor.mean()),
+        noise=None if noise is None else noise / float(np.abs(factor).mean()),
         offset=None if offset is None else offset / factor,
         latency_s=latency_s,
     )
@@ -101,6 +101,8 @@ def _recorded_per_unit(
     entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, is_velocity: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """(D,) factor and (D,) shift that turn the joints' rad or m into recorded numbers."""
+    if "gain" in entry:
+        return 1 / _gains(entry, len(ids)), np.zeros(len(ids))
     unit = entry.choice("unit", (*_UNITS, *_OF_RANGE), _own_unit(model, ids))
     if unit in _OF_RANGE:
         if is_velocity:
@@ -111,6 +113,21 @@ def _recorded_per_unit(
         odd = model.joint(int(ids[is_odd.argmax()])).name
         raise entry.error(f"{unit} is no unit of {odd}; give slides a sensor of their own", "unit")
     return np.full(len(ids), _UNITS[unit]), np.zeros(len(ids))
+
+
+def _gains(entry: TomlTable, num: int) -> np.ndarray:
+    """(D,) rad or m of one recorded unit, from a number or one for each joint."""
+    if "unit" in entry:
+        raise entry.error("give unit or gain, not both", "gain")
+    try:
+        gains = np.asarray(entry.array("gain"), float)
+    except ValueError:  # a list of lists of different lengths
+        gains = np.empty((0, 0))
+    if gains.shape not in ((), (num,)) or not np.isfinite(gains).all() or not gains.all():
+        raise entry.error(
+            f"gain must be a number, or {num} of them, one for each joint, and none 0", "gain"
+        )
+    return np.broadcast_to(gains, num)
 
 
 def _joint(entry: TomlTable, model: mujoco.MjModel, name: str) -> int:
