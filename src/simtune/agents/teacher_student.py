@@ -12,10 +12,11 @@ import torch
 
 from simtune.agents.agent import AgentSpec, Observation
 from simtune.agents.noise import disturbed, falling, uniform_actions
+from simtune.agents.recollection import Recollection
 from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
 from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
-from simtune.networks import seeded
+from simtune.networks import seeded, under
 from simtune.replay import Replay, Transitions
 
 
@@ -34,6 +35,7 @@ class TeacherStudentConfig:
     first_detector_factor: float = 3.0  # on the number of first updates, when it cannot see yet
     head_updates_per_step: float = 0.25
     remembered_episodes: int = 96  # filmed ones, from which the student learns to act
+    renewed_episodes: int = 16  # of these, in which it detects anew each time, besides new ones
     trusting_share: float = 0.1  # of all steps, over which the student takes over from the teacher
     noise: float = 0.1  # standard deviation, added to the student's actions while it learns
 
@@ -60,6 +62,7 @@ class TeacherStudent:
                 spec.num_states, spec.num_actions, len(self._privileged), config.teacher
             ).to(self.device)
             self.student = Student(spec, config.student).to(self.device)
+        self._recollection = Recollection(config.renewed_episodes)
         self._generator = torch.Generator(self.device).manual_seed(spec.seed)
         self.num_steps = self._num_filmed = 0
 
@@ -128,7 +131,7 @@ class TeacherStudent:
         return losses
 
     def _train_student(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
-        """Train its detector, apply that to the latest episodes, imitate the teacher in them."""
+        """Train its detector, apply it to new and some old episodes, imitate the teacher."""
         config, student, losses = self.config, self.student, {}
         progress = (self.num_steps - self._begins) / (self._total_steps - self._begins)
         num_updates = num_steps * config.detector_updates_per_step
@@ -144,8 +147,10 @@ class TeacherStudent:
 
         slots = replay.latest_filmed(config.remembered_episodes)
         lengths = replay.lengths[slots].to(self.device)
-        recorded = (student.detect_recorded(replay.frames[s], self._generator) for s in slots)
-        seen = torch.stack(list(recorded))
+        seen = self._recollection.look(
+            replay.numbers(slots),
+            lambda i: student.detect_recorded(replay.frames[slots[i]], self._generator),
+        )
         states = replay.states[slots]
         best, latest = self.teacher.act(states), self._latest_of(states)
         for _ in range(round(num_steps * config.head_updates_per_step)):
@@ -178,7 +183,8 @@ class TeacherStudent:
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """See `Agent`."""
-        return gather_tensors(self._stateful(), self._generator)
+        seen = {f"recollection.{key}": t for key, t in self._recollection.tensors().items()}
+        return gather_tensors(self._stateful(), self._generator) | seen
 
     def state(self) -> dict[str, Any]:
         """See `Agent`."""
@@ -191,6 +197,7 @@ class TeacherStudent:
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         """See `Agent`."""
         scatter_tensors(self._stateful(), self._generator, tensors)
+        self._recollection.load(under("recollection.", tensors), self.device)
         self.num_steps, self._num_filmed = state["num_steps"], state["num_filmed"]
         self.student.num_updates = state["num_student_updates"]
 

@@ -114,6 +114,10 @@ class EpisodeStore:
         count = min(num, int((numbers >= 0).sum()))
         return numbers.argsort()[len(numbers) - count :]
 
+    def numbers(self, slots: torch.Tensor) -> list[int]:
+        """Serial numbers of the episodes in these slots; no two episodes have the same."""
+        return self._numbers[slots].tolist()
+
     def tensors(self) -> dict[str, torch.Tensor]:
         """All stored data except the frames."""
         slots = self.lengths.nonzero()[:, 0]
