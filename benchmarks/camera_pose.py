@@ -1,8 +1,8 @@
 """Where a camera is, from a guess 30 cm and 25° off, by the joints of arms out of other wheels.
 
-Each arm (Kinova's Jaco of dm_control, I2RT's YAM and the Unitree G1's right arm of mjlab) moves
-smoothly before a camera somewhere around it, among ten things that no model has, and is filmed by
-OpenGL with shadows at 320×240, through mp4. `simtune check --camera-pose` gets the recordings, the
+Each arm (Kinova's Jaco of dm_control, I2RT's YAM and the Unitree G1's right arm of mjlab, Franka's
+Panda of gym-hil, a ViperX of gym-aloha) moves smoothly before a camera somewhere around it, among
+ten things that no model has, and is filmed by OpenGL with shadows at 320×240, through mp4. `simtune check --camera-pose` gets the recordings, the
 model without those things, the field of view, and a guess that is 30 cm off in a random direction
 and 25° about a random axis. The last line is one JSON object.
 """
@@ -48,7 +48,7 @@ def main(
     """Measure it.
 
     Args:
-        arms: Of jaco, yam, g1.
+        arms: Of jaco, yam, g1, panda, viperx.
         seeds: Of cameras, things, motions and guesses.
         minutes: Each search's --budget-minutes.
         record: Write the figures into this file of docs/results, too.
