@@ -94,6 +94,16 @@ def test_input_is_between_minus_one_and_one_in_the_order_of_torch():
     assert (pictures[0] == -1).all()
 
 
+def test_all_that_a_detector_computes_stays_on_its_device():
+    """Torch's device without memory stands for a GPU: it refuses what lies on the CPU."""
+    detector = KeypointDetector(3, 4, (32, 32), DetectorConfig()).to("meta")
+    heatmaps, found, _ = detector(torch.empty(2, 3, 32, 32, device="meta"))
+    assert {part.device.type for part in (found, *detector.candidates(heatmaps))} == {"meta"}
+    sizes = (2, 3, 32, 32), (2, 3, 2), (2, 4), (4,)
+    loss = detector.loss(*(torch.empty(size, device="meta") for size in sizes))
+    assert loss.device.type == "meta"
+
+
 def test_detection_in_batches_equals_detection_at_once():
     detector = a_detector()
     frames = np.random.default_rng(0).integers(256, size=(7, SIZE, SIZE, 3)).astype(np.uint8)

@@ -129,6 +129,14 @@ def test_a_curve_that_tells_nothing_leaves_all_of_the_bounds():
         )
 
 
+def test_a_range_around_a_negative_mean_has_its_ends_in_order():
+    space = ParameterSpace(
+        [Parameter(name="yaw", field="opt.o", nominal=0.0, low=-1.0, high=1.0, unit="rad")]
+    )
+    around = Distribution.proportional(space, np.array([-0.5]), 0.1)
+    assert (around.low[0], around.high[0]) == pytest.approx((-0.55, -0.45))
+
+
 def test_without_curves_draws_are_uniform_in_the_range_and_independent():
     searched = Distribution.proportional(SPACE, np.array([2.0, 1.0, 0.5, 2.0]), 0.5)
     joint = Joint.of(unsure(searched, "weak"), SPACE)

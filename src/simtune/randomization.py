@@ -23,8 +23,8 @@ class Distribution:
     @classmethod
     def proportional(cls, space: ParameterSpace, mean: np.ndarray, range_: float) -> "Distribution":
         """The paper's: U[mean·(1 − range), mean·(1 + range)], clipped to the bounds."""
-        low, high = space.clip(mean * (1 - range_)), space.clip(mean * (1 + range_))
-        return cls(space, mean, low, high, on_own_scale=False)
+        ends = np.sort([space.clip(mean * (1 - range_)), space.clip(mean * (1 + range_))], axis=0)
+        return cls(space, mean, *ends, on_own_scale=False)
 
     @classmethod
     def first(cls, space: ParameterSpace, mean: np.ndarray, factor: float = 3.0) -> "Distribution":

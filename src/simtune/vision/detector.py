@@ -122,7 +122,7 @@ class KeypointDetector(nn.Module):
     def _near_peak(self, heatmaps: torch.Tensor) -> torch.Tensor:
         """(B, L, cells) bool: cells at most `_NEAR_CELLS` rows and columns from the peak."""
         peak, (_, width) = heatmaps.argmax(-1)[..., None], self.cells
-        row, column = (torch.arange(cells) for cells in self.cells)
+        row, column = (torch.arange(n, device=heatmaps.device) for n in self.cells)
         rows = (row - peak // width).abs() <= _NEAR_CELLS
         columns = (column - peak % width).abs() <= _NEAR_CELLS
         return (rows[..., :, None] & columns[..., None, :]).flatten(-2)
