@@ -130,10 +130,10 @@ def test_a_curve_that_tells_nothing_leaves_all_of_the_bounds():
 
 
 def test_a_range_around_a_negative_mean_has_its_ends_in_order():
-    space = ParameterSpace(
-        [Parameter(name="yaw", field="opt.o", nominal=0.0, low=-1.0, high=1.0, unit="rad")]
+    yaw = Parameter(
+        name="yaw", field="opt.o", nominal=0, low=-1, high=1, unit="rad", scale="linear"
     )
-    around = Distribution.proportional(space, np.array([-0.5]), 0.1)
+    around = Distribution.proportional(ParameterSpace([yaw]), np.array([-0.5]), 0.1)
     assert (around.low[0], around.high[0]) == pytest.approx((-0.55, -0.45))
 
 
