@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from simtune import cli
 from simtune.checking import check, table
@@ -194,6 +195,9 @@ def test_servos_of_recordings(blind, recorded):
     assert abs(servo.offset) < 0.02
     assert servo.filtered_rms < servo.rms < 0.05
     assert read.warnings == []
+    curve = read.curves["elbow"]
+    left = curve.measured[: len(curve.predicted)] - curve.predicted
+    assert np.sqrt(np.mean(left**2)) < 2 * servo.filtered_rms
     _, assumed = reading_changes(simulator, seen, np.zeros((1, 20, 2)), read, 0)
     assert "0.5 s at a time" in assumed
 
@@ -282,9 +286,14 @@ def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, cap
     head, row = next((a, b) for a, b in pairwise(lines) if "lag" in a)
     assert head.split()[:4] == ["joint", "moves", "lag", "steps"]
     assert row.startswith("elbow")
-    monkeypatch.setattr(sys, "argv", [*arguments, "--json"])
+    drawn = tmp_path / "follow.png"
+    monkeypatch.setattr(sys, "argv", [*arguments, "--json", "--pictures", str(drawn)])
     cli.main()
     result = json.loads(capsys.readouterr().out)
     assert set(result["servos"]) == {"elbow"}
     assert result["recordings"]["cameras"] == []
     assert "films" not in result
+    assert result["servo_pictures"] == str(drawn)
+    picture = imread(drawn)
+    assert picture.shape[1] == 1100
+    assert np.ptp(picture[..., :3]) > 0.5

@@ -150,7 +150,7 @@ def test_a_reading_that_gets_stuck_for_a_while():
     read = [reads(delayed_by(c, 3), 1e-3) for c in asked]
     read[2][200:260] = 0.125
     (said,) = said_of(asked, read)
-    assert "reads 0.125 rad for 1.2 s of episode 2, while it is commanded elsewhere" in said
+    assert "reads 0.125 rad for 1.2 s of episode 2, counted from 0, while it is commanded" in said
 
 
 def test_a_joint_that_rests_when_it_is_asked_to_is_not_stuck():

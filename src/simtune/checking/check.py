@@ -1,6 +1,7 @@
 """`simtune check`, top to bottom."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from simtune.checking.library import MOST_STEPS, make_libraries
 from simtune.checking.limits import joints_at_limits
 from simtune.checking.readings import ReadEpisodes, read_episodes, reading_changes
 from simtune.checking.recording_warnings import warnings
+from simtune.checking.servo_picture import draw_servos
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.fit.sensitivity import analyze
@@ -108,7 +110,16 @@ def _of_recordings(
         read = read_episodes(dataset, num, simulator, seen)
         facts["servos"] = read.facts
         facts["warnings"] += read.warnings
+        if read.curves:
+            path = _beside(config.pictures, bool(seen.cameras)) or new_file()
+            draw_servos(path, task.name, read.curves, simulator.step_s)
+            facts["servo_pictures"] = str(path)
     return simulator, actions, read, facts
+
+
+def _beside(pictures: Path | None, is_taken: bool) -> Path | None:
+    """Where joints are drawn, if the pictures' file is said, which a film may have taken."""
+    return pictures.with_stem(f"{pictures.stem}-servos") if pictures and is_taken else pictures
 
 
 class _Films(NamedTuple):

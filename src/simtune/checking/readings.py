@@ -9,7 +9,8 @@ import numpy as np
 from simtune.checking.play import find_play
 from simtune.checking.servo_commands import commands_of, servos_of
 from simtune.checking.servo_doubts import doubts
-from simtune.checking.servos import Servo, fit_servo
+from simtune.checking.servo_picture import Curve
+from simtune.checking.servos import Servo, fit_servo, predict
 from simtune.fit import Readings
 from simtune.fit.reading_sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one, where_analyzed
@@ -34,6 +35,7 @@ class ReadEpisodes(NamedTuple):
 
     trajectories: list[Trajectory]  # without pictures
     servos: dict[str, Servo]  # by reading
+    curves: dict[str, Curve]  # of the first episode
     facts: dict[str, Any]  # JSON
     warnings: list[str]
 
@@ -51,6 +53,7 @@ def look_at_servos(
 ) -> ReadEpisodes:
     """How the joints of episodes follow their commands."""
     servos, plays, found = dict[str, Servo](), dict[str, float | None](), list[str]()
+    curves = dict[str, Curve]()
     sensors = joints_of(observation.sensors)
     labels, units = observation.reading_labels, units_of(sensors)
     followed = servos_of(simulator, sensors)
@@ -66,11 +69,13 @@ def look_at_servos(
         play = find_play(servo, asked, measured, simulator.step_s)
         servos[label], plays[label] = servo, play.width if play.is_clear(servo.noise) else None
         found += doubts(label, unit, asked, measured, servo, simulator.step_s)
+        (predicted,) = predict(servo, asked[:1], simulator.step_s)
+        curves[label] = Curve(unit, asked[0], measured[0], predicted, servo)
     facts = {
         label: plain({"unit": units[labels.index(label)], **asdict(servo), "play": plays[label]})
         for label, servo in servos.items()
     }
-    return ReadEpisodes(trajectories, servos, facts, found)
+    return ReadEpisodes(trajectories, servos, curves, facts, found)
 
 
 def reading_changes(

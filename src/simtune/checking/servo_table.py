@@ -36,7 +36,7 @@ def _cells(name: str, servo: dict[str, Any]) -> tuple[str, ...]:
         _size(servo["travel"], unit),
         "–" if lag is None else f"{1e3 * lag:.0f} ms",
         "–" if lag is None else f"{servo['lag_steps']:.1f}",
-        *(_small(servo[key], unit) for key in ("offset", "rms", "filtered_rms", "noise")),
+        *(small(servo[key], unit) for key in ("offset", "rms", "filtered_rms", "noise")),
     )
 
 
@@ -44,5 +44,6 @@ def _size(value: float | None, unit: str) -> str:
     return "–" if value is None else f"{value:.2f} {unit}"
 
 
-def _small(value: float | None, unit: str) -> str:
-    return "–" if value is None else f"{1e3 * value:.1f} m{unit}"
+def small(value: float | None, unit: str) -> str:
+    """In thousandths of the unit."""
+    return "–" if value is None or value != value else f"{1e3 * value:.1f} m{unit}"

@@ -31,6 +31,8 @@ def table(result: dict[str, Any]) -> list[str]:
     lines += [f"warning: {warning}" for warning in result.get("warnings", ())]
     for film in result.get("films", {}).values():
         lines.append(f"pictures of the recordings beside the simulator's: {film['pictures']}")
+    if path := result.get("servo_pictures"):
+        lines.append(f"how joints follow their commands: {path}")
     if extents := result.get("extents_px"):
         lines.append(_extents(extents, result["image_size"]))
     if servos := result.get("servos"):

@@ -78,8 +78,9 @@ class CheckConfig(Prints, ObservesSized, CameraPoseOptions, RecordingsConfig):
     seed: int = 0
     """Random seed of the actions and of the initial states of simulated episodes."""
     pictures: Path | None = None
-    """With recordings: FILE.png for their first frames beside the simulator's; by default a new
-    file in the system's temporary folder, whose name is printed."""
+    """With recordings: FILE.png for their first frames beside the simulator's, and for how joints
+    follow their commands; by default new files in the system's temporary folder, whose names are
+    printed."""
 
     def check(self) -> None:
         """Raises InputError for invalid options."""
