@@ -320,6 +320,9 @@ def test_weight_that_something_else_carries_does_not_pull(load):
 
 
 def test_what_is_exported_does_the_same_in_plain_mujoco(load, tmp_path):
+    # As URDF's effort: below the limit that is found
+    weak = SCENE.replace('name="elbow" axis', 'name="elbow" actuatorfrcrange="-2 2" axis')
+    (tmp_path / "scene.xml").write_text(weak)
     task = load(
         parameter("kv", "gain_damping", "elbow"),
         parameter("kp", "gain", "elbow"),
@@ -349,6 +352,8 @@ def test_what_is_exported_does_the_same_in_plain_mujoco(load, tmp_path):
     again = mujoco.MjModel.from_xml_path(str(copy))
     np.testing.assert_allclose(again.qpos0, tuned.qpos0, atol=1e-6)
     assert again.ngravcomp == tuned.ngravcomp == 1
+    assert not again.jnt_actfrclimited.any()
+    assert not tuned.jnt_actfrclimited.any()
     assert again.body_gravcomp[again.body("arm").id] == pytest.approx(0.9)
     for field in ("dyntype", "dynprm", "forcerange", "forcelimited", "biasprm", "gainprm", "delay"):
         ours, theirs = (getattr(model, f"actuator_{field}") for model in (tuned, again))

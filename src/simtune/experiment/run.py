@@ -130,11 +130,11 @@ class Run:
             metadata, experiment.space, experiment.start, self.estimate, experiment.truth, command
         )
         result["warnings"] = warnings + result["warnings"]
-        self.folder.write_curves(outcome.curves(self.estimate))
         if real and experiment.search_name:
             self._report("filming the comparison", 1.0)
             result |= write_beside(experiment, self.folder, self.estimate, real)
         # Last, in one go: until then the result of an earlier session stays.
+        self.folder.write_curves(outcome.curves(self.estimate))
         if experiment.search_name:
             result |= self._write_posterior()
         self.folder.write_result(result)

@@ -51,6 +51,7 @@ if __name__ == "__main__":
     spec.copy_back(model)
     spec.to_file(sys.argv[2])
 '''
+_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value)
 _PREPARED = """
 Before it is compiled, actuators need what those of model.xml have: a memory of controls (nsample)
 where they are late, a filter (dyntype) where they lag, and the limits (forcelimited) found; bodies
@@ -94,6 +95,10 @@ def _preparations(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[str]:
                 force_range = model.actuator(name).forcerange.tolist()
                 yield f"spec.actuator({name!r}).forcelimited = True"
                 yield f"spec.actuator({name!r}).forcerange = {force_range!r}"
+                actuator = model.actuator(name)
+                if not parameter.is_factor and actuator.trntype[0] in _JOINTS:
+                    joint = model.joint(actuator.trnid[0]).name  # whose limit would act as well
+                    yield f"spec.joint({joint!r}).actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE"
     if any(parameter.is_lag for parameter in writer.space):
         for i, act in enumerate(model.key_act.tolist()):
             yield f"spec.keys[{i}].act = {act!r}"

@@ -29,7 +29,7 @@ class Record:
 
     @property
     def task(self) -> str:
-        return Path(str(self.result["task"])).stem
+        return str(self.result["task"])
 
     @property
     def method(self) -> str:
