@@ -1,10 +1,10 @@
 """Servos of arms out of other people's wheels, found from joint readings alone.
 
 Each arm (Kinova's Jaco of dm_control, I2RT's YAM and the Unitree G1's right arm of mjlab, Franka's
-Panda of gym-hil, a ViperX of gym-aloha) gets servos whose stiffness, damping, torque limit, lag and delay, and whose joints' armature, damping,
-dry friction and offset differ from the model's by up to a factor of two, drawn from a seed. Six
-episodes of smooth random commands are recorded, with an encoder's noise, and tuned to by the
-plain command's own function. The last line is one JSON object.
+Panda of gym-hil, a ViperX of gym-aloha) gets servos whose stiffness, damping, torque limit, lag and
+delay, and whose joints' armature, damping, dry friction and offset differ from the model's by up to
+a factor of two, drawn from a seed. Six episodes of smooth random commands are recorded, with an
+encoder's noise, and tuned to by the plain command's own function. The last line is one JSON object.
 """
 
 import json

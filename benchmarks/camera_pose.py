@@ -2,9 +2,10 @@
 
 Each arm (Kinova's Jaco of dm_control, I2RT's YAM and the Unitree G1's right arm of mjlab, Franka's
 Panda of gym-hil, a ViperX of gym-aloha) moves smoothly before a camera somewhere around it, among
-ten things that no model has, and is filmed by OpenGL with shadows at 320×240, through mp4. `simtune check --camera-pose` gets the recordings, the
-model without those things, the field of view, and a guess that is 30 cm off in a random direction
-and 25° about a random axis. The last line is one JSON object.
+ten things that no model has, and is filmed by OpenGL with shadows at 320×240, through mp4. `simtune
+check --camera-pose` gets the recordings, the model without those things, the field of view, and a
+guess that is 30 cm off in a random direction and 25° about a random axis. The last line is one JSON
+object.
 """
 
 import json
