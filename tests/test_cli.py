@@ -285,7 +285,10 @@ def test_episodes_too_short_leave_no_folder(simtune, tmp_path, one_renderer_each
     )
     arguments = ["--out", tmp_path / "out", "--real", tmp_path / "short", "--real-episodes", 1]
     simtune.refuses(
-        "tune", "cartpole", *arguments, message="episode 1 of 1 has 5 steps; expected at least 21"
+        "tune",
+        "cartpole",
+        *arguments,
+        message="episode 0, counted from 0, has 5 steps; expected at least 21",
     )
 
 

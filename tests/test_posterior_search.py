@@ -71,7 +71,9 @@ def test_make_search_makes_the_search_of_that_name(simulator, tiny):
 def test_episodes_too_short_for_the_posterior_network_are_refused(simulator, real, tiny):
     search = start(simulator, tiny)
     short = Trajectory(real[0].frames[:11], real[0].actions[:10], 0.1)
-    with pytest.raises(InputError, match="episode 2 of 2 has 10 steps; expected at least 21"):
+    with pytest.raises(
+        InputError, match="episode 1, counted from 0, has 10 steps; expected at least 21"
+    ):
         search.check([real[0], short])
     with pytest.raises(InputError, match="no episodes"):
         search.check([])
