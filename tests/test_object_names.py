@@ -150,20 +150,24 @@ def test_a_model_of_several_files_and_folders_loads(load, tmp_path):
     assert load(HEAD + MASS).load_model().nmesh == 1
 
 
+INERTIAL = """<inertial><mass value="1"/><origin xyz="0 0 .2"/>
+  <inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>"""
+URDF = """model = "arm.urdf"
+control_timestep_s = 0.05
+camera = { position_m = [0, -1, 0], look_at_m = [0, 0, 0] }
+"""
+
+
 def test_urdf_is_driven_by_added_servos(load, tmp_path):
-    inertial = '<inertial><mass value="1"/><origin xyz="0 0 .2"/><inertia ixx=".01" iyy=".01" '
-    inertial += 'izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
     (tmp_path / "arm.urdf").write_text(
-        f"""<robot name="arm"><link name="base"/><link name="forearm">{inertial}
+        f"""<robot name="arm"><link name="base"/><link name="forearm">{INERTIAL}
         <collision><geometry><mesh filename="package://arm/meshes/cube.obj"/></geometry></collision>
         </link><joint name="elbow" type="revolute"><parent link="base"/><child link="forearm"/>
         <axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="5" velocity="2"/></joint></robot>"""
     )
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "cube.obj").write_text(CUBE)
-    text = 'model = "arm.urdf"\ncontrol_timestep_s = 0.05\n'
-    text += "camera = { position_m = [0, -1, 0], look_at_m = [0, 0, 0] }\n"
-    task = load(text + "[[actuators]]\njoint = 'elbow'\nkp = 20\n" + MASS)
+    task = load(URDF + "[[actuators]]\njoint = 'elbow'\nkp = 20\n" + MASS)
     model = task.load_model()
     assert (model.nu, model.nmesh) == (1, 1)
     np.testing.assert_allclose(model.actuator("elbow").ctrlrange, [-1, 2])
@@ -175,22 +179,18 @@ def test_urdf_is_driven_by_added_servos(load, tmp_path):
 
 def test_urdf_is_drawn_as_a_camera_sees_it(load, tmp_path):
     """By default MuJoCo drops what is to be seen, and draws what is meant for collisions."""
-    inertial = '<inertial><mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" '
-    inertial += 'ixz="0" iyz="0"/></inertial>'
     (tmp_path / "arm.urdf").write_text(
-        f"""<robot name="arm"><link name="base"/><link name="forearm">{inertial}
+        f"""<robot name="arm"><link name="base"/><link name="forearm">{INERTIAL}
         <visual><geometry><sphere radius=".1"/></geometry></visual>
         <collision><geometry><box size=".3 .3 .3"/></geometry></collision>
-        </link><link name="hand">{inertial}
+        </link><link name="hand">{INERTIAL}
         <collision><geometry><box size=".1 .1 .1"/></geometry></collision></link>
         <joint name="elbow" type="revolute"><parent link="base"/><child link="forearm"/>
         <axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="5" velocity="2"/></joint>
         <joint name="wrist" type="revolute"><parent link="forearm"/><child link="hand"/>
         <axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="5" velocity="2"/></joint></robot>"""
     )
-    text = 'model = "arm.urdf"\ncontrol_timestep_s = 0.05\n'
-    text += "camera = { position_m = [0, -1, 0], look_at_m = [0, 0, 0] }\n"
-    text += "[[actuators]]\njoint = 'elbow'\nkp = 20\ntorque_limit = 9\n"
+    text = URDF + "[[actuators]]\njoint = 'elbow'\nkp = 20\ntorque_limit = 9\n"
     text += "[[actuators]]\njoint = 'wrist'\nkp = 20\n" + MASS
     text += "[[parameters]]\nname = 'limit'\nkind = 'torque_limit'\nobjects = 'wrist'\n"
     task = load(text)

@@ -1,7 +1,7 @@
 """What a student's detector saw in remembered episodes.
 
 The detector changes as it learns, so its detections get old. To make all of them anew after each
-batch of episodes took half of a training's time; the oldest few are enough.
+batch of episodes took a fifth of a training's time; the oldest few are enough.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -77,10 +77,10 @@ def _of_lengths(lengths: list[int]) -> list[str]:
 
 def _of_order(recorded: Sequence[str], own: Sequence[str]) -> list[str]:
     """On the names of recorded actions beside the task's own, which they are taken for in turn."""
-    plain = [_plain(name) for name in recorded]
-    if plain == [_plain(name) for name in own] or sorted(plain) != sorted(map(_plain, own)):
+    theirs, ours = ([_plain(name) for name in names] for names in (recorded, own))
+    if theirs == ours or sorted(theirs) != sorted(ours):
         return []
-    in_order = [recorded[plain.index(_plain(name))] for name in own]
+    in_order = [recorded[theirs.index(name)] for name in ours]
     return [
         f"recorded actions are named as the task's, but in another order ({short(list(recorded))}; "
         f"the task's are {short(list(own))}), and they are taken in their own: say --actions "

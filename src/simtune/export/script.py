@@ -11,6 +11,7 @@ from simtune.export.inferred import write_down_inferred
 from simtune.export.mjcf import not_copied
 from simtune.export.training.rows import rows_of_object
 from simtune.parameters import ModelWriter, field_of, rows_of
+from simtune.parameters.fields import OF_JOINTS
 from simtune.tasks.tuning_file.name_all import name_all
 
 _SCRIPT = '''"""Write what simtune found into a MuJoCo model.
@@ -51,7 +52,6 @@ if __name__ == "__main__":
     spec.copy_back(model)
     spec.to_file(sys.argv[2])
 '''
-_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value)
 _PREPARED = """
 Before it is compiled, actuators need what those of model.xml have: a memory of controls (nsample)
 where they are late, a filter (dyntype) where they lag, and the limits (forcelimited) found; bodies
@@ -96,7 +96,7 @@ def _preparations(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[str]:
                 yield f"spec.actuator({name!r}).forcelimited = True"
                 yield f"spec.actuator({name!r}).forcerange = {force_range!r}"
                 actuator = model.actuator(name)
-                if not parameter.is_factor and actuator.trntype[0] in _JOINTS:
+                if not parameter.is_factor and actuator.trntype[0] in OF_JOINTS:
                     joint = model.joint(actuator.trnid[0]).name  # whose limit would act as well
                     yield f"spec.joint({joint!r}).actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE"
     if any(parameter.is_lag for parameter in writer.space):

@@ -106,13 +106,9 @@ def of_unknowns(
         elsewhere = physics.space.move(states, np.repeat(tangent[None], len(states), 0))
         change = np.abs(physics.predict(elsewhere, unit) - here).max(0)
         changes = np.maximum(changes, change)
-    changes = changes.reshape(-1, 2)
-    parts = observed.evidence.parts
-    kept = tuple(
-        part.only(np.any(changes > _STILL_PX, axis=1)) if isinstance(part, KeypointTracks) else part
-        for part in parts
-    )
-    return replace(observed, evidence=AllEvidence(kept))
+    moved = np.any(changes.reshape(-1, 2) > _STILL_PX, axis=1)
+    kept = observed.evidence.with_each(KeypointTracks, lambda tracks: tracks.only(moved))
+    return replace(observed, evidence=kept)
 
 
 def left_open(loop: OpenLoop, keypoints: Keypoints, parameters: np.ndarray) -> np.ndarray:

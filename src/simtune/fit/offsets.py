@@ -27,11 +27,11 @@ def has_unknown_offsets(observed: Observed) -> bool:
 
 def loosened(observed: Observed) -> Observed:
     """Observations whose readings with unknown offsets count little."""
-    parts = (
-        replace(part, noise=_LOOSE * part.noise) if _is_unknown(part) else part
-        for part in observed.evidence.parts
-    )
-    return replace(observed, evidence=AllEvidence(tuple(parts)))
+
+    def loosen(part: JointReadings) -> JointReadings:
+        return replace(part, noise=_LOOSE * part.noise) if _is_unknown(part) else part
+
+    return replace(observed, evidence=observed.evidence.with_each(JointReadings, loosen))
 
 
 def without_offsets(

@@ -1,8 +1,8 @@
 """A sensor's measurements as a fit needs them: residuals, weights, likelihoods."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -66,6 +66,9 @@ class Evidence(Protocol):
         ...
 
 
+Part = TypeVar("Part", bound=Evidence)
+
+
 @dataclass(frozen=True)
 class AllEvidence:
     """The evidence of several sensors as one: predictions (..., K, D₁ + D₂ + …) side by side."""
@@ -87,6 +90,12 @@ class AllEvidence:
     @property
     def features(self) -> np.ndarray:
         return np.concatenate([part.features for part in self.parts], -1)
+
+    def with_each(self, kind: type[Part], change: Callable[[Part], Evidence]) -> "AllEvidence":
+        """With the parts of that kind changed."""
+        return AllEvidence(
+            tuple(change(part) if isinstance(part, kind) else part for part in self.parts)
+        )
 
     def at(self, index: Any) -> "AllEvidence":
         return AllEvidence(tuple(part.at(index) for part in self.parts))

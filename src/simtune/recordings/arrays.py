@@ -25,6 +25,7 @@ from simtune.recordings.video import MOST_PIXELS
 
 ENDING = ".npz"
 _OF_ACTIONS = ("actions", "action_names", "hz")
+_UNREADABLE = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error)
 
 
 class ArraysSource:
@@ -112,7 +113,7 @@ class _Episode:
         try:
             with np.load(path, allow_pickle=False) as file:
                 return cls(path, dict(file))
-        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        except _UNREADABLE as error:
             reason = str(error).splitlines()[0] if str(error) else "damaged"
             raise InputError(
                 f"{path}: not readable as arrays ({reason}); expected a file of numpy.savez"
@@ -167,7 +168,7 @@ def holds_episodes(folder: Path) -> bool:
             with np.load(path, allow_pickle=False) as file:
                 if "hz" in file.files:
                     return True
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        except _UNREADABLE:
             continue
     return False
 

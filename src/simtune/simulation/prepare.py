@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 
 from simtune.parameters import Parameter, ParameterSpace
+from simtune.parameters.fields import OF_JOINTS
 from simtune.simulation.delays import remember_controls
 
 _DYN = mujoco.mjtDyn
 _HARDLY = 1e-9  # of a weight
-_OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 
 def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> None:
@@ -83,7 +83,7 @@ def lift_joint_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> None:
 
     URDF's `effort` is such a limit; beside it, larger ones would not act.
     """
-    if actuator.trntype in _OF_JOINTS and (joint := spec.joint(actuator.target)):
+    if actuator.trntype in OF_JOINTS and (joint := spec.joint(actuator.target)):
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
 
 

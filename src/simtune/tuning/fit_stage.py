@@ -236,19 +236,9 @@ class FitStage:
 def _scaled_as(evidence: AllEvidence, other: AllEvidence) -> AllEvidence:
     """Evidence whose joint readings are features on the scale of another's."""
     like = {part.name: part for part in other.parts if isinstance(part, JointReadings)}
-    return AllEvidence(
-        tuple(
-            part.scaled_as(like[part.name]) if isinstance(part, JointReadings) else part
-            for part in evidence.parts
-        )
-    )
+    return evidence.with_each(JointReadings, lambda part: part.scaled_as(like[part.name]))
 
 
 def _blunted(evidence: AllEvidence) -> AllEvidence:
     """Evidence whose joint readings count as if they were noisier."""
-    return AllEvidence(
-        tuple(
-            replace(part, noise=_BLUNT * part.noise) if isinstance(part, JointReadings) else part
-            for part in evidence.parts
-        )
-    )
+    return evidence.with_each(JointReadings, lambda part: replace(part, noise=_BLUNT * part.noise))

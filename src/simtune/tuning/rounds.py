@@ -46,11 +46,6 @@ def gains_nothing(before: np.ndarray, now: np.ndarray, precision: float) -> bool
     return bool(((now > _WORTHWHILE * before) | (now <= precision)).all())
 
 
-def _gained_nothing(before: np.ndarray, now: np.ndarray, precision: float) -> bool:
-    """The same for a round that had a fit; one without repeats the widths, and says nothing."""
-    return not np.array_equal(before, now) and gains_nothing(before, now, precision)
-
-
 class Rounds:
     """Counts rounds, plans their time, and decides when to stop."""
 
@@ -77,9 +72,11 @@ class Rounds:
         """End a round with (N,) `half_widths`."""
         self.num_done += 1
         precision, before = self._precision, self._widths
+        # A round without a fit repeats the widths, and says nothing.
+        may_say = bool(precision and before) and before != widths.tolist()
         if precision and is_precise(widths, precision):
             self.stop_reason = f"every parameter is known to {100 * precision:g} %"
-        elif precision and before and _gained_nothing(np.array(before), widths, precision):
+        elif may_say and gains_nothing(np.array(before), widths, precision):
             self.stop_reason = "another round would tell hardly more"
         elif self.num_done >= self._most:
             self.stop_reason = "all rounds are done"

@@ -7,7 +7,7 @@ import numpy as np
 
 from simtune.errors import InputError, UnknownName
 from simtune.footage import Footage
-from simtune.tasks.tuning_file.camera_sensor import beyond_a_field_of_view
+from simtune.tasks.tuning_file.camera_sensor import has_sensor
 from simtune.tasks.tuning_file.footage import KEYS as FOOTAGE
 from simtune.tasks.tuning_file.footage import read_footage
 from simtune.tasks.tuning_file.region import own_fovy_deg, read_region, turn
@@ -40,7 +40,7 @@ class FilmingCamera:
             spec.body(self.body).add_camera(
                 name=name, pos=self.position_m, quat=quaternion, fovy=self.fovy_deg
             )
-        elif beyond_a_field_of_view(model := spec.compile(), model.camera(name).id):
+        elif has_sensor(spec.camera(name)):
             raise InputError(
                 f"camera {name} of the model has pixels that are not square, or an optical axis "
                 "beside its picture's middle: leave its sensorsize, focal and principal out, give "

@@ -11,20 +11,20 @@ def use_fields_of_view(spec: mujoco.MjSpec) -> None:
     """Give cameras with a `sensorsize` the vertical field of view that follows from it.
 
     MuJoCo ignores the field of view of a camera that has a sensor, so a region, a lens or a search
-    could not set it. A sensor stays if no field of view replaces it; see `beyond_a_field_of_view`.
+    could not set it. A sensor stays if its pixels are not square, or if the optical axis is not in
+    the picture's middle: no field of view says that.
     """
-    model = spec.compile()
-    for camera in spec.cameras:
-        if not model.cam_sensorsize[camera.id].any():
-            continue
-        if not beyond_a_field_of_view(model, camera.id):
+    described = [camera for camera in spec.cameras if has_sensor(camera)]
+    model = spec.compile() if described else None  # which takes long for a model of meshes
+    for camera in described:
+        assert model is not None
+        focal, principal = np.split(model.cam_intrinsic[camera.id], 2)
+        is_square = abs(focal[0] / focal[1] - 1) < _SQUARE
+        if is_square and np.abs(principal).max() < _IN_THE_MIDDLE:
             camera.fovy = model.cam_fovy[camera.id]
             camera.sensor_size = camera.focal_length = camera.focal_pixel = np.zeros(2)
 
 
-def beyond_a_field_of_view(model: mujoco.MjModel, camera: int) -> bool:
-    """Whether a camera's pixels are not square, or its optical axis is not in the middle."""
-    focal, principal = np.split(model.cam_intrinsic[camera], 2)
-    is_square = abs(focal[0] / focal[1] - 1) < _SQUARE
-    has_sensor = bool(model.cam_sensorsize[camera].any())
-    return has_sensor and not (is_square and np.abs(principal).max() < _IN_THE_MIDDLE)
+def has_sensor(camera: mujoco.MjsCamera) -> bool:
+    """Whether a camera is described by a sensor, beside which its field of view does not count."""
+    return bool(np.any(camera.sensor_size))

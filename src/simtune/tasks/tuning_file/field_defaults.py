@@ -9,10 +9,8 @@ from mujoco.batch import MODEL_FIELDS
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import Parameter, field_of, rows_of
 from simtune.parameters.field_index import field_index
-from simtune.parameters.fields import KINDS
+from simtune.parameters.fields import KINDS, OF_JOINTS
 from simtune.parameters.model_writer import start_from_material
-
-_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value)
 
 
 def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
@@ -125,7 +123,7 @@ def _of_joints(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
     for i, name in enumerate(parameter.objects):
         actuator = model.actuator(name)
         joint, gear = actuator.trnid[0], actuator.gear[0]
-        if actuator.trntype[0] in _JOINTS and model.jnt_actfrclimited[joint] and gear:
+        if actuator.trntype[0] in OF_JOINTS and model.jnt_actfrclimited[joint] and gear:
             limits[i] = np.sort(model.jnt_actfrcrange[joint] / gear)
     return limits
 
@@ -146,7 +144,7 @@ def moves_slide(model: mujoco.MjModel, parameter: Parameter) -> bool:
     name = parameter.objects[0]
     if parameter.field_info.prefix != "actuator":
         joint = model.joint(name).id
-    elif model.actuator(name).trntype[0] in _JOINTS:
+    elif model.actuator(name).trntype[0] in OF_JOINTS:
         joint = model.actuator(name).trnid[0]
     else:
         return False

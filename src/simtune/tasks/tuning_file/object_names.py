@@ -8,11 +8,10 @@ import mujoco
 import numpy as np
 
 from simtune.errors import InputError, UnknownName
-from simtune.parameters.fields import OBJECT_TYPES
+from simtune.parameters.fields import OBJECT_TYPES, OF_JOINTS
 
 _KINDS = {owner.name: owner for owner in OBJECT_TYPES.values()}
 _OF_BODIES = {"geom": "geom_bodyid", "joint": "jnt_bodyid", "site": "site_bodyid"}
-_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value)
 
 
 def names_of(model: mujoco.MjModel, kind: str) -> list[str]:
@@ -48,7 +47,7 @@ def _belonging(model: mujoco.MjModel, kind: str, given: str) -> list[str] | None
         return None
     if kind == "actuator":
         joint = _index(model, "joint", words[1])
-        ids = np.isin(model.actuator_trntype, _JOINTS) & (model.actuator_trnid[:, 0] == joint)
+        ids = np.isin(model.actuator_trntype, OF_JOINTS) & (model.actuator_trnid[:, 0] == joint)
         whose = "joint"
     elif kind in _OF_BODIES:
         ids, whose = getattr(model, _OF_BODIES[kind]) == _index(model, "body", words[1]), "body"
