@@ -11,7 +11,8 @@ from simtune.simulation import Simulator
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext
-from simtune.tuning.search import Estimate, Search
+from simtune.tuning.estimate import Estimate
+from simtune.tuning.search import Search
 from simtune.vision.keypoints import find_keypoints
 
 

@@ -25,7 +25,7 @@ from simtune.config import TuneConfig
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.replayed import Replayed, Tuned, replay
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Estimate
+from simtune.tuning.estimate import Estimate
 
 _INTERVAL = 2 * 1.6449  # standard deviations in the central 90 %
 

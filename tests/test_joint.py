@@ -10,9 +10,9 @@ from scipy.stats import spearmanr
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.combinations import combinations
+from simtune.tuning.estimate import Estimate, unsure
 from simtune.tuning.joint import Joint
 from simtune.tuning.range_update import RangeUpdateConfig, candidate_grid, quantile, read_curves
-from simtune.tuning.search import Estimate, unsure
 
 SPACE = ParameterSpace(
     [

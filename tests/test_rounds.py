@@ -21,11 +21,11 @@ from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.rounds import gains_nothing, half_widths, is_precise, plan_round
-from simtune.tuning.search import Estimate
 
 # --- when to begin and to end -------------------------------------------------------------
 

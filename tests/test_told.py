@@ -10,7 +10,7 @@ from simtune.fit import JointMotion, PointEstimate
 from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Estimate
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.told import Told
 
 SPACE = ParameterSpace(

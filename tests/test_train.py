@@ -37,7 +37,8 @@ from simtune.run.checkpoint import load, newest
 from simtune.schedule import Schedule, fast, paper
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import load_task
-from simtune.tuning.search import Round, unsure
+from simtune.tuning.estimate import unsure
+from simtune.tuning.search import Round
 from simtune.vision.keypoints import Keypoints, find_keypoints
 
 TASK = load_task("cartpole")

@@ -28,10 +28,11 @@ from simtune.run import read_json, read_jsonl
 from simtune.run.checkpoint import load_state, newest
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import NUM_DRAWS
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.search import Estimate, Event, Round
+from simtune.tuning.search import Event, Round
 from simtune.tuning_run import tune
 
 TASK = load_task("cartpole")
@@ -541,7 +542,7 @@ def test_estimates_survive_json():
     curves = {"pole_mass": (np.array([0.1, 0.2]), np.array([1.0, 0.25]))}
     numbers = (np.array([0.1 + i, math.pi]) for i in range(3))
     estimate = Estimate(*numbers, ["weak", "identified"], curves)
-    back = outcome.from_json(json.loads(json.dumps(outcome.to_json(estimate))))
+    back = Estimate.from_json(json.loads(json.dumps(estimate.to_json())))
     for key in ("mean", "low", "high"):
         np.testing.assert_array_equal(getattr(back, key), getattr(estimate, key))
     assert back.verdict == estimate.verdict
@@ -549,7 +550,7 @@ def test_estimates_survive_json():
     known = dataclasses.replace(
         estimate, correlation=np.array([[1, math.pi / 4], [math.pi / 4, 1]])
     )
-    back = outcome.from_json(json.loads(json.dumps(outcome.to_json(known))))
+    back = Estimate.from_json(json.loads(json.dumps(known.to_json())))
     np.testing.assert_array_equal(back.correlation, known.correlation)
     for got, expected in zip(back.curves["pole_mass"], curves["pole_mass"], strict=True):
         np.testing.assert_array_equal(got, expected)

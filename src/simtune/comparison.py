@@ -13,7 +13,7 @@ import numpy as np
 from simtune.recordings import write_video
 from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory, delayed
-from simtune.tuning.search import Estimate
+from simtune.tuning.estimate import Estimate
 from simtune.unexplained import marked, unexplained
 
 _COMPARED_STEPS = 4  # the first pictures, which also show velocities

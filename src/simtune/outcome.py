@@ -14,14 +14,14 @@ from simtune.real.truth import Truth
 from simtune.run.files import plain
 from simtune.tasks import AnyTask, Task
 from simtune.tuning.combinations import combinations
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import Joint
-from simtune.tuning.search import Estimate, Search
+from simtune.tuning.search import Search
 
 # Fields of an estimate, beside its numbers
 _IN_RESULT = ("correlations", "ranks", "held_out", "warnings", "latency_steps", "pictures_late_s")
 _IN_RESULT += ("readings_late_s", "camera_responses")
 _NAME_CONTENT = ("real", "real_parameters")  # options whose content is known later
-_ARRAYS = ("mean", "low", "high")
 
 
 def run_config(
@@ -136,20 +136,3 @@ def scalars(search: Search, estimate: Estimate) -> dict[str, float]:
 def curves(estimate: Estimate) -> dict[str, dict[str, Any]]:
     """The content of curves.json."""
     return {n: {"candidates": c, "prob_higher": p} for n, (c, p) in estimate.curves.items()}
-
-
-def to_json(estimate: Estimate) -> dict[str, Any]:
-    """An estimate as a checkpoint holds it."""
-    arrays = {key: getattr(estimate, key).tolist() for key in _ARRAYS}
-    pairs = {name: (c.tolist(), p.tolist()) for name, (c, p) in estimate.curves.items()}
-    correlation = None if estimate.correlation is None else estimate.correlation.tolist()
-    return {**vars(estimate), **arrays, "curves": pairs, "correlation": correlation}
-
-
-def from_json(saved: Mapping[str, Any]) -> Estimate:
-    """The inverse of `to_json`."""
-    arrays = {key: np.array(saved[key]) for key in _ARRAYS}
-    pairs = {name: (np.array(c), np.array(p)) for name, (c, p) in saved["curves"].items()}
-    matrix = saved.get("correlation")  # absent in older versions
-    correlation = None if matrix is None else np.array(matrix)
-    return Estimate(**{**saved, **arrays, "curves": pairs, "correlation": correlation})

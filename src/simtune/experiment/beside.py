@@ -9,7 +9,7 @@ from simtune.replayed import Replayed, Tuned, replay
 from simtune.run import RunFolder
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Estimate
+from simtune.tuning.estimate import Estimate
 from simtune.vision.keypoints import Keypoints
 
 

@@ -16,8 +16,9 @@ from simtune.progress import ReportProgress, silent
 from simtune.report import write_report
 from simtune.run import RunFolder
 from simtune.trajectory import Trajectory
+from simtune.tuning.estimate import Estimate, unsure
 from simtune.tuning.joint import NUM_DRAWS, Joint
-from simtune.tuning.search import Estimate, Round, unsure
+from simtune.tuning.search import Round
 
 log = logging.getLogger(__name__)
 _TOLD_EARLY = 4  # parameters per line
@@ -66,7 +67,7 @@ class Run:
         simulator.num_steps, simulator.num_diverged = state["sim_steps"], state["num_diverged"]
         self.step, self.num_rounds = state["step"], state["rounds"]
         self.round_s = state.get("round_s", 0.0)  # absent in older versions
-        self.estimate = outcome.from_json(state["estimate"])
+        self.estimate = Estimate.from_json(state["estimate"])
         self._start_s = time.monotonic() - state["wall_s"]
         self._counts = self._simulated()
         return state
@@ -84,7 +85,7 @@ class Run:
         state = self.experiment.state() | own | self._counts
         state |= {"step": self.step, "rounds": self.num_rounds, "wall_s": self.wall_s}
         state |= {"round_s": self.round_s, "step_s": self.experiment.real.step_s}
-        state |= {"estimate": outcome.to_json(self.estimate)}
+        state |= {"estimate": self.estimate.to_json()}
         self.folder.save_checkpoint(self.experiment.tensors(), state)
 
     def _simulated(self) -> dict[str, int]:

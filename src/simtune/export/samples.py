@@ -12,8 +12,8 @@ from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.report.data import RunData
 from simtune.run import write_atomically
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import Joint
-from simtune.tuning.search import Estimate
 
 
 def draw_samples(run: RunData, space: ParameterSpace, num: int) -> np.ndarray:

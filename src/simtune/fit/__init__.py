@@ -1,6 +1,6 @@
 """Fits of physics and appearance to observations: refine a rough estimate to about one per cent."""
 
-from simtune.fit.bootstrap import FEW_EPISODES, MANY_EPISODES, Bootstrap, run_bootstrap
+from simtune.fit.bootstrap import Bootstrap
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.joint_motion import JointMotion, left_open
 from simtune.fit.lateness import Lateness, as_seen
@@ -10,6 +10,7 @@ from simtune.fit.output_error import Descent, OutputError, OutputErrorFit, Repla
 from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings
+from simtune.fit.refits import FEW_EPISODES, MANY_EPISODES, run_bootstrap
 from simtune.fit.replay_cost import Guess
 from simtune.fit.replay_fit import ReplayFit, num_fitted
 from simtune.fit.response import Photometry

@@ -1,20 +1,17 @@
-"""Parametric bootstrap: measures how far a fit can be trusted.
+"""What fits of known worlds tell of a fit: how far it can be trusted.
 
-Simulated worlds near the estimate are filmed and fitted exactly as the real one (Efron 1979). These
-refits show how large errors are relative to the standard deviations that fits claim, and how large
-a misfit is when the simulator is right.
+Such refits show how large errors are relative to the standard deviations that fits claim, and how
+large a misfit is when the simulator is right.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtrit
 
-from simtune.budget import Budget, OutOfTime
-from simtune.fit.observed import Observed
-from simtune.fit.replay_fit import ReplayFit
-from simtune.fit.result import FitResult, Misfit, PointEstimate
+from simtune.fit.result import FitResult, Misfit
 
 _UNKNOWN_INFLATION = 3.0  # factor on standard deviations if there are no refits
 # Prior of the standard deviation a fit claims for a moving parameter: this, in unit coordinates, or
@@ -27,16 +24,6 @@ _EXPECTED, _EXPECTED_COUNT = {"moving": 1.0, "appearance": 1.0}, 2.0
 _USUAL = 0.85  # quantile of the errors that gives their scale: outliers lie above
 _FEWEST_FOR_BIAS = 3  # refits
 _FARTHEST = 3.0  # standard deviations at which errors are clipped: an outlier proves no bias
-_SMALLEST_STD = 0.01  # of the refitted worlds around the estimate, in unit coordinates
-FEW_EPISODES = 3  # of a refit at least: enough to compare errors with claimed std
-MANY_EPISODES = 5  # at most: a fit uses no more windows if there are more episodes
-# A refit whose misfit is larger than the real fit's by this factor has failed to converge.
-_ASTRAY = 1.5
-_MARGIN = 0.002  # distance of true parameters from the bounds, in unit coordinates
-
-# Maps (N,) parameters and the latency of actions, in steps, to observations of that world; to None
-# if its physics diverges
-Synthesize = Callable[[np.ndarray, int], Observed | None]
 
 
 @dataclass(frozen=True)
@@ -55,8 +42,31 @@ class Bootstrap:
     def none(cls, fit: FitResult) -> "Bootstrap":
         """For a fit without refits."""
         nothing = np.zeros((0, len(fit.std)))
-        usual_std = _usual_std(nothing, fit, fit.rough_std[None])
-        return cls(nothing, fit.is_moving, [], usual_std, fit.unfitted)
+        usual = usual_std(nothing, fit, fit.rough_std[None])
+        return cls(nothing, fit.is_moving, [], usual, fit.unfitted)
+
+    def to_json(self) -> dict[str, Any]:
+        """As a checkpoint holds it."""
+        usual = None if self.usual_std is None else self.usual_std.tolist()
+        return {
+            "errors": self.errors.tolist(),
+            "is_moving": self.is_moving.tolist(),
+            "misfits": [[misfit.motion, misfit.picture] for misfit in self.misfits],
+            "usual_std": usual,
+            "unfitted": self.unfitted.tolist(),
+        }
+
+    @classmethod
+    def from_json(cls, saved: Mapping[str, Any]) -> "Bootstrap":
+        """The inverse of `to_json`."""
+        is_moving, usual = np.array(saved["is_moving"], bool), saved["usual_std"]
+        return cls(
+            errors=np.array(saved["errors"], float).reshape(-1, len(is_moving)),
+            is_moving=is_moving,
+            misfits=[Misfit(tuple(motion), tuple(picture)) for motion, picture in saved["misfits"]],
+            usual_std=None if usual is None else np.array(usual),
+            unfitted=np.array(saved["unfitted"], int),
+        )
 
     def believed(self, std: np.ndarray) -> np.ndarray:
         """(N,) standard deviations for those that a fit claims, before `inflation`.
@@ -66,7 +76,8 @@ class Bootstrap:
         the geometric mean of the claim and of what fits like these usually claim; without refits,
         the larger.
         """
-        return std if self.usual_std is None else _believed(std, self.usual_std, len(self.errors))
+        usual = self.usual_std
+        return std if usual is None else believed_std(std, usual, len(self.errors))
 
     def bias(self) -> np.ndarray:
         """(N,) bias of fits like these, in units of the standard deviations they claim.
@@ -106,61 +117,7 @@ class Bootstrap:
         return _ratios(misfit.picture, [known.picture for known in self.misfits])
 
 
-def run_bootstrap(
-    replay_fit: ReplayFit,
-    synthesize: Synthesize,
-    fit: FitResult,
-    start: PointEstimate,
-    num: int,
-    rng: np.random.Generator,
-    extend_horizon: bool = True,
-    budget: Budget | None = None,
-) -> Bootstrap:
-    """Fit `num` worlds near `fit` as the real one was fitted; fewer if `budget` runs out.
-
-    A refit that raises OutOfTime is dropped and ends the bootstrap. `start`: where the real world's
-    fit began; `extend_horizon`: see `ReplayFit.fit`.
-    """
-    budget = budget or Budget()
-    space = replay_fit.space
-    unit, smallest = space.to_unit(fit.parameters), np.maximum(start.std, _SMALLEST_STD)
-    # At most the prior's std: where the fit says nothing, worlds would fill the whole space.
-    std = np.clip(2 * fit.std, _SMALLEST_STD, smallest)
-    # At least as far as the real fit moved: a fit that starts near the truth converges easily.
-    away = np.maximum(start.std, np.abs(unit - space.to_unit(start.parameters)))
-    errors, stds, misfits, astray, rough = [], [], [], [], [fit.rough_std]
-    for number in range(num):
-        if number and not budget.allows_another(number):
-            break
-        budget.report("fitting known worlds for comparison", number / num)
-        truth = np.clip(unit + std * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
-        truth[fit.known] = unit[fit.known]
-        observed = synthesize(space.from_unit(truth), fit.latency_steps)
-        if observed is None:
-            continue
-        begin = space.from_unit(truth + away * rng.normal(size=len(unit)))
-        begun = PointEstimate(begin, start.std)
-        try:
-            refit = replay_fit.fit(observed, begun, (fit.latency_steps,), extend_horizon)
-        except OutOfTime:
-            break
-        misfits.append(refit.misfit)
-        errors.append(space.to_unit(refit.parameters) - truth)
-        stds.append(refit.std)
-        rough.append(refit.rough_std)
-        # Either may be NaN.
-        pairs = zip(refit.misfit.motion, fit.misfit.motion, strict=True)
-        astray.append(any(refitted > _ASTRAY * real for refitted, real in pairs))
-    # If all failed to converge, the real fit may have as well: keep them.
-    kept = ~np.array(astray, bool) | np.all(astray)
-    shape = (-1, len(unit))
-    off, std = np.array(errors).reshape(shape)[kept], np.array(stds).reshape(shape)[kept]
-    usual_std = _usual_std(std, fit, np.array(rough))
-    claimed = np.hypot(_believed(std, usual_std, len(std)), fit.discrepancy_std)
-    return Bootstrap(off / claimed, fit.is_moving, misfits, usual_std, fit.unfitted)
-
-
-def _usual_std(std: np.ndarray, fit: FitResult, rough: np.ndarray) -> np.ndarray:
+def usual_std(std: np.ndarray, fit: FitResult, rough: np.ndarray) -> np.ndarray:
     """(N,) geometric mean of the claims of (K, N) refits and the real fit, robust to large ones.
 
     Moving parameters have a prior, which counts more the fewer refits there are. `rough`:
@@ -175,7 +132,7 @@ def _usual_std(std: np.ndarray, fit: FitResult, rough: np.ndarray) -> np.ndarray
     return np.exp((logs.sum(0) + count * np.log(expected)) / (len(logs) + count))
 
 
-def _believed(std: np.ndarray, usual_std: np.ndarray, num_refits: int) -> np.ndarray:
+def believed_std(std: np.ndarray, usual_std: np.ndarray, num_refits: int) -> np.ndarray:
     """See `Bootstrap.believed`."""
     return np.sqrt(std * usual_std) if num_refits else np.maximum(std, usual_std)
 

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from simtune.parameters import ParameterSpace
-from simtune.tuning.search import Estimate
+from simtune.tuning.estimate import Estimate
 
 Kind = Literal["ratio", "product", "difference", "sum"]
 

@@ -8,7 +8,8 @@ import torch
 from simtune.budget import Budget
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Keep, Round, TellEarly, keep_nothing, tell_nobody, unsure
+from simtune.tuning.estimate import unsure
+from simtune.tuning.search import Keep, Round, TellEarly, keep_nothing, tell_nobody
 
 
 class FixedRange:

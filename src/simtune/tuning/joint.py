@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from simtune.parameters import ParameterSpace
-from simtune.tuning.search import Estimate
+from simtune.tuning.estimate import Estimate
 
 NUM_DRAWS = 4000  # kept by a run: ends of 90 % intervals to a thirtieth of a standard deviation
 _NORMAL_90 = 2 * 1.6449  # width of a normal distribution's central 90 %, in standard deviations

@@ -23,11 +23,13 @@ from simtune.fit import (
 )
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
+from simtune.tuning.earlier import Earlier
+from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.fit_stage import Detected, FitStage, HeldOut
 from simtune.tuning.learning import Learning
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import RangeUpdateConfig, point_estimate, read_curves, with_fit
-from simtune.tuning.search import Estimate, SearchContext, TellEarly, at_most_weak
+from simtune.tuning.search import SearchContext, TellEarly
 from simtune.tuning.told import Told
 
 _FITS_SHARE = 0.9  # of the time then left, for a fit and its refits
@@ -54,9 +56,7 @@ class Judging:
     first: Distribution  # in the first round
     config: PosteriorSearchConfig
     rng: np.random.Generator  # draws known worlds
-    # Result of the refits, after `judge`; of the previous round if there was no time for any
-    bootstrap: Bootstrap | None = None
-    estimate: Estimate | None = None  # conclusion, likewise
+    earlier: Earlier  # of the rounds before; after `judge`, of this one as well
 
     @classmethod
     def prepare(
@@ -68,11 +68,11 @@ class Judging:
         told: Told | None,
         ranges: tuple[Distribution, Distribution],
         budget: Budget,
-        before: "Judging | None" = None,
+        earlier: Earlier,
     ) -> "Judging":
         """With a fit, if one is possible, that is as large as the time allows.
 
-        `ranges`: `searched` and `first`; `before`: of the previous round.
+        `ranges`: `searched` and `first`.
         """
         stage, config = None, learning.config
         if learning.is_fitted:
@@ -89,8 +89,7 @@ class Judging:
             first=first,
             config=config,
             rng=learning.worlds.rng,
-            bootstrap=before and before.bootstrap,
-            estimate=before and before.estimate,
+            earlier=earlier,
         )
 
     def judge(
@@ -120,14 +119,14 @@ class Judging:
         size = self._refits(len(observed), budget, fit_s)
         size = size if may_be_last else (0, 0)
         if size[0]:
-            before = self.bootstrap
-            known = before if before and before.misfits else Bootstrap.none(fit)
+            known = self.earlier.known(Bootstrap.none(fit))
             tell_early(self._conclude(fit, known, prob_higher)[0])
         part = budget.part(budget.seconds_left, (0.65, 1.0))
         made = self.stage.bootstrap(observed, fit, start, size, self.rng, may_be_last, part)
-        if made.misfits or self.bootstrap is None or not self.bootstrap.misfits:
-            self.bootstrap = made
-        return self._conclude(fit, self.bootstrap, prob_higher)
+        known = self.earlier.known(made)
+        estimate, curves = self._conclude(fit, known, prob_higher)
+        self.earlier = Earlier(known, estimate)
+        return estimate, curves
 
     def _fit(
         self, given: tuple[Observed, PointEstimate, bool, bool], budget: Budget
@@ -138,7 +137,7 @@ class Judging:
         does not end either; it is not tried after a round that had a fit, which tells more.
         """
         assert self.stage is not None
-        may_be_smaller = not (budget.is_endless or self.stage.is_least or self.estimate)
+        may_be_smaller = not (budget.is_endless or self.stage.is_least or self.earlier.estimate)
         seconds = _PLANNED_SHARE * budget.seconds_left if may_be_smaller else budget.seconds_left
         began_s = time.monotonic()
         try:
@@ -155,8 +154,8 @@ class Judging:
 
         If there is none, that of the networks alone.
         """
-        if self.estimate:
-            return self.estimate
+        if self.earlier.estimate:
+            return self.earlier.estimate
         estimate = read_curves(prob_higher, self.searched, self.first, self.config.range_update)
         verdict = at_most_weak(estimate.verdict)
         estimate = replace(estimate, verdict=verdict, warnings=[_NO_FIT])
@@ -191,8 +190,7 @@ class Judging:
         if len(fit.offsets):
             offsets = zip(self.stage.reading_labels, fit.offsets.tolist(), strict=True)
             estimate = replace(estimate, offsets=dict(offsets))
-        self.estimate = self.told.better(estimate) if self.told else estimate
-        return self.estimate, curves
+        return self.told.better(estimate) if self.told else estimate, curves
 
 
 def conclude(

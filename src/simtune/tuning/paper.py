@@ -20,6 +20,7 @@ from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
 from simtune.trajectory import Trajectory
+from simtune.tuning.estimate import unsure
 from simtune.tuning.search import (
     Event,
     Keep,
@@ -28,7 +29,6 @@ from simtune.tuning.search import (
     TellEarly,
     keep_nothing,
     tell_nobody,
-    unsure,
 )
 
 

@@ -22,6 +22,7 @@ from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.trajectory import Trajectory
+from simtune.tuning.earlier import Earlier
 from simtune.tuning.fit_stage import can_fit
 from simtune.tuning.judging import Judging
 from simtune.tuning.learning import Learning
@@ -81,9 +82,9 @@ class PosteriorSearch:
         # Of an unfinished round, once its detector is trained: metrics, and the state of its
         # worlds' generator, to simulate them again
         self._learned: dict[str, Any] | None = None
-        # Results of a round besides network weights; not stored in checkpoints.
-        self._told: Told | None = None  # by joint readings alone, before the first round
-        self._judging: Judging | None = None
+        # By joint readings alone, before the first round; a later session reads them again
+        self._told: Told | None = None
+        self._earlier = Earlier()
 
     @property
     def num_rounds(self) -> int:
@@ -134,14 +135,14 @@ class PosteriorSearch:
         held_out = learning.hold_out(real, searched, budget)
         metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
         ranges = searched, self.first
-        told, before = self._told, self._judging
+        told, earlier = self._told, self._earlier
         judging = Judging.prepare(
-            self.context, learning, real, held_out, told, ranges, budget, before
+            self.context, learning, real, held_out, told, ranges, budget, earlier
         )
-        self._judging = judging
         detected = learning.detect(real)
         prob_higher = learning.curves(detected, searched)
         estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget, tell_early)
+        self._earlier = judging.earlier
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
@@ -181,7 +182,8 @@ class PosteriorSearch:
     def state(self) -> dict[str, Any]:
         rng = (self._learned or {}).get("rng") or self._learning.worlds.rng.bit_generator.state
         changing = {"distribution": self.distribution.state(), "rng": rng}
-        return self._rounds.state() | changing | {"learned": self._learned}
+        changing |= {"learned": self._learned, "earlier": self._earlier.to_json()}
+        return self._rounds.state() | changing
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         load_weights(self.model.detector, under("detector.", tensors), "detector")
@@ -190,4 +192,5 @@ class PosteriorSearch:
         self._rounds.load(state)
         self.distribution = self.distribution.with_state(state["distribution"])
         self._learning.worlds.rng.bit_generator.state = state["rng"]
-        self._learned = state.get("learned")  # absent in older versions
+        self._learned = state["learned"]
+        self._earlier = Earlier.from_json(state["earlier"])

@@ -10,7 +10,8 @@ from scipy.special import ndtr
 
 from simtune.fit import PointEstimate
 from simtune.randomization import Distribution
-from simtune.tuning.search import Estimate, Event, Verdict
+from simtune.tuning.estimate import Estimate, Verdict
+from simtune.tuning.search import Event
 
 _BEYOND = 0.05  # probability beyond an end of the grid, from which the interval reaches the bound
 _INFORMATIVE = 0.565  # of the range: a curve whose central 90 % is wider says nothing

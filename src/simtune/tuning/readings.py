@@ -25,6 +25,7 @@ from simtune.observation import finds_offset
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
+from simtune.tuning.estimate import at_most_weak
 from simtune.tuning.readings_fits import FEWEST_STEPS, Found, Horizons, ReadingsFits, unexplained
 from simtune.tuning.readings_verdict import conclude, is_too_late
 from simtune.tuning.rounds import half_widths, is_precise
@@ -34,7 +35,6 @@ from simtune.tuning.search import (
     Round,
     SearchContext,
     TellEarly,
-    at_most_weak,
     keep_nothing,
     tell_nobody,
 )

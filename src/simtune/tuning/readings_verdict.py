@@ -10,9 +10,9 @@ from simtune.fit.result import block_correlation
 from simtune.fit.uncertainty import latency_warning, lateness_warning, tell_apart
 from simtune.observation import ObservationModel, joints_of
 from simtune.randomization import Distribution
+from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_curves
 from simtune.tuning.readings_fits import Found, unexplained
-from simtune.tuning.search import Estimate, at_most_weak
 
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
 _LEAST_STD = 1e-3  # in unit coordinates

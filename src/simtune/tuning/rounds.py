@@ -7,7 +7,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.randomization import Distribution
-from simtune.tuning.search import Estimate
+from simtune.tuning.estimate import Estimate
 
 _LONGER = 1.5  # longest later round, relative to a whole first one
 _MAY_BE_ZERO = 0.1  # of the range: half-widths of what is nearer to 0 are not relative to that

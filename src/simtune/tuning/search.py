@@ -1,8 +1,8 @@
-"""The interface of searches: estimates, events, and what a search is given."""
+"""The interface of searches: what a search is given, and what a round returns."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -12,41 +12,9 @@ from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, Points
 from simtune.trajectory import Trajectory
+from simtune.tuning.estimate import Estimate
 from simtune.vision.detector import Detections
 from simtune.vision.keypoints import Keypoints
-
-Verdict = Literal["identified", "weak", "not identifiable"]
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What a search concludes from the real trajectories."""
-
-    mean: np.ndarray  # (N,)
-    low: np.ndarray  # (N,) lower end of the 90 % interval
-    high: np.ndarray  # (N,)
-    verdict: list[Verdict]  # one per parameter
-    # {name: (candidates (C,), P(truth > candidate) (C,))}: survival curves, if any
-    curves: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    # (N, N) of the errors on the parameters' own scales; None: unknown
-    correlation: np.ndarray | None = None
-    # {"a, b": correlation} of parameters that can hardly be separated
-    correlations: dict[str, float] = field(default_factory=dict)
-    # {name: ranks in (0, 1) of known worlds' truths}: uniform if intervals hold
-    ranks: dict[str, list[float]] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)  # reasons for doubt
-    # How well the held-out episode is explained, see `fit.held_out_misfit`
-    held_out: dict[str, Any] = field(default_factory=dict)
-    start: list[float] | None = None  # (S,) initial state of the first trajectory, if known
-    latency_steps: int = 0  # estimated delay of the actions
-    # Seconds by which pictures seem to be late as well, and the standard deviation
-    pictures_late_s: tuple[float, float] = (0.0, 0.0)
-    readings_late_s: tuple[float, float] = (0.0, 0.0)  # the same, for joint readings
-    # {reading: measured − simulated}, if offsets are unknown
-    offsets: dict[str, float] = field(default_factory=dict)
-    # Gain, gamma and offset of each camera, if a known colour informs them
-    camera_responses: list[dict[str, Any]] = field(default_factory=list)
-
 
 # Receives an estimate before the round knows how far to trust it
 TellEarly = Callable[[Estimate], None]
@@ -62,17 +30,6 @@ Keep = Callable[[], None]
 
 def keep_nothing() -> None:
     """A `Keep` that does nothing."""
-
-
-def at_most_weak(verdicts: list[Verdict]) -> list[Verdict]:
-    """The verdicts, with "identified" replaced by "weak"."""
-    return ["weak" if verdict == "identified" else verdict for verdict in verdicts]
-
-
-def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:
-    """An estimate that only repeats the range."""
-    verdicts: list[Verdict] = [verdict] * len(distribution.space)
-    return Estimate(distribution.mean, distribution.low, distribution.high, verdicts)
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,9 @@ from simtune.observation import finds_offset, joints_of, read_later
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
-from simtune.tuning.search import Estimate, SearchContext
+from simtune.tuning.search import SearchContext
 
 _CENTRAL = 2 * 1.645  # width of a 90 % interval in standard deviations
 

@@ -1,0 +1,38 @@
+"""What earlier rounds concluded, for a round that has little time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from simtune.fit import Bootstrap
+from simtune.tuning.estimate import Estimate
+
+_FEW = 2  # refits of a new round that count more than any number of earlier ones
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """Of the rounds before, also of those in an earlier session."""
+
+    bootstrap: Bootstrap | None = None  # None: no known world was fitted
+    estimate: Estimate | None = None  # None: nothing was fitted
+
+    def known(self, made: Bootstrap) -> Bootstrap:
+        """The refits to judge by: those just `made`, unless there were more time before."""
+        before = self.bootstrap
+        if before is None or len(made.misfits) >= min(_FEW, len(before.misfits)):
+            return made
+        return before
+
+    def to_json(self) -> dict[str, Any]:
+        """As a checkpoint holds it."""
+        parts = {"bootstrap": self.bootstrap, "estimate": self.estimate}
+        return {name: part and part.to_json() for name, part in parts.items()}
+
+    @classmethod
+    def from_json(cls, saved: Mapping[str, Any]) -> "Earlier":
+        """The inverse of `to_json`."""
+        bootstrap, estimate = saved["bootstrap"], saved["estimate"]
+        return cls(
+            bootstrap and Bootstrap.from_json(bootstrap), estimate and Estimate.from_json(estimate)
+        )

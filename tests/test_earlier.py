@@ -1,0 +1,59 @@
+"""What earlier rounds concluded, for a round without time for its own."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simtune.fit import Bootstrap
+from simtune.fit.result import Misfit
+from simtune.tuning.earlier import Earlier
+from simtune.tuning.estimate import Estimate
+
+
+def refits(num: int) -> Bootstrap:
+    misfits = [Misfit((0.3, float("nan")), (0.004,))] * num
+    errors = np.random.default_rng(num).normal(size=(num, 3))
+    is_moving, usual = np.array([True, True, False]), np.full(3, 0.01)
+    return Bootstrap(errors, is_moving, misfits, usual, np.array([1]))
+
+
+@pytest.mark.parametrize(
+    ("before", "made", "judges"),
+    [
+        (0, 0, "made"),
+        (0, 1, "made"),
+        (1, 0, "before"),
+        (1, 1, "made"),
+        (4, 1, "before"),
+        (4, 2, "made"),
+        (2, 4, "made"),
+    ],
+)
+def test_refits_judge_that_are_new_unless_there_are_too_few(before, made, judges):
+    new = refits(made)
+    known = Earlier(refits(before)).known(new)
+    assert (known is new) == (judges == "made")
+
+
+def test_the_first_round_judges_by_its_own():
+    assert Earlier().known(new := refits(0)) is new
+
+
+def test_it_survives_json():
+    """Of a checkpoint, which may hold NaN: a misfit that is unknown."""
+    estimate = Estimate(*np.arange(9.0).reshape(3, 3), ["weak"] * 3, correlation=np.eye(3))
+    earlier = Earlier(refits(2), estimate)
+    back = Earlier.from_json(json.loads(json.dumps(earlier.to_json())))
+    for key in ("errors", "is_moving", "usual_std", "unfitted"):
+        one, other = getattr(back.bootstrap, key), getattr(earlier.bootstrap, key)
+        np.testing.assert_array_equal(one, other)
+        assert one.dtype == other.dtype
+    assert repr(back.bootstrap.misfits) == repr(earlier.bootstrap.misfits)  # NaN is not itself
+    np.testing.assert_array_equal(back.estimate.low, estimate.low)
+    none = Earlier.from_json(json.loads(json.dumps(Earlier(refits(0)).to_json())))
+    assert none.bootstrap.errors.shape == (0, 3)
+    assert none.estimate is None
+    unknown = replace(refits(2), usual_std=None)
+    assert Bootstrap.from_json(unknown.to_json()).usual_std is None
