@@ -1,10 +1,18 @@
 """How many pixels what moves has, by hand, and what is said where they are few."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from simtune.checking.extents import extents_px, small, unclear_of
+from simtune.checking.image_size import choose_image_size
 from simtune.checking.table import _extents
+from simtune.config import CheckConfig, TuneConfig
+from simtune.recordings import write_dataset
+from simtune.tasks import load_any_task
+from simtune.trajectory import Trajectory
 from simtune.views import View
 
 SCENE = """
@@ -68,3 +76,35 @@ def test_parameters_are_of_their_bodies(folder, load):
     simulator = load(TUNING + colour).simulator(image_size=16, views=[View("front")])
     verdicts = {"mass": "clear", "c_r": "weak", "c_g": "clear", "c_b": "weak"}
     assert unclear_of(simulator, verdicts, "clear") == {"turned": ["c_r", "c_b"]}
+
+
+def far(folder: Path) -> str:
+    """A tuning file whose largest moving part has 2 of 64 pixels: .25 of 8 m."""
+    (folder / "scene.xml").write_text(SCENE.replace('pos="0 -4 0"', 'pos="0 -8 0"'))
+    (path := folder / "tune.toml").write_text(TUNING)
+    return str(path)
+
+
+def test_pictures_are_larger_where_what_moves_is_small(folder, caplog):
+    caplog.set_level("INFO")
+    task = load_any_task(path := far(folder))
+    config = TuneConfig(task=path, out=folder / "run")
+    assert choose_image_size(config, task, "posterior") == 128  # not 160, which would show five
+    assert "pictures are 128 pixels high, not 64, since what moves has 2.0" in caplog.text
+    assert choose_image_size(CheckConfig(task=path), task, "posterior") == 128
+    assert choose_image_size(replace(config, image_size=48), task, "posterior") == 48
+    assert choose_image_size(config, task, "paper") == 100
+    (folder / "scene.xml").write_text(SCENE)
+    near = load_any_task(path)  # twice as near: 4 pixels
+    assert choose_image_size(config, near, "posterior") == 64
+
+
+@pytest.mark.parametrize(("recorded_px", "chosen"), [(48, 64), (96, 96), (240, 128)])
+def test_pictures_are_not_larger_than_recorded(folder, recorded_px, chosen):
+    task = load_any_task(path := far(folder))
+    frames = np.zeros((13, recorded_px, recorded_px, 3), np.uint8)
+    film = Trajectory(frames, np.zeros((12, 1), np.float32), 0.02)
+    named = {"action_names": ["motor"], "robot_type": "none", "task": "none"}
+    write_dataset(folder / "film", [film], **named)
+    config = TuneConfig(task=path, out=folder / "run", real=str(folder / "film"))
+    assert choose_image_size(config, task, "posterior") == chosen

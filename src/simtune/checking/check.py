@@ -10,6 +10,7 @@ from simtune.checking.conclusions import CLEAR, conclude
 from simtune.checking.extents import extents_px, small, unclear_of
 from simtune.checking.film import compare
 from simtune.checking.film_picture import Shown, draw_film, new_file
+from simtune.checking.image_size import choose_image_size
 from simtune.checking.library import MOST_STEPS, make_libraries
 from simtune.checking.limits import joints_at_limits
 from simtune.checking.readings import ReadEpisodes, read_episodes, reading_changes
@@ -28,7 +29,6 @@ from simtune.run.files import plain
 from simtune.simulation import Simulator
 from simtune.simulation.plate import camera_moves
 from simtune.tasks import Task, load_task
-from simtune.tuning import needed_image_size
 from simtune.views import View, apart
 
 _EPISODES = 5
@@ -46,15 +46,15 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     config.check()
     task = load_task(config.task)
     seen = observed(task, config.observed, is_simulated=not config.real)
-    image_size = config.image_size or needed_image_size("posterior")
-    facts: dict[str, Any] = {"task": task.name, "seed": config.seed, "image_size": image_size}
+    size = choose_image_size(config, task, "posterior")
+    facts: dict[str, Any] = {"task": task.name, "seed": config.seed, "image_size": size}
     facts["warnings"] = []
     read: ReadEpisodes | None = None
     if config.real:
-        simulator, actions, read, more = _of_recordings(config, task, image_size, seen, say)
+        simulator, actions, read, more = _of_recordings(config, task, size, seen, say)
         facts |= more
     else:
-        simulator = task.simulator(image_size=image_size, views=seen.views())
+        simulator = task.simulator(image_size=size, views=seen.views())
         num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
         worlds = np.tile(task.parameters.nominal, (num, 1))
         act = simulator.explore(num, task.episode_steps, rng)
@@ -74,19 +74,19 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
         verdicts = {name: its["verdict"] for name, its in concluded["parameters"].items()}
         facts["extents_px"] = extents_px(simulator, states)
         unclear = unclear_of(simulator, verdicts, CLEAR)
-        facts["warnings"] += small(facts["extents_px"], image_size, unclear)
+        facts["warnings"] += small(facts["extents_px"], size, unclear)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return plain(facts | concluded)
 
 
 def _of_recordings(
-    config: CheckConfig, task: Task, image_size: int, seen: ObservationModel, say: ReportProgress
+    config: CheckConfig, task: Task, size: int, seen: ObservationModel, say: ReportProgress
 ) -> tuple[Simulator, np.ndarray, ReadEpisodes | None, dict[str, Any]]:
     """A simulator at the recordings' rate, their actions (E, T, A), readings, facts and warnings.
 
     Actions are cut to the shortest episode's.
     """
-    dataset = open_recordings(config.real or "", task, config, image_size, seen)
+    dataset = open_recordings(config.real or "", task, config, size, seen)
     num = how_many(dataset, config.episodes)
     recorded, film = look_through(dataset, say, min(num, _LOOKED_AT) * bool(seen.cameras))
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
@@ -94,10 +94,10 @@ def _of_recordings(
     films = _Films.of(seen.framed(dataset.aspects), film)
     # Supersampled as in tuning: a real camera averages over its pixels.
     simulator = task.simulator(
-        image_size=image_size,
+        image_size=size,
         step_s=dataset.step_s,
         supersampling=seen.supersampling,
-        views=[_shrunk(view, image_size) for view in films.views],
+        views=[_shrunk(view, size) for view in films.views],
     )
     steps = min(len(actions) for actions in recorded[:num])
     actions = np.stack([actions[:steps] for actions in recorded[:num]])

@@ -13,7 +13,7 @@ from simtune.simulation import Simulator
 from simtune.vision.keypoints import Keypoints, candidate_keypoints, is_drawn
 
 _STEPS, _EPISODES = 12, 4  # used at most
-_FEW_PX, _ENOUGH_PX = 3.5, 5.0  # across: at an accuracy of about 0.2 pixels, a size is known to 5 %
+FEW_PX, ENOUGH_PX = 3.5, 5.0  # across: at an accuracy of about 0.2 pixels, a size is known to 5 %
 _OUT_OF_SIGHT_PX = 0.05
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box
 
@@ -52,21 +52,21 @@ def small(
     if not extents:
         return []
     largest = max(extents, key=lambda its: extents[its])
-    if extents[largest] < _FEW_PX:
+    if extents[largest] < FEW_PX:
         its = f"what moves is small: the largest, {largest}, is"
         return [_few_pixels(its, extents[largest], image_size)]
     return [
         _few_pixels(f"{', '.join(names)}: {body} is", extents[body], image_size)
         for body, names in unclear.items()
-        if _OUT_OF_SIGHT_PX < extents.get(body, 0.0) < _FEW_PX
+        if _OUT_OF_SIGHT_PX < extents.get(body, 0.0) < FEW_PX
     ]
 
 
 def _few_pixels(what_is: str, pixels: float, image_size: int) -> str:
-    larger = 8 * math.ceil(_ENOUGH_PX / max(pixels, 0.1) * image_size / 8)
+    larger = 8 * math.ceil(ENOUGH_PX / max(pixels, 0.1) * image_size / 8)
     return (
         f"{what_is} {pixels:.1f} of {image_size} pixels "
-        f"across. --image-size {larger} would show {_ENOUGH_PX:g}, if the recordings have as many; "
+        f"across. --image-size {larger} would show {ENOUGH_PX:g}, if the recordings have as many; "
         "or look at a region of them alone, [camera] region = ..."
     )
 

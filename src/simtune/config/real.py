@@ -62,8 +62,8 @@ class ObservesSized(Observes):
     """Also the size of pictures."""
 
     image_size: int | None = None
-    """Height of pictures in pixels; by default 64, or 100 for the paper's search. The time grows
-    with its square."""
+    """Height of pictures in pixels; by default 100 for the paper's search, else 64, or up to 128 if
+    what moves is small. The time grows with its square."""
 
     def check_image_size(self) -> None:
         """Raises InputError if the size is too small or too large."""

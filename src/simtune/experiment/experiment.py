@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from simtune import outcome
+from simtune.checking.image_size import choose_image_size
 from simtune.checking.recording_warnings import warnings_of
 from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
@@ -35,7 +36,7 @@ from simtune.tasks import (
     with_model,
 )
 from simtune.trajectory import Trajectory
-from simtune.tuning import SearchContext, make_search, needed_image_size
+from simtune.tuning import SearchContext, make_search
 from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
 from simtune.tuning.search import Search
 from simtune.views import apart
@@ -130,9 +131,8 @@ def build_experiment(
     if name != "posterior":
         task = before_one_camera(task)
     report("looking at the real world", 0.0)
-    world = build_world(
-        config, task, config.image_size or needed_image_size(name), config.real_episodes
-    )
+    size = choose_image_size(config, task, name)
+    world = build_world(config, task, size, config.real_episodes)
     search = build_search(world, name, settings)
     return Experiment(**vars(world), settings=settings, search_name=name, search=search)
 

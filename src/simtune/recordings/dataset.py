@@ -68,6 +68,11 @@ class Dataset:
         """Width over height of each camera's view. Raises InputError for unsound pictures."""
         return self._film.aspects if self._film else []
 
+    @property
+    def recorded_px(self) -> int | None:
+        """Height of the lowest camera's pictures; None without pictures."""
+        return self._film.height(None) if self._film else None
+
     @functools.cached_property
     def content_hash(self) -> str:
         """SHA-256 of the recordings, computed on first use; it changes if they do."""

@@ -1,0 +1,69 @@
+"""The height of pictures: as asked for, or by how many pixels what moves has."""
+
+import logging
+import math
+from pathlib import Path
+
+import numpy as np
+
+from simtune.checking.extents import ENOUGH_PX, FEW_PX, extents_px
+from simtune.config import ROBOTS, CheckConfig, TuneConfig
+from simtune.names import SearchName
+from simtune.observation import ObservationModel
+from simtune.real.choose import observed, open_recordings
+from simtune.tasks import AnyTask, Task
+from simtune.tuning import needed_image_size
+
+_LARGEST_PX = 128  # chosen by itself, since time grows with the square
+_MULTIPLE_PX = 8
+_EPISODES, _STEPS = 4, 60  # looked at, at most
+
+log = logging.getLogger(__name__)
+
+
+def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: SearchName) -> int:
+    """Height of pictures in pixels.
+
+    By default the search's usual one. The posterior search takes more, at most 128 and not more
+    than recordings have, if even the largest moving part would be small otherwise. Raises
+    InputError for recordings that cannot be read.
+    """
+    usual = needed_image_size(search)
+    if config.image_size or search != "posterior" or not isinstance(task, Task):
+        return config.image_size or usual
+    seen = observed(task, config.observed, is_simulated=False)
+    largest_px = _largest_px(task, seen, usual)
+    if largest_px >= FEW_PX:
+        return usual
+    wanted = _MULTIPLE_PX * math.ceil(ENOUGH_PX / largest_px * usual / _MULTIPLE_PX)
+    recorded = _recorded_px(config, task, seen, usual)
+    size = min(wanted, _LARGEST_PX, recorded or _LARGEST_PX)
+    if size <= usual:
+        return usual
+    log.info(
+        "pictures are %d pixels high, not %d, since what moves has %.1f pixels there",
+        size,
+        usual,
+        largest_px,
+    )
+    return size
+
+
+def _largest_px(task: Task, seen: ObservationModel, height: int) -> float:
+    """Across the largest of what moves under random actions; infinite if nothing is in sight."""
+    simulator = task.simulator(image_size=height, views=seen.views())
+    rng, num_steps = np.random.default_rng(0), min(_STEPS, task.episode_steps)
+    worlds = np.tile(task.parameters.nominal, (_EPISODES, 1))
+    act = simulator.explore(_EPISODES, num_steps, rng)
+    states = simulator.play(worlds, act, num_steps, rng).states
+    extents = extents_px(simulator, states) if seen.cameras else {}
+    return max((px for px in extents.values() if px > 0), default=math.inf)
+
+
+def _recorded_px(
+    config: TuneConfig | CheckConfig, task: Task, seen: ObservationModel, usual: int
+) -> int | None:
+    """Height of the recordings' pictures; None if the real world is filmed in any size."""
+    if config.real is None or str(config.real) in ("pseudo", *ROBOTS):
+        return None
+    return open_recordings(Path(config.real), task, config, usual, seen).recorded_px
