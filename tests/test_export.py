@@ -282,6 +282,23 @@ def a_run_with_a_posterior(path: Path, task_name: str) -> tuple[Path, Joint]:
     return run, joint
 
 
+def test_delays_and_offsets_that_no_model_holds_are_written_beside_it(tmp_path):
+    found = {"latency_steps": 2, "step_s": 0.05, "pictures_late_s": [0.01, 0.002]}
+    found |= {
+        "readings_late_s": [0.003, 0.001],
+        "sensors": {"q.hip": {"unit": "rad", "offset": 0.2}},
+    }
+    for name, facts in (("timed", found), ("plain", {})):
+        run, _ = a_run(tmp_path / name, "cartpole", **facts)
+        out = export(ExportConfig(run_folder=run, out=tmp_path / f"{name}-out"))
+        written = json.loads((out / "parameters.json").read_text())
+        timed = name == "timed"
+        assert written["late_s"] == pytest.approx(
+            {"actions": 0.1 * timed, "pictures": 0.01 * timed, "readings": 0.003 * timed}
+        )
+        assert written["offsets"] == ({"q.hip": 0.2} if timed else {})
+
+
 def test_samples_are_drawn_from_the_joint_posterior(tmp_path):
     run, joint = a_run_with_a_posterior(tmp_path / "run", "finger")
     out = export(ExportConfig(run_folder=run, out=tmp_path / "out", samples=3000))

@@ -1,6 +1,7 @@
 """The reality gap: pictures and delays that the simulator does not have, and still no way in."""
 
 import dataclasses
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from simtune.rollout import Environment
 from simtune.run import read_jsonl
 from simtune.simulation import Simulator, acting_late, make_renderer, opengl
 from simtune.tasks import load_task
-from simtune.trajectory import Trajectory
+from simtune.trajectory import Trajectory, delayed
 from simtune.vision.image_noise import ImageNoise
 from simtune.vision.noisy_cameras import NoisyCameras
 from simtune.vision.smoothing import with_smooth_chroma
@@ -97,9 +98,8 @@ def test_the_robot_follows_one_step_late_and_the_commands_are_recorded(simulator
     trajectories = collect(simulator, STILL)
     commanded = np.stack([t.actions for t in trajectories])
     assert (commanded != 0).all()
-    np.testing.assert_array_equal(
-        played[0].actions[:, 0], 0
-    )  # still until the first command arrives
+    # Until the first command arrives it does the same, as if it had been there before.
+    np.testing.assert_allclose(played[0].actions[:, 0], commanded[:, 0], rtol=1e-6)
     np.testing.assert_allclose(played[0].actions[:, 1:], commanded, rtol=1e-6)
     speed = filmed[0][:, :, 3]  # a row is time, qpos (2), qvel (2), ...
     assert filmed[0].shape[1] == STEPS + 1
@@ -178,11 +178,13 @@ def test_tuning_averages_over_pixels_where_the_real_camera_does(
 # --- policies behind the gap --------------------------------------------------------------
 
 
-def test_an_action_is_carried_out_late_and_nothing_before():
-    act = acting_late(lambda t, states: np.full((1, 1), t + 1.0), 2, 1, 1)
-    states = np.zeros((1, 4))
-    assert [float(act(t, states)[0, 0]) for t in range(5)] == [0, 0, 1, 2, 3]
-    prompt = acting_late(lambda t, states: np.full((1, 1), t + 1.0), 0, 1, 1)
+def test_an_action_is_carried_out_late_and_the_first_one_before():
+    commands, states = np.arange(1.0, 6)[:, None], np.zeros((1, 4))
+    act = acting_late(lambda t, states: commands[None, t], 2)
+    carried_out = [float(act(t, states)[0, 0]) for t in range(5)]
+    assert carried_out == [1, 1, 1, 2, 3]
+    assert carried_out == delayed(commands, 2)[:, 0].tolist()  # as recordings are fitted
+    prompt = acting_late(lambda t, states: commands[None, t], 0)
     assert [float(prompt(t, states)[0, 0]) for t in range(3)] == [1, 2, 3]
 
 
@@ -206,7 +208,7 @@ def test_a_policy_sees_what_the_gaps_camera_delivers_and_acts_a_step_late(simula
     np.testing.assert_array_equal(seen[5][0, -1], first.frames[5])  # the recorded ones
     np.testing.assert_array_equal(first.actions[:, 0], [1.0] + [0.0] * (STEPS - 1))
     np.testing.assert_array_equal(second.actions, first.actions)
-    np.testing.assert_array_equal(played[0].actions[:, :3, 0], [[0, 1, 0]] * 2)
+    np.testing.assert_array_equal(played[0].actions[:, :3, 0], [[1, 1, 0]] * 2)
     again, _ = real.run_policy(lambda frames: np.zeros((len(frames), 1)), 3, 2, seed=0)
     np.testing.assert_array_equal(again.frames[0], first.frames[0])
 
@@ -237,12 +239,13 @@ def test_a_delay_moves_what_happens_by_its_steps():
     worlds, environment = SPACE.nominal[None], Environment(TASK, simulator, 1, most_late=2)
 
     def accelerations(delay_steps: int) -> np.ndarray:
-        rng = np.random.default_rng(0)
-        played = environment.play(lambda _: np.ones((1, 1)), worlds, rng, False, delay_steps)
+        rng, pushes = np.random.default_rng(0), itertools.chain([0.0], itertools.repeat(1.0))
+        push = lambda _: np.full((1, 1), next(pushes))  # noqa: E731  from the second step on
+        played = environment.play(push, worlds, rng, False, delay_steps)
         return np.abs(np.diff(played.full_states[0, :, 3]))  # of the cart
 
     for delay_steps in (0, 1, 2):
-        assert np.argmax(accelerations(delay_steps) > 0.5) == delay_steps
+        assert np.argmax(accelerations(delay_steps) > 0.5) == 1 + delay_steps
 
 
 def test_noisy_cameras_do_to_tensors_what_the_noise_says():

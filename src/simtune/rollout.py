@@ -111,7 +111,7 @@ class Environment:
 
         rollouts = simulator.play(
             parameters,
-            acting_late(act, delay_steps, len(parameters), simulator.num_actions),
+            acting_late(act, delay_steps),
             num_steps,
             rng,
             observe=lambda batch: self._observe_batch(batch, keypoints),

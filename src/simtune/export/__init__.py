@@ -1,5 +1,6 @@
 """`simtune export`: a run's result as files that need no simtune."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -73,8 +74,19 @@ def _content(run: RunData, space: ParameterSpace) -> dict[str, Any]:
         "task": run.result["task"],
         "parameters": parameters,
         **{key: run.result[key] for key in _MODEL_CHECKS if key in run.result},
+        **_beside_the_model(run.result),
         "provenance": provenance | {"run": str(run.path.resolve())},
     }
+
+
+def _beside_the_model(result: Mapping[str, Any]) -> dict[str, Any]:
+    """What was found of the recordings, and what no model holds: delays, and sensors' offsets."""
+    late_s = {
+        name: result.get(f"{name}_late_s", (0.0, 0.0))[0] for name in ("pictures", "readings")
+    }
+    late_s["actions"] = result.get("latency_steps", 0) * result.get("step_s", 0.0)
+    sensors: Mapping[str, Any] = result.get("sensors", {})
+    return {"late_s": late_s, "offsets": {name: its["offset"] for name, its in sensors.items()}}
 
 
 def _write_file(path: Path, space: ParameterSpace, draws: np.ndarray) -> Path:

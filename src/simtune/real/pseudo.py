@@ -81,6 +81,8 @@ def _film_exploring(
     def act(t: int, states: np.ndarray) -> np.ndarray:
         if t < num_steps:
             coming[:, t + delay_steps] = explore(t, states)
+        if t == 0:
+            coming[:, :delay_steps] = coming[:, [delay_steps]]  # as `acting_late` begins
         return coming[:, t]
 
     see = observation.observe_beside() if observation.sensors else None
@@ -131,7 +133,7 @@ def _film_policy(
         commands[:, t] = actions = decide(t, states)
         return actions
 
-    act = acting_late(command, delay_steps, len(worlds), num_actions)
+    act = acting_late(command, delay_steps)
     see = observation.observe_beside() if observation.sensors else None
     rollouts = simulator.play(worlds, act, num_steps, rng, observe=see)
     stacker.draw(num_steps, rollouts.states[:, -1])

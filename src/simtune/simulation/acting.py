@@ -69,12 +69,18 @@ def on_pictures(simulator: AnySimulator, stacker: FrameStacker, policy: PixelPol
     return lambda t, states: scale_actions(mapping, policy(stacker.draw(t, states)))
 
 
-def acting_late(act: Act, steps: int, num_worlds: int, num_actions: int) -> Act:
-    """The same, with each action carried out `steps` steps later; until then actions are 0."""
-    coming = deque([np.zeros((num_worlds, num_actions))] * steps)
+def acting_late(act: Act, steps: int) -> Act:
+    """The same, with each action carried out `steps` steps later; until then, the first one.
+
+    As `trajectory.delayed`, by which recordings are fitted: 0 may be far away for a servo.
+    """
+    coming: deque[np.ndarray] = deque()
 
     def act_late(t: int, states: np.ndarray) -> np.ndarray:
-        coming.append(act(t, states))
+        action = act(t, states)
+        if not coming:
+            coming.extend([action] * steps)
+        coming.append(action)
         return coming.popleft()
 
     return act_late
