@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from simtune.comparison import seen_late
 from simtune.moving_parts import MovingParts, follow_parts
 from simtune.tasks import load_task
 from simtune.vision.detector import Detections
@@ -79,3 +80,12 @@ def test_the_true_world_follows_its_own_film_and_another_does_not():
         assert scores["px"] < 1e-3
         assert scores["pictures_along"] is None
         assert scores["px_before"] > 0.1
+    shown = seen_late(seen[:, 0].reshape(21, -1), 0.5).reshape(21, -1, 2)
+    late = detections._replace(keypoints=shown)
+    pixels = {}
+    for steps in (0.0, 0.5):  # pictures are late: so are those of the simulator, if that is known
+        found = follow_parts(
+            simulator, keypoints, late, actions, real.states[0, 0], (other, truth), steps
+        )
+        pixels[steps] = max(its["px"] for its in found.scores().values())
+    assert pixels[0.5] < 1e-3 < 0.1 < pixels[0.0]

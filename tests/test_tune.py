@@ -589,9 +589,9 @@ def test_films_begin_where_the_fit_found_the_start_or_else_where_one_is_found(
     film = Trajectory(simulator.film(played)[0], np.zeros((6, 1), np.float32), simulator.step_s)
     filmed = []
 
-    def watch(simulator, real, parameters, start):
+    def watch(simulator, real, parameters, start, late_steps):
         filmed.append(start)
-        return film_from(simulator, real, parameters, start)
+        return film_from(simulator, real, parameters, start, late_steps)
 
     film_from = comparison.film_from
     monkeypatch.setattr(comparison, "film_from", watch)
@@ -606,6 +606,16 @@ def test_films_begin_where_the_fit_found_the_start_or_else_where_one_is_found(
         after = np.stack([frame for _, frame in decode(tmp_path / "after.mp4")]).astype(float)
         distance = np.abs(after - film.frames).mean()
         assert (distance < 3) == is_there, distance  # video compression
+
+
+def test_films_are_as_late_as_the_pictures():
+    states = np.array([[0.0, 4.0], [1.0, 2.0], [3.0, 0.0]])
+    assert comparison.seen_late(states, 0.0) is states
+    late = comparison.seen_late(states, 0.25)
+    np.testing.assert_allclose(late, [[0.0, 4.0], [0.75, 2.5], [2.5, 0.5]])
+    soon = comparison.seen_late(states[None], -0.5)[0]
+    np.testing.assert_allclose(soon, [[0.5, 3.0], [2.0, 1.0], [3.0, 0.0]])
+    np.testing.assert_array_equal(comparison.seen_late(states[:1], 0.5), states[:1])
 
 
 def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_renderer_each):

@@ -51,21 +51,36 @@ def line_up(
     return late, find_start(simulator, late, estimate.mean, np.random.default_rng(seed), config)
 
 
+def seen_late(states: np.ndarray, steps: float) -> np.ndarray:
+    """(..., T, S) states, or what is seen of them, in pictures that come `steps` later.
+
+    Interpolated along straight lines, and clamped to the first and the last one.
+    """
+    if not steps:
+        return states
+    last = states.shape[-2] - 1
+    at = np.clip(np.arange(last + 1) - steps, 0, last)
+    before = np.minimum(at.astype(int), max(last - 1, 0))
+    after, share = np.minimum(before + 1, last), (at - before)[:, None]
+    return (1 - share) * states[..., before, :] + share * states[..., after, :]
+
+
 def write_comparison(
     folder: Path,
     simulator: AnySimulator,
     trajectory: Trajectory,
     start: np.ndarray,
     parameters: tuple[np.ndarray, np.ndarray],
+    late_steps: float = 0.0,
 ) -> None:
     """Write real.mp4, before.mp4, after.mp4, overlay.mp4 of one real episode from its `start` (S,).
 
     And unexplained.mp4, if the simulator explains parts of the pictures badly. `parameters`: (N,)
-    before and after.
+    before and after; `late_steps`: by which pictures are late.
     """
     fps = round(1 / trajectory.step_s, 3)
     write_video(folder / "real.mp4", trajectory.frames, fps)
-    before, after = (film_from(simulator, trajectory, p, start) for p in parameters)
+    before, after = (film_from(simulator, trajectory, p, start, late_steps) for p in parameters)
     write_video(folder / "before.mp4", before, fps)
     write_video(folder / "after.mp4", after, fps)
     write_video(folder / "overlay.mp4", overlay(trajectory.frames, after), fps)
@@ -142,16 +157,20 @@ def _compare(
 
 
 def film_from(
-    simulator: AnySimulator, real: Trajectory, parameters: np.ndarray, start: np.ndarray
+    simulator: AnySimulator,
+    real: Trajectory,
+    parameters: np.ndarray,
+    start: np.ndarray,
+    late_steps: float = 0.0,
 ) -> np.ndarray:
     """(T + 1, H, W, 3) of a world with a real episode's actions; its start alone if it diverges.
 
-    An unknown background is the real one's.
+    An unknown background is the real one's. `late_steps`: by which pictures are late.
     """
     rng = np.random.default_rng(0)  # not used: the start is given
     world, starts = parameters[None], start[None]
     rollouts = simulator.roll_out(world, real.actions[None].astype(float), rng, starts=starts)
-    states = rollouts.states[0] if len(rollouts) else starts
+    states = seen_late(rollouts.states[0], late_steps) if len(rollouts) else starts
     worlds = np.repeat(world, len(states), 0)
     drawn, covered = simulator.render(states, worlds), simulator.covers(states, worlds)
     return np.where(covered[..., None], drawn, real.frames[: len(states)])

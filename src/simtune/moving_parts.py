@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from simtune.comparison import seen_late
 from simtune.run.files import plain
 from simtune.simulation import Simulator
 from simtune.vision.detector import Detections
@@ -78,12 +79,14 @@ def follow_parts(
     actions: np.ndarray,
     start: np.ndarray,
     parameters: tuple[np.ndarray, np.ndarray],
+    late_steps: float = 0.0,
 ) -> MovingParts:
     """Parts in an episode of (T, A) actions from the state `start` (S,).
 
-    `detections`: in its T + 1 real pictures; `parameters`: (N,) before and after.
+    `detections`: in its T + 1 real pictures; `parameters`: (N,) before and after; `late_steps`: by
+    which pictures are late.
     """
-    model = simulator.model
+    model, num = simulator.model, len(actions) + 1
     bodies = model.body_weldid[model.geom_bodyid[keypoints.geoms]].tolist()
     played = simulator.roll_out(
         np.stack(parameters),
@@ -93,7 +96,8 @@ def follow_parts(
         starts=np.repeat(start[None], 2, 0),
         keep_diverged=True,
     )
-    before, after = played.observed.reshape(2, len(actions) + 1, len(keypoints), 2)
+    seen = seen_late(played.observed, late_steps)
+    before, after = seen.reshape(2, num, len(keypoints), 2)
     is_sure = detections.probability[:, 0] >= _SURE
     return MovingParts(
         tuple(model.body(body).name or f"body {body}" for body in bodies),

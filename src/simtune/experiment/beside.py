@@ -40,12 +40,15 @@ def _film(
     seed, config = experiment.config.seed, experiment.settings.comparison
     late, start = line_up(simulator, real, found, seed, config)
     parameters = experiment.start, found.mean
-    write_comparison(folder.videos, simulator, late, start, parameters)
+    late_steps = found.pictures_late_s[0] / real.step_s
+    write_comparison(folder.videos, simulator, late, start, parameters, late_steps)
     detections = experiment.search.detect(real.frames)
     if detections is None or not isinstance(keypoints, Keypoints) or not len(keypoints):
         return None
     assert isinstance(simulator, Simulator), "it has keypoints"
-    return follow_parts(simulator, keypoints, detections, late.actions, start, parameters)
+    return follow_parts(
+        simulator, keypoints, detections, late.actions, start, parameters, late_steps
+    )
 
 
 def _replay(experiment: Experiment, found: Estimate, real: list[Trajectory]) -> Replayed:
