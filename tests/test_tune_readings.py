@@ -21,6 +21,7 @@ from simtune.record import record
 from simtune.replayed import Tuned, replay
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
+from simtune.tuning.readings import ReadingsSearch
 from simtune.tuning_run import tune
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
@@ -71,6 +72,22 @@ def test_servos_are_found_again_within_their_intervals(arm: Path, truth: Path, t
     # Noise of .002 rad, known from nothing but what is left
     noise = experiment.search.run_round(experiment.recordings, Budget()).metrics
     assert noise["rms/shoulder"] == pytest.approx(0.002, rel=0.1)
+
+
+@pytest.mark.thorough
+def test_a_round_short_of_time_may_be_followed_by_another(arm: Path, truth: Path, tmp_path: Path):
+    """As its warning asks for: from where it ended, also in a later session."""
+    experiment, later = (pseudo(arm, truth, tmp_path / name) for name in ("one", "other"))
+    search, real = experiment.search, experiment.recordings
+    short = search.run_round(real, Budget(1.0)).estimate
+    assert any("Give it more minutes" in warning for warning in short.warnings)
+    assert not search.stop_reason
+    later.search.load({}, json.loads(json.dumps(search.state())))
+    assert isinstance(later.search, ReadingsSearch)
+    np.testing.assert_allclose(later.search.distribution.mean, short.mean)
+    found = later.search.run_round(real, Budget()).estimate
+    assert found.verdict == ["identified"] * 4
+    assert later.search.stop_reason
 
 
 def test_two_that_do_the_same_are_not_told_apart_by_their_own_curvature(tmp_path: Path):

@@ -123,8 +123,10 @@ class ReadingsSearch:
             )
         precision = self.config.precision
         is_known = precision and is_precise(half_widths(estimate, self.first), precision)
-        known = f"every parameter is known to {100 * precision:g} %"
-        self.stop_reason = known if is_known else "another round would tell hardly more"
+        if is_known:
+            self.stop_reason = f"every parameter is known to {100 * precision:g} %"
+        elif found.is_sure or found.num_fits >= self.config.horizons.most_fits:
+            self.stop_reason = "another round would tell hardly more"  # else more fits may agree
         rms = zip(seen.reading_labels, judged.noise, strict=True)
         return Round(estimate, self._events(), {f"rms/{n}": float(value) for n, value in rms})
 
@@ -146,9 +148,12 @@ class ReadingsSearch:
         return fits.until_found_twice(ended, late, part), late
 
     def _begin(self, loop: OpenLoop) -> np.ndarray:
-        """(N,) first guess in unit coordinates, with a lateness of 0 if that is unknown."""
+        """(N,) first guess in unit coordinates, with a lateness of 0 if that is unknown.
+
+        In a round after another one, which was short of time, that is what it found.
+        """
         on_time = [] if loop.lateness is None else [Lateness.unit(0.0)]
-        return np.append(self.first.space.to_unit(self._context.start), on_time)
+        return np.append(self.first.space.to_unit(self.distribution.mean), on_time)
 
     @property
     def _may_be_late(self) -> bool:
