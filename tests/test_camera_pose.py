@@ -14,7 +14,7 @@ from simtune.camera_pose.film import Film
 from simtune.camera_pose.find import find_camera_pose
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
-from simtune.camera_pose.scene import measured_states, with_any_camera
+from simtune.camera_pose.scene import anywhere, measured_states, with_any_camera
 from simtune.camera_pose.search import Found
 from simtune.camera_pose.silhouettes import likely_camera, moving_masks
 from simtune.camera_pose.sureness import covariance, is_by_chance, spread
@@ -253,6 +253,38 @@ def test_outlines_of_a_ball_are_where_arithmetic_has_them(tmp_path):
     assert np.median(found.still) == 0  # elsewhere in the other frame
     twice = robot.outlines(middle, np.array([0, 0]), 10_000)
     assert (twice.still == 1).all()
+
+
+def test_what_may_be_anywhere_is_no_robot(task, tmp_path):
+    """A box whose place nobody measures is drawn neither as robot nor as background."""
+    loose = """<body name="box" pos=".3 -.6 0"><freejoint/><geom name="box" size=".4"/>
+      <body name="lid"><geom name="lid" size=".1"/></body></body></worldbody>"""
+    (tmp_path / "arm.xml").write_text(ARM.replace("</worldbody>", loose))
+    (tmp_path / "tune.toml").write_text(TUNING)
+    beside = load_task(str(tmp_path / "tune.toml"))
+    options = CheckConfig(task="", real=Path("r"), camera_pose=Path("c.toml"))
+    drawn = {}
+    for name, its in (("alone", task), ("beside", beside)):
+        its = with_any_camera(its, its.cameras[0], options)
+        model, camera = its.load_model(), its.cameras[0].camera
+        seen = ObservationModel.of_reality(its.sensors, its.cameras)
+        hidden = anywhere(model, camera, seen)
+        geoms = [model.geom(geom).name for geom in np.flatnonzero(hidden)]
+        assert geoms == (["box", "lid"] if name == "beside" else [])
+        simulator = its.simulator(image_size=1, views=())
+        states = simulator.begin(its.parameters.nominal[None], np.random.default_rng(0)).states[0]
+        geometry = CameraGeometry.of(model, camera, its.parameters, (SIZE, SIZE))
+        robot = Robot(model, camera, states, geometry, hidden)
+        drawn[name] = robot.outlines(np.full(6, 0.5), np.zeros(1, int), 10_000).pixels
+    np.testing.assert_array_equal(drawn["alone"], drawn["beside"])
+    nobody = ObservationModel.of_reality((), beside.cameras)
+    model = beside.load_model()
+    with pytest.raises(InputError, match="nothing that sensors measure moves"):
+        Robot(model, camera, states, geometry, anywhere(model, camera, nobody))
+    # Joints that carry the camera as well move nothing before it but the world.
+    model.cam_bodyid[model.camera(camera).id] = model.body("fore").id
+    moves = anywhere(model, camera, nobody)
+    assert [model.geom(g).name for g in np.flatnonzero(~moves)] == ["fore"]
 
 
 def test_the_field_of_view_is_looked_for_if_asked(task):

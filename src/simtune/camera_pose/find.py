@@ -8,7 +8,7 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Robot
-from simtune.camera_pose.scene import measured_states, with_any_camera
+from simtune.camera_pose.scene import anywhere, measured_states, with_any_camera
 from simtune.camera_pose.search import CameraSearch
 from simtune.camera_pose.written import describe, tuning_table
 from simtune.config import CheckConfig
@@ -69,7 +69,8 @@ def camera_by(
     frames, states = _known(simulator, seen, trajectories)
     size = (frames.shape[1], frames.shape[2])
     geometry = CameraGeometry.of(simulator.model, camera, task.parameters, size)
-    robot = Robot(simulator.model, camera, states, geometry)
+    hidden = anywhere(simulator.model, camera, seen)
+    robot = Robot(simulator.model, camera, states, geometry, hidden)
     plate = None if camera_moves(simulator.model, camera) else np.median(frames, 0)
     found = CameraSearch(frames, plate, robot, geometry, seed).run(budget)
     return describe(task, found, len(frames))

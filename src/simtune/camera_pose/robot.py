@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 
 from simtune.camera_pose.geometry import CameraGeometry, Pose
 from simtune.camera_pose.scene import has_outlines, robot_before
+from simtune.errors import InputError
 from simtune.simulation.depths import Depths
 
 _MESH, _EACH = mujoco.mjtGeom.mjGEOM_MESH.value, 4  # points of a geom
@@ -32,10 +33,20 @@ class Robot:
     """All that moves before the camera, in M states."""
 
     def __init__(
-        self, model: mujoco.MjModel, camera: str, states: np.ndarray, geometry: CameraGeometry
+        self,
+        model: mujoco.MjModel,
+        camera: str,
+        states: np.ndarray,
+        geometry: CameraGeometry,
+        hidden: np.ndarray | None = None,
     ):
-        """(M, S) full states; `geometry`: of the film's pictures."""
-        self._geometry, self._moves = geometry, robot_before(model, camera)
+        """(M, S) full states; `geometry`: of the film's pictures; `hidden`: (ngeom,) bool, left
+        out since they may be anywhere. Raises InputError if nothing else moves.
+        """
+        self._hidden = np.zeros(model.ngeom, bool) if hidden is None else hidden
+        self._geometry, self._moves = geometry, robot_before(model, camera) & ~self._hidden
+        if not self._moves.any():
+            raise InputError(f"nothing that sensors measure moves before camera {camera!r}")
         given = model.camera(camera)
         self._poses = [_poses(model, int(given.bodyid[0]), state) for state in states]
         shown = has_outlines(model)
@@ -86,6 +97,7 @@ class Robot:
             np.stack(its) for its in zip(*(self._poses[k] for k in [*which, which[0]]), strict=True)
         )
         places[:-1, ~self._moves] = places[-1:, self._moves] = _ELSEWHERE_M
+        places[:, self._hidden] = _ELSEWHERE_M
         geoms, depths = drawing.draw(
             places,
             turns,

@@ -15,6 +15,10 @@ from simtune.trajectory import Trajectory
 from simtune.vision.keypoints import ENDLESS, is_drawn, moves_before
 
 _LARGEST_FOV_DEG = 170.0
+_FREE, _BALL, _SLIDE, _HINGE = (
+    getattr(mujoco.mjtJoint, f"mjJNT_{kind}").value for kind in ("FREE", "BALL", "SLIDE", "HINGE")
+)
+_NUM_PLACES = {_FREE: 7, _BALL: 4, _SLIDE: 1, _HINGE: 1}  # of a joint in qpos
 
 
 def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) -> Task:
@@ -47,6 +51,27 @@ def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) ->
 def has_outlines(model: mujoco.MjModel) -> np.ndarray:
     """(ngeom,) bool: what a camera sees, without endless ground."""
     return is_drawn(model) & ~np.isin(model.geom_type, ENDLESS)
+
+
+def anywhere(model: mujoco.MjModel, camera: str, observation: ObservationModel) -> np.ndarray:
+    """(ngeom,) bool: what may be anywhere before a camera, since a joint between is not measured.
+
+    Such as a box on the table. A joint that moves the camera as well is not between.
+    """
+    sensors = [sensor for sensor in joints_of(observation.sensors) if not sensor.is_velocity]
+    measured = {int(place) for sensor in sensors for place in sensor.places}
+    of_joint = {
+        joint: {int(model.jnt_qposadr[joint]) + i for i in range(_NUM_PLACES[kind])}
+        for joint, kind in enumerate(model.jnt_type.tolist())
+    }
+    unknown = [joint for joint, places in of_joint.items() if not places <= measured]
+    behind = np.zeros((len(unknown), model.nbody), bool)  # bodies that each of these joints moves
+    for row, joint in zip(behind, unknown, strict=True):
+        row[model.jnt_bodyid[joint]] = True
+        for body in range(model.jnt_bodyid[joint] + 1, model.nbody):
+            row[body] = row[model.body_parentid[body]]
+    own = model.cam_bodyid[model.camera(camera).id]
+    return (behind != behind[:, [own]]).any(0)[model.geom_bodyid]
 
 
 def robot_before(model: mujoco.MjModel, camera: str) -> np.ndarray:
