@@ -22,8 +22,13 @@ class Distribution:
 
     @classmethod
     def proportional(cls, space: ParameterSpace, mean: np.ndarray, range_: float) -> "Distribution":
-        """The paper's: U[mean·(1 − range), mean·(1 + range)], clipped to the bounds."""
-        ends = np.sort([space.clip(mean * (1 - range_)), space.clip(mean * (1 + range_))], axis=0)
+        """The paper's: U[mean·(1 − range), mean·(1 + range)], clipped to the bounds.
+
+        The paper's parameters are above 0. Of one that may be negative, such as an angle, the range
+        is a share of half the distance between its bounds instead of a share of its mean.
+        """
+        size = np.where(space.low < 0, (space.high - space.low) / 2, np.abs(mean))
+        ends = space.clip(mean - range_ * size), space.clip(mean + range_ * size)
         return cls(space, mean, *ends, on_own_scale=False)
 
     @classmethod
