@@ -168,6 +168,42 @@ def test_the_script_writes_the_same_numbers_into_the_nominal_model(name, scene, 
     assert differences(nominal, expected, rtol=0) == []
 
 
+def test_meshes_of_an_attached_model_are_found_where_it_has_them(scene, tmp_path):
+    """A spec does not tell the folders of attached models."""
+    folder = scene.parent
+    (folder / "scene.xml").write_text(
+        """<mujoco><asset><model name="hand" file="hand/hand.xml"/></asset><worldbody>
+        <camera name="front" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>
+        <frame pos="0 0 .2"><attach model="hand" body="palm" prefix="left_"/></frame>
+        </worldbody></mujoco>"""
+    )
+    (folder / "hand" / "meshes").mkdir(parents=True)
+    (folder / "hand" / "meshes" / "palm.obj").write_text(CUBE)
+    (folder / "hand" / "hand.xml").write_text(
+        """<mujoco><compiler meshdir="meshes"/><asset><mesh name="palm" file="palm.obj"/></asset>
+        <worldbody><body name="palm"><joint name="wrist" axis="0 1 0"/>
+        <geom type="mesh" mesh="palm" mass="1"/></body></worldbody></mujoco>"""
+    )
+    scene.write_text(
+        """model = "scene.xml"
+camera = "front"
+control_timestep_s = 0.05
+[[parameters]]
+        name = "mass"
+kind = "mass"
+objects = "left_palm"
+"""
+    )
+    run, mean = a_run(tmp_path / "run", str(scene))
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    assert [path.name for path in (out / "assets").iterdir()] == ["palm.obj"]
+    model = mujoco.MjModel.from_xml_path(str(out / "model.xml"))
+    assert model.body("left_palm").mass == pytest.approx(mean, rel=1e-4)
+    (folder / "hand" / "palm.obj").write_text(CUBE)
+    with pytest.raises(InputError, match=r"several files palm\.obj"):
+        export(ExportConfig(run_folder=run, out=tmp_path / "again"))
+
+
 def test_the_script_makes_a_tuned_copy_of_a_file(scene, tmp_path):
     run, mean = a_run(tmp_path / "run", str(scene))
     out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))

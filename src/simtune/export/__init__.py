@@ -53,7 +53,7 @@ def _write_model(run: RunData, task: Task, out: Path) -> tuple[ModelWriter, mujo
     found = run.result["parameters"]
     mean = np.array([found[name]["mean"] for name in task.parameters.names])
     spec, model, writer = tuned_model(task, mean, run.result.get("step_s"))
-    write_mjcf(spec, model, writer, out)
+    write_mjcf(spec, model, writer, out, task.files)
     write_atomically(out / "apply.py", apply_script(writer, model).encode())
     write_json(out / "parameters.json", _content(run, task.parameters))
     return writer, model

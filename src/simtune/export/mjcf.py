@@ -1,7 +1,7 @@
 """Writes the tuned model as MJCF, with all files that it refers to."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePath
 from typing import Any
@@ -39,19 +39,23 @@ def tuned_model(
 
 
 def write_mjcf(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, writer: ModelWriter, folder: Path
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    writer: ModelWriter,
+    folder: Path,
+    files: Sequence[Path],
 ) -> None:
     """Write FOLDER/model.xml with the numbers of `model`, which was compiled from `spec`.
 
-    Files of meshes, textures and height fields are copied into FOLDER/assets. Raises InputError if
-    a file cannot be read or MuJoCo cannot write the model, RuntimeError for a field that MJCF
-    lacks.
+    Files of meshes, textures and height fields are copied into FOLDER/assets. `files`: where those
+    of attached models may lie, whose folders a spec does not tell. Raises InputError if a file
+    cannot be read or MuJoCo cannot write the model, RuntimeError for a field that MJCF lacks.
     """
     with _mujocos_errors():
         spec.copy_back(model)
     for kind, name, attribute, value in not_copied(writer, model):
         setattr(getattr(spec, kind)(name), attribute, value)
-    _compare(_write(spec, folder), model, {*writer.written, *_INFERRED})
+    _compare(_write(spec, folder, files), model, {*writer.written, *_INFERRED})
 
 
 def write_spec(spec: mujoco.MjSpec, folder: Path) -> None:
@@ -60,17 +64,19 @@ def write_spec(spec: mujoco.MjSpec, folder: Path) -> None:
     with _mujocos_errors():
         model = spec.compile()
     fields = {name for name in FIELDS if not name.startswith("environment.")}
-    _compare(_write(spec, folder), model, fields)
+    _compare(_write(spec, folder, ()), model, fields)
 
 
-def _write(spec: mujoco.MjSpec, folder: Path) -> mujoco.MjModel:
+def _write(spec: mujoco.MjSpec, folder: Path, files: Sequence[Path]) -> mujoco.MjModel:
     """Write FOLDER/model.xml and copies of its files; returns the model read from there."""
     copied: dict[Path, str] = {}
     for owner, where, name in _files(spec):
         name = PurePath(name).name if spec.strippath else name
+        held = spec.assets.get(name)
         source = Path(spec.modelfiledir or "") / where / name
+        if held is None and not source.is_file():
+            source = _of_attached(name, files) or source
         if source not in copied:
-            held = spec.assets.get(name)
             copied[source] = _copy(source, folder / _ASSETS, len(copied), held)
         owner.file = copied[source]
     spec.meshdir = spec.texturedir = _ASSETS if copied else ""
@@ -122,6 +128,21 @@ def _files(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
         for owner in owners:
             if owner.file:
                 yield owner, where, owner.file
+
+
+def _of_attached(name: str, files: Sequence[Path]) -> Path | None:
+    """The one of `files` that an attached model refers to by `name`; None if there is none.
+
+    Raises InputError if there are several.
+    """
+    parts = [part for part in PurePath(name).parts if part not in (".", "..")]
+    found = [file for file in files if list(file.parts[-len(parts) :]) == parts]
+    if len(found) > 1:
+        raise InputError(
+            f"attached models have several files {name} ({', '.join(map(str, found))}), and MuJoCo "
+            "does not tell which is whose: rename one"
+        )
+    return found[0] if found else None
 
 
 def _copy(source: Path, folder: Path, number: int, held: bytes | None) -> str:
