@@ -180,3 +180,36 @@ def test_what_a_robots_function_films_is_filmed_once(tmp_path):
     assert asked == [0, 1, 2]
     assert first == again
     assert open_dataset(first, num_actions=3).num_episodes == 3
+
+
+def test_filming_that_was_interrupted_goes_on_with_the_next_episode(tmp_path):
+    asked = []
+
+    def record(i: int) -> dict:
+        asked.append(i)
+        if asked == [0, 1]:
+            raise KeyboardInterrupt
+        return episode()
+
+    with pytest.raises(KeyboardInterrupt):
+        film_once(record, 3, tmp_path)
+    path = film_once(record, 3, tmp_path)
+    assert asked == [0, 1, 1, 2]
+    assert sorted(file.name for file in path.iterdir()) == [f"episode_{i}.npz" for i in range(3)]
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"precision": "much"}, "precision must be"),
+        ({"budget": 3}, "budget"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_a_robot_films_nothing_for_options_that_are_wrong(options, complaint, tmp_path):
+    def record(i: int) -> dict:
+        raise AssertionError("it moved")
+
+    with pytest.raises(ValueError, match=complaint):
+        simtune.tune("cartpole", out=tmp_path / "run", real=record, **options)
+    assert not (tmp_path / "run").exists()

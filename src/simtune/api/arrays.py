@@ -42,12 +42,22 @@ def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
 
 
 def film_once(record: Record, num: int, folder: Path) -> Path:
-    """Film `num` episodes, e.g. of a robot, and write them like `write_arrays`; returns the path.
+    """Film `num` episodes, e.g. of a robot, into FOLDER/episodes; returns the path.
 
-    If `folder` has recordings, nothing is filmed: a resumed run uses its own recordings.
+    Each is written before the next one is filmed. If `folder` has recordings, nothing is filmed,
+    and what was interrupted goes on: a resumed run uses its own recordings. Raises InputError like
+    `write_arrays`.
     """
-    filmed = sorted(path.parent for path in folder.glob("[!.]*/episode_0.npz"))
-    return filmed[0] if filmed else write_arrays([record(i) for i in range(num)], folder)
+    if filmed := sorted(path.parent for path in folder.glob("[!.]*/episode_0.npz")):
+        return filmed[0]
+    unfinished, out = folder / ".unfinished", folder / "episodes"
+    unfinished.mkdir(parents=True, exist_ok=True)
+    for i in range(num):
+        path, partial = unfinished / f"episode_{i}.npz", unfinished / "partial.npz"
+        if not path.exists():
+            np.savez(partial, **_arrays(i, record(i)))
+            partial.rename(path)
+    return unfinished.rename(out)
 
 
 def _arrays(i: int, episode: Episode) -> dict[str, Any]:

@@ -15,6 +15,8 @@ from simtune.recordings import Dataset, open_dataset, write_dataset
 from simtune.run.files import append_jsonl
 from simtune.trajectory import Trajectory
 
+_NEW, _OLD = ".new", ".old"  # endings of hidden folders while a dataset is replaced
+
 
 class RecordingArchive:
     """The datasets of a folder, oldest first."""
@@ -54,7 +56,9 @@ class RecordingArchive:
     def _datasets(self) -> list[Path]:
         if not self._folder.is_dir():
             return []
-        # A hidden folder is a dataset that was being replaced when the process was killed.
+        for old in self._folder.glob(f".*{_OLD}"):
+            _finish_replacing(old)
+        # Other hidden folders are datasets that were being written when the process was killed.
         folders = (path for path in self._folder.iterdir() if not path.name.startswith("."))
         return sorted(path for path in folders if (path / "meta").is_dir())
 
@@ -74,7 +78,7 @@ class RecordingSession:
     def add(self, trajectory: Trajectory) -> None:
         """Write the dataset again, with one more episode."""
         self._trajectories.append(trajectory)
-        new, old = (self.folder.with_name(f".{self.folder.name}.{n}") for n in ("new", "old"))
+        new, old = (self.folder.with_name(f".{self.folder.name}{n}") for n in (_NEW, _OLD))
         # It is rewritten as a whole: episodes are few and short, and the robot stands still.
         write_dataset(new, self._trajectories, **self._about)
         if self.folder.exists():
@@ -85,6 +89,15 @@ class RecordingSession:
     def read(self, image_size: int) -> Sequence[Trajectory]:
         """The episodes as read from the stored videos, resized."""
         return _read(open_dataset(self.folder, cameras=[self._footage], image_size=image_size))
+
+
+def _finish_replacing(old: Path) -> None:
+    """Of a dataset that was being replaced when the process was killed; the new one is whole."""
+    name = old.name.removesuffix(_OLD)
+    new, folder = old.with_name(f"{name}{_NEW}"), old.with_name(name.removeprefix("."))
+    if not folder.exists():
+        os.replace(new if new.exists() else old, folder)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _read(dataset: Dataset) -> list[Trajectory]:
