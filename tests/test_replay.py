@@ -11,7 +11,7 @@ from simtune.parameters import Parameter, ParameterSpace
 from simtune.replay import Episodes, EpisodeStore, Replay, Transitions
 from simtune.run import checkpoint
 from simtune.search_param_model.windows import SpmBuffer
-from simtune.simulation import Rollouts
+from simtune.simulation import Rollouts, StrayLight
 
 STEPS, SIZE = 7, 6
 SPACE = ParameterSpace(
@@ -226,8 +226,9 @@ def test_a_replay_resumed_from_a_checkpoint_repeats_its_batches_bit_for_bit(tmp_
 
     asked = []
 
-    def film(states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    def film(states: np.ndarray, parameters: np.ndarray, stray: StrayLight) -> np.ndarray:
         assert np.isfinite(states).all()
+        assert not stray.to_rows().any()
         asked.append(len(states))
         return draw(states, parameters)
 
@@ -253,6 +254,26 @@ def test_a_replay_resumed_from_a_checkpoint_repeats_its_batches_bit_for_bit(tmp_
         for name, array in straight.tensors().items():
             np.testing.assert_array_equal(array, resumed.tensors()[name])
     assert straight.state() == resumed.state()
+
+
+def test_frames_are_drawn_again_in_the_light_of_their_rooms():
+    stray = StrayLight.draw(3, np.random.default_rng(0))
+    for one, other in zip(StrayLight.from_rows(stray.to_rows()), stray, strict=True):
+        np.testing.assert_array_equal(one, other)
+    store, resumed = (Replay(SPACE, filmed_capacity=3) for _ in range(2))
+    store.add(replace(some([7, 0, 3]), stray=stray))  # the second one is not stored
+    store.add(some([5]))  # of no room: another simulator's own pictures
+    seen = []
+
+    def film(states: np.ndarray, parameters: np.ndarray, light: StrayLight) -> np.ndarray:
+        seen.append(light.to_rows())
+        return draw(states, parameters)
+
+    resumed.load(store.tensors(), store.state(), film)
+    lights = stray.of(np.array([0, 2])).to_rows()
+    expected = [lights[[0] * 8], lights[[1] * 4], np.zeros((6, 6))]
+    for one, other in zip(seen, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_an_empty_store_can_be_saved():

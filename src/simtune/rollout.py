@@ -9,7 +9,14 @@ from simtune.agents.agent import Observation
 from simtune.observation import ObservationModel
 from simtune.real.gap import RealityGap
 from simtune.replay import Episodes
-from simtune.simulation import FrameStacker, Rollouts, Simulator, acting_late, scale_actions
+from simtune.simulation import (
+    FrameStacker,
+    Rollouts,
+    Simulator,
+    StrayLight,
+    acting_late,
+    scale_actions,
+)
 from simtune.tasks import Task
 from simtune.vision.keypoints import Keypoints
 
@@ -89,7 +96,7 @@ class Environment:
         simulator, num_steps = self.simulator, self.task.episode_steps
         if delay_steps is None:
             delay_steps = self.gap.delay_steps if self.gap else 0
-        stacker = None
+        stacker = stray = None
         if film:
             camera = self.gap.camera(simulator.step_s, rng) if self.gap else None
             seen = self._observation
@@ -120,7 +127,7 @@ class Environment:
         if stacker:
             stacker.draw(num_steps, rollouts.states[:, -1])
         frames = stacker.frames if stacker else None
-        return self._episodes(rollouts, actions, frames, keypoints)
+        return self._episodes(rollouts, actions, frames, keypoints, stray)
 
     def _latest(self, actions: np.ndarray, t: int) -> np.ndarray:
         """(n, most_late · A): those of (n, T, A) actions before step t, the newest first."""
@@ -141,6 +148,7 @@ class Environment:
         actions: np.ndarray,
         frames: np.ndarray | None,
         keypoints: Keypoints | None,
+        stray: StrayLight | None,
     ) -> Episodes:
         """Of n worlds, from their `_observe_batch`; (n, T, A) actions in [−1, 1]."""
         n, num_steps, _ = actions.shape
@@ -170,5 +178,6 @@ class Environment:
             terminated=~is_whole,
             frames=frames,
             keypoints=seen.reshape(n, num_steps + 1, -1, 2) if keypoints else None,
+            stray=stray,
             reached=is_kept & is_whole[:, None],
         )

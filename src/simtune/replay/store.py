@@ -9,12 +9,14 @@ import torch
 
 from simtune.parameters import ParameterSpace
 from simtune.replay.episodes import Episodes
+from simtune.simulation import StrayLight
 
-# Maps (m, S) full states and (m, N) parameters to (m, H, W, 3) uint8: `Simulator.render`
-Film = Callable[[np.ndarray, np.ndarray], np.ndarray]
+# Maps (m, S) full states, (m, N) parameters and stray light of m worlds to (m, H, W, 3) uint8:
+# `Simulator.render`
+Film = Callable[[np.ndarray, np.ndarray, StrayLight], np.ndarray]
 
 _OF_ALL = ("parameters", "lengths", "terminated", "states", "actions", "rewards")
-_OF_FILMED = ("full_states", "keypoints")  # frames are not saved: they can be drawn again
+_OF_FILMED = ("full_states", "keypoints", "stray")  # frames are not saved: they can be drawn again
 _CAPACITIES = ("filmed_capacity", "unfilmed_capacity")
 
 
@@ -57,6 +59,7 @@ class EpisodeStore:
         self.terminated = torch.zeros(slots, dtype=torch.bool)
         # These get their sizes from the first episodes, or the first filmed ones.
         self.full_states = torch.empty(filmed_capacity, 0, dtype=torch.float64)  # (·, T + 1, S)
+        self.stray = torch.empty(filmed_capacity, 0, dtype=torch.float64)  # (·, 6), `StrayLight`
         self.frames = torch.empty(filmed_capacity, 0, dtype=torch.uint8, device=self.device)
         self.keypoints = torch.empty(filmed_capacity, 0, device=self.device)  # (·, T + 1, L, 2)
         self.states = torch.empty(slots, 0, device=self.device)  # (slots, T + 1, D)
@@ -94,6 +97,9 @@ class EpisodeStore:
         slots = first + by_age[: len(episodes)]
         names = _OF_ALL if episodes.frames is None else (*_OF_ALL, *_OF_FILMED, "frames")
         arrays = {name: getattr(episodes, name) for name in names}
+        if episodes.frames is not None:
+            stray = episodes.stray or StrayLight.none(len(episodes))
+            arrays["stray"] = stray.to_rows()
         self._write(slots, {k: torch.as_tensor(a) for k, a in arrays.items() if a is not None})
         self.num_added += len(not_empty)
         self._numbers[slots] = torch.arange(self.num_added - len(slots), self.num_added)
@@ -160,7 +166,8 @@ class EpisodeStore:
         """Draw an episode's frames; those after its end are left black, and never read."""
         num_frames = int(self.lengths[slot]) + 1
         parameters = np.tile(self.parameters[slot].numpy(), (num_frames, 1))
-        drawn = film(self.full_states[slot, :num_frames].numpy(), parameters)
+        stray = StrayLight.from_rows(self.stray[slot].numpy()[None].repeat(num_frames, 0))
+        drawn = film(self.full_states[slot, :num_frames].numpy(), parameters, stray)
         frames = np.zeros((1, self.full_states.shape[1], *drawn.shape[1:]), np.uint8)
         frames[0, :num_frames] = drawn
         self._write(slot[None], {"frames": torch.as_tensor(frames)})

@@ -35,6 +35,16 @@ class StrayLight(NamedTuple):
         backdrop = rng.integers(1, _BACKDROPS, num)
         return cls(shadow, mirror, rng.normal(0, _ASIDE, (num, 3)), backdrop)
 
+    def to_rows(self) -> np.ndarray:
+        """(n, 6) float64, to be stored; see `from_rows`."""
+        return np.column_stack([self.shadow, self.mirror, self.backdrop, self.aside])
+
+    @classmethod
+    def from_rows(cls, rows: np.ndarray) -> "StrayLight":
+        """The inverse of `to_rows`."""
+        shadow, mirror, backdrop = rows[:, :3].T
+        return cls(shadow, mirror, rows[:, 3:], backdrop.astype(int))
+
     def of(self, worlds: np.ndarray | slice) -> "StrayLight":
         """Of some worlds, perhaps repeated."""
         return StrayLight(*(values[worlds] for values in self))
