@@ -153,11 +153,17 @@ def test_a_lease_is_one_holders_until_it_is_given_back(tmp_path):
 
 
 def test_cores_are_nobody_elses_meanwhile(beside, monkeypatch):
+    said: list[str] = []
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {3, 5, 8})
     with cores_taken(2) as first, cores_taken(1) as second:
         assert (first, second) == ([3, 5], [8])
     with cores_taken(3) as all_of_them:
         assert all_of_them == [3, 5, 8]
+        # What waits for them ends when the sweep does.
+        asked = iter([False, True])
+        with cores_taken(1, said.append, lambda: next(asked)) as none:
+            assert none == []
+    assert said == ["waiting for a core of 3, 5, 8 that no other sweep is on"]
 
 
 # --- sweeps -------------------------------------------------------------------------------

@@ -56,7 +56,8 @@ class Attempts:
             self._sleep(_OTHERS_PAUSE_S)
             return
         try:
-            with cores_taken(self.cores_per_run, self.say) as cores:
+            wanted = cores_taken(self.cores_per_run, self.say, lambda: self.processes.is_stopped)
+            with wanted as cores:
                 # Another process may have finished the run during the wait for lease and cores.
                 if places.standing(self.retries).status == "waiting":
                     arguments = run.arguments(places.run)

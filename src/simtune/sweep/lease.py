@@ -45,10 +45,13 @@ def usable_cores() -> list[int]:
 
 
 @contextmanager
-def cores_taken(count: int, say: Callable[[str], None] = print) -> Iterator[list[int]]:
+def cores_taken(
+    count: int, say: Callable[[str], None] = print, is_over: Callable[[], bool] = lambda: False
+) -> Iterator[list[int]]:
     """Wait for `count` cores that no other run of any sweep on this machine uses, and lease them.
 
-    Empty if processes cannot be bound to cores. A wait is reported once.
+    Empty if processes cannot be bound to cores, or once `is_over` says that there is no need. A
+    wait is reported once.
     """
     folder = Path(tempfile.gettempdir()) / f"simtune-cores-{os.getuid()}"
     folder.mkdir(exist_ok=True)
@@ -56,9 +59,10 @@ def cores_taken(count: int, say: Callable[[str], None] = print) -> Iterator[list
     leases = _take_cores(folder, usable, count)
     if leases is None:
         say(f"waiting for a core of {', '.join(map(str, usable))} that no other sweep is on")
-    while leases is None:
+    while leases is None and not is_over():
         time.sleep(_LOOK_EVERY_S)
         leases = _take_cores(folder, usable, count)
+    leases = leases or {}
     try:
         yield sorted(leases)
     finally:

@@ -54,7 +54,7 @@ def measure(
     if not (lease := Lease.take(places.lease)):
         return Pilot(None, "another process measures it")
     try:
-        with cores_taken(cores_per_run) as cores:
+        with cores_taken(cores_per_run, is_over=lambda: processes.is_stopped) as cores:
             began_s, arguments = time.monotonic(), run.arguments(places.run)
             _, lines = processes.run(arguments, places.log, lease, cores, limit_s)
     finally:
