@@ -1,5 +1,7 @@
 """Pictures of all cameras, side by side, averaged over pixels as by a camera's sensor."""
 
+from itertools import product
+
 import mujoco
 import numpy as np
 
@@ -31,14 +33,12 @@ class Filming:
             raise ValueError("nothing can be drawn: no camera films this scene")
         if self._supersampling == 1:
             return self._side_by_side(states, parameters, stray)
-        (height, width), k = self._shape, self._supersampling
-        frames = np.empty((len(states), height, width, 3), np.uint8)
+        frames = np.empty((len(states), *self._shape, 3), np.uint8)
         for start in range(0, len(states), _CHUNK):
             part = slice(start, start + _CHUNK)
             chunk_stray = stray.of(part) if stray else None
             large = self._side_by_side(states[part], parameters[part], chunk_stray)
-            blocks = large.reshape(-1, height, k, width, k, 3)
-            frames[part] = (blocks.sum((2, 4), dtype=np.uint16) + k * k // 2) // (k * k)
+            frames[part] = _averaged(large, self._supersampling)
         return frames
 
     def covers(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -53,6 +53,14 @@ class Filming:
     ) -> np.ndarray:
         drawn = [renderer.render(states, parameters, stray) for renderer in self._renderers]
         return drawn[0] if len(drawn) == 1 else np.concatenate(drawn, 2)
+
+
+def _averaged(pictures: np.ndarray, factor: int) -> np.ndarray:
+    """(n, H, W, 3) uint8 averages of (n, H factor, W factor, 3) pixels, rounded half up."""
+    total = np.full_like(pictures[:, ::factor, ::factor], factor**2 // 2, np.uint16)
+    for row, column in product(range(factor), repeat=2):  # six times as fast as one sum
+        total += pictures[:, row::factor, column::factor]
+    return (total // factor**2).astype(np.uint8)
 
 
 def _renderer(
