@@ -196,6 +196,12 @@ def mujoco_warps_own(monkeypatch, *args) -> Raycaster:
         return Raycaster(*args)
 
 
+@pytest.fixture
+def without_grids(monkeypatch):
+    """mujoco_warp computes light at each pixel, also on flat faces."""
+    monkeypatch.setattr(Primitives, "_rule", lambda self, geoms, tiles: None)
+
+
 def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
     difference = np.abs(frames.astype(int) - expected).max(axis=-1)
     assert difference.max() <= 1
@@ -205,7 +211,9 @@ def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ALL_TASKS)
-def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(name, monkeypatch):
+def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(
+    name, monkeypatch, without_grids
+):
     task, simulator = load_task(name), simulator_of(name)
     rng = np.random.default_rng(2)
     parameters = task.parameters.from_unit(rng.uniform(0, 1, (8, len(task.parameters))))
@@ -264,7 +272,7 @@ SIZES = {
 }
 
 
-def test_every_primitive_is_drawn_as_mujoco_warp_draws_it(monkeypatch):
+def test_every_primitive_is_drawn_as_mujoco_warp_draws_it(monkeypatch, without_grids):
     paints = ['rgba=".9 .7 .8 1"', *(f'material="{m}"' for m in ("checks", "glowing", "cube"))]
     geoms = "".join(
         f'<geom name="{shape} {row}" type="{shape}" size="{size}" {paint} '
@@ -317,7 +325,9 @@ def filmed_otherwise(name: str) -> tuple[Simulator, np.ndarray, np.ndarray]:
     return simulator, rollouts.states[:, -1], rollouts.parameters
 
 
-def test_a_camera_of_other_pose_and_view_is_drawn_by_us_as_by_mujoco_warp(monkeypatch):
+def test_a_camera_of_other_pose_and_view_is_drawn_by_us_as_by_mujoco_warp(
+    monkeypatch, without_grids
+):
     """All in one: moved, turned and zoomed, with a sky that turns and a remembering model."""
     simulator, states, parameters = filmed_otherwise("walker")
     with monkeypatch.context() as patch:
@@ -486,6 +496,56 @@ def test_both_renderers_draw_the_same_pictures_of_every_task(name):
         difference = cast - drawer.render(states, parameters)
         assert np.abs(difference).mean() < most
         assert np.abs(difference.mean(axis=(0, 1, 2))).max() < 3  # no brighter, no other tint
+
+
+LAMPS = """
+<mujoco>
+  <visual><headlight ambient=".2 .2 .2" diffuse="0 0 0" specular="0 0 0"/></visual>
+  <asset><texture name="grid" type="2d" builtin="flat" rgb1=".9 .7 .5" width="8" height="8"/>
+  <material name="tiles" texture="grid" texrepeat=".5 .8" texuniform="true" specular="0"/>
+  <material name="plain" rgba=".7 .5 .6 1" specular="0"/></asset>
+  <statistic extent="{extent}"/>
+  <worldbody>
+    <light pos=".3 .2 1.5" dir=".1 .1 -1" diffuse=".6 .6 .6" specular="0 0 0" castshadow="false"/>
+    <light pos="-1.2 .4 .8" dir=".4 0 -1" diffuse=".3 .2 .2" specular="0 0 0" cutoff="60"
+           attenuation=".5 .3 .2" exponent="3" castshadow="false"/>
+    <camera name="front" pos=".4 -3 2" xyaxes="1 0 0 0 .55 .83" fovy="50"/>
+    {floor}
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.opengl
+@pytest.mark.parametrize(
+    ("floor", "extent"),
+    [
+        ('<geom name="floor" type="plane" size="4 3 .7" material="plain"/>', 1),
+        ('<geom name="floor" type="plane" size="5 1.5 .9" material="plain" pos=".2 .1 0"/>', 1),
+        ('<geom name="floor" type="plane" size="0 0 .1" material="tiles"/>', 2),
+        ('<geom name="floor" type="plane" size="0 3 .8" material="plain" euler="0 0 20"/>', 3),
+        ('<geom name="floor" type="box" size="2 1.5 .1" material="plain" euler="3 0 30"/>', 1),
+    ],
+)
+def test_lamps_light_flat_faces_as_in_opengl(floor, extent):
+    """OpenGL computes light at the lines of a grid, which a lamp's cone may be narrower than."""
+    model = mujoco.MjModel.from_xml_string(LAMPS.format(floor=floor, extent=extent))
+    space = ParameterSpace(colour("floor", ("floor",), (0.6, 0.6, 0.6)))
+    states, worlds = initial_state(model).repeat(2, 0), np.array([[0.7, 0.5, 0.6]] * 2)
+    # The second picture: MuJoCo moves endless planes to where the camera was before.
+    drawn = opengl_or_skip(model, space, "front", 64, OpenGLQuality()).render(states, worlds)[1]
+    cast = Raycaster(model, space, "front", (64, 64))
+
+    def off() -> float:
+        difference = np.abs(cast.render(states, worlds)[1].astype(int) - drawn).max(-1)
+        return float(np.quantile(difference, 0.98))  # but for edges
+
+    lit = drawn.astype(int).sum(-1)
+    assert np.ptp(lit[lit > 0]) > 40  # the lamps are seen
+    assert off() <= 1
+    with pytest.MonkeyPatch.context() as patch:  # light at each pixel would be another
+        patch.setattr(Primitives, "_rule", lambda self, geoms, tiles: None)
+        assert off() > 10
 
 
 @pytest.mark.thorough

@@ -25,6 +25,8 @@ _UNSEEN = 1e-5  # share of a highlight that changes no pixel
 _GEOM = np.dtype(Geom.numpy_dtype())  # pyright: ignore
 _LIGHT = np.dtype(Light.numpy_dtype())  # pyright: ignore
 _STRAY = np.dtype(Stray.numpy_dtype())  # pyright: ignore
+_MOST_LINES = 200  # of a plane, along either axis
+_ENDLESS_LINES, _ENDLESS_TILE = 2.1, 2.1 / 198  # relative to how far cameras see
 _DRAWN = {GeomType.PLANE, GeomType.SPHERE, GeomType.CAPSULE}
 _DRAWN |= {GeomType.ELLIPSOID, GeomType.CYLINDER, GeomType.BOX}
 
@@ -51,6 +53,10 @@ class Primitives:
         self._half_height = _half_height(model.cam_fovy[self._camera])
         self._headlight = model.vis.headlight
         self._textures, self._texels = _textures(model)
+        self._far, self._num_quads = (
+            model.vis.map.zfar * model.stat.extent,
+            model.vis.quality.numquads,
+        )
 
     def draw(self, model: Model, data: Data, stray: StrayLight) -> np.ndarray:
         """(nworld, H * W) uint32 pixels, packed as ARGB, 0 for nothing."""
@@ -119,7 +125,36 @@ class Primitives:
         geoms["texture"] = self._textures[material]
         geoms["repeat"] = of_material(model.mat_texrepeat, 1)
         geoms["uniform"] = of_material(model.mat_texuniform, False)
+        tiles = 2 / np.where(geoms["repeat"] > 0, geoms["repeat"], np.nan)
+        tiles[:, material < 0] = np.nan
+        self._rule(geoms, tiles)
         return geoms
+
+    def _rule(self, geoms: np.ndarray, tiles: np.ndarray) -> None:
+        """Draw lines on flat faces, at which OpenGL computes light, as MuJoCo does (makePlane,
+        mjv_updateScene): every third size of a plane, a part of a box.
+
+        `tiles`: (n, G, 2) m, of endless planes' textures; NaN without.
+        """
+        size = geoms["size"].astype(float)
+        is_plane, is_box = (geoms["kind"] == kind for kind in (GeomType.PLANE, GeomType.BOX))
+        geoms["is_flat"] = is_plane | is_box
+        # Of an endless plane they move with the camera, by whole tiles.
+        tile = np.where(np.isnan(tiles), _ENDLESS_TILE * self._far, tiles)
+        from_camera = -np.einsum("ngij,ngi->ngj", geoms["mat"], geoms["centre"])[..., :2]
+        moved = 2 * tile * np.round(from_camera / (2 * tile))
+        endless = (_ENDLESS_LINES * self._far + 2 * tile) / _MOST_LINES
+        # Of another they are an even number of squares, and a margin.
+        half = size[..., :2]
+        square = np.maximum(np.maximum(size[..., 2:], half / (_MOST_LINES - 2)), 1e-9)
+        margin = half - 2 * np.floor(half / square / 2) * square
+        is_endless = half <= 0
+        lines, first = np.array(size), np.array(-size)
+        lines[..., :2] = np.where(is_endless, endless, 2 * square)
+        first[..., :2] = np.where(is_endless, moved, margin - half)
+        of_box = is_box[..., None]
+        geoms["lines"] = np.where(of_box, 2 * size / self._num_quads, lines)
+        geoms["first_line"] = np.where(of_box, -size, first)
 
     def _ambient(self, model: Model, n: int) -> np.ndarray:
         """(n or 1, 3) ambient light."""

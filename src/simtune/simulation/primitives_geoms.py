@@ -32,6 +32,9 @@ class Geom:
     texture: wp.vec3i  # first texel (-1: none), width, height
     repeat: wp.vec2
     uniform: bool
+    is_flat: bool  # lit by lamps at the lines of a grid, in its own frame
+    lines: wp.vec3  # distances of these lines
+    first_line: wp.vec3
 
 
 @wp.func

@@ -43,25 +43,14 @@ class Stray:
 
 
 @wp.func
-def _reflect(
-    light: Light,
-    stray: Stray,
-    geoms: wp.array2d[Geom],
-    world: int,
-    geom: Geom,
-    rgb: wp.vec3,
-    point: wp.vec3,
-    normal: wp.vec3,
-    to_eye: wp.vec3,
-):
+def _reflect(light: Light, geom: Geom, rgb: wp.vec3, point: wp.vec3, normal: wp.vec3, eye: wp.vec3):
     """What of a light reaches the eye: Blinn and Phong's model, as OpenGL's."""
     strength = float(1.0)
     to_light = -light.direction
-    far = float(_ENDLESS)
+    to_eye = wp.normalize(eye - point)
     if light.kind != DIRECTIONAL:
         distance = wp.length(light.pos - point)
         to_light = (light.pos - point) / distance
-        far = distance
         powers = wp.vec3(1.0, distance, distance * distance)
         strength = 1.0 / wp.max(wp.dot(light.attenuation, powers), 1e-15)
         if light.kind == SPOT:
@@ -72,12 +61,6 @@ def _reflect(
     facing = wp.dot(normal, to_light) * strength
     if facing <= 0.0:
         return wp.vec3()
-    if stray.shadow > 0.0 and light.casts:
-        towards = wp.normalize(to_light + stray.aside)
-        hidden_by, _there, _normal = first_hit(geoms, world, point + _OFF * normal, towards, far)
-        if hidden_by >= 0:
-            facing *= 1.0 - stray.shadow
-            strength *= 1.0 - stray.shadow
     reflected = wp.cw_mul(rgb, light.diffuse) * facing
     half = to_light + to_eye
     cos = wp.max(wp.dot(normal, half), 0.0)
@@ -86,6 +69,88 @@ def _reflect(
         shine = wp.pow(squared, 0.5 * geom.shininess)
         reflected += light.specular * (geom.specular * shine * strength)
     return reflected
+
+
+@wp.func
+def _cell(geom: Geom, axis: int, at: float):
+    """Start and end of the cell of a flat face's grid that holds `at`, along an axis."""
+    start = geom.first_line[axis]
+    start += wp.floor((at - start) / geom.lines[axis]) * geom.lines[axis]
+    end = start + geom.lines[axis]
+    if geom.size[axis] > 0.0:
+        start = wp.max(start, -geom.size[axis])
+        end = wp.min(end, geom.size[axis])
+    return start, end
+
+
+@wp.func
+def _reflect_flat(
+    light: Light, geom: Geom, rgb: wp.vec3, point: wp.vec3, normal: wp.vec3, eye: wp.vec3
+):
+    """The same on a flat face: as OpenGL interpolates it between corners of a grid's cells.
+
+    A lamp's cone that is narrower than a cell is hardly seen there. A cell is halved to triangles.
+    """
+    inward = wp.transpose(geom.mat)
+    local = inward @ (point - geom.pos)
+    facing = inward @ normal
+    outward = int(2)
+    for axis in range(2):
+        if wp.abs(facing[axis]) > 0.7:
+            outward = axis
+    one, other = (outward + 1) % 3, (outward + 2) % 3
+    left, right = _cell(geom, one, local[one])
+    low, high = _cell(geom, other, local[other])
+    u = (local[one] - left) / wp.max(right - left, 1e-6)
+    v = (local[other] - low) / wp.max(high - low, 1e-6)
+    corner = wp.vec3(local[0], local[1], local[2])  # then those beside and above it
+    corner[one] = left
+    corner[other] = low
+    beside, above = u, v
+    if u + v > 1.0:
+        corner[one] = right
+        corner[other] = high
+        beside, above = 1.0 - v, 1.0 - u
+    total = wp.vec3()
+    for i in range(3):
+        at = wp.vec3(corner[0], corner[1], corner[2])
+        weight = 1.0 - beside - above
+        if i == 1:
+            at[one] = right
+            at[other] = low
+            weight = beside
+        if i == 2:
+            at[one] = left
+            at[other] = high
+            weight = above
+        if weight > 0.0:
+            there = geom.pos + geom.mat @ at
+            total += weight * _reflect(light, geom, rgb, there, normal, eye)
+    return total
+
+
+@wp.func
+def _left_by_shadows(
+    light: Light,
+    stray: Stray,
+    geoms: wp.array2d[Geom],
+    world: int,
+    point: wp.vec3,
+    normal: wp.vec3,
+):
+    """The share of a light that reaches a point."""
+    if stray.shadow <= 0.0 or not light.casts:
+        return float(1.0)
+    to_light = -light.direction
+    far = float(_ENDLESS)
+    if light.kind != DIRECTIONAL:
+        far = wp.length(light.pos - point)
+        to_light = (light.pos - point) / far
+    towards = wp.normalize(to_light + stray.aside)
+    hidden_by, _there, _normal = first_hit(geoms, world, point + _OFF * normal, towards, far)
+    if hidden_by >= 0:
+        return 1.0 - stray.shadow
+    return float(1.0)
 
 
 @wp.func
@@ -98,7 +163,7 @@ def _shade(
     hit: int,
     point: wp.vec3,
     normal: wp.vec3,
-    to_eye: wp.vec3,
+    eye: wp.vec3,
 ):
     """What reaches the eye from a point of a geom, 1 for the full scale."""
     geom = geoms[world, hit]
@@ -107,7 +172,13 @@ def _shade(
         rgb = wp.cw_mul(rgb, texture_at(geom, texels, point, normal))
     light = wp.cw_mul(rgb, geom.glow)
     for i in range(lights.shape[1]):
-        light += _reflect(lights[world, i], stray, geoms, world, geom, rgb, point, normal, to_eye)
+        lamp = lights[world, i]
+        if geom.is_flat and lamp.kind != DIRECTIONAL:
+            reflected = _reflect_flat(lamp, geom, rgb, point, normal, eye)
+        else:
+            reflected = _reflect(lamp, geom, rgb, point, normal, eye)
+        if wp.dot(reflected, reflected) > 0.0:
+            light += reflected * _left_by_shadows(lamp, stray, geoms, world, point, normal)
     return wp.max(wp.min(light, wp.vec3(1.0)), wp.vec3(0.0))
 
 
@@ -159,14 +230,14 @@ def draw_row(
             continue
         point = origin + direction * nearest
         stray = strays[world]
-        light = _shade(geoms, lights, stray, texels, world, hit, point, normal, -direction)
+        light = _shade(geoms, lights, stray, texels, world, hit, point, normal, origin)
         if stray.mirror > 0.0 and geoms[world, hit].kind == GeomType.PLANE:
             mirrored = direction - 2.0 * wp.dot(direction, normal) * normal
             start = point + _OFF * normal
             seen, away, facing = first_hit(geoms, world, start, mirrored, _ENDLESS)
             if seen >= 0:
                 image = start + mirrored * away
-                its = _shade(geoms, lights, stray, texels, world, seen, image, facing, -mirrored)
+                its = _shade(geoms, lights, stray, texels, world, seen, image, facing, start)
                 light = wp.lerp(light, its, stray.mirror)
         light = 255.0 * light
         pixels[world, pixel] = pack_rgba_to_uint32(light[0], light[1], light[2], 255.0)
