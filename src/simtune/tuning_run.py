@@ -23,6 +23,9 @@ log = logging.getLogger(__name__)
 _AT_THE_END_S = (6.0, 30.0)
 _SURELY = 0.6  # of the measured time, since the machine may have been busy at that moment
 _SHORTENED = "; in --budget-minutes {:g} it is a shortened one, whose intervals may be wider"
+# Relative to a whole round: with less time no known world may be fitted, which verdicts need.
+_HARDLY_ENOUGH = 0.5
+_UNJUDGED = "; in --budget-minutes {:g} perhaps nothing can be called identified: {:g} are enough"
 _WORTHWHILE = 0.6  # of the last round's time: the next one knows where to search
 
 
@@ -91,7 +94,11 @@ def _refuse_if_too_short(minutes: float, beside_s: float, least_s: float, whole_
             f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; give it "
             f"--budget-minutes {needed:g} or more"
         )
-    shortened = "" if 60 * minutes >= whole_s + beside_s else _SHORTENED.format(minutes)
+    enough, shortened = math.ceil((whole_s + beside_s) / 60), ""
+    if 60 * minutes < _HARDLY_ENOUGH * whole_s + beside_s:
+        shortened = _UNJUDGED.format(minutes, enough)
+    elif minutes < enough:
+        shortened = _SHORTENED.format(minutes)
     log.info("a round takes about %.0f s here%s", whole_s, shortened)
 
 

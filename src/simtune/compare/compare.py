@@ -22,6 +22,7 @@ from simtune.config import CompareConfig
 from simtune.errors import InputError
 from simtune.report.data import RunData, read_finished
 
+_MOST_NAMED = 5  # parameters that a run does not tell
 FALSE_ALARM_RATE = 0.05  # share of sets of runs that agree but are reported to disagree
 _SMALLEST_STD = 1e-6  # in unit coordinates
 _SMALLEST_PROBABILITY = 1e-300  # a normal deviate of 37
@@ -152,6 +153,11 @@ def _notes(runs: list[RunData]) -> list[str]:
                 f"runs {i + 1} and {k + 1} are of the same recordings, so their errors go "
                 "together: that they agree says less than of other episodes"
             )
+    for i, run in enumerate(runs):
+        told = run.parameters
+        if unknown := [n for n in told if told[n].get("verdict") == "not identifiable"]:
+            of_them = ", ".join(unknown[:_MOST_NAMED]) + ", ..." * (len(unknown) > _MOST_NAMED)
+            notes.append(f"run {i + 1} does not tell {of_them}: that it agrees there says nothing")
     if any(a.config.get("task_content") != b.config.get("task_content") for a, b in pairwise(runs)):
         notes.append("the model or the tuning file is not the same in all runs")
     return notes

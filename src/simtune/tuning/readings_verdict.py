@@ -18,6 +18,7 @@ _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviation
 _LEAST_STD = 1e-3  # in unit coordinates
 _UNKNOWN_STD = 1.0  # of parameters that only pictures show
 _AT_BOUND = 1e-3
+_NEARLY_ALL = 0.05  # steps to the end of a lateness's range, where it is no longer free
 _UNSURE = 3.0  # factor on errors if no second fit says whether there are several minima
 _NOT_FOUND_TWICE = (
     "Fits to whole episodes ended at no answer twice ({} tried, from as many starts), so how sure "
@@ -94,7 +95,7 @@ def conclude(
 
 def is_too_late(judged: OutputErrorFit) -> bool:
     """Whether a lateness ended at the end of its range, and hides the rest of a delay."""
-    return abs(judged.late_steps[0]) > MOST_STEPS - _AT_BOUND
+    return abs(judged.late_steps[0]) > MOST_STEPS - _NEARLY_ALL
 
 
 def _warnings(
