@@ -49,7 +49,8 @@ def test_extents_are_across_what_moves(folder, load, size):
     (folder / "scene.xml").write_text(SCENE)
     simulator = load(TUNING).simulator(image_size=size, views=[View("front")])
     worlds, rng = np.tile(simulator.space.nominal, (2, 1)), np.random.default_rng(0)
-    found = extents_px(simulator, simulator.roll_out(worlds, np.zeros((2, 5, 1)), rng).states)
+    states = simulator.roll_out(worlds, np.zeros((2, 5, 1)), rng).states
+    found = extents_px(simulator, states, simulator.views)
     # 53.13° see 4 m at a distance of 4 m; of boxes the narrow sides count: .25 and .125 m.
     assert found == pytest.approx({"plate": size / 16, "turned": size / 32}, rel=0.02)
 

@@ -72,7 +72,7 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     concluded = conclude(task.parameters, information)
     if seen.cameras:
         verdicts = {name: its["verdict"] for name, its in concluded["parameters"].items()}
-        facts["extents_px"] = extents_px(simulator, states)
+        facts["extents_px"] = extents_px(simulator, states, simulator.views)
         unclear = unclear_of(simulator, verdicts, CLEAR)
         facts["warnings"] += small(facts["extents_px"], size, unclear)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}

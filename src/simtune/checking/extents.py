@@ -1,7 +1,7 @@
 """Size of moving bodies in pictures: a detector learns little from a few pixels."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from simtune.parameters import Parameter
 from simtune.simulation import Simulator
+from simtune.views import View
 from simtune.vision.keypoints import Keypoints, candidate_keypoints, is_drawn
 
 _STEPS, _EPISODES = 12, 4  # used at most
@@ -18,12 +19,12 @@ _OUT_OF_SIGHT_PX = 0.05
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box
 
 
-def extents_px(simulator: Simulator, states: np.ndarray) -> dict[str, float]:
-    """{body: pixels} across the narrow side of what moves, in the camera that shows it largest.
+def extents_px(simulator: Simulator, states: np.ndarray, views: Sequence[View]) -> dict[str, float]:
+    """{body: pixels} across the narrow side of what moves, in the view that shows it largest.
 
     Median over some of the (E, T + 1, S) states of nominal worlds.
     """
-    corners = _corners(simulator)
+    corners = _corners(simulator.model, views, simulator.image_size)
     if not len(corners):
         return {}
     at = np.linspace(0, states.shape[1] - 1, min(_STEPS, states.shape[1])).astype(int)
@@ -94,10 +95,9 @@ def _bodies(model: mujoco.MjModel, parameter: Parameter) -> list[str]:
     return sorted({model.body(body).name or f"body {body}" for body in bodies.tolist()})
 
 
-def _corners(simulator: Simulator) -> Keypoints:
+def _corners(model: mujoco.MjModel, views: Sequence[View], image_size: int) -> Keypoints:
     """Corners of the bounding boxes of all geoms that move before a camera."""
-    model = simulator.model
-    candidates = candidate_keypoints(model, simulator.views, simulator.image_size)
+    candidates = candidate_keypoints(model, views, image_size)
     pairs = np.unique(np.stack([candidates.views, candidates.geoms], 1), axis=0)
     pairs = pairs[is_drawn(model)[pairs[:, 1]]]
     views, geoms = np.repeat(pairs, len(_CORNERS), 0).T

@@ -51,12 +51,12 @@ def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: S
 
 def _largest_px(task: Task, seen: ObservationModel, height: int) -> float:
     """Across the largest of what moves under random actions; infinite if nothing is in sight."""
-    simulator = task.simulator(image_size=height, views=seen.views())
+    simulator = task.simulator(image_size=height, views=())  # renderers take a second to make
     rng, num_steps = np.random.default_rng(0), min(_STEPS, task.episode_steps)
     worlds = np.tile(task.parameters.nominal, (_EPISODES, 1))
     act = simulator.explore(_EPISODES, num_steps, rng)
     states = simulator.play(worlds, act, num_steps, rng).states
-    extents = extents_px(simulator, states) if seen.cameras else {}
+    extents = extents_px(simulator, states, seen.views())
     return max((px for px in extents.values() if px > 0), default=math.inf)
 
 
