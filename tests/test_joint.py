@@ -150,7 +150,7 @@ def test_without_curves_draws_are_uniform_in_the_range_and_independent():
         of_range = (np.quantile(draws, share, axis=0) - searched.low) / (
             searched.high - searched.low
         )
-        np.testing.assert_allclose(of_range, share, atol=0.02)
+        np.testing.assert_allclose(of_range, share, atol=0.01)
     assert np.abs(np.corrcoef(draws.T) - np.eye(4)).max() < 0.03
 
 

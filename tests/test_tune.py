@@ -371,7 +371,7 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
         tune(config_of(tmp_path / "run", budget_minutes=1.1))
     assert not (tmp_path / "run").exists()  # or the next command would find a run there
     said = {1.4: "perhaps nothing can be called identified: 6 are enough", 3.7: "a shortened one"}
-    for minutes in (1.4, 3.7, 6.4):
+    for minutes in (1.4, 3.7, 5.4):
         caplog.clear()
         with pytest.raises(Begun), caplog.at_level("INFO", "simtune"):
             tune(config_of(tmp_path / "run", budget_minutes=minutes))

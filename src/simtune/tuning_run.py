@@ -94,10 +94,10 @@ def _refuse_if_too_short(minutes: float, beside_s: float, least_s: float, whole_
             f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; give it "
             f"--budget-minutes {needed:g} or more"
         )
-    enough, shortened = math.ceil((whole_s + beside_s) / 60), ""
+    enough_s, shortened = whole_s + beside_s, ""
     if 60 * minutes < _HARDLY_ENOUGH * whole_s + beside_s:
-        shortened = _UNJUDGED.format(minutes, enough)
-    elif minutes < enough:
+        shortened = _UNJUDGED.format(minutes, math.ceil(enough_s / 60))
+    elif 60 * minutes < enough_s:
         shortened = _SHORTENED.format(minutes)
     log.info("a round takes about %.0f s here%s", whole_s, shortened)
 
