@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from simtune.comparison import seen_late
 from simtune.moving_parts import MovingParts, follow_parts
 from simtune.tasks import load_task
+from simtune.trajectory import seen_late
 from simtune.vision.detector import Detections
 from simtune.vision.keypoints import every_keypoint
 

@@ -199,7 +199,7 @@ def mujoco_warps_own(monkeypatch, *args) -> Raycaster:
 @pytest.fixture
 def without_grids(monkeypatch):
     """mujoco_warp computes light at each pixel, also on flat faces."""
-    monkeypatch.setattr(Primitives, "_rule", lambda self, geoms, tiles: None)
+    monkeypatch.setattr(Primitives, "_rule", lambda self, geoms: None)
 
 
 def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
@@ -544,7 +544,7 @@ def test_lamps_light_flat_faces_as_in_opengl(floor, extent):
     assert np.ptp(lit[lit > 0]) > 40  # the lamps are seen
     assert off() <= 1
     with pytest.MonkeyPatch.context() as patch:  # light at each pixel would be another
-        patch.setattr(Primitives, "_rule", lambda self, geoms, tiles: None)
+        patch.setattr(Primitives, "_rule", lambda self, geoms: None)
         assert off() > 10
 
 

@@ -261,7 +261,7 @@ def test_frames_are_drawn_again_in_the_light_of_their_rooms():
     for one, other in zip(StrayLight.from_rows(stray.to_rows()), stray, strict=True):
         np.testing.assert_array_equal(one, other)
     store, resumed = (Replay(SPACE, filmed_capacity=3) for _ in range(2))
-    store.add(replace(some([7, 0, 3]), stray=stray))  # the second one is not stored
+    store.add(replace(some([7, 0, 3]), stray=stray.to_rows()))  # the second one is not stored
     store.add(some([5]))  # of no room: another simulator's own pictures
     seen = []
 

@@ -27,7 +27,7 @@ from simtune.recordings import decode, write_dataset
 from simtune.run import read_json, read_jsonl
 from simtune.run.checkpoint import load_state, newest
 from simtune.tasks import load_task
-from simtune.trajectory import Trajectory
+from simtune.trajectory import Trajectory, seen_late
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import NUM_DRAWS
 from simtune.tuning.posterior import PosteriorSearch
@@ -612,12 +612,12 @@ def test_films_begin_where_the_fit_found_the_start_or_else_where_one_is_found(
 
 def test_films_are_as_late_as_the_pictures():
     states = np.array([[0.0, 4.0], [1.0, 2.0], [3.0, 0.0]])
-    assert comparison.seen_late(states, 0.0) is states
-    late = comparison.seen_late(states, 0.25)
+    assert seen_late(states, 0.0) is states
+    late = seen_late(states, 0.25)
     np.testing.assert_allclose(late, [[0.0, 4.0], [0.75, 2.5], [2.5, 0.5]])
-    soon = comparison.seen_late(states[None], -0.5)[0]
+    soon = seen_late(states[None], -0.5)[0]
     np.testing.assert_allclose(soon, [[0.5, 3.0], [2.0, 1.0], [3.0, 0.0]])
-    np.testing.assert_array_equal(comparison.seen_late(states[:1], 0.5), states[:1])
+    np.testing.assert_array_equal(seen_late(states[:1], 0.5), states[:1])
 
 
 def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_renderer_each):

@@ -12,7 +12,7 @@ import numpy as np
 
 from simtune.recordings import write_video
 from simtune.simulation import AnySimulator
-from simtune.trajectory import Trajectory, delayed
+from simtune.trajectory import Trajectory, delayed, seen_late
 from simtune.tuning.estimate import Estimate
 from simtune.unexplained import marked, unexplained
 
@@ -49,20 +49,6 @@ def line_up(
     if estimate.start is not None:
         return late, np.array(estimate.start)
     return late, find_start(simulator, late, estimate.mean, np.random.default_rng(seed), config)
-
-
-def seen_late(states: np.ndarray, steps: float) -> np.ndarray:
-    """(..., T, S) states, or what is seen of them, in pictures that come `steps` later.
-
-    Interpolated along straight lines, and clamped to the first and the last one.
-    """
-    if not steps:
-        return states
-    last = states.shape[-2] - 1
-    at = np.clip(np.arange(last + 1) - steps, 0, last)
-    before = np.minimum(at.astype(int), max(last - 1, 0))
-    after, share = np.minimum(before + 1, last), (at - before)[:, None]
-    return (1 - share) * states[..., before, :] + share * states[..., after, :]
 
 
 def write_comparison(

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from simtune.comparison import seen_late
 from simtune.run.files import plain
 from simtune.simulation import Simulator
+from simtune.trajectory import seen_late
 from simtune.vision.detector import Detections
 from simtune.vision.keypoints import Keypoints
 
@@ -86,7 +86,7 @@ def follow_parts(
     `detections`: in its T + 1 real pictures; `parameters`: (N,) before and after; `late_steps`: by
     which pictures are late.
     """
-    model, num = simulator.model, len(actions) + 1
+    model = simulator.model
     bodies = model.body_weldid[model.geom_bodyid[keypoints.geoms]].tolist()
     played = simulator.roll_out(
         np.stack(parameters),
@@ -97,7 +97,7 @@ def follow_parts(
         keep_diverged=True,
     )
     seen = seen_late(played.observed, late_steps)
-    before, after = seen.reshape(2, num, len(keypoints), 2)
+    before, after = seen.reshape(2, len(actions) + 1, len(keypoints), 2)
     is_sure = detections.probability[:, 0] >= _SURE
     return MovingParts(
         tuple(model.body(body).name or f"body {body}" for body in bodies),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simtune.config import ROBOTS, TrainConfig, TuneConfig
+from simtune.config import NO_RECORDINGS, TrainConfig, TuneConfig
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.real.truth import Truth
@@ -42,7 +42,7 @@ def run_config(
         "truth": truth.digest if truth else None,
         "parameters": declared(task.parameters, start),
     }
-    is_folder = config.real not in ("pseudo", *ROBOTS)
+    is_folder = config.real not in NO_RECORDINGS
     contents["real"] = _absolute(Path(config.real)) if is_folder else config.real
     contents["real_parameters"] = _absolute(config.real_parameters)
     return asked(config, task) | contents

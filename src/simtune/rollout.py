@@ -178,6 +178,6 @@ class Environment:
             terminated=~is_whole,
             frames=frames,
             keypoints=seen.reshape(n, num_steps + 1, -1, 2) if keypoints else None,
-            stray=stray,
+            stray=stray and stray.to_rows(),
             reached=is_kept & is_whole[:, None],
         )

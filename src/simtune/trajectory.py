@@ -14,6 +14,20 @@ def delayed(actions: np.ndarray, steps: int) -> np.ndarray:
     return actions[..., np.maximum(np.arange(actions.shape[-2]) - steps, 0), :]
 
 
+def seen_late(states: np.ndarray, steps: float) -> np.ndarray:
+    """(..., T, S) states, or what is seen of them, in pictures that come `steps` later.
+
+    Interpolated along straight lines, and clamped to the first and the last one.
+    """
+    if not steps:
+        return states
+    last = states.shape[-2] - 1
+    at = np.clip(np.arange(last + 1) - steps, 0, last)
+    before = np.minimum(at.astype(int), max(last - 1, 0))
+    after, share = np.minimum(before + 1, last), (at - before)[:, None]
+    return (1 - share) * states[..., before, :] + share * states[..., after, :]
+
+
 @dataclass(frozen=True)
 class Trajectory:
     """All that the real world gives.

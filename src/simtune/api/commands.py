@@ -8,7 +8,7 @@ the run raises a RuntimeError. Nothing is printed without `progress`.
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import fields, replace
 from os import PathLike, fspath
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,7 +28,6 @@ from simtune.tasks import IN_PYTHON, AnyTask, load_any_task, with_model
 from simtune.tuning_run import tune as carry_out_tuning
 
 TaskLike = str | PathLike[str] | Mapping[str, Any] | AnyTask
-Options = dict[str, Any]  # of a command, by name
 _Config = TypeVar("_Config", CheckConfig, TuneConfig, TrainConfig)
 _FILMED = 5  # episodes filmed if no number is given
 _PATHS = ("out", "pictures", "real_parameters", "robot")
@@ -88,8 +87,7 @@ def tune(
     options |= {"budget_minutes": budget_minutes, "precision": precision}
     with _in_python(), _progress(progress, 60 * budget_minutes) as report:
         task = _known(task)
-        options["real"] = _recordings_of_run(TuneConfig, task, real, options)
-        carry_out_tuning(_config(TuneConfig, task, options), report, task=task)
+        carry_out_tuning(_config_of_run(TuneConfig, task, real, options), report, task=task)
     return load(out)
 
 
@@ -113,8 +111,7 @@ def train(
     options |= {"out": out, "method": method, "seed": seed, "policy_steps": policy_steps}
     with _in_python(), _progress(progress) as report:
         task = with_model(_known(task))
-        options["real"] = _recordings_of_run(TrainConfig, task, real, options)
-        carry_out_training(_config(TrainConfig, task, options), report)
+        carry_out_training(_config_of_run(TrainConfig, task, real, options), report)
     return load(out)
 
 
@@ -123,15 +120,16 @@ def load(run: str | PathLike[str]) -> Result:
     return Result(read_finished(Path(run)))
 
 
-def _recordings_of_run(
-    kind: type[_Config], task: AnyTask, real: RealLike, options: Options
-) -> str | PathLike[str]:
-    """Path of recordings, as `_recordings`, once nothing else can be wrong."""
+def _config_of_run(
+    kind: type[_Config], task: AnyTask, real: RealLike, options: dict[str, Any]
+) -> _Config:
+    """The config of a command; `real` is filmed or written once nothing else can be wrong."""
     out = Path(options["out"])
-    place = real if isinstance(real, str | PathLike) else out / FILMED
-    _config(kind, task, options | {"real": place})
-    stored_config(out)  # refuses a folder that cannot be a run's, before arrays are written
-    return _recordings(real, out / FILMED, options.get("real_episodes"))
+    folder = out / FILMED
+    place = real if isinstance(real, str | PathLike) else folder
+    config = _config(kind, task, options | {"real": place})
+    stored_config(out)  # refuses a folder that cannot be a run's
+    return replace(config, real=fspath(_recordings(real, folder, options.get("real_episodes"))))
 
 
 def _recordings(real: Any, folder: Path, num: int | None) -> Any:

@@ -8,17 +8,13 @@ import numpy as np
 from simtune.config.camera_pose import CameraPoseOptions
 from simtune.errors import InputError
 from simtune.footage import Footage
-from simtune.observation import ObservationModel, joints_of
+from simtune.observation import ObservationModel, joints_of, measured_places
 from simtune.parameters import ParameterSpace, camera_pose, field_of_view
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
 from simtune.vision.keypoints import ENDLESS, is_drawn, moves_before
 
 _LARGEST_FOV_DEG = 170.0
-_FREE, _BALL, _SLIDE, _HINGE = (
-    getattr(mujoco.mjtJoint, f"mjJNT_{kind}").value for kind in ("FREE", "BALL", "SLIDE", "HINGE")
-)
-_NUM_PLACES = {_FREE: 7, _BALL: 4, _SLIDE: 1, _HINGE: 1}  # of a joint in qpos
 
 
 def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) -> Task:
@@ -58,18 +54,14 @@ def anywhere(model: mujoco.MjModel, camera: str, observation: ObservationModel) 
 
     Such as a box on the table. A joint that moves the camera as well is not between.
     """
-    sensors = [sensor for sensor in joints_of(observation.sensors) if not sensor.is_velocity]
-    measured = {int(place) for sensor in sensors for place in sensor.places}
-    of_joint = {
-        joint: {int(model.jnt_qposadr[joint]) + i for i in range(_NUM_PLACES[kind])}
-        for joint, kind in enumerate(model.jnt_type.tolist())
-    }
-    unknown = [joint for joint, places in of_joint.items() if not places <= measured]
+    is_measured = np.zeros(model.nq, bool)
+    is_measured[measured_places(joints_of(observation.sensors))] = True
+    of_joints = np.split(is_measured, model.jnt_qposadr[1:])
+    unknown = [joint for joint, places in enumerate(of_joints) if not places.all()]
     behind = np.zeros((len(unknown), model.nbody), bool)  # bodies that each of these joints moves
-    for row, joint in zip(behind, unknown, strict=True):
-        row[model.jnt_bodyid[joint]] = True
-        for body in range(model.jnt_bodyid[joint] + 1, model.nbody):
-            row[body] = row[model.body_parentid[body]]
+    behind[np.arange(len(unknown)), model.jnt_bodyid[unknown]] = True
+    for body in range(1, model.nbody):
+        behind[:, body] |= behind[:, model.body_parentid[body]]
     own = model.cam_bodyid[model.camera(camera).id]
     return (behind != behind[:, [own]]).any(0)[model.geom_bodyid]
 

@@ -14,8 +14,9 @@ from simtune.views import View
 from simtune.vision.keypoints import Keypoints, candidate_keypoints, is_drawn
 
 _STEPS, _EPISODES = 12, 4  # used at most
-FEW_PX, ENOUGH_PX = 3.5, 5.0  # across: at an accuracy of about 0.2 pixels, a size is known to 5 %
-_OUT_OF_SIGHT_PX = 0.05
+FEW_PX, _ENOUGH_PX = 3.5, 5.0  # across: at an accuracy of about 0.2 pixels, a size is known to 5 %
+_OUT_OF_SIGHT_PX, _FEWEST_PX = 0.05, 0.1
+_MULTIPLE_PX = 8  # of a proposed height
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box
 
 
@@ -63,11 +64,18 @@ def small(
     ]
 
 
+def enough_size(pixels: float, image_size: int) -> int:
+    """Height of pictures that show enough of what has so many `pixels` of `image_size`."""
+    return _MULTIPLE_PX * math.ceil(
+        _ENOUGH_PX / max(pixels, _FEWEST_PX) * image_size / _MULTIPLE_PX
+    )
+
+
 def _few_pixels(what_is: str, pixels: float, image_size: int) -> str:
-    larger = 8 * math.ceil(ENOUGH_PX / max(pixels, 0.1) * image_size / 8)
+    larger = enough_size(pixels, image_size)
     return (
         f"{what_is} {pixels:.1f} of {image_size} pixels "
-        f"across. --image-size {larger} would show {ENOUGH_PX:g}, if the recordings have as many; "
+        f"across. --image-size {larger} would show {_ENOUGH_PX:g}, if the recordings have as many; "
         "or look at a region of them alone, [camera] region = ..."
     )
 

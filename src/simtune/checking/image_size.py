@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simtune.checking.extents import ENOUGH_PX, FEW_PX, extents_px
-from simtune.config import ROBOTS, CheckConfig, TuneConfig
+from simtune.checking.extents import FEW_PX, enough_size, extents_px
+from simtune.config import NO_RECORDINGS, CheckConfig, TuneConfig
 from simtune.names import SearchName
 from simtune.observation import ObservationModel
 from simtune.real.choose import observed, open_recordings
@@ -15,7 +15,6 @@ from simtune.tasks import AnyTask, Task
 from simtune.tuning import needed_image_size
 
 _LARGEST_PX = 128  # chosen by itself, since time grows with the square
-_MULTIPLE_PX = 8
 _EPISODES, _STEPS = 4, 60  # looked at, at most
 
 log = logging.getLogger(__name__)
@@ -35,9 +34,8 @@ def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: S
     largest_px = _largest_px(task, seen, usual)
     if largest_px >= FEW_PX:
         return usual
-    wanted = _MULTIPLE_PX * math.ceil(ENOUGH_PX / largest_px * usual / _MULTIPLE_PX)
-    recorded = _recorded_px(config, task, seen, usual)
-    size = min(wanted, _LARGEST_PX, recorded or _LARGEST_PX)
+    recorded_px = _recorded_px(config, task, seen, usual) or _LARGEST_PX
+    size = min(enough_size(largest_px, usual), _LARGEST_PX, recorded_px)
     if size <= usual:
         return usual
     log.info(
@@ -64,6 +62,6 @@ def _recorded_px(
     config: TuneConfig | CheckConfig, task: Task, seen: ObservationModel, usual: int
 ) -> int | None:
     """Height of the recordings' pictures; None if the real world is filmed in any size."""
-    if config.real is None or str(config.real) in ("pseudo", *ROBOTS):
+    if config.real is None or str(config.real) in NO_RECORDINGS:
         return None
     return open_recordings(Path(config.real), task, config, usual, seen).recorded_px

@@ -13,7 +13,7 @@ import tyro
 
 from simtune.cli.commands import Command
 from simtune.cli.completion import completion_mended
-from simtune.config import ROBOTS
+from simtune.config import NO_RECORDINGS
 from simtune.config.checks import flag
 from simtune.errors import InputError, UnknownName
 
@@ -85,7 +85,7 @@ def check_paths(command: Any) -> None:
     for name in (*_RUNS, *_OTHERS):
         value = getattr(command, name, None)
         for path in value if isinstance(value, tuple) else (value,):
-            if path is None or path in ("pseudo", *ROBOTS) or Path(path).exists():
+            if path is None or path in NO_RECORDINGS or Path(path).exists():
                 continue
             if name == "task" and not path.endswith(".toml"):
                 continue

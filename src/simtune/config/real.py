@@ -7,6 +7,7 @@ from simtune.config.checks import check_seed, flag
 from simtune.errors import InputError
 
 ROBOTS = ("xarm", "lerobot")
+NO_RECORDINGS = ("pseudo", *ROBOTS)  # values of --real that are no path
 _SMALLEST_PX, _LARGEST_PX = 32, 256
 
 
@@ -102,7 +103,7 @@ class RealConfig(RecordingsConfig):
 
     def check_real(self) -> None:
         """Raises InputError for invalid options."""
-        self.check_recordings(self.real not in ("pseudo", *ROBOTS))
+        self.check_recordings(self.real not in NO_RECORDINGS)
         if self.real not in ROBOTS and (self.robot is not None or self.move):
             raise InputError("--robot and --move go with --real xarm or lerobot only")
         if self.real in ROBOTS and self.robot is None:

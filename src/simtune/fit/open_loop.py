@@ -12,7 +12,7 @@ import numpy as np
 from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, Stretches, filled, velocities
-from simtune.observation import JointSensor, ObservationModel, joints_of
+from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
 from simtune.simulation import AnySimulator, Simulator
 from simtune.simulation.loose_objects import loose_joints, loose_places
 
@@ -42,7 +42,7 @@ class OpenLoop:
         # Each sensor with its columns of the readings
         self._columns = list(zip(self.sensors, map(slice, ends, ends[1:]), strict=True))
         # (S, nq + nv) directions of an initial state: each measured position, then its velocity
-        places, space = _measured(sensors), physics.space
+        places, space = measured_places(sensors), physics.space
         tangents = np.zeros((2 * len(places), space.num_tangent))
         model, self._places = physics.simulator.model, np.array(places, int)
         no_contacts = mujoco.mjtDisableBit.mjDSBL_CONTACT.value
@@ -78,7 +78,7 @@ class OpenLoop:
                 state[place] += (1 + number) * _FAR_AWAY * simulator.model.stat.extent
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
         physics = Physics(simulator, observation.observe_beside(), full_state)
-        unseen = _unseen(simulator.model, differs, _measured(sensors))
+        unseen = _unseen(simulator.model, differs, measured_places(sensors))
         return cls(physics, sensors, np.flatnonzero(~simulator.space.is_appearance), unseen)
 
     def by_starts_alone(self) -> "OpenLoop":
@@ -200,11 +200,6 @@ class OpenLoop:
     def _parameters(self, units: np.ndarray) -> np.ndarray:
         """(..., N) parameters from coordinates that may end with a lateness."""
         return units[..., : len(self.physics.parameters)]
-
-
-def _measured(sensors: Sequence[JointSensor]) -> list[int]:
-    """Indices of the positions that some sensor reads, ascending."""
-    return sorted({int(p) for s in sensors if not s.is_velocity for p in s.places})
 
 
 def _unseen(model: mujoco.MjModel, differs: np.ndarray, measured: list[int]) -> tuple[str, ...]:

@@ -106,6 +106,11 @@ def read_later(values: np.ndarray, steps: float) -> np.ndarray:
     return np.stack(columns, -1)
 
 
+def measured_places(sensors: Iterable[JointSensor]) -> list[int]:
+    """Indices of the positions that some sensor reads, ascending."""
+    return sorted({int(p) for s in sensors if not s.is_velocity for p in s.places})
+
+
 def joints_of(sensors: Iterable[object]) -> tuple[JointSensor, ...]:
     """The sensors that measure joints."""
     return tuple(sensor for sensor in sensors if isinstance(sensor, JointSensor))

@@ -76,28 +76,23 @@ def _film_exploring(
     """
     delay_steps, step_s = gap.delay_steps if gap else 0, simulator.step_s
     explore = simulator.explore(len(worlds), num_steps, rng)
-    coming = np.zeros((len(worlds), num_steps + delay_steps, simulator.num_actions))
 
-    def act(t: int, states: np.ndarray) -> np.ndarray:
-        if t < num_steps:
-            coming[:, t + delay_steps] = explore(t, states)
-        if t == 0:
-            coming[:, :delay_steps] = coming[:, [delay_steps]]  # as `acting_late` begins
-        return coming[:, t]
+    def command(t: int, states: np.ndarray) -> np.ndarray:
+        return explore(min(t, num_steps - 1), states)  # what comes later is not carried out
 
+    act, until = acting_late(command, delay_steps), num_steps + delay_steps
     see = observation.observe_beside() if observation.sensors else None
-    rollouts = simulator.play(worlds, act, coming.shape[1], rng, observe=see).finished()
+    rollouts = simulator.play(worlds, act, until, rng, observe=see).finished()
     if not len(rollouts):
         raise RuntimeError(
             f"every episode of the pseudo-real world diverged, or ended before its {num_steps} "
             "steps"
         )
-    until = slice(num_steps + 1)
     seen = replace(
         rollouts,
-        states=rollouts.states[:, until],
+        states=rollouts.states[:, : num_steps + 1],
         actions=rollouts.actions[:, delay_steps:],
-        observed=rollouts.observed[:, until],
+        observed=rollouts.observed[:, : num_steps + 1],
     )
     if not gap:
         return observation.record(simulator, seen, rng)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simtune.simulation import Rollouts, StrayLight
+from simtune.simulation import Rollouts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +23,7 @@ class Episodes:
     terminated: np.ndarray  # (n,) bool: the last step ended the task; a time limit does not
     frames: np.ndarray | None = None  # (n, T + 1, H, W, 3) uint8; None: not drawn
     keypoints: np.ndarray | None = None  # (n, T + 1, L, 2) float32 pixels in the frames
-    stray: StrayLight | None = None  # of the n worlds, in the frames
+    stray: np.ndarray | None = None  # (n, 6) `StrayLight` of the worlds, in the frames
     reached: np.ndarray | None = None  # (n, G) bool, whether each goal is reached at the end
 
     def __post_init__(self) -> None:
@@ -39,6 +39,7 @@ class Episodes:
             "terminated": (n,),
             "frames": (n, num_steps + 1, "H", "W", 3),
             "keypoints": (n, num_steps + 1, "L", 2),
+            "stray": (n, 6),
             "reached": (n, "G"),
         }
         for name, shape in expected.items():
@@ -61,8 +62,7 @@ class Episodes:
         """The episodes at `index` (m,); no copy is made if it selects all."""
         if np.array_equal(index, np.arange(len(self))):
             return self
-        arrays = {k: a[index] for k, a in vars(self).items() if isinstance(a, np.ndarray)}
-        return replace(self, **arrays, stray=self.stray and self.stray.of(index))
+        return replace(self, **{k: a[index] for k, a in vars(self).items() if a is not None})
 
     @classmethod
     def unrewarded(

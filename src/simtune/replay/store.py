@@ -97,9 +97,8 @@ class EpisodeStore:
         slots = first + by_age[: len(episodes)]
         names = _OF_ALL if episodes.frames is None else (*_OF_ALL, *_OF_FILMED, "frames")
         arrays = {name: getattr(episodes, name) for name in names}
-        if episodes.frames is not None:
-            stray = episodes.stray or StrayLight.none(len(episodes))
-            arrays["stray"] = stray.to_rows()
+        if episodes.frames is not None and episodes.stray is None:
+            arrays["stray"] = StrayLight.none(len(episodes)).to_rows()
         self._write(slots, {k: torch.as_tensor(a) for k, a in arrays.items() if a is not None})
         self.num_added += len(not_empty)
         self._numbers[slots] = torch.arange(self.num_added - len(slots), self.num_added)

@@ -26,7 +26,7 @@ _GEOM = np.dtype(Geom.numpy_dtype())  # pyright: ignore
 _LIGHT = np.dtype(Light.numpy_dtype())  # pyright: ignore
 _STRAY = np.dtype(Stray.numpy_dtype())  # pyright: ignore
 _MOST_LINES = 200  # of a plane, along either axis
-_ENDLESS_LINES, _ENDLESS_TILE = 2.1, 2.1 / 198  # relative to how far cameras see
+_WIDTH = 2.1  # of an endless plane, relative to how far cameras see
 _DRAWN = {GeomType.PLANE, GeomType.SPHERE, GeomType.CAPSULE}
 _DRAWN |= {GeomType.ELLIPSOID, GeomType.CYLINDER, GeomType.BOX}
 
@@ -53,10 +53,8 @@ class Primitives:
         self._half_height = _half_height(model.cam_fovy[self._camera])
         self._headlight = model.vis.headlight
         self._textures, self._texels = _textures(model)
-        self._far, self._num_quads = (
-            model.vis.map.zfar * model.stat.extent,
-            model.vis.quality.numquads,
-        )
+        self._far = model.vis.map.zfar * model.stat.extent
+        self._num_quads = model.vis.quality.numquads
 
     def draw(self, model: Model, data: Data, stray: StrayLight) -> np.ndarray:
         """(nworld, H * W) uint32 pixels, packed as ARGB, 0 for nothing."""
@@ -123,27 +121,26 @@ class Primitives:
         shines = (specular > 0) & (exponent > 0)
         geoms["shiny_from"] = np.where(shines, _UNSEEN ** (2 / np.maximum(exponent, 1e-6)), 2)
         geoms["texture"] = self._textures[material]
-        geoms["repeat"] = of_material(model.mat_texrepeat, 1)
+        geoms["repeat"] = of_material(model.mat_texrepeat, 0)
         geoms["uniform"] = of_material(model.mat_texuniform, False)
-        tiles = 2 / np.where(geoms["repeat"] > 0, geoms["repeat"], np.nan)
-        tiles[:, material < 0] = np.nan
-        self._rule(geoms, tiles)
+        self._rule(geoms)
         return geoms
 
-    def _rule(self, geoms: np.ndarray, tiles: np.ndarray) -> None:
-        """Draw lines on flat faces, at which OpenGL computes light, as MuJoCo does (makePlane,
-        mjv_updateScene): every third size of a plane, a part of a box.
+    def _rule(self, geoms: np.ndarray) -> None:
+        """Rule flat faces with the lines at which OpenGL computes light.
 
-        `tiles`: (n, G, 2) m, of endless planes' textures; NaN without.
+        As MuJoCo does (`makePlane`, `mjv_updateScene`): a plane's squares have its third size as
+        half of their sides, and a box has `numquads` along each.
         """
         size = geoms["size"].astype(float)
         is_plane, is_box = (geoms["kind"] == kind for kind in (GeomType.PLANE, GeomType.BOX))
         geoms["is_flat"] = is_plane | is_box
         # Of an endless plane they move with the camera, by whole tiles.
-        tile = np.where(np.isnan(tiles), _ENDLESS_TILE * self._far, tiles)
+        untiled, repeat = _WIDTH * self._far / (_MOST_LINES - 2), geoms["repeat"]
+        tile = np.where(repeat > 0, 2 / np.maximum(repeat, 1e-9), untiled)
         from_camera = -np.einsum("ngij,ngi->ngj", geoms["mat"], geoms["centre"])[..., :2]
         moved = 2 * tile * np.round(from_camera / (2 * tile))
-        endless = (_ENDLESS_LINES * self._far + 2 * tile) / _MOST_LINES
+        endless = (_WIDTH * self._far + 2 * tile) / _MOST_LINES
         # Of another they are an even number of squares, and a margin.
         half = size[..., :2]
         square = np.maximum(np.maximum(size[..., 2:], half / (_MOST_LINES - 2)), 1e-9)

@@ -43,14 +43,23 @@ class Stray:
 
 
 @wp.func
-def _reflect(light: Light, geom: Geom, rgb: wp.vec3, point: wp.vec3, normal: wp.vec3, eye: wp.vec3):
-    """What of a light reaches the eye: Blinn and Phong's model, as OpenGL's."""
-    strength = float(1.0)
+def _towards(light: Light, point: wp.vec3):
+    """Direction and distance of a light."""
     to_light = -light.direction
-    to_eye = wp.normalize(eye - point)
+    distance = float(_ENDLESS)
     if light.kind != DIRECTIONAL:
         distance = wp.length(light.pos - point)
         to_light = (light.pos - point) / distance
+    return to_light, distance
+
+
+@wp.func
+def _reflect(light: Light, geom: Geom, rgb: wp.vec3, point: wp.vec3, normal: wp.vec3, eye: wp.vec3):
+    """What of a light reaches the eye: Blinn and Phong's model, as OpenGL's."""
+    strength = float(1.0)
+    to_light, distance = _towards(light, point)
+    to_eye = wp.normalize(eye - point)
+    if light.kind != DIRECTIONAL:
         powers = wp.vec3(1.0, distance, distance * distance)
         strength = 1.0 / wp.max(wp.dot(light.attenuation, powers), 1e-15)
         if light.kind == SPOT:
@@ -84,6 +93,15 @@ def _cell(geom: Geom, axis: int, at: float):
 
 
 @wp.func
+def _on_face(geom: Geom, local: wp.vec3, one: int, other: int, x: float, y: float):
+    """The point of a flat face with other coordinates than `local` along two axes."""
+    at = wp.vec3(local[0], local[1], local[2])
+    at[one] = x
+    at[other] = y
+    return geom.pos + geom.mat @ at
+
+
+@wp.func
 def _reflect_flat(
     light: Light, geom: Geom, rgb: wp.vec3, point: wp.vec3, normal: wp.vec3, eye: wp.vec3
 ):
@@ -103,30 +121,15 @@ def _reflect_flat(
     low, high = _cell(geom, other, local[other])
     u = (local[one] - left) / wp.max(right - left, 1e-6)
     v = (local[other] - low) / wp.max(high - low, 1e-6)
-    corner = wp.vec3(local[0], local[1], local[2])  # then those beside and above it
-    corner[one] = left
-    corner[other] = low
-    beside, above = u, v
+    x, y, beside, above = left, low, u, v
     if u + v > 1.0:
-        corner[one] = right
-        corner[other] = high
-        beside, above = 1.0 - v, 1.0 - u
-    total = wp.vec3()
-    for i in range(3):
-        at = wp.vec3(corner[0], corner[1], corner[2])
-        weight = 1.0 - beside - above
-        if i == 1:
-            at[one] = right
-            at[other] = low
-            weight = beside
-        if i == 2:
-            at[one] = left
-            at[other] = high
-            weight = above
-        if weight > 0.0:
-            there = geom.pos + geom.mat @ at
-            total += weight * _reflect(light, geom, rgb, there, normal, eye)
-    return total
+        x, y, beside, above = right, high, 1.0 - v, 1.0 - u
+    here = _on_face(geom, local, one, other, x, y)
+    right_below = _on_face(geom, local, one, other, right, low)
+    left_above = _on_face(geom, local, one, other, left, high)
+    total = (1.0 - beside - above) * _reflect(light, geom, rgb, here, normal, eye)
+    total += beside * _reflect(light, geom, rgb, right_below, normal, eye)
+    return total + above * _reflect(light, geom, rgb, left_above, normal, eye)
 
 
 @wp.func
@@ -141,11 +144,7 @@ def _left_by_shadows(
     """The share of a light that reaches a point."""
     if stray.shadow <= 0.0 or not light.casts:
         return float(1.0)
-    to_light = -light.direction
-    far = float(_ENDLESS)
-    if light.kind != DIRECTIONAL:
-        far = wp.length(light.pos - point)
-        to_light = (light.pos - point) / far
+    to_light, far = _towards(light, point)
     towards = wp.normalize(to_light + stray.aside)
     hidden_by, _there, _normal = first_hit(geoms, world, point + _OFF * normal, towards, far)
     if hidden_by >= 0:

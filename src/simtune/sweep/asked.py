@@ -7,7 +7,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from simtune.config import ROBOTS, TrainConfig, TuneConfig
+from simtune.config import NO_RECORDINGS, TrainConfig, TuneConfig
 from simtune.errors import InputError, UnknownName
 
 COMMANDS = {"tune": TuneConfig, "train": TrainConfig}
@@ -44,7 +44,7 @@ class AskedRun:
     def _found(self, name: str, value: Any) -> Any:
         is_path = name in _PATHS
         is_path |= name == "task" and str(value).endswith(".toml")
-        is_path |= name == "real" and value not in ("pseudo", *ROBOTS)
+        is_path |= name == "real" and value not in NO_RECORDINGS
         return str((self.folder / str(value)).resolve()) if is_path else value
 
     def config(self) -> TuneConfig | TrainConfig:
