@@ -14,6 +14,9 @@ SPOT, DIRECTIONAL = wp.constant(0), wp.constant(1)  # the other kinds shine ever
 BACKGROUND = wp.constant(wp.uint32(0))
 _OFF = wp.constant(1e-4)  # m, by which rays begin off a surface, not to meet it at once
 _ENDLESS = wp.constant(1e6)
+# In cells that are small from a lamp, interpolation changes no pixel: (1 + exponent) · (cell /
+# distance)² is four times what a cone's light is off by
+_FINE = wp.constant(0.05)
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
@@ -56,22 +59,19 @@ def _towards(light: Light, point: wp.vec3):
 @wp.func
 def _reflect(light: Light, geom: Geom, rgb: wp.vec3, point: wp.vec3, normal: wp.vec3, eye: wp.vec3):
     """What of a light reaches the eye: Blinn and Phong's model, as OpenGL's."""
-    strength = float(1.0)
     to_light, distance = _towards(light, point)
-    to_eye = wp.normalize(eye - point)
+    facing = wp.dot(normal, to_light)
+    cos = -wp.dot(to_light, light.direction)
+    if facing <= 0.0 or (light.kind == SPOT and cos < light.cos_cutoff):
+        return wp.vec3()
+    strength = float(1.0)
     if light.kind != DIRECTIONAL:
         powers = wp.vec3(1.0, distance, distance * distance)
         strength = 1.0 / wp.max(wp.dot(light.attenuation, powers), 1e-15)
         if light.kind == SPOT:
-            cos = -wp.dot(to_light, light.direction)
             strength *= wp.pow(wp.max(cos, 0.0), light.exponent)
-            if cos < light.cos_cutoff:
-                strength = 0.0
-    facing = wp.dot(normal, to_light) * strength
-    if facing <= 0.0:
-        return wp.vec3()
-    reflected = wp.cw_mul(rgb, light.diffuse) * facing
-    half = to_light + to_eye
+    reflected = wp.cw_mul(rgb, light.diffuse) * (facing * strength)
+    half = to_light + wp.normalize(eye - point)
     cos = wp.max(wp.dot(normal, half), 0.0)
     squared = cos * cos / wp.dot(half, half)
     if squared > geom.shiny_from:
@@ -117,6 +117,9 @@ def _reflect_flat(
         if wp.abs(facing[axis]) > 0.7:
             outward = axis
     one, other = (outward + 1) % 3, (outward + 2) % 3
+    longest = wp.max(geom.lines[one], geom.lines[other])
+    if longest * longest * (1.0 + light.exponent) < _FINE * wp.length_sq(light.pos - point):
+        return _reflect(light, geom, rgb, point, normal, eye)
     left, right = _cell(geom, one, local[one])
     low, high = _cell(geom, other, local[other])
     u = (local[one] - left) / wp.max(right - left, 1e-6)
