@@ -1,13 +1,16 @@
 """--budget-minutes is a promise: never over by more than a tenth and ten seconds, anywhere."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from servo_arm import write_arm
 from slow_machine import SlowMachine
 
 from simtune.config import TuneConfig
+from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.settings import Settings
 from simtune.fit import Bootstrap, FitConfig, ParticleConfig
@@ -46,7 +49,7 @@ def needed_s(out: Path, settings: Settings, machine: SlowMachine) -> tuple[float
     with pytest.MonkeyPatch.context() as patch:
         machine.take_over(patch)
         experiment = build_experiment(config_of(out), settings=settings)
-        least_s, whole_s = experiment.search.needed_s(experiment.recordings)
+        least_s, whole_s, *_ = experiment.search.needed(experiment.recordings)
     return machine.now_s + least_s, machine.now_s + whole_s
 
 
@@ -115,3 +118,25 @@ def test_a_round_that_has_its_time_has_its_refits(tmp_path, settings, bootstraps
     _, whole_s = needed_s(tmp_path / "asked", settings, MACHINE)
     run_s(tmp_path / "run", settings, MACHINE.slower(1), whole_s)
     assert all(len(bootstrap.misfits) >= 2 for bootstrap in bootstraps)
+
+
+@pytest.mark.parametrize("more", [1.0, 2.5])
+def test_readings_alone_of_a_slow_model_end_in_time(tmp_path: Path, more):
+    """A step of the whole arm takes 50 ms, one derivative of the episodes minutes."""
+    arm, machine = write_arm(tmp_path), replace(MACHINE, step_s=0.05)
+
+    def run(minutes: float) -> None:
+        config = TuneConfig(
+            task=str(arm), out=tmp_path / "run", real_episodes=4, budget_minutes=minutes
+        )
+        with pytest.MonkeyPatch.context() as patch:
+            machine.now_s = 0.0
+            machine.take_over(patch)
+            tune(config)
+
+    with pytest.raises(InputError, match=r"is too short: .* Simulating takes 100%") as refused:
+        run(1.0)
+    minutes = more * float(re.findall(r"--budget-minutes ([\d.]+) or more", str(refused.value))[0])
+    run(minutes)
+    assert machine.now_s <= 1.1 * 60 * minutes + 10
+    assert machine.now_s > 0.5 * 60 * minutes, "it is made use of"

@@ -256,7 +256,7 @@ def test_train_refuses_unsound_recordings_before_it_writes_anything(simtune, tmp
 
 def test_chosen_actions(simtune, tmp_path, dataset):
     arguments = ("tune", "cartpole", "--out", tmp_path / "out", "--real", dataset)
-    message = "no action 'slider'; there are: slide"
+    message = f"no action 'slider' in {dataset}; did you mean 'slide'?"
     simtune.refuses(*arguments, "--actions", "slider", message=message)
     message = "takes 1 actions, --actions names 2"
     simtune.refuses(*arguments, "--actions", "slide,slide", message=message)

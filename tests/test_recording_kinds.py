@@ -302,7 +302,7 @@ def test_actions_that_do_not_fit(tmp_path):
         "(x, y, grip); is it of another robot?"
     )
     assert message(tmp_path / "pairs", actions=("x", "z")) == (
-        "HERE: no action 'z'; there are: x, y, grip"
+        "no action 'z' in HERE; there are: x, y, grip"
     )
     said = message(tmp_path / "pairs", actions=("x",), num_actions=2)
     assert "takes 2 actions, --actions names 1 of 3 (x, y, grip)" in said

@@ -32,7 +32,7 @@ from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import NUM_DRAWS
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.search import Event, Round
+from simtune.tuning.search import Event, Needed, Round
 from simtune.tuning_run import tune
 
 TASK = load_task("cartpole")
@@ -354,18 +354,19 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
     def begin(*given):
         raise Begun
 
-    def needed_s(search, real) -> tuple[float, float]:
+    def needed(search, real) -> Needed:
         now_s[0] += 12.0  # that measuring takes
-        return 100.0, 300.0
+        return Needed(100.0, 300.0, mostly="Simulating takes 90 % of that")
 
     now_s = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: now_s[0])
-    monkeypatch.setattr(PosteriorSearch, "needed_s", needed_s)
+    monkeypatch.setattr(PosteriorSearch, "needed", needed)
     monkeypatch.setattr(PosteriorSearch, "run_round", begin)
     # Less than 12 s, 0.6 of the smallest round and 6 s for the report is refused; what is named
     # has two of the smallest.
     reason = (
         r"--budget-minutes 1\.1 is too short: .* 100 s .* 300 s; .* --budget-minutes 3\.7 or more"
+        r"\. Simulating takes 90 % of that"
     )
     with pytest.raises(InputError, match=reason):
         tune(config_of(tmp_path / "run", budget_minutes=1.1))

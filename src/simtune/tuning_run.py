@@ -16,6 +16,7 @@ from simtune.progress import ReportProgress, silent
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.folder import kept_state
 from simtune.tasks import AnyTask
+from simtune.tuning.search import Needed
 
 log = logging.getLogger(__name__)
 # Time for videos and the report: as long as the start took, within these bounds. A busy machine
@@ -26,6 +27,7 @@ _SHORTENED = "; in --budget-minutes {:g} it is a shortened one, whose intervals 
 # Relative to a whole round: with less time no known world may be fitted, which verdicts need.
 _HARDLY_ENOUGH = 0.5
 _UNJUDGED = "; in --budget-minutes {:g} perhaps nothing can be called identified: {:g} are enough"
+_CHECK_SHARE = 0.06  # of the budget, in which check may say what to expect
 _WORTHWHILE = 0.6  # of the last round's time: the next one knows where to search
 
 
@@ -51,11 +53,12 @@ def tune(
     for warning in warnings:  # now, not after minutes
         log.warning("%s", warning)
     search, real = experiment.search, experiment.recordings
+    needed = search.needed(real)
     if settings is None and kept_state(config.out) is None:  # nothing is written before
-        needed_s = search.needed_s(real)
         beside_s = time.monotonic() - began_s + ending_s
-        _refuse_if_too_short(config.budget_minutes, beside_s, *needed_s)
-    promised = _promised(experiment)
+        _refuse_if_too_short(config.budget_minutes, beside_s, needed)
+    may_check = needed.check_s < _CHECK_SHARE * 60 * config.budget_minutes
+    promised = _promised(experiment) if may_check else {}
     begun_s = time.monotonic() - began_s
     with Run(experiment, report) as run:
         run.resume()
@@ -82,17 +85,18 @@ def _promised(experiment: Experiment) -> dict[str, Any]:
     return {"check": promises(simulator, seen, experiment.recordings, experiment.config.seed)}
 
 
-def _refuse_if_too_short(minutes: float, beside_s: float, least_s: float, whole_s: float) -> None:
+def _refuse_if_too_short(minutes: float, beside_s: float, needed: Needed) -> None:
     """Raises InputError for a time too short for a sound answer.
 
     `beside_s`: time for all but rounds.
     """
+    least_s, whole_s = needed.least_s, needed.whole_s
     if 60 * minutes < _SURELY * least_s + beside_s:
-        needed = math.ceil((2 * least_s + beside_s) / 6) / 10
+        enough = math.ceil((2 * least_s + beside_s) / 6) / 10
         raise InputError(
             f"--budget-minutes {minutes:g} is too short: the smallest round takes about "
             f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; give it "
-            f"--budget-minutes {needed:g} or more"
+            f"--budget-minutes {enough:g} or more" + (f". {needed.mostly}" if needed.mostly else "")
         )
     enough_s, shortened = whole_s + beside_s, ""
     if 60 * minutes < _HARDLY_ENOUGH * whole_s + beside_s:

@@ -10,9 +10,11 @@ from simtune.checking.conclusions import CLEAR, conclude
 from simtune.checking.extents import extents_px, small, unclear_of
 from simtune.checking.film import compare
 from simtune.checking.film_picture import Shown, draw_film, new_file
+from simtune.checking.frictions import unfelt_frictions
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.library import MOST_STEPS, make_libraries
 from simtune.checking.limits import joints_at_limits
+from simtune.checking.nominal import nominal_states
 from simtune.checking.readings import ReadEpisodes, read_episodes, reading_changes
 from simtune.checking.recording_warnings import warnings
 from simtune.checking.servo_picture import draw_servos
@@ -65,11 +67,11 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
         say("replaying readings", 0.5)
         readings, assumed = reading_changes(simulator, seen, actions, read, config.seed)
         facts["assumed"] = assumed
-    information = analyze(simulator, actions, config.seed, seen, readings)
-    worlds = np.tile(task.parameters.nominal, (len(actions), 1))
-    states = simulator.roll_out(worlds, actions, np.random.default_rng((config.seed, 5))).states
+    information = analyze(simulator, actions, config.seed, seen, readings, say)
+    states = nominal_states(simulator, actions, config.seed)
     facts["warnings"] += joints_at_limits(simulator, states)
-    concluded = conclude(task.parameters, information)
+    reasons = unfelt_frictions(simulator, states)
+    concluded = conclude(task.parameters, information, reasons)
     if seen.cameras:
         verdicts = {name: its["verdict"] for name, its in concluded["parameters"].items()}
         facts["extents_px"] = extents_px(simulator, states, simulator.views)

@@ -1,5 +1,6 @@
 """Conclusions on each parameter from its sensitivity."""
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -18,8 +19,13 @@ _NOTHING_READ = "changes no reading: it cannot be found from these sensors"
 _NOTHING_AT_ALL = "changes neither picture, motion nor readings: it cannot be found from them"
 
 
-def conclude(space: ParameterSpace, information: Sensitivity) -> dict[str, Any]:
-    """{"parameters": an object each, by name, "pairs": what shows only together}; JSON."""
+def conclude(
+    space: ParameterSpace, information: Sensitivity, reasons: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """{"parameters": an object each, by name, "pairs": what shows only together}; JSON.
+
+    `reasons`: why parameters do not show, by name, if they do not.
+    """
     # Parameters that a single picture shows need no motion; the others do, however they look.
     picture_std = np.where(space.is_visible, information.picture_std, np.inf)
     std = np.minimum(picture_std, information.motion_std)
@@ -27,12 +33,13 @@ def conclude(space: ParameterSpace, information: Sensitivity) -> dict[str, Any]:
     shows: list[Shows] = [_shows(s) for s in share]
     together = np.abs(np.triu(information.correlation, 1)) > _TOGETHER
     pairs = [_pair(space, information, shows, i, j) for i, j in np.argwhere(together)]
+    reasons = _nothing(space, information) | dict(reasons or {})
     parameters = {
         name: _numbers(space, information, i)
         | {
             "interval_share": float(share[i]),
             "verdict": shows[i],
-            "note": _note(name, _nothing(information) * bool(information.shows_nothing[i]), pairs),
+            "note": _note(name, reasons.get(name, "") * (shows[i] != CLEAR), pairs),
         }
         for i, name in enumerate(space.names)
     }
@@ -51,16 +58,16 @@ def _shows(share: float) -> Shows:
     return "shows weakly" if share <= limits.weak_share else "does not show"
 
 
-def _nothing(information: Sensitivity) -> str:
-    """Note on a parameter that shows nowhere."""
-    if information.readings is None:
-        return _NOTHING
-    return _NOTHING_AT_ALL if information.sees_pictures else _NOTHING_READ
+def _nothing(space: ParameterSpace, information: Sensitivity) -> dict[str, str]:
+    """Notes on parameters that show nowhere."""
+    said = _NOTHING_AT_ALL if information.sees_pictures else _NOTHING_READ
+    said = _NOTHING if information.readings is None else said
+    return {space.names[i]: said for i in np.flatnonzero(information.shows_nothing)}
 
 
-def _note(name: str, shows_nothing: str, pairs: list[dict[str, Any]]) -> str:
-    if shows_nothing:
-        return shows_nothing
+def _note(name: str, reason: str, pairs: list[dict[str, Any]]) -> str:
+    if reason:
+        return reason
     named = {n for pair in pairs for n in pair["parameters"] if name in pair["parameters"]}
     return f"together with {', '.join(sorted(named - {name}))}: see below" if named else ""
 

@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 
 from simtune.checking.conclusions import conclude
+from simtune.checking.frictions import unfelt_frictions
+from simtune.checking.nominal import nominal_states
 from simtune.checking.readings import look_at_servos, reading_changes
 from simtune.fit.sensitivity import analyze
 from simtune.observation import ObservationModel
@@ -33,5 +35,6 @@ def promises(
         information = analyze(simulator, actions, seed, seen, readings)
     except RuntimeError:  # every episode diverged
         return {}
-    said = conclude(simulator.space, information)["parameters"]
+    reasons = unfelt_frictions(simulator, nominal_states(simulator, actions, seed))
+    said = conclude(simulator.space, information, reasons)["parameters"]
     return plain({name: {k: p[k] for k in _KEPT if k in p} for name, p in said.items()})

@@ -9,6 +9,7 @@ from simtune.fit.open_loop import OpenLoop
 from simtune.fit.output_error import Descent, OutputError, OutputErrorFit, ReplayStage
 from simtune.fit.particles import ParticleConfig
 from simtune.fit.physics import Physics
+from simtune.fit.reading_sensitivity import MOST_EPISODES
 from simtune.fit.readings import Readings
 from simtune.fit.refits import FEW_EPISODES, MANY_EPISODES, run_bootstrap
 from simtune.fit.replay_cost import Guess
@@ -31,6 +32,7 @@ from simtune.fit.whole_episodes import replay_whole
 __all__ = [
     "FEW_EPISODES",
     "MANY_EPISODES",
+    "MOST_EPISODES",
     "Bootstrap",
     "Descent",
     "FitConfig",

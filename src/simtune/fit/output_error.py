@@ -15,6 +15,7 @@ No simulator is exact, so residuals are correlated, for about a second. Each cou
 measurement, with τ_d its integrated autocorrelation time.
 """
 
+import time
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -104,19 +105,33 @@ class OutputError:
         """
         loop, steps = self._loop, stage.steps or readings.actions.shape[1]
         stretches = loop.cut(readings, begin.unit, begin.offsets, steps, stage.at_most)
+        began_s = time.monotonic()
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
+        derived_s = self.num_worlds * (time.monotonic() - began_s)
         noise = spread(played[0] + begin.offsets - stretches.values)
         start_std = near.objective.start_std if near else loop.start_std(noise, stretches.values)
         objective = ReplayCost(loop, stretches, start_std, self._finds_offset, self.prior)
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
-        return self._go_on(begun, stage.iterations, budget)
+        return self._go_on(begun, stage.iterations, budget, derived_s if near is None else 0.0)
 
-    def _go_on(self, descent: Descent, iterations: int, budget: Budget) -> Descent:
-        """Iterate; if derivatives near by are known, refresh them by groups of unknowns."""
+    @property
+    def num_worlds(self) -> int:
+        """How many are played for all derivatives."""
+        num = len(self._loop.fitted)
+        return 1 + num * (1 + self._loop.may_touch) + len(self._loop.start_tangents)
+
+    def _go_on(
+        self, descent: Descent, iterations: int, budget: Budget, takes_s: float = 0.0
+    ) -> Descent:
+        """Iterate; if derivatives near by are known, refresh them by groups of unknowns.
+
+        `takes_s`: an iteration, as far as is known. None is begun that would not end in time.
+        """
         damping, loop = _FIRST_DAMPING, self._loop
         groups = Groups.of(descent.slopes, descent.noise) if descent.slopes else None
         for _ in range(iterations):
-            if budget.is_over:
+            began_s = time.monotonic()
+            if budget.is_over or takes_s > budget.seconds_left:
                 break
             where = descent.objective.where(descent.point)
             if descent.slopes is None or groups is None:
@@ -125,17 +140,21 @@ class OutputError:
             else:
                 slopes = refresh(loop, where, descent.slopes, groups)
             descent, damping, is_over = _stepped(replace(descent, slopes=slopes), damping)
+            takes_s = time.monotonic() - began_s
             if is_over:
                 break
         return descent
 
     def judge(self, ended: Descent, budget: Budget) -> OutputErrorFit:
         """Uncertainty from full derivatives; if these lead farther down, descend first."""
+        began_s = time.monotonic()
         slopes = differentiate(self._loop, ended.objective.where(ended.point))
         further, _, is_over = _stepped(replace(ended, slopes=slopes), _FIRST_DAMPING)
-        if is_over or budget.is_over:
+        takes_s = time.monotonic() - began_s
+        if is_over or takes_s > budget.seconds_left:
             return self._conclude(ended, slopes)
-        ended = self._go_on(further, _MORE_ITERATIONS, budget)
+        more = budget.part(budget.seconds_left - takes_s)
+        ended = self._go_on(further, _MORE_ITERATIONS, more)
         return self._conclude(ended, differentiate(self._loop, ended.objective.where(ended.point)))
 
     def _conclude(self, ended: Descent, slopes: Slopes) -> OutputErrorFit:

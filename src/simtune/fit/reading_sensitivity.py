@@ -18,7 +18,7 @@ from simtune.observation import (
 )
 from simtune.simulation import Simulator
 
-_EPISODES, _LONGEST_S = 4, 8.0  # replayed; any others are assumed to tell as much
+MOST_EPISODES, _LONGEST_S = 4, 8.0  # replayed; any others are assumed to tell as much
 _TOO_FAR = 1e3  # more than any reading: such predictions come from a diverged world
 
 
@@ -65,7 +65,7 @@ class ReplayedReadings:
         given = np.ones((episodes, num_steps + 1, 1)) if readings is None else readings.values
         self._num_frames = np.isfinite(given).any(-1).sum()
         steps, observe = round(_LONGEST_S / simulator.step_s), observation.observe_beside()
-        actions = actions[:_EPISODES, :steps].astype(float)
+        actions = actions[:MOST_EPISODES, :steps].astype(float)
         played = simulator.roll_out(
             np.tile(nominal, (len(actions), 1)), actions, np.random.default_rng((seed, 1)), observe
         )
@@ -80,10 +80,10 @@ class ReplayedReadings:
             self._stretches = Stretches(played.actions, played.observed, states, starts)
             return
         few = Readings(
-            readings.actions[:_EPISODES, :steps], readings.values[:_EPISODES, : steps + 1]
+            readings.actions[:MOST_EPISODES, :steps], readings.values[:MOST_EPISODES, : steps + 1]
         )
         no_offsets = np.zeros(few.values.shape[-1])
-        self._stretches = self._loop.cut(few, self._unit, no_offsets, 10**9, _EPISODES)
+        self._stretches = self._loop.cut(few, self._unit, no_offsets, 10**9, MOST_EPISODES)
 
     def changes(self, changed: np.ndarray, noise: np.ndarray) -> ReadingChanges:
         """For (N, N) parameters, one changed in each row; noise (D,) of independent readings."""

@@ -11,11 +11,12 @@ import numpy as np
 
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
-from simtune.fit.reading_sensitivity import ReadingChanges
+from simtune.fit.reading_sensitivity import MOST_EPISODES, ReadingChanges
 from simtune.fit.shooting import Shooting
 from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.parameters import ParameterSpace
+from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.simulation import Points, Rollouts, Simulator
 from simtune.vision.image_noise import ImageNoise
@@ -28,7 +29,6 @@ _LEVELS = 2  # of 256: a pixel that changes by no more looks the same
 _STILL_PX = 0.01  # less is no motion: a detector's errors are fifty times as large
 _DETECTOR_PX, _SURE = 0.5, 0.98  # assumed error of the detector; its probability of the right place
 _NUM_PICTURES = 24
-_EPISODES = 4  # simulated; any others are assumed to tell as much
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,7 @@ def analyze(
     seed: int,
     observation: ObservationModel,
     readings: ReadingChanges | None = None,
+    say: ReportProgress = silent,
 ) -> Sensitivity:
     """At the nominal parameters, in episodes of (E, T, A) actions; `readings`: those of joints.
 
@@ -77,7 +78,7 @@ def analyze(
     prior = width / np.sqrt(12)  # of a uniform distribution
     information, seen = np.diag(prior**-2), _Seen.nothing(len(space))
     if simulator.views:
-        seen = _look(simulator, first, actions, seed, changed)
+        seen = _look(simulator, first, actions, seed, changed, say)
         information += seen.information / np.outer(scale, scale)
     if readings is not None:
         information += readings.information / np.outer(scale, scale)
@@ -125,21 +126,24 @@ def _look(
     actions: np.ndarray,
     seed: int,
     changed: np.ndarray,
+    say: ReportProgress,
 ) -> _Seen:
     """What cameras see of (N, N) parameters, one changed in each row; see `analyze`."""
     space, rng = simulator.space, np.random.default_rng((seed, 1))
-    keypoints, more = find_keypoints(simulator, first, seed), max(1.0, len(actions) / _EPISODES)
-    actions = actions[:_EPISODES]
+    keypoints, more = find_keypoints(simulator, first, seed), max(1.0, len(actions) / MOST_EPISODES)
+    actions = actions[:MOST_EPISODES]
     worlds = np.tile(where_analyzed(space), (len(actions), 1))
     episodes = simulator.roll_out(worlds, actions.astype(float), rng, keypoints.observe)
     if not len(episodes):
         raise RuntimeError("every episode diverged; check the timestep and the actions")
+    say("changing one parameter after the other", 0.6)
     levels, share = picture_changes(simulator, episodes, changed)
     moves = ~space.is_appearance
     rms, largest = np.zeros((2, len(space)))
     rms[moves], largest[moves] = motion_changes(simulator, keypoints, episodes, changed[moves])
     moving, information = np.flatnonzero(largest > _STILL_PX), np.zeros((len(space),) * 2)
     if len(moving):
+        say("asking how well the best fit could tell", 0.8)
         best = motion_covariance(simulator, keypoints, episodes, moving)
         information[np.ix_(moving, moving)] = more * np.linalg.inv(best)
     return _Seen(levels, share, rms, largest, information)

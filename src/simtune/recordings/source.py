@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, TypeGuard
 
 import numpy as np
 
-from simtune.errors import InputError
+from simtune.errors import InputError, UnknownName
 
 
 @dataclass(frozen=True)
@@ -137,9 +137,12 @@ def choose_actions(
     known = source.action_names
     doubled = next((name for name in known if known.count(name) > 1), None)
     for name in names or ():
-        if name not in known or name == doubled:
-            what = "more than one" if name == doubled else "no"
-            raise InputError(f"{source.path}: {what} action {name!r}; there are: {short(known)}")
+        if name == doubled:
+            raise InputError(
+                f"{source.path}: more than one action {name!r}; there are: {short(known)}"
+            )
+        if name not in known:
+            raise UnknownName("action", name, str(source.path), known)
     chosen = [known.index(name) for name in names] if names else list(range(len(known)))
     if num_actions is not None and len(chosen) != num_actions:
         hint = (

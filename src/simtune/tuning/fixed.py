@@ -9,7 +9,7 @@ from simtune.budget import Budget
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import unsure
-from simtune.tuning.search import Keep, Round, TellEarly, keep_nothing, tell_nobody
+from simtune.tuning.search import Keep, Needed, Round, TellEarly, keep_nothing, tell_nobody
 
 
 class FixedRange:
@@ -23,8 +23,8 @@ class FixedRange:
     def check(self, real: list[Trajectory]) -> None:
         """Accepts anything."""
 
-    def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
-        return 0.0, 0.0
+    def needed(self, real: list[Trajectory]) -> Needed:
+        return Needed(0.0, 0.0)
 
     def run_round(
         self,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.fit import FEW_EPISODES, FitWork, count_fit_steps
+from simtune.fit import FEW_EPISODES, MOST_EPISODES, FitWork, count_fit_steps
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.simulation import AnySimulator
@@ -72,24 +72,65 @@ class Pace:
 
     def round_s(self, config: PosteriorSearchConfig, work: Work) -> float:
         """Approximate seconds of a first round with these settings."""
+        return sum(self._parts_s(config, work))
+
+    def check_s(self, work: Work, reads: bool) -> float:
+        """Approximate seconds of what `simtune check` would say; `reads`: of readings, too."""
+        played = min(MOST_EPISODES, work.num_episodes) * work.num_steps
+        # Each parameter changes once, and derivatives are by all parameters and states
+        changed = 2 + 2 * work.num_fitted + work.num_tangent
+        return self.step_s * played * changed * (1 + reads)
+
+    def mostly(self, config: PosteriorSearchConfig, work: Work) -> str:
+        """What takes most of such a round, and what would help."""
+        parts_s = self._parts_s(config, work)
+        most, share = int(np.argmax(parts_s)), max(parts_s) / sum(parts_s)
+        if most == 0:
+            return slow_steps(share, self.step_s)
+        if most == 1:
+            return (
+                f"Pictures take {share:.0%} of that, {_ms(self.frame_s)} each to draw and "
+                f"{_ms(self.detect_s)} to look at: simpler meshes, fewer cameras or a smaller "
+                "--image-size would help"
+            )
+        return (
+            f"Training networks takes {share:.0%} of that: more cores, or a smaller --image-size, "
+            "would help"
+        )
+
+    def _parts_s(self, config: PosteriorSearchConfig, work: Work) -> tuple[float, float, float]:
+        """Of simulated steps, of pictures, and of training."""
         episodes, steps = work.num_episodes, work.num_steps
         worlds_s = self.step_s * steps * min(config.episodes_per_world, episodes)  # per world
         held_out = config.held_out_worlds * config.held_out_steps
         drawn = (config.num_worlds * config.pictures_per_world + held_out) / work.supersampling
-        seconds = config.num_worlds * worlds_s + config.held_out_worlds * self.step_s * steps
-        seconds += self.frame_s * drawn + self.detect_s * held_out / work.supersampling
-        seconds += self.update_s * config.detector_updates[0]
+        played_s = config.num_worlds * worlds_s + config.held_out_worlds * self.step_s * steps
+        pictures_s = self.frame_s * drawn + self.detect_s * held_out / work.supersampling
+        trained_s = self.update_s * config.detector_updates[0]
         small_s = _SMALL_UPDATE * self.update_s
         if not work.num_tangent:
-            more = config.num_worlds * worlds_s + small_s * config.posterior_updates
-            return seconds + config.no_fit_scale * more
-        seconds += small_s * (config.posterior_updates + config.state_updates)
+            played_s += config.no_fit_scale * config.num_worlds * worlds_s
+            trained_s += config.no_fit_scale * small_s * config.posterior_updates
+            return played_s, pictures_s, trained_s
+        trained_s += small_s * (config.posterior_updates + config.state_updates)
         fitted = FitWork(episodes * steps, work.num_tangent, work.num_fitted)
         refitted = fitted._replace(num_steps=min(FEW_EPISODES, episodes) * steps)
         played = sum(count_fit_steps(config.fit, fitted))
         played_again = sum(count_fit_steps(config.fit, refitted))
         played += config.num_refits[0] * played_again
-        return seconds + _SLOWER * self.step_s * played
+        return played_s + _SLOWER * self.step_s * played, pictures_s, trained_s
+
+
+def slow_steps(share: float, step_s: float) -> str:
+    """What to say if simulated steps take so much of a search, and each so long."""
+    return (
+        f"Simulating takes {share:.0%} of that, {_ms(step_s)} for each step of an action: a longer "
+        "physics timestep, fewer contacts, or fewer or shorter episodes would help"
+    )
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.2g} ms"
 
 
 def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:

@@ -24,6 +24,7 @@ from simtune.tuning.estimate import unsure
 from simtune.tuning.search import (
     Event,
     Keep,
+    Needed,
     Round,
     SearchContext,
     TellEarly,
@@ -109,9 +110,9 @@ class PaperSearch:
     def stop_reason(self) -> str:
         return "all moves are done" if self.num_moves >= self.config.max_moves else ""
 
-    def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
+    def needed(self, real: list[Trajectory]) -> Needed:
         """0: rounds are short, and there are many."""
-        return 0.0, 0.0
+        return Needed(0.0, 0.0)
 
     def run_round(
         self,

@@ -32,6 +32,7 @@ from simtune.tuning.range_update import update_range
 from simtune.tuning.rounds import Rounds, half_widths
 from simtune.tuning.search import (
     Keep,
+    Needed,
     Round,
     SearchContext,
     TellEarly,
@@ -106,12 +107,14 @@ class PosteriorSearch:
                 f"least {SHORTEST_STEPS}: leave it out, or record a longer one"
             )
 
-    def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
-        """Seconds of the smallest sound round on this machine, and of a whole one."""
+    def needed(self, real: list[Trajectory]) -> Needed:
+        """See `Search`."""
         pace = Pace.measure(self.context, self.model, self.first)
-        work, config = Work.of(self.context.simulator, real, self._can_fit), self.config
-        self._full_s, self._least_s = (pace.round_s(c, work) for c in (config, smallest(config)))
-        return self._least_s, self._full_s
+        work, least = Work.of(self.context.simulator, real, self._can_fit), smallest(self.config)
+        self._full_s = pace.round_s(self.config, work)
+        self._least_s = pace.round_s(least, work)
+        check_s = pace.check_s(work, bool(self.context.observation.sensors)) * self._can_fit
+        return Needed(self._least_s, self._full_s, check_s, pace.mostly(least, work))
 
     def run_round(
         self,
@@ -168,7 +171,7 @@ class PosteriorSearch:
     def _plan(self, real: list[Trajectory], budget: Budget) -> tuple[Budget, bool]:
         """The present round's part of the budget, and whether the round may be the last one."""
         if not budget.is_endless and math.isinf(self._full_s):
-            self.needed_s(real)
+            self.needed(real)
         return self._rounds.plan(budget, self._full_s)
 
     def detect(self, frames: np.ndarray) -> Detections:

@@ -11,6 +11,7 @@ single round:
     judge    uncertainty, and what the model cannot explain
 """
 
+import math
 import time
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -20,18 +21,20 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.fit import Lateness, OpenLoop, OutputError, Readings
+from simtune.fit import MOST_EPISODES, Lateness, OpenLoop, OutputError, Readings
 from simtune.observation import finds_offset
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import at_most_weak
+from simtune.tuning.pace import slow_steps
 from simtune.tuning.readings_fits import FEWEST_STEPS, Found, Horizons, ReadingsFits, unexplained
 from simtune.tuning.readings_verdict import conclude, is_too_late
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (
     Event,
     Keep,
+    Needed,
     Round,
     SearchContext,
     TellEarly,
@@ -44,7 +47,8 @@ _UNSEEN = (
     "cannot be replayed from there. Measure it, or look at a camera as well."
 )
 _JUDGING = 0.15  # of the time left for whole episodes
-_WHOLE_SEARCH = 15.0  # time of a search, relative to derivatives of whole episodes
+# Times relative to derivatives of whole episodes: judging, a search, what check would say
+_JUDGED, _WHOLE_SEARCH, _CHECKED = 1.2, 15.0, 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +79,7 @@ class ReadingsSearch:
         # Whether two fits agree, and residuals match the declared noise; whether no delay is left
         # that the fit cannot describe, and other parameters may have taken its place
         self.is_trusted = self.is_in_time = False
+        self._derived_s = 0.0  # seconds of all derivatives of whole episodes, once measured
 
     def check(self, real: list[Trajectory]) -> None:
         """Raises InputError if there are no trajectories, or too short ones."""
@@ -82,16 +87,25 @@ class ReadingsSearch:
             got = f"got one of {steps}" if real else "got none"
             raise InputError(f"episodes must last at least {FEWEST_STEPS} steps, {got}")
 
-    def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
-        """Seconds of a step or two over whole episodes, and of the whole search."""
+    def needed(self, real: list[Trajectory]) -> Needed:
+        """The smallest sound round derives once at each horizon, and twice in whole episodes."""
         readings, loop = self._look_at(real)
-        unit = self._begin(loop)
+        unit, fit = self._begin(loop), self._fit(loop)
         stretches = loop.cut(readings, unit, np.zeros(loop.num_readings), 10**9, 10**9)
         began_s = time.monotonic()
         loop.play(stretches, stretches.states[None], unit[None])
-        once_s = time.monotonic() - began_s
-        each_s = (1 + len(loop.fitted) + len(loop.start_tangents)) * once_s
-        return 2 * each_s, _WHOLE_SEARCH * each_s
+        once_s, steps = time.monotonic() - began_s, math.prod(stretches.actions.shape[:2])
+        self._derived_s = fit.num_worlds * once_s
+        horizons = self.config.horizons.growing
+        grown = sum(min(h.seconds / self._simulator.step_s * h.stretches, steps) for h in horizons)
+        least_s = (grown / steps + 2) * self._derived_s
+        checked = _CHECKED * min(1.0, MOST_EPISODES / len(real))
+        return Needed(
+            least_s,
+            max(least_s, _WHOLE_SEARCH * self._derived_s),
+            checked * self._derived_s,
+            slow_steps(1.0, once_s / steps),
+        )
 
     def run_round(
         self,
@@ -101,9 +115,10 @@ class ReadingsSearch:
         keep: Keep = keep_nothing,
     ) -> Round:
         """Fit, and judge."""
+        if not (budget.is_endless or self._derived_s):
+            self.needed(real)
         readings, loop = self._look_at(real)
-        seen = self._context.observation
-        fit = OutputError(loop, finds_offset(loop.sensors), self._begin(loop))
+        seen, fit = self._context.observation, self._fit(loop)
         found, late = self._find(fit, readings, budget)
         budget.report("judging how sure that is", 0.9)
         judged = fit.judge(found.best, budget)
@@ -144,8 +159,13 @@ class ReadingsSearch:
             guesses[0], late = fits.how_late(guesses[0], part)
         part = budget.part(budget.seconds_left / 3, (0.1, 0.4))
         ended = fits.grow(guesses, part, late)
-        part = budget.part((1 - _JUDGING) * budget.seconds_left, (0.4, 0.9))
+        left_s = budget.seconds_left
+        judging_s = max(_JUDGING * left_s, _JUDGED * self._derived_s)
+        part = budget.part(left_s - judging_s, (0.4, 0.9))
         return fits.until_found_twice(ended, late, part), late
+
+    def _fit(self, loop: OpenLoop) -> OutputError:
+        return OutputError(loop, finds_offset(loop.sensors), self._begin(loop))
 
     def _begin(self, loop: OpenLoop) -> np.ndarray:
         """(N,) first guess in unit coordinates, with a lateness of 0 if that is unknown.

@@ -43,6 +43,15 @@ class Event:
     reason: str
 
 
+class Needed(NamedTuple):
+    """Approximate seconds of a search's rounds on this machine, under its present load."""
+
+    least_s: float  # of the smallest sound round
+    whole_s: float
+    check_s: float = 0.0  # of what `simtune check` would say
+    mostly: str = ""  # what takes most of the smallest one, and what would help
+
+
 class Round(NamedTuple):
     """Result of one round of a search."""
 
@@ -75,8 +84,8 @@ class Search(Protocol):
         """Why another round would gain nothing; empty while it would."""
         ...
 
-    def needed_s(self, real: list[Trajectory]) -> tuple[float, float]:
-        """Seconds of the smallest sound round on this machine, and of a whole one."""
+    def needed(self, real: list[Trajectory]) -> Needed:
+        """How long rounds with these episodes would take; a measurement of a second or two."""
         ...
 
     def check(self, real: list[Trajectory]) -> None:
