@@ -257,4 +257,6 @@ def test_a_share_is_of_all_the_time_but_no_more_than_is_left(monkeypatch):
     assert whole.share(0.3).is_over
     assert Budget().share(0.3).seconds == math.inf
     assert Budget().share(0.3).is_endless
+    with pytest.raises(ValueError, match="got NaN"):
+        Budget(math.inf - math.inf)
     assert not whole.is_endless

@@ -30,7 +30,12 @@ class Budget:
         span: tuple[float, float] = (0.0, 1.0),
         prefix: str = "",
     ):
-        """`seconds` from now on; `span`: shares of the bar at which the work starts and ends."""
+        """`seconds` from now on; `span`: shares of the bar at which the work starts and ends.
+
+        Raises ValueError for NaN, which would pass for a budget that is over.
+        """
+        if math.isnan(seconds):
+            raise ValueError("a budget must be a number of seconds, got NaN")
         self.seconds = max(seconds, 0.0)
         self._start, self._report, self._span, self._prefix = time.monotonic(), report, span, prefix
 

@@ -159,9 +159,9 @@ class ReadingsSearch:
             guesses[0], late = fits.how_late(guesses[0], part)
         part = budget.part(budget.seconds_left / 3, (0.1, 0.4))
         ended = fits.grow(guesses, part, late)
-        left_s = budget.seconds_left
-        judging_s = max(_JUDGING * left_s, _JUDGED * self._derived_s)
-        part = budget.part(left_s - judging_s, (0.4, 0.9))
+        left_s = budget.seconds_left  # may be infinite, which allows no difference of two shares
+        searching_s = min((1 - _JUDGING) * left_s, left_s - _JUDGED * self._derived_s)
+        part = budget.part(searching_s, (0.4, 0.9))
         return fits.until_found_twice(ended, late, part), late
 
     def _fit(self, loop: OpenLoop) -> OutputError:
