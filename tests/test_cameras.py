@@ -171,8 +171,8 @@ def test_a_detector_finds_what_is_in_a_wide_picture():
     assert detector.cells == (8, 20)
     heatmap = np.full((1, 1, 160), -20, np.float32)
     heatmap[0, 0, 3 * 20 + 17] = 20  # row 3, column 17
-    (found,) = detector._peaks(torch.tensor(heatmap))
-    np.testing.assert_allclose(found, [[17 * 2 + 0.5, 3 * 2 + 0.5]], atol=1e-4)
+    places, *_ = detector.candidates(torch.tensor(heatmap))
+    np.testing.assert_allclose(places[0, 0], [[17 * 2 + 0.5, 3 * 2 + 0.5]], atol=1e-4)
     frames = np.zeros((2, 16, 40, 3), np.uint8)
     assert to_input(frames).shape == (2, 3, 16, 40)
     assert detect(detector, frames).keypoints.shape == (2, 1, 2)

@@ -97,8 +97,8 @@ def test_input_is_between_minus_one_and_one_in_the_order_of_torch():
 def test_all_that_a_detector_computes_stays_on_its_device():
     """Torch's device without memory stands for a GPU: it refuses what lies on the CPU."""
     detector = KeypointDetector(3, 4, (32, 32), DetectorConfig()).to("meta")
-    heatmaps, found, _ = detector(torch.empty(2, 3, 32, 32, device="meta"))
-    assert {part.device.type for part in (found, *detector.candidates(heatmaps))} == {"meta"}
+    heatmaps, _ = detector(torch.empty(2, 3, 32, 32, device="meta"))
+    assert {part.device.type for part in detector.candidates(heatmaps)} == {"meta"}
     sizes = (2, 3, 32, 32), (2, 3, 2), (2, 4), (4,)
     loss = detector.loss(*(torch.empty(size, device="meta") for size in sizes))
     assert loss.device.type == "meta"
@@ -131,7 +131,7 @@ def test_detector_learns_without_keypoints_or_without_visible_parameters(
 def test_detector_loss_is_relative_to_the_width_of_the_range():
     detector = a_detector(0, 1)
     pictures, keypoints = torch.zeros(1, 3, SIZE, SIZE), torch.zeros(1, 0, 2)
-    _, _, estimated = detector(pictures)
+    _, estimated = detector(pictures)
     truth = (estimated + 1.0).detach()  # far away, where the loss is linear
     wide, narrow = (
         detector.loss(pictures, keypoints, truth, torch.tensor([w])).item() for w in (1.0, 0.5)

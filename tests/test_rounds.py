@@ -17,15 +17,18 @@ from simtune.fit import (
     Stage,
     count_fit_steps,
 )
+from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.tuning.estimate import Estimate
+from simtune.tuning.judging import Judging
 from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.rounds import gains_nothing, half_widths, is_precise, plan_round
+from simtune.vision.image_noise import ImageNoise
 
 # --- when to begin and to end -------------------------------------------------------------
 
@@ -79,9 +82,17 @@ def simulator() -> Simulator:
     return load_task("cartpole").simulator(image_size=32)
 
 
-def rounds_until_stop(monkeypatch, simulator, config, widths: list[float]) -> tuple[int, str]:
+def rounds_until_stop(
+    monkeypatch, simulator, config, widths: list, verdict: str = "identified"
+) -> tuple[int, str]:
     """How many rounds are done where their intervals are so wide, and why no more."""
-    left = iter(widths)
+    left, judge = iter(widths), Judging.judge
+
+    def judged_so(self, *given):
+        estimate, curves = judge(self, *given)
+        return replace(estimate, verdict=[verdict] * len(SPACE)), curves
+
+    monkeypatch.setattr(Judging, "judge", judged_so)
     monkeypatch.setattr(
         "simtune.tuning.posterior.half_widths",
         lambda estimate, first: np.full(len(SPACE), next(left)),
@@ -108,6 +119,31 @@ def test_a_search_says_why_it_stops(
 ):
     config = replace(tiny, num_rounds=4, precision=precision)
     assert rounds_until_stop(monkeypatch, simulator, config, widths) == (rounds, reason)
+
+
+def test_narrow_intervals_of_an_unsound_simulator_are_no_reason_to_stop(
+    monkeypatch, simulator, tiny
+):
+    config = replace(tiny, num_rounds=2, precision=0.02)
+    stopped = rounds_until_stop(monkeypatch, simulator, config, [0.01, 0.005], "weak")
+    assert stopped == (2, "another round would tell hardly more")
+
+
+@pytest.mark.parametrize(
+    ("noise", "rounds", "reason"),
+    [
+        (ImageNoise(), 1, "every parameter of the motion is known to 5 %"),
+        (None, 2, "all rounds are done"),  # colours are to be known as well
+    ],
+)
+def test_a_search_for_a_policy_need_not_know_colours_before_a_real_camera(
+    monkeypatch, simulator, tiny, noise, rounds, reason
+):
+    monkeypatch.setattr(ObservationModel, "image_noise", noise)
+    config = replace(tiny, num_rounds=2, precision=0.05, for_policy=True)
+    widths = [np.where(SPACE.is_appearance, wide, 0.04) for wide in (0.5, 0.3)]
+    stopped = rounds_until_stop(monkeypatch, simulator, config, widths)
+    assert stopped == (rounds, reason)
 
 
 def test_a_round_without_time_for_its_fit_tells_what_networks_guess(monkeypatch, simulator, tiny):

@@ -72,6 +72,7 @@ class Players:
         self.calls: list[str] = []
         self.wants_frames = True
         self.can_act = False
+        self.stop_reason = ""
         self.device, self.step_s = torch.device("cpu"), TASK.step_s
         self.simulator = SimpleNamespace(num_steps=0, num_diverged=0)
         self.distribution = Distribution.proportional(SPACE, SPACE.nominal, 0.5)
@@ -172,6 +173,21 @@ def test_the_order_of_calls_is_that_of_algorithm_1(tmp_path):
     for worlds, moves in zip(players.seen_worlds, (2, 2, 3), strict=True):
         assert (worlds <= SPACE.clip(moved(moves) * 1.1) + 1e-12).all()
         assert (worlds >= moved(moves) * 0.9 - 1e-12).all()
+
+
+def test_a_search_that_knows_enough_asks_for_no_more_real_episodes(tmp_path):
+    players, find = Players(), Players.run_round
+
+    def find_enough(real, budget):
+        players.stop_reason = "every parameter of the motion is known to 5 %"
+        return find(players, real, budget)
+
+    players.run_round = find_enough
+    training = carried_out(players, tmp_path)
+    learning = ["play", "store", f"learn from {3 * STEPS}"]
+    search = "search in 4, the latest of a random"
+    assert players.calls == ["real: 4 random", search, *learning * 3], "which are the same, or none"
+    assert training.num_filmings == 2, "so a resumed run is at the same place"
 
 
 def test_a_pretrained_policy_acts_in_the_first_real_episodes(tmp_path):

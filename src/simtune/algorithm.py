@@ -72,9 +72,9 @@ class Training:
         for cycle in range(len(schedule.policy_steps)):
             # Collect samples by running π_θ in the real world; at first, by random actions
             if self.num_filmings <= cycle:
-                self._film_real_world(schedule.real_episodes[cycle])
+                self._film_real_world(0 if self._knows_enough else schedule.real_episodes[cycle])
             # Collect simulated trajectories, train q_φ, Ξ ← Ξ + α q_φ(o_real, a_real, ξ_mean)
-            while run.num_rounds < sum(schedule.searches[: cycle + 1]):
+            while run.num_rounds < sum(schedule.searches[: cycle + 1]) and not self._knows_enough:
                 self._update_simulator()
             # At each reset, sample ξ_sim ~ Ξ_policy; collect in D_policy, train π_θ
             while run.step < schedule.steps_after(cycle):
@@ -82,6 +82,11 @@ class Training:
             if self.num_scored <= cycle < len(schedule.policy_steps) - 1:
                 self._score_meanwhile()
         self._save()
+
+    @property
+    def _knows_enough(self) -> bool:
+        """Whether another round of the search would change nothing for the policy."""
+        return bool(self.run.num_rounds and self.experiment.search.stop_reason)
 
     def _film_real_world(self, num_episodes: int) -> None:
         real, agent, cycle = self.experiment.real, self.experiment.agent, self.num_filmings
@@ -162,6 +167,8 @@ class Training:
         experiment, config = self.experiment, self.experiment.config
         metadata: dict[str, Any] = {"method": config.method, "preset": config.preset}
         metadata["policy_steps"] = self.run.step
+        if experiment.search_name:
+            metadata["stopped"] = experiment.search.stop_reason or "all rounds are done"
         if experiment.truth is not None:
             self._report("scoring the policy in the pseudo-real world", 1.0)
             num, world = config.scored_episodes, experiment.truth.for_oracle()

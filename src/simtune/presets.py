@@ -6,6 +6,7 @@ from typing import Any
 
 from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.fit import FitConfig
 from simtune.names import SearchName
 from simtune.schedule import PAPER_STEPS, SCHEDULES, Schedule
 from simtune.search_param_model.paper import PaperConfig
@@ -18,11 +19,18 @@ _SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
 _FEW_EPISODES = 5  # real ones at first, as in each update of the authors'
 # Nothing here may end by the clock, or no run could be repeated: less is learnt, but always all.
 _FAST_SEARCH = PosteriorSearchConfig(
+    for_policy=True,
     num_rounds=2,
-    detector_updates=(2000, 1500),
-    state_updates=400,
+    num_worlds=128,
+    detector_updates=(1000, 1500),
+    posterior_updates=300,
+    state_updates=300,
+    fit=FitConfig().scaled(0.5),
     num_refits=(2, 2),
 )
+# Half-widths of intervals at which the search ends, relative to those of Ξ_policy: the policy is
+# trained in all that is still possible, and as much again.
+_ENOUGH_FOR_POLICY = 0.5
 
 
 def choose_agent(config: TrainConfig) -> str:
@@ -74,7 +82,8 @@ def choose_search_settings(
     if search_name == "posterior":
         if isinstance(config, TuneConfig):
             return PosteriorSearchConfig(precision=config.relative_precision)
-        return _FAST_SEARCH if config.preset == "fast" else None
+        enough = _ENOUGH_FOR_POLICY * config.range_policy
+        return replace(_FAST_SEARCH, precision=enough) if config.preset == "fast" else None
     # Simulated episodes need not be longer than recorded ones.
     longest = task.episode_steps if is_training else PaperConfig.episode_steps
     episode_steps = min([longest, *map(len, recordings)])

@@ -41,7 +41,7 @@ def fast(
     pretrain_steps: int = 0,
     many_searches: bool,
 ) -> Schedule:
-    """Minutes on two CPU cores: the real world is filmed twice, the second time with the policy.
+    """Minutes on two CPU cores: the real world is filmed once more, with the policy, if need be.
 
     `many_searches`: the search takes small steps, so there are many rounds.
     """

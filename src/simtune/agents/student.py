@@ -100,7 +100,7 @@ class Student(nn.Module):
         with predicting(self):
             for part in frames.split(_CHUNK):
                 pictures = camera(to_input(part)) if camera else to_input(part)
-                heatmaps, _, positions = self.detector(pictures)
+                heatmaps, positions = self.detector(pictures)
                 places, probability, _ = self.detector.candidates(heatmaps)
                 centred = places / self._image_size * 2 - 1
                 found = (centred.flatten(1), probability.flatten(1), positions)

@@ -173,10 +173,10 @@ class Judging:
         """
         planned, most = self.config.num_refits
         many = min(MANY_EPISODES, num_episodes)
-        if budget.is_endless:
-            return planned, many
-        each_s = budget.seconds_left / _ENOUGH_REFITS
         few = min(FEW_EPISODES, many)
+        if budget.is_endless:
+            return planned, few if planned < _ENOUGH_REFITS else many
+        each_s = budget.seconds_left / _ENOUGH_REFITS
         # A refit may take less time, since no latency is searched for.
         num = most if budget.seconds_left > _WORTH_BEGINNING * fit_s else 0
         return num, int(np.clip(num_episodes * each_s / fit_s, few, many))

@@ -63,7 +63,13 @@ class PosteriorSearch:
         self.config = config = config or PosteriorSearchConfig()
         self.context, self._can_fit = context, can_fit(context)
         self.first = self.distribution = Distribution.first(space, context.start)
-        self._rounds = Rounds(config.num_rounds, config.precision)
+        every, moving = np.arange(len(space)), np.flatnonzero(~space.is_appearance)
+        # Before a real camera, whose brightness nobody knows, a policy learns in any brightness.
+        is_dimmed = config.for_policy and context.observation.image_noise is not None
+        is_of_motion = is_dimmed and len(moving) > 0
+        self._counted = moving if is_of_motion else every  # parameters that must be precise
+        counted = "parameter of the motion" if is_of_motion else "parameter"
+        self._rounds = Rounds(config.num_rounds, config.precision, counted)
         self.model = PosteriorSearchParamModel(
             len(context.keypoints),
             context.simulator.action_scale,
@@ -149,7 +155,8 @@ class PosteriorSearch:
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
-        self._rounds.end(half_widths(estimate, self.first))
+        are_identified = all(estimate.verdict[i] == "identified" for i in self._counted)
+        self._rounds.end(half_widths(estimate, self.first)[self._counted], are_identified)
         self._learned = None
         return Round(estimate, events, metrics)
 

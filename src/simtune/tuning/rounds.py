@@ -49,9 +49,9 @@ def gains_nothing(before: np.ndarray, now: np.ndarray, precision: float) -> bool
 class Rounds:
     """Counts rounds, plans their time, and decides when to stop."""
 
-    def __init__(self, most: int, precision: float):
-        """See `PosteriorSearchConfig`: `num_rounds`, `precision`."""
-        self._most, self._precision = most, precision
+    def __init__(self, most: int, precision: float, counted: str = "parameter"):
+        """See `PosteriorSearchConfig`: `num_rounds`, `precision`. `counted`: whose widths count."""
+        self._most, self._precision, self._counted = most, precision, counted
         self.num_done, self.stop_reason = 0, ""
         self._widths: list[float] | None = None  # relative, of the last round
 
@@ -64,18 +64,21 @@ class Rounds:
         span = index / self._most, (index + 1) / self._most
         name, is_last = f"round {self.num_done + 1}: ", index == self._most - 1
         if budget.is_endless:
-            return budget.part(math.inf, span, name), is_last
+            return budget.part(math.inf, span, name), is_last or self._precision > 0
         seconds = plan_round(budget.seconds_left, full_s, is_last)
         return budget.part(seconds, span, name), True
 
-    def end(self, widths: np.ndarray) -> None:
-        """End a round with (N,) `half_widths`."""
+    def end(self, widths: np.ndarray, are_identified: bool) -> None:
+        """End a round with `half_widths` of what counts, and whether all of it is identified.
+
+        Narrow intervals of a simulator that misses something are no knowledge.
+        """
         self.num_done += 1
         precision, before = self._precision, self._widths
         # A round without a fit repeats the widths, and says nothing.
         may_say = bool(precision and before) and before != widths.tolist()
-        if precision and is_precise(widths, precision):
-            self.stop_reason = f"every parameter is known to {100 * precision:g} %"
+        if precision and are_identified and is_precise(widths, precision):
+            self.stop_reason = f"every {self._counted} is known to {100 * precision:g} %"
         elif may_say and gains_nothing(np.array(before), widths, precision):
             self.stop_reason = "another round would tell hardly more"
         elif self.num_done >= self._most:

@@ -65,34 +65,34 @@ class KeypointDetector(nn.Module):
         grid = torch.stack(torch.meshgrid(x, y, indexing="xy"), -1).reshape(-1, 2)
         self.register_buffer("grid", grid, persistent=False)
 
-    def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells), keypoints, visible."""
+    def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells) and visible parameters."""
         fine, coarse = self._features(pictures)
-        logits = self.maps(fine).flatten(2)  # (B, maps, cells)
+        logits = self.maps(fine).flatten(2).contiguous()  # (B, maps, cells)
         heatmaps = logits[:, : self.num_keypoints]
         if self.head is None:
-            return heatmaps, self._peaks(heatmaps), logits.new_empty(len(pictures), 0)
+            return heatmaps, logits.new_empty(len(pictures), 0)
         colours = F.avg_pool2d(pictures, _STRIDE, ceil_mode=True).flatten(2).transpose(1, 2)
         place = (self.grid / self.grid.amax(0) * 2 - 1).expand(len(pictures), -1, -1)
         read = torch.bmm(logits.softmax(-1), torch.cat([place, colours], -1)).flatten(1)
         visible = self.head(torch.cat([read, coarse.mean((2, 3))], -1))
-        return heatmaps, self._peaks(heatmaps), visible
+        return heatmaps, visible
 
     def _features(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """A small U-net: (B, c, rows, columns) fine and (B, 2c, ...) coarse features."""
-        fine = F.relu(self.fine[0](pictures))
-        fine = F.relu(self.fine[1](fine)) + fine
-        middle = F.relu(self.middle[0](fine))
-        middle = F.relu(self.middle[1](middle)) + middle
-        coarse = F.relu(self.coarse[0](middle))
-        coarse = F.relu(self.coarse[1](coarse)) + coarse
+        fine = F.relu_(self.fine[0](pictures))
+        fine = F.relu_(self.fine[1](fine)) + fine
+        middle = F.relu_(self.middle[0](fine))
+        middle = F.relu_(self.middle[1](middle)) + middle
+        coarse = F.relu_(self.coarse[0](middle))
+        coarse = F.relu_(self.coarse[1](coarse)) + coarse
         middle = middle + F.interpolate(self.to_middle(coarse), size=middle.shape[-2:])
         fine = fine + F.interpolate(self.to_fine(middle), size=fine.shape[-2:])
-        return F.relu(self.mix(fine)) + fine, coarse
+        return F.relu_(self.mix(fine)) + fine, coarse
 
-    def _peaks(self, heatmaps: torch.Tensor) -> torch.Tensor:
-        """(B, L, 2) mean position around each heatmap's peak, finer than a cell."""
-        return heatmaps.masked_fill(~self._near_peak(heatmaps), -torch.inf).softmax(-1) @ self.grid
+    def _mean_place(self, cells: torch.Tensor, near: torch.Tensor) -> torch.Tensor:
+        """(..., 2) mean position around a peak, finer than a cell; see `_near_peak`."""
+        return (near.softmax(-1)[..., None] * self.grid[cells]).sum(-2)
 
     def candidates(self, heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """(B, 2, L, 2) the two most probable places of each keypoint, their probability and spread.
@@ -100,32 +100,40 @@ class KeypointDetector(nn.Module):
         Two, since similar things (left and right) get confused: then one of the two is right.
         Probabilities are (B, 2, L), spreads (B, 2, L, 2) pixels.
         """
-        first, share = self._near_peak(heatmaps), heatmaps.softmax(-1)
-        others = heatmaps.masked_fill(first, -torch.inf)
-        second = self._near_peak(others) & ~first
-        probability = torch.stack([(share * near).sum(-1) for near in (first, second)], 1)
-        places = torch.stack([self._peaks(heatmaps), self._peaks(others)], 1)
-        spreads = [self._spread(share, near) for near in (first, second)]
-        return places, probability, torch.stack(spreads, 1)
+        cells, near = self._near_peak(heatmaps)
+        others, others_near = self._near_peak(heatmaps.scatter(-1, cells, -torch.inf))
+        cells, near = torch.stack([cells, others], 1), torch.stack([near, others_near], 1)
+        everywhere = heatmaps.logsumexp(-1)[:, None]
+        probability = (near.logsumexp(-1) - everywhere).exp()
+        return self._mean_place(cells, near), probability, self._spread(cells, near)
 
-    def _spread(self, share: torch.Tensor, near: torch.Tensor) -> torch.Tensor:
-        """(B, L, 2) standard deviation of heatmaps around a peak, in excess of a sharp one's.
+    def _spread(self, cells: torch.Tensor, near: torch.Tensor) -> torch.Tensor:
+        """(..., 2) standard deviation of heatmaps around a peak, in excess of a sharp one's.
 
         A point between cells is trained as weights of the four around it, which have a spread.
         """
-        share = share * near / (share * near).sum(-1, keepdim=True).clamp(min=1e-9)
-        mean = share @ self.grid
+        share, places = near.softmax(-1)[..., None], self.grid[cells]
+        mean = (share * places).sum(-2)
         part = (mean - self.grid[0]) / _STRIDE % 1
         sharp = _STRIDE**2 * part * (1 - part)
-        return (share @ self.grid.square() - mean.square() - sharp).clamp(min=0).sqrt()
+        variance = (share * (places - mean[..., None, :]).square()).sum(-2)
+        return (variance - sharp).clamp(min=0).sqrt()
 
-    def _near_peak(self, heatmaps: torch.Tensor) -> torch.Tensor:
-        """(B, L, cells) bool: cells at most `_NEAR_CELLS` rows and columns from the peak."""
-        peak, (_, width) = heatmaps.argmax(-1)[..., None], self.cells
-        row, column = (torch.arange(n, device=heatmaps.device) for n in self.cells)
-        rows = (row - peak // width).abs() <= _NEAR_CELLS
-        columns = (column - peak % width).abs() <= _NEAR_CELLS
-        return (rows[..., :, None] & columns[..., None, :]).flatten(-2)
+    def _near_peak(self, heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Cells (B, L, 25) at most `_NEAR_CELLS` rows and columns from the peak, and their logits.
+
+        Those outside of the picture have a logit of −∞.
+        """
+        (rows, columns), whole = self.cells, heatmaps.unflatten(-1, self.cells)
+        row = whole.amax(-1).argmax(-1, keepdim=True)  # three times as fast as argmax of all cells
+        column = whole.take_along_dim(row[..., None], -2).argmax(-1)
+        steps = torch.arange(-_NEAR_CELLS, _NEAR_CELLS + 1, device=heatmaps.device)
+        row, column = row + steps, column + steps
+        is_row, is_column = (row >= 0) & (row < rows), (column >= 0) & (column < columns)
+        row, column = row.clamp(0, rows - 1), column.clamp(0, columns - 1)
+        cells = (row[..., :, None] * columns + column[..., None, :]).flatten(-2)
+        is_cell = (is_row[..., :, None] & is_column[..., None, :]).flatten(-2)
+        return cells, heatmaps.gather(-1, cells).masked_fill(~is_cell, -torch.inf)
 
     def loss(
         self,
@@ -139,10 +147,11 @@ class KeypointDetector(nn.Module):
         Visible parameters are in coordinates of the whole space; errors count relative to
         `visible_width` (V,), the width of the present search range.
         """
-        heatmaps, found, estimated = self(pictures)
+        heatmaps, estimated = self(pictures)
         truth = splat(keypoints, self.cells)
         zero = 0 * estimated.sum()  # a tensor, so that backward() always works
         where = -(truth * heatmaps.log_softmax(-1)).sum(-1).mean() if self.num_keypoints else zero
+        found = self._mean_place(*self._near_peak(heatmaps))
         exact = F.smooth_l1_loss(found, keypoints, beta=0.5) if self.num_keypoints else zero
         error = 2 * (estimated - visible) / visible_width
         colours = (
@@ -182,8 +191,9 @@ def detect(detector: KeypointDetector, frames: np.ndarray, batch_size: int = 64)
     """
     parts = []
     for start in range(0, len(frames), batch_size):
-        heatmaps, found, estimated = detector(to_input(frames[start : start + batch_size]))
-        parts.append((found, *detector.candidates(heatmaps), estimated))
+        heatmaps, estimated = detector(to_input(frames[start : start + batch_size]))
+        places, *others = detector.candidates(heatmaps)
+        parts.append((places[:, 0], places, *others, estimated))
     return Detections(*(torch.cat(part).numpy() for part in zip(*parts, strict=True)))
 
 
