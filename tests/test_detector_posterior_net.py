@@ -547,6 +547,30 @@ def test_keypoint_that_may_be_in_two_places_gets_both_as_candidates():
     torch.testing.assert_close(probability[0, :, 0], torch.tensor([0.7, 0.3]), atol=1e-3, rtol=0)
 
 
+def test_candidates_are_what_sums_over_masked_heatmaps_give():
+    """By the definition, cell by cell, with peaks anywhere, at the edges as well."""
+    detector = KeypointDetector(3, 0, (16, 20), SMALL_DETECTOR)  # 8 rows of 10 cells
+    heat = 3 * torch.randn(20, 3, 80, generator=generator())
+    places, probability, spread = detector.candidates(heat)
+    row, column = np.divmod(np.arange(80), 10)
+    for b, keypoint in np.ndindex(20, 3):
+        logits = heat[b, keypoint].double().numpy()
+        share, left = np.exp(logits) / np.exp(logits).sum(), np.ones(80, bool)
+        for rank in range(2):
+            peak = np.argmax(np.where(left, share, -1))
+            near = (abs(row - row[peak]) <= 2) & (abs(column - column[peak]) <= 2) & left
+            left &= ~near
+            weight = (share * near / share[near].sum())[:, None]
+            at = detector.grid.double().numpy()
+            mean = (weight * at).sum(0)
+            part = (mean - at[0]) / 2 % 1
+            variance = (weight * (at - mean) ** 2).sum(0) - 4 * part * (1 - part)
+            assert probability[b, rank, keypoint] == pytest.approx(share[near].sum(), rel=1e-4)
+            np.testing.assert_allclose(places[b, rank, keypoint], mean, atol=1e-3)
+            std = np.sqrt(np.maximum(variance, 0))
+            np.testing.assert_allclose(spread[b, rank, keypoint], std, atol=0.01)
+
+
 def test_image_noise_differs_from_world_to_world_and_not_within_one():
     rng = np.random.default_rng(0)
     drawn = np.full((6, 3, 8, 8, 3), 128, np.uint8)
