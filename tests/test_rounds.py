@@ -121,10 +121,10 @@ def test_a_search_says_why_it_stops(
     assert rounds_until_stop(monkeypatch, simulator, config, widths) == (rounds, reason)
 
 
-def test_narrow_intervals_of_an_unsound_simulator_are_no_reason_to_stop(
+def test_narrow_intervals_of_an_unsound_simulator_are_not_enough_for_a_policy(
     monkeypatch, simulator, tiny
 ):
-    config = replace(tiny, num_rounds=2, precision=0.02)
+    config = replace(tiny, num_rounds=2, precision=0.02, for_policy=True)
     stopped = rounds_until_stop(monkeypatch, simulator, config, [0.01, 0.005], "weak")
     assert stopped == (2, "another round would tell hardly more")
 

@@ -155,8 +155,10 @@ class PosteriorSearch:
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
+        widths = half_widths(estimate, self.first)[self._counted]
+        # A user reads the verdicts; a policy does not.
         are_identified = all(estimate.verdict[i] == "identified" for i in self._counted)
-        self._rounds.end(half_widths(estimate, self.first)[self._counted], are_identified)
+        self._rounds.end(widths, are_identified or not self.config.for_policy)
         self._learned = None
         return Round(estimate, events, metrics)
 

@@ -20,7 +20,8 @@ class PosteriorSearchConfig:
     num_rounds: int = 4  # at most
     # Half-width of a 90 % interval, relative to the estimate, at which to stop; 0: never
     precision: float = 0.0
-    for_policy: bool = False  # whether colours before a real camera need not be so precise
+    # Whether all must be identified, too, but colours before a real camera need not be so precise
+    for_policy: bool = False
     detector_updates: tuple[int, ...] = (1000, 2000, 4000)  # at most: first round, later ones
     posterior_updates: int = 500
     no_fit_scale: int = 6  # factor on worlds, updates and time if nothing can be fitted

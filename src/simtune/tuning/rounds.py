@@ -68,16 +68,16 @@ class Rounds:
         seconds = plan_round(budget.seconds_left, full_s, is_last)
         return budget.part(seconds, span, name), True
 
-    def end(self, widths: np.ndarray, are_identified: bool) -> None:
-        """End a round with `half_widths` of what counts, and whether all of it is identified.
+    def end(self, widths: np.ndarray, may_be_known: bool = True) -> None:
+        """End a round with `half_widths` of what counts.
 
-        Narrow intervals of a simulator that misses something are no knowledge.
+        `may_be_known`: narrow intervals of a simulator that misses something are no knowledge.
         """
         self.num_done += 1
         precision, before = self._precision, self._widths
         # A round without a fit repeats the widths, and says nothing.
         may_say = bool(precision and before) and before != widths.tolist()
-        if precision and are_identified and is_precise(widths, precision):
+        if precision and may_be_known and is_precise(widths, precision):
             self.stop_reason = f"every {self._counted} is known to {100 * precision:g} %"
         elif may_say and gains_nothing(np.array(before), widths, precision):
             self.stop_reason = "another round would tell hardly more"
