@@ -105,18 +105,18 @@ class KeypointDetector(nn.Module):
         cells, near = torch.stack([cells, others], 1), torch.stack([near, others_near], 1)
         everywhere = heatmaps.logsumexp(-1)[:, None]
         probability = (near.logsumexp(-1) - everywhere).exp()
-        return self._mean_place(cells, near), probability, self._spread(cells, near)
+        places = self._mean_place(cells, near)
+        return places, probability, self._spread(places, cells, near)
 
-    def _spread(self, cells: torch.Tensor, near: torch.Tensor) -> torch.Tensor:
+    def _spread(self, mean: torch.Tensor, cells: torch.Tensor, near: torch.Tensor) -> torch.Tensor:
         """(..., 2) standard deviation of heatmaps around a peak, in excess of a sharp one's.
 
         A point between cells is trained as weights of the four around it, which have a spread.
         """
-        share, places = near.softmax(-1)[..., None], self.grid[cells]
-        mean = (share * places).sum(-2)
         part = (mean - self.grid[0]) / _STRIDE % 1
         sharp = _STRIDE**2 * part * (1 - part)
-        variance = (share * (places - mean[..., None, :]).square()).sum(-2)
+        away = self.grid[cells] - mean[..., None, :]
+        variance = (near.softmax(-1)[..., None] * away.square()).sum(-2)
         return (variance - sharp).clamp(min=0).sqrt()
 
     def _near_peak(self, heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
