@@ -373,7 +373,8 @@ def test_training_ranges_are_those_asked_for(tmp_path, quick):
     def training(**changes) -> Training:
         usual = dataclasses.replace(quick, search=None)
         experiment = build_training(config_of(tmp_path, **ranges, **changes), settings=usual)
-        training = Training(experiment, run=None)
+        run = SimpleNamespace(estimate=unsure(experiment.search.distribution, "weak"))
+        training = Training(experiment, run=run)
         training.num_filmings = 1
         return training
 

@@ -20,6 +20,7 @@ import numpy as np
 from simtune import outcome
 from simtune.budget import Budget
 from simtune.config import TrainConfig
+from simtune.experiment.policy_range import policy_range
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
@@ -156,11 +157,10 @@ class Training:
         """Ξ_policy: around ξ_mean; before the real world was filmed, around the start."""
         experiment = self.experiment
         if not self.num_filmings:
-            mean, range_ = experiment.start, experiment.config.range_dr
-        else:
-            mean = experiment.search.distribution.mean
-            range_ = choose_range(experiment.config)
-        return Distribution.proportional(experiment.space, mean, range_)
+            range_ = experiment.config.range_dr
+            return Distribution.proportional(experiment.space, experiment.start, range_)
+        found, range_ = experiment.search.distribution, choose_range(experiment.config)
+        return policy_range(found, self.run.estimate, range_)
 
     def finish(self, command: str | None = None) -> dict[str, Any]:
         """Score the policy on episodes not used for learning; see `Run.finish`."""

@@ -56,7 +56,8 @@ class TrainConfig(Prints, Observes, RealConfig):
     """Episodes in the pseudo-real world for scoring the policy; nothing is learnt from them."""
     range_policy: float = 0.1
     """Half-width, relative to the mean, of the range of worlds that the policy is trained in (Sec.
-    VI-A)."""
+    VI-A); identified parameters are drawn from twice their interval, but at least from a fifth of
+    this range."""
     range_dr: float = 0.5
     """Half-width of that range for --method dr and --pretrain-steps, around the start (Sec. VI-A:
     the better of 0.5 and 1)."""

@@ -1,0 +1,29 @@
+"""Ξ_policy: the worlds in which a policy is trained (Sec. III)."""
+
+import numpy as np
+
+from simtune.randomization import Distribution
+from simtune.tuning.estimate import Estimate
+
+_WIDER = 2.0  # than a 90 % interval: all that is still possible, and as much again
+_LEAST = 0.2  # of the whole range: no simulator is right in everything
+
+
+def policy_range(distribution: Distribution, estimate: Estimate, range_: float) -> Distribution:
+    """A search's distribution to Ξ_policy, a share of `range_` around its mean as in the paper.
+
+    The paper's range is the same for all parameters, at all times. Here those that are identified
+    are drawn from twice their interval, at most from all of the range, at least from a fifth of it:
+    a policy that need not act in worlds that are ruled out acts better in the one that is left.
+    """
+    space, mean = distribution.space, distribution.mean
+    widest = Distribution.proportional(space, mean, range_)
+    least = Distribution.proportional(space, mean, _LEAST * range_)
+    known = np.array([verdict == "identified" for verdict in estimate.verdict])
+    low = mean - _WIDER * (estimate.mean - estimate.low)
+    high = mean + _WIDER * (estimate.high - estimate.mean)
+    return widest.with_interval(
+        mean,
+        np.where(known, np.clip(low, widest.low, least.low), widest.low),
+        np.where(known, np.clip(high, least.high, widest.high), widest.high),
+    )
