@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from simtune.experiment.policy_range import policy_range
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, Verdict, unsure
+from simtune.tuning.policy_range import policy_range
 
 
 def a_parameter(name: str, nominal: float, low: float, high: float) -> Parameter:

@@ -20,7 +20,6 @@ import numpy as np
 from simtune import outcome
 from simtune.budget import Budget
 from simtune.config import TrainConfig
-from simtune.experiment.policy_range import policy_range
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
@@ -29,6 +28,7 @@ from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.recordings import write_video
 from simtune.trajectory import Trajectory
+from simtune.tuning.policy_range import policy_range
 
 
 def train(

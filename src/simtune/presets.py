@@ -12,6 +12,7 @@ from simtune.schedule import PAPER_STEPS, SCHEDULES, Schedule
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import AnyTask, Task
 from simtune.trajectory import Trajectory
+from simtune.tuning.policy_range import WIDER
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
@@ -28,9 +29,6 @@ _FAST_SEARCH = PosteriorSearchConfig(
     fit=FitConfig().scaled(0.5),
     num_refits=(2, 2),
 )
-# Half-widths of intervals at which the search ends, relative to those of Ξ_policy: the policy is
-# trained in all that is still possible, and as much again.
-_ENOUGH_FOR_POLICY = 0.5
 
 
 def choose_agent(config: TrainConfig) -> str:
@@ -82,7 +80,7 @@ def choose_search_settings(
     if search_name == "posterior":
         if isinstance(config, TuneConfig):
             return PosteriorSearchConfig(precision=config.relative_precision)
-        enough = _ENOUGH_FOR_POLICY * config.range_policy
+        enough = config.range_policy / WIDER  # of wider ones, Ξ_policy would hold less than that
         return replace(_FAST_SEARCH, precision=enough) if config.preset == "fast" else None
     # Simulated episodes need not be longer than recorded ones.
     longest = task.episode_steps if is_training else PaperConfig.episode_steps

@@ -5,7 +5,7 @@ import numpy as np
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate
 
-_WIDER = 2.0  # than a 90 % interval: all that is still possible, and as much again
+WIDER = 2.0  # than a 90 % interval: all that is still possible, and as much again
 _LEAST = 0.2  # of the whole range: no simulator is right in everything
 
 
@@ -20,8 +20,8 @@ def policy_range(distribution: Distribution, estimate: Estimate, range_: float) 
     widest = Distribution.proportional(space, mean, range_)
     least = Distribution.proportional(space, mean, _LEAST * range_)
     known = np.array([verdict == "identified" for verdict in estimate.verdict])
-    low = mean - _WIDER * (estimate.mean - estimate.low)
-    high = mean + _WIDER * (estimate.high - estimate.mean)
+    low = mean - WIDER * (estimate.mean - estimate.low)
+    high = mean + WIDER * (estimate.high - estimate.mean)
     return widest.with_interval(
         mean,
         np.where(known, np.clip(low, widest.low, least.low), widest.low),
