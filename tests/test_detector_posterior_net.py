@@ -1,6 +1,7 @@
 """Detector and posterior network: by hand, by plain loops, against a posterior that is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,6 +140,25 @@ def test_detector_loss_is_relative_to_the_width_of_the_range():
     # smooth L1 of an error of 2/width with beta .1
     expected = (4.0 - 0.05) / (2.0 - 0.05)
     assert narrow / wide == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_detector_that_reads_rows_hands_their_means_to_its_head():
+    pictures = to_input(np.random.default_rng(0).integers(0, 256, (2, 16, 24, 3), np.uint8))
+
+    def read_by(detector: KeypointDetector) -> torch.Tensor:
+        seen = []
+        assert detector.head is not None
+        detector.head.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+        detector(pictures)
+        return seen[0]
+
+    config = DetectorConfig(channels=4, free_maps=1)
+    detector = KeypointDetector(1, 2, (16, 24), replace(config, reads_rows=True))
+    read = read_by(detector)
+    fine, _ = detector._features(pictures)
+    torch.testing.assert_close(read[:, -4 * 8 :].unflatten(1, (4, 8)), fine.mean(3))
+    without = read_by(KeypointDetector(1, 2, (16, 24), config))
+    assert read.shape[1] - without.shape[1] == 4 * 8, "channels of eight rows of cells"
 
 
 def dots(num: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -23,6 +23,7 @@ _NEAR_CELLS = 2  # a keypoint's position is an average over cells this near to t
 class DetectorConfig:
     channels: int = 16
     free_maps: int = 8  # attention maps beside the keypoints', for colours of static things
+    reads_rows: bool = False  # the mean of each row, too: where a ground ends, hence its height
     hidden: int = 128
     batch_size: int = 32
     learning_rate: float = 5e-3
@@ -56,11 +57,11 @@ class KeypointDetector(nn.Module):
         self.to_middle, self.to_fine = nn.Conv2d(2 * c, 2 * c, 1), nn.Conv2d(2 * c, c, 1)
         self.mix = nn.Conv2d(c, c, 3, 1, 1)
         self.maps = nn.Conv2d(c, num_maps, 1)
-        hidden = (config.hidden, config.hidden)
-        self.head = (
-            mlp((num_maps * 5 + 2 * c, *hidden, num_visible), nn.ELU) if num_visible else None
-        )
         self.cells = -(-shape[0] // _STRIDE), -(-shape[1] // _STRIDE)  # rows and columns
+        self._reads_rows = config.reads_rows
+        num_read = num_maps * 5 + 2 * c + (c * self.cells[0] if config.reads_rows else 0)
+        sizes = (num_read, config.hidden, config.hidden, num_visible)
+        self.head = mlp(sizes, nn.ELU) if num_visible else None
         y, x = (torch.arange(cells) * _STRIDE + (_STRIDE - 1) / 2 for cells in self.cells)
         grid = torch.stack(torch.meshgrid(x, y, indexing="xy"), -1).reshape(-1, 2)
         self.register_buffer("grid", grid, persistent=False)
@@ -75,7 +76,8 @@ class KeypointDetector(nn.Module):
         colours = F.avg_pool2d(pictures, _STRIDE, ceil_mode=True).flatten(2).transpose(1, 2)
         place = (self.grid / self.grid.amax(0) * 2 - 1).expand(len(pictures), -1, -1)
         read = torch.bmm(logits.softmax(-1), torch.cat([place, colours], -1)).flatten(1)
-        visible = self.head(torch.cat([read, coarse.mean((2, 3))], -1))
+        rows = [fine.mean(3).flatten(1)] if self._reads_rows else []
+        visible = self.head(torch.cat([read, coarse.mean((2, 3)), *rows], -1))
         return heatmaps, visible
 
     def _features(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
