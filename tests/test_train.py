@@ -37,7 +37,7 @@ from simtune.run.checkpoint import load, newest
 from simtune.schedule import Schedule, fast, paper
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import load_task
-from simtune.tuning.estimate import unsure
+from simtune.tuning.estimate import Estimate, Verdict, unsure
 from simtune.tuning.search import Round
 from simtune.vision.keypoints import Keypoints, find_keypoints
 
@@ -224,7 +224,15 @@ def test_a_policy_that_has_not_begun_to_learn_is_not_tried_in_the_real_world(tmp
 
 
 def test_episodes_of_worlds_out_of_range_are_dropped_where_asked(tmp_path):
-    players = Players()
+    players, find = Players(), Players.run_round
+
+    def find_all(real, budget):
+        found = find(players, real, budget)
+        sure: list[Verdict] = ["identified"] * len(SPACE)
+        mean = players.distribution.mean
+        return found._replace(estimate=Estimate(mean, mean, mean, sure))
+
+    players.run_round = find_all
     players.drop_far = lambda low, high: players.calls.append((low, high))
     carried_out(players, tmp_path, drop_far=True)
     bounds = [call for call in players.calls if isinstance(call, tuple)]
@@ -232,6 +240,9 @@ def test_episodes_of_worlds_out_of_range_are_dropped_where_asked(tmp_path):
         np.testing.assert_allclose(low, SPACE.clip(moved(moves) * 0.9))
         np.testing.assert_allclose(high, SPACE.clip(moved(moves) * 1.1))
     assert len(bounds) == 3
+    # A fifth of that is where the policy goes on.
+    assert (players.seen_worlds[-1] <= SPACE.clip(moved(3) * 1.02) + 1e-12).all()
+    assert (players.seen_worlds[-1] >= moved(3) * 0.98 - 1e-12).all()
 
 
 # --- what is written ----------------------------------------------------------------------

@@ -107,11 +107,13 @@ class Training:
         self._save()
 
     def _update_simulator(self) -> None:
+        experiment, config = self.experiment, self.experiment.config
         # Without a time limit, which would not be reproducible.
-        found = self.experiment.search.run_round(self.real, Budget(report=self._report))
-        if self.experiment.config.drop_far:
-            near = self.distribution_policy
-            self.experiment.replay.drop_far(near.low, near.high)
+        found = experiment.search.run_round(self.real, Budget(report=self._report))
+        if config.drop_far:  # of which the policy's own range may be a small part
+            mean = experiment.search.distribution.mean
+            near = Distribution.proportional(experiment.space, mean, choose_range(config))
+            experiment.replay.drop_far(near.low, near.high)
         self.run.log_round(found, len(self.real))
         self._save()
 

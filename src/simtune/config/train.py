@@ -44,8 +44,8 @@ class TrainConfig(Prints, Observes, RealConfig):
     """How many of these steps use domain randomisation around the start, before the real world is
     filmed; then the policy acts there instead of random actions (sim-to-real, Sec. VI-B)."""
     drop_far: bool = False
-    """When the simulator is updated, forget the policy's experience in worlds outside its new
-    range."""
+    """When the simulator is updated, forget the policy's experience in worlds farther than
+    --range-policy from it."""
     real_episodes: int | None = None
     """Real episodes to film at first, by default 5, with random actions, a noisy script or, with
     --pretrain-steps, the policy; or to read from recordings, by default all, at most 10."""
