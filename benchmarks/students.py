@@ -89,9 +89,9 @@ def returns(trained: TrainingExperiment, agent: TeacherStudent, num: int) -> tup
 def measured(run: Path, seed: int, kind: str, range_: float, num: int) -> dict[str, Any]:
     """One student's figures."""
     trained, agent = pupil(run, _KINDS[kind], seed)
-    cpu_s = taught(trained, agent, range_, seed)
+    cpu_s = round(taught(trained, agent, range_, seed))
     teacher, student = (round(earned, 1) for earned in returns(trained, agent, num))
-    print(f"{kind}, seed {seed}: {student:.0f} of {teacher:.0f}, {cpu_s:.0f} s", file=sys.stderr)
+    print(f"{kind}, seed {seed}: {student:.0f} of {teacher:.0f}, {cpu_s} s", file=sys.stderr)
     return {"kind": kind, "seed": seed, "teacher": teacher, "student": student, "cpu_s": cpu_s}
 
 
