@@ -25,14 +25,13 @@ from simtune.experiment.training_experiment import TrainingExperiment
 from simtune.randomization import Distribution
 from simtune.vision.detector import DetectorConfig
 
-_NUM_WORLDS = 16
-_NO_ROWS = StudentConfig(detector=DetectorConfig())
+_USUAL = TeacherStudentConfig()
+_NO_ROWS = replace(_USUAL, student=StudentConfig(detector=DetectorConfig()))
+_HALF = replace(_NO_ROWS, detector_updates_per_step=_USUAL.detector_updates_per_step / 2)
 _KINDS = {
-    "as it is": TeacherStudentConfig(),
-    "without rows": TeacherStudentConfig(student=_NO_ROWS),
-    "without rows, half the updates": TeacherStudentConfig(
-        student=_NO_ROWS, detector_updates_per_step=0.03
-    ),
+    "as it is": _USUAL,
+    "without rows": _NO_ROWS,
+    "without rows, half the updates": _HALF,
 }
 
 
@@ -58,10 +57,11 @@ def taught(trained: TrainingExperiment, agent: TeacherStudent, range_: float, se
     assert trained.truth is not None, "of a pseudo-real world"
     worlds = Distribution.proportional(trained.space, trained.truth.for_oracle(), range_)
     rng, start = np.random.default_rng(seed), time.process_time()
-    num_steps = _NUM_WORLDS * trained.task.episode_steps
+    num_worlds = trained.schedule.num_worlds
+    num_steps = num_worlds * trained.task.episode_steps
     while agent.num_steps < trained.schedule.total_steps:
         if agent.wants_frames:
-            drawn = worlds.sample(_NUM_WORLDS, rng)
+            drawn = worlds.sample(num_worlds, rng)
             trained.replay.add(trained.environment.play(agent.explore, drawn, rng, True, 0))
             agent.update(trained.replay, num_steps)
         else:  # the teacher's turn
@@ -75,15 +75,12 @@ def returns(trained: TrainingExperiment, agent: TeacherStudent, num: int) -> tup
     def teach(observation: Observation) -> np.ndarray:
         return agent.teacher.act(torch.from_numpy(observation.state)).numpy()
 
-    def act(observation: Observation) -> np.ndarray:
-        assert observation.frames is not None
-        return agent.act(observation.frames)
-
     assert trained.truth is not None, "of a pseudo-real world"
-    worlds = np.tile(trained.truth.for_oracle(), (num, 1))
-    play, rng = trained.environment.play, np.random.default_rng
-    shown, done = play(teach, worlds, rng(99), False, 0), play(act, worlds, rng(99), True, 0)
-    return float(shown.rewards.sum(1).mean()), float(done.rewards.sum(1).mean())
+    world = trained.truth.for_oracle()
+    worlds, rng = np.tile(world, (num, 1)), np.random.default_rng(99)
+    shown = trained.environment.play(teach, worlds, rng, False, 0).rewards.sum(1)
+    scores, _ = replace(trained, agent=agent).score(world, num, seed=99)
+    return float(shown.mean()), float(scores["return"].mean())
 
 
 def measured(run: Path, seed: int, kind: str, range_: float, num: int) -> dict[str, Any]:
