@@ -31,7 +31,7 @@ class TeacherStudentConfig:
     filmed_share: float = 0.7  # of the steps after that, which are filmed
     random_steps: int = 3_000  # at the start
     teacher_updates_per_step: float = 0.5
-    detector_updates_per_step: float = 0.06
+    detector_updates_per_step: float = 0.03
     first_detector_factor: float = 3.0  # on the number of first updates, when it cannot see yet
     head_updates_per_step: float = 0.25
     remembered_episodes: int = 96  # filmed ones, from which the student learns to act

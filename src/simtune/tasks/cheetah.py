@@ -34,7 +34,7 @@ def run() -> Task:
         action_repeat=4,
         initialize=_initialize,
         reward=_reward,
-        policy_steps=240_000,
+        policy_steps=160_000,
         free_joints=("rootx",),
     )
 

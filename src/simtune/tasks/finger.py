@@ -37,7 +37,7 @@ def spin() -> Task:
         action_repeat=2,
         initialize=_initialize,
         reward=_reward,
-        policy_steps=240_000,
+        policy_steps=160_000,
         symmetric_hinges={"hinge": 2},  # the spinner's caps are alike
     )
 

@@ -76,8 +76,10 @@ class KeypointDetector(nn.Module):
         colours = F.avg_pool2d(pictures, _STRIDE, ceil_mode=True).flatten(2).transpose(1, 2)
         place = (self.grid / self.grid.amax(0) * 2 - 1).expand(len(pictures), -1, -1)
         read = torch.bmm(logits.softmax(-1), torch.cat([place, colours], -1)).flatten(1)
-        rows = [fine.mean(3).flatten(1)] if self._reads_rows else []
-        visible = self.head(torch.cat([read, coarse.mean((2, 3)), *rows], -1))
+        # Pooled, since the gradient of `mean` is not channels last, and slows what precedes it.
+        rows = [F.avg_pool2d(fine, (1, self.cells[1])).flatten(1)] if self._reads_rows else []
+        whole = F.avg_pool2d(coarse, coarse.shape[-2:]).flatten(1)
+        visible = self.head(torch.cat([read, whole, *rows], -1))
         return heatmaps, visible
 
     def _features(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
