@@ -21,7 +21,7 @@ from simtune.vision.noisy_cameras import NoisyCameras
 
 _PLACES = 2  # per keypoint: similar things, left and right, get confused
 _POSITIONS_WIDTH = 4.0  # width of the range relative to which errors count, in standard deviations
-_CHUNK = 256  # pictures per pass of the detector
+_CHUNK = 64  # pictures per pass of the detector: a quarter faster than 256 on a CPU
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,7 +35,7 @@ class TeacherStudentConfig:
     first_detector_factor: float = 3.0  # on the number of first updates, when it cannot see yet
     head_updates_per_step: float = 0.25
     remembered_episodes: int = 96  # filmed ones, from which the student learns to act
-    renewed_episodes: int = 16  # of these, in which it detects anew each time, besides new ones
+    renewed_episodes: int = 8  # of these, in which it detects anew each time, besides new ones
     trusting_share: float = 0.1  # of all steps, over which the student takes over from the teacher
     noise: float = 0.1  # standard deviation, added to the student's actions while it learns
 
