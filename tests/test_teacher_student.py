@@ -26,7 +26,7 @@ SMALL = TeacherStudentConfig(
         detector=DetectorConfig(channels=4, free_maps=1, batch_size=4), hidden_size=16, batch_size=8
     ),
     random_steps=24,
-    detector_updates_per_step=0.1,
+    detector_updates_per_step=(0.1, 0.1),
     teacher_updates_per_step=0.2,
 )
 SPEC = AgentSpec(
@@ -329,3 +329,14 @@ def test_a_resumed_agent_repeats_a_straight_one_bit_for_bit(before):
     for (name, a), b in zip(straight.tensors().items(), resumed.tensors().values(), strict=True):
         torch.testing.assert_close(a, b, rtol=0, atol=0, msg=name)
     assert straight.state() == resumed.state()
+
+
+@pytest.mark.parametrize(
+    ("detector_updates", "expected"), [(1, 0.05), (10**6, 0.2), (45, 45 / (0.5 * 900))]
+)
+def test_short_trainings_learn_to_see_in_more_updates_a_step(detector_updates, expected):
+    spec = replace(SPEC, total_steps=1000, first_tried=200, round_steps=10)
+    shares = {"teacher_share": 0.5, "filmed_share": 0.5}  # begins at 100, then films every other
+    rates = {"detector_updates_per_step": (0.05, 0.2), "detector_updates": detector_updates}
+    agent = TeacherStudent(spec, replace(SMALL, **shares, **rates))
+    assert agent._detector_updates_per_step == pytest.approx(expected)

@@ -31,11 +31,13 @@ class TeacherStudentConfig:
     filmed_share: float = 0.7  # of the steps after that, which are filmed
     random_steps: int = 3_000  # at the start
     teacher_updates_per_step: float = 0.5
-    detector_updates_per_step: float = 0.03
+    # Within these bounds, as many as give so many updates in all filmed steps
+    detector_updates_per_step: tuple[float, float] = (0.03, 0.06)
+    detector_updates: int = 1_200
     first_detector_factor: float = 3.0  # on the number of first updates, when it cannot see yet
     head_updates_per_step: float = 0.25
     remembered_episodes: int = 96  # filmed ones, from which the student learns to act
-    renewed_episodes: int = 8  # of these, in which it detects anew each time, besides new ones
+    renewed_episodes: int = 16  # of these, in which it detects anew each time, besides new ones
     trusting_share: float = 0.1  # of all steps, over which the student takes over from the teacher
     noise: float = 0.1  # standard deviation, added to the student's actions while it learns
 
@@ -62,6 +64,9 @@ class TeacherStudent:
                 spec.num_states, spec.num_actions, len(self._privileged), config.teacher
             ).to(self.device)
             self.student = Student(spec, config.student).to(self.device)
+        to_film = config.filmed_share * (spec.total_steps - self._begins)
+        least, most = config.detector_updates_per_step
+        self._detector_updates_per_step = min(most, max(least, config.detector_updates / to_film))
         self._recollection = Recollection(config.renewed_episodes)
         self._generator = torch.Generator(self.device).manual_seed(spec.seed)
         self.num_steps = self._num_filmed = 0
@@ -134,7 +139,7 @@ class TeacherStudent:
         """Train its detector, apply it to new and some old episodes, imitate the teacher."""
         config, student, losses = self.config, self.student, {}
         progress = (self.num_steps - self._begins) / (self._total_steps - self._begins)
-        num_updates = num_steps * config.detector_updates_per_step
+        num_updates = num_steps * self._detector_updates_per_step
         if not student.num_updates:
             num_updates *= config.first_detector_factor
         for _ in range(round(num_updates)):
