@@ -135,9 +135,43 @@ def test_arrays_in_memory_are_written_once_by_what_they_hold(tmp_path):
     whole = episode()
     with pytest.raises(InputError, match=r"real\[1\]: expected a row of frames .* got 3 rows"):
         write_arrays([whole, whole | {"frames": whole["frames"][:3]}], tmp_path / "none")
-    with pytest.raises(InputError, match=r"real\[0\]: expected at least 2 actions"):
-        write_arrays([{"hz": FPS, "frames": whole["frames"]}], tmp_path / "none")
+    with pytest.raises(InputError, match=r"real\[0\]: expected at least 2 actions, .* got 1"):
+        write_arrays([whole | {"actions": whole["actions"][:1]}], tmp_path / "none")
+    with pytest.raises(InputError, match="real is a dict; expected a path, a list of dicts"):
+        write_arrays(whole, tmp_path / "none")
+    with pytest.raises(InputError, match="real is a int; expected a path, a list of dicts"):
+        write_arrays(3, tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"hz": None}, r"real\[0\]: has no hz; there are: actions, frames"),
+        ({"actions": None}, r"real\[0\]: has no actions; there are: frames, hz"),
+        ({"hz": 0}, r"real\[0\]: expected hz as rows a second, got 0"),
+        ({"actions": np.full((NUM_STEPS, 3), np.nan)}, r"real\[0\]: expected finite actions"),
+        (
+            {"frames": np.zeros((NUM_STEPS, 8, 8, 3))},
+            r"real\[0\]: expected frames as \(T \+ 1, H, W, 3\) uint8, got .* float64",
+        ),
+    ],
+)
+def test_what_cannot_be_an_episode_is_refused_before_it_is_written(tmp_path, wrong, said):
+    changed = {key: value for key, value in (episode() | wrong).items() if value is not None}
+    with pytest.raises(InputError, match=said):
+        write_arrays([changed], tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+    asked = []
+
+    def record(i: int) -> dict:
+        asked.append(i)
+        return changed
+
+    with pytest.raises(InputError, match=said):
+        film_once(record, 3, tmp_path / "filmed")
+    assert asked == [0]  # the robot does not go on in vain
+    assert open_dataset(film_once(lambda _: episode(), 2, tmp_path / "filmed")).num_episodes == 2
 
 
 @pytest.mark.thorough

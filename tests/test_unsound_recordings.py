@@ -384,6 +384,10 @@ CASES = {
     "ragged row": pairs(
         table("slide", "0.1", "0.1,0.2"), r"line 3 of \S+/swing1.csv: expected 1 cells, got 2"
     ),
+    "a gap": pairs(
+        table("slide", *["0.1"] * 8, "", *["0.1"] * 16),
+        r"swing1.csv: line 10 is empty, but others follow",
+    ),
     "a word": pairs(table("slide", "0.1", "left"), "line 3 of .*: expected a number, got 'left'"),
     "a NaN": pairs(
         table("slide", *["0.1"] * 23, "nan"), r"line 25 of \S+/swing1.csv: action is not finite"

@@ -1,7 +1,7 @@
 """Writes recordings from memory to files, where a resumed run finds them."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from tempfile import mkdtemp
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from simtune.errors import InputError
+from simtune.recordings import check_episode
 
 Episode = Mapping[str, ArrayLike]
 Record = Callable[[int], Episode]  # films an episode, counted from 0
@@ -23,6 +24,11 @@ def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
     HASH depends on the content. The format of an episode: docs/recordings.md, "A folder of arrays".
     Raises InputError for anything else.
     """
+    if isinstance(episodes, Mapping) or not isinstance(episodes, Iterable):
+        raise InputError(
+            f"real is a {type(episodes).__name__}; expected a path, a list of dicts of arrays (one "
+            "for each episode), or a function that films one"
+        )
     arrays = [_arrays(i, episode) for i, episode in enumerate(episodes)]
     if not arrays:
         raise InputError("real holds no episode; expected dicts of arrays, or a path")
@@ -44,13 +50,13 @@ def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
 def film_once(record: Record, num: int, folder: Path) -> Path:
     """Film `num` episodes, e.g. of a robot, into FOLDER/episodes; returns the path.
 
-    Each is written before the next one is filmed. If `folder` has recordings, nothing is filmed,
-    and what was interrupted goes on: a resumed run uses its own recordings. Raises InputError like
+    Each is written before the next one is filmed. If all are there, nothing is filmed, and what was
+    interrupted goes on: a resumed run uses its own recordings. Raises InputError like
     `write_arrays`.
     """
-    if filmed := sorted(path.parent for path in folder.glob("[!.]*/episode_0.npz")):
-        return filmed[0]
     unfinished, out = folder / ".unfinished", folder / "episodes"
+    if out.exists():
+        return out
     unfinished.mkdir(parents=True, exist_ok=True)
     for i in range(num):
         path, partial = unfinished / f"episode_{i}.npz", unfinished / "partial.npz"
@@ -69,6 +75,7 @@ def _arrays(i: int, episode: Episode) -> dict[str, Any]:
     arrays = {key: np.asarray(value) for key, value in episode.items()}
     if wrong := [key for key, array in arrays.items() if array.dtype.kind not in "fiuU"]:
         raise InputError(f"real[{i}]: expected {wrong[0]} as numbers, got {arrays[wrong[0]].dtype}")
+    check_episode(f"real[{i}]", arrays)
     _check_rows(i, arrays)
     return arrays
 

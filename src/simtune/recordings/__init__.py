@@ -1,5 +1,6 @@
 """Recordings of a robot: reads several kinds of datasets, writes LeRobotDataset v3.0 and video."""
 
+from simtune.recordings.arrays import check_episode
 from simtune.recordings.dataset import Dataset
 from simtune.recordings.lerobot import write_dataset
 from simtune.recordings.open import open_dataset
@@ -9,6 +10,7 @@ from simtune.recordings.video_writer import VideoWriter, write_video
 __all__ = [
     "Dataset",
     "VideoWriter",
+    "check_episode",
     "decode",
     "frames_at",
     "open_dataset",

@@ -81,14 +81,7 @@ class ArraysSource:
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
         assert self.camera is not None, "opened with pictures"
         stored = _Episode.load(self.files[episode])
-        frames = stored.numbers(self.camera, ndim=4)
-        height, width, channels = frames.shape[1:]
-        if frames.dtype != np.uint8 or channels != 3 or not 0 < height * width <= MOST_PIXELS:
-            raise InputError(
-                f"{stored.path}: expected {self.camera} as (T + 1, H, W, 3) uint8, got "
-                f"{frames.shape} {frames.dtype}"
-            )
-        hz = stored.hz()
+        frames, hz = stored.pictures(self.camera), stored.hz()
         for row in np.rint(times_s * hz).astype(int).clip(max=len(frames) - 1):
             yield row / hz, frames[row]
 
@@ -153,12 +146,34 @@ class _Episode:
             )
         return found.astype(np.float64).reshape(len(found), width)
 
+    def pictures(self, camera: str) -> np.ndarray:
+        """(T + 1, H, W, 3) uint8."""
+        frames = self.numbers(camera, ndim=4)
+        height, width, channels = frames.shape[1:]
+        if frames.dtype != np.uint8 or channels != 3 or not 0 < height * width <= MOST_PIXELS:
+            raise InputError(
+                f"{self.path}: expected {camera} as (T + 1, H, W, 3) uint8, got {frames.shape} "
+                f"{frames.dtype}"
+            )
+        return frames
+
     def action_names(self) -> tuple[str, ...]:
         num = self.table("actions").shape[1]
         names = self.arrays.get("action_names", np.array([f"action_{i}" for i in range(num)]))
         if names.shape != (num,) or names.dtype.kind not in "U" + "f" * (num == 0):
             raise InputError(f"{self.path}: expected action_names as {num} texts, got {names}")
         return tuple(map(str, names.tolist()))
+
+
+def check_episode(name: str, arrays: Mapping[str, np.ndarray]) -> None:
+    """Raises InputError, which begins with `name`, if arrays cannot be those of an episode."""
+    episode = _Episode(Path(name), arrays)
+    episode.hz()
+    episode.action_names()
+    if not np.isfinite(episode.table("actions")).all():
+        raise InputError(f"{name}: expected finite actions, got NaN or infinity")
+    for key in filter(_is_camera, arrays):
+        episode.pictures(key)
 
 
 def holds_episodes(folder: Path) -> bool:

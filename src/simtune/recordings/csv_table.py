@@ -73,10 +73,24 @@ def read_rows(path: Path, num_columns: int) -> tuple[np.ndarray, Lines]:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number (from 1) and the cells of each non-empty line."""
+    """Yield the number (from 1) and the cells of each line, without empty ones at the ends.
+
+    One in between may be a lost row, after which all others would be a step early.
+    """
+    num_lines, empty = 0, 0
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
-            yield from ((reader.line_num, cells) for cells in reader if cells)
+            for cells in reader:
+                if cells and empty:
+                    raise InputError(
+                        f"{path}: line {empty} is empty, but others follow; expected a row for "
+                        "each step: take the line out if none is missing there"
+                    )
+                if cells:
+                    num_lines += 1
+                    yield reader.line_num, cells
+                elif num_lines and not empty:
+                    empty = reader.line_num
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: not readable as CSV ({error})") from None
