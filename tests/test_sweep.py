@@ -4,6 +4,7 @@ import json
 import os
 import posix
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -121,9 +122,28 @@ def test_files_are_found_beside_the_grid(tmp_path):
         ('[[runs]]\ncommand = "tune"', "task is missing"),
         ('[[runs]]\ncommand = "tune"\ntask = "cartpol"', "did you mean 'cartpole'"),
         ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nsede = 1', "did you mean 'seed'"),
-        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nseed = "a"', "seed = 'a' is nothing"),
+        (
+            '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nseed = "a"',
+            "--seed must be a whole n",
+        ),
         ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nseed = -1', "--seed must not be negative"),
-        ('[[runs]]\ncommand = "train"\ntask = "cartpole"\nmethod = "rd"', "method = 'rd' is noth"),
+        ('[[runs]]\ncommand = "train"\ntask = "cartpole"\nmethod = "rd"', "dr or oracle, got 'rd'"),
+        (
+            '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nprecision = 0.01',
+            "--precision must be text such as '1%', got 0.01",
+        ),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\njson = true', "no option 'json'"),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nreal = "none"', "none: no such folder"),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nname = "a/b"', "letters, digits and _"),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nseed = []', "it asks for no runs: a list"),
+        (
+            '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nskip = [{task = "cartpole"}]',
+            "or skip leaves none",
+        ),
+        (
+            '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nseed = [0, 1]\nskip = [{seed = 7}]',
+            "no run of this block has what skip asks for: {'seed': 7}",
+        ),
         ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nskip = [{gap = 1}]', "skip asks for gap"),
         (
             '[[runs]]\ncommand = "tune"\ntask = "cartpole"\n'
@@ -137,6 +157,14 @@ def test_what_a_command_would_refuse_is_said_before_anything_runs(tmp_path, text
         runs_of(tmp_path, text)
     assert complaint in str(error.value)
     assert "grid.toml:" in str(error.value)
+
+
+def test_a_training_without_a_reward_is_refused_before_anything_runs(tmp_path):
+    shutil.copytree(Path(__file__).parents[1] / "examples" / "phone_pendulum", tmp_path / "phone")
+    text = '[[runs]]\ncommand = "{}"\ntask = "phone/tune.toml"\n'
+    runs_of(tmp_path, text.format("tune"))
+    with pytest.raises(InputError, match=r"grid.toml:1: phone_pendulum has no reward"):
+        runs_of(tmp_path, text.format("train"))
 
 
 # --- leases -------------------------------------------------------------------------------
@@ -210,6 +238,14 @@ def test_a_failed_run_is_retried_and_then_listed_with_its_reason(beside):
     assert len(begun(beside)) == 4  # it is not tried for ever
     sweep(SweepConfig(**vars(config) | {"retries": 3}), STAND_IN)
     assert len(begun(beside)) == 5
+
+
+def test_runs_of_another_grid_in_the_same_folder_stay_listed(beside):
+    for seeds in ([1013], [0]):
+        sweep(SweepConfig(grid=grid(beside, seeds), out=beside / "out", retries=0), STAND_IN)
+    found = entries(beside / "out")
+    assert [run["status"] for run in found.values()] == ["done", "failed"]
+    assert found["cartpole-tune-s1013"]["reason"] == "exit status 1: simtune: unlucky"
 
 
 def test_a_full_disk_is_waited_for_and_counts_as_no_failure(beside):

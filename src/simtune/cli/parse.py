@@ -6,22 +6,18 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import fields
-from pathlib import Path
 from typing import Any, get_args
 
 import tyro
 
 from simtune.cli.commands import Command
 from simtune.cli.completion import completion_mended
-from simtune.config import NO_RECORDINGS
 from simtune.config.checks import flag
 from simtune.errors import InputError, UnknownName
 
 _TYPES = {"int": "a whole number", "float": "a number"}
 _SHARED = ("--help", "--tyro-print-completion", "--tyro-write-completion")
 _HELP = "; --help says what there is"
-_RUNS = ("run_folder", "run_folders")
-_OTHERS = ("task", "folder", "grid", "real", "parameters", "real_parameters", "robot")
 
 
 def parse(typed: Sequence[str]) -> Any:
@@ -75,31 +71,3 @@ def _in_a_line(output: str) -> str:
     if alone := re.match(r"Missing value for argument '(\S+)'", message):
         return f"{alone[1]} needs a value"
     return message
-
-
-def check_paths(command: Any) -> None:
-    """Raises InputError for a missing folder or file.
-
-    The code that reads it would also complain, but only after seconds of loading packages.
-    """
-    for name in (*_RUNS, *_OTHERS):
-        value = getattr(command, name, None)
-        for path in value if isinstance(value, tuple) else (value,):
-            if path is None or path in NO_RECORDINGS or Path(path).exists():
-                continue
-            if name == "task" and not path.endswith(".toml"):
-                continue
-            said = f"{path}: no such folder or file"
-            if name in _RUNS:
-                said = f"{path} is no run: there is no such folder"
-            raise InputError(said + _sibling(Path(path)))
-
-
-def _sibling(path: Path) -> str:
-    """A hint if a file beside the path has a similar name, else ""."""
-    try:
-        names = [entry.name for entry in path.parent.iterdir()]
-    except OSError:
-        return ""
-    close = difflib.get_close_matches(path.name, names, n=1)
-    return f"; did you mean {path.parent / close[0]}?" if close else ""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from simtune.cli.commands import DoctorCommand, ExampleCommand, ReportCommand, TasksCommand
-from simtune.cli.parse import check_paths
 from simtune.config import (
     UNTUNED,
     CheckConfig,
@@ -20,6 +19,7 @@ from simtune.config import (
     SweepConfig,
     TrainConfig,
     TuneConfig,
+    check_paths,
 )
 
 Say = Callable[[str], None]  # prints a line

@@ -1,11 +1,13 @@
 """The options of long-running commands, one dataclass each."""
 
+from simtune.config.paths import check_paths
 from simtune.config.prints import Prints
 from simtune.config.real import NO_RECORDINGS, ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.record import CompareConfig, ExportConfig, RecordConfig
 from simtune.config.sweep import FiguresConfig, SweepConfig
 from simtune.config.train import UNTUNED, EvaluateConfig, TrainConfig
 from simtune.config.tune import CheckConfig, TuneConfig
+from simtune.config.types import check_types
 
 __all__ = [
     "NO_RECORDINGS",
@@ -23,4 +25,6 @@ __all__ = [
     "SweepConfig",
     "TrainConfig",
     "TuneConfig",
+    "check_paths",
+    "check_types",
 ]

@@ -27,6 +27,9 @@ class CameraPoseOptions:
     def check_camera_pose(self, real: Path | None) -> None:
         """Raises InputError for invalid options."""
         if self.camera_pose is None:
+            for name in ("within_m", "within_deg", "within_fov_deg", "budget_minutes"):
+                if getattr(self, name) != getattr(CameraPoseOptions, name):
+                    raise InputError(f"{flag(name)} goes with --camera-pose only")
             return
         if real is None:
             raise InputError("--camera-pose goes with recordings only: give --real DIR")

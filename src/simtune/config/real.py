@@ -88,7 +88,7 @@ class RealConfig(RecordingsConfig):
     """Let the robot move; without it, a dry run tells what would prevent moving
     (docs/robot.md)."""
     real_parameters: Path | None = None
-    """With `pseudo`: a JSON object of true values, {name: value}; by default all are nominal."""
+    """With `pseudo`: a JSON file of true values, {name: value}; by default all are nominal."""
     start_factor: float = 2.0
     """With `pseudo`: the factor by which every parameter is too high or too low at the start."""
     real_gap: bool = False

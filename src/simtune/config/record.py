@@ -25,7 +25,7 @@ class RecordConfig(Prints):
     episodes: int = 10
     """Number of episodes."""
     parameters: Path | None = None
-    """A JSON object of the world's parameters, {name: value}; missing ones are nominal."""
+    """A JSON file of the world's parameters, {name: value}; missing ones are nominal."""
     policy: str = "random"
     """Source of the actions: `random`, a folder that `simtune train` wrote, or `scripted`: the
     task's script, if it has one, which uses the simulator's state."""

@@ -87,6 +87,12 @@ class TrainConfig(Prints, Observes, RealConfig):
             raise InputError("--observe goes with --method autotune or regression")
         if self.search and self.method != "autotune":
             raise InputError("--search goes with --method autotune only")
+        if self.method != "regression" and self.search != "paper":
+            for name in ("range_spm", "step_size", "window"):
+                if getattr(self, name) != getattr(TrainConfig, name):
+                    raise InputError(
+                        f"{flag(name)} goes with --search paper or --method regression"
+                    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +109,8 @@ class EvaluateConfig(Prints):
     real: Path | None = None
     """For a run of `tune`: recordings to replay in its simulator."""
     parameters: Path | None = None
-    """Parameters of the world to score in: a JSON object {name: value}, or a run's result.json; by
-    default those of the pseudo-real world."""
+    """A JSON file of the parameters of the world to score in, {name: value}, or a run's
+    result.json; by default those of the pseudo-real world."""
     episodes: int | None = None
     """Number of episodes: by default 20, or all recordings."""
     seed: int = 1000

@@ -22,7 +22,7 @@ from simtune.replay import Replay
 from simtune.rollout import Environment
 from simtune.schedule import Schedule
 from simtune.simulation import Simulator
-from simtune.tasks import Task, before_one_camera, load_task, with_known_colours
+from simtune.tasks import Task, before_one_camera, load_task, need_reward, with_known_colours
 from simtune.tuning import FixedRange
 from simtune.vision.keypoints import Keypoints
 
@@ -111,11 +111,7 @@ def build_training(
     config.check()
     task = before_one_camera(with_known_colours(load_task(config.task), config.known_colour))
     device, settings = _device(config.device), settings or Settings()
-    if task.reward is None:
-        raise InputError(
-            f"{task.name} has no reward, so there is nothing to train a policy for: declare one "
-            "in the tuning file's [policy] (docs/tuning-file.md)"
-        )
+    need_reward(task)
     name = choose_search(config)
     schedule = settings.schedule or choose_schedule(config, task, name)
     report("looking at the real world", 0.0)

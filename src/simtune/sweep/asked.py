@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any
 
-from simtune.config import NO_RECORDINGS, TrainConfig, TuneConfig
-from simtune.errors import InputError, UnknownName
+from simtune.config import NO_RECORDINGS, TrainConfig, TuneConfig, check_paths, check_types
+from simtune.errors import UnknownName
 
 COMMANDS = {"tune": TuneConfig, "train": TrainConfig}
 _PATHS = ("robot", "real_parameters")
+_OWN = ("out", "json")  # of a run, which the sweep decides
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,16 +50,15 @@ class AskedRun:
     def config(self) -> TuneConfig | TrainConfig:
         """The command's config. Raises InputError for options that the command would refuse."""
         kind = COMMANDS[self.command]
-        types = get_type_hints(kind)
-        known = [field.name for field in fields(kind) if field.name != "out"]
-        for name, value in self.options.items():
+        known = [field.name for field in fields(kind) if field.name not in _OWN]
+        for name in self.options:
             if name not in known:
                 raise UnknownName("option", name, f"simtune {self.command}", known)
-            if not _fits(value, types[name]):
-                raise InputError(f"{name} = {value!r} is nothing that simtune {self.command} takes")
+        check_types(kind, self.options)
         paths = {name: Path(self.values[name]) for name in _PATHS if name in self.values}
         config = kind(**self.values | paths, out=Path(self.name))
         config.check()
+        check_paths(config)
         return config
 
     def arguments(self, out: Path) -> list[str]:
@@ -72,14 +71,3 @@ class AskedRun:
             elif name != "task":
                 typed += [f"--{flag}", str(value)]
         return typed
-
-
-def _fits(value: Any, hint: Any) -> bool:
-    """Whether a value from TOML, where files are texts, has an option's type."""
-    if get_origin(hint) in (Union, UnionType):
-        return any(_fits(value, member) for member in get_args(hint))
-    if get_origin(hint) is Literal:
-        return value in get_args(hint)
-    if isinstance(value, bool):
-        return hint is bool
-    return isinstance(value, {float: int | float, Path: str}.get(hint, hint))

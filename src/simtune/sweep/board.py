@@ -6,10 +6,11 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Lock
+from typing import Any
 
 from simtune.columns import aligned
 from simtune.report.words import duration
-from simtune.run import write_json
+from simtune.run import read_json, write_json
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.estimate import Expectation, seconds_left
 from simtune.sweep.pilot import Pilots
@@ -20,6 +21,12 @@ FILE = "sweep.json"
 _COLUMNS = ("done", "running", "waiting", "failed")
 
 
+def read_entries(folder: Path) -> list[dict[str, Any]]:
+    """Runs that sweep.json names, perhaps of other grids. Raises OSError, ValueError, KeyError."""
+    file = folder / FILE
+    return read_json(file)["runs"] if file.exists() else []
+
+
 class Board:
     """Shows the progress; `begin` and `end` may be called from any thread."""
 
@@ -27,6 +34,8 @@ class Board:
         self._folder, self._runs, self._workers = folder, runs, workers
         self.standings = {run.name: Places(folder, run.name).standing(retries) for run in runs}
         self._pilots, self._running = Pilots(folder), dict[str, float]()
+        names = {run.name for run in runs}
+        self._others = [entry for entry in read_entries(folder) if entry["name"] not in names]
         self._lock, self._drawn, self._is_live = Lock(), 0, sys.stderr.isatty()
         self._write()
 
@@ -84,7 +93,7 @@ class Board:
         """Replace sweep.json. If the disk is full, the old one stays until the next time."""
         entries = [self.standings[run.name].entry(run) for run in self._runs]
         try:
-            write_json(self._folder / FILE, {"runs": entries})
+            write_json(self._folder / FILE, {"runs": entries + self._others})
         except OSError as error:
             if error.errno not in NO_ROOM:
                 raise

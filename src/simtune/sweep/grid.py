@@ -8,7 +8,7 @@ from typing import Any
 
 from simtune.errors import InputError
 from simtune.sweep.asked import COMMANDS, AskedRun
-from simtune.tasks import load_any_task
+from simtune.tasks import load_any_task, need_reward
 from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
 
 _OF_BLOCK = ("name", "command", "skip")  # every other key is an option of the command
@@ -49,17 +49,23 @@ def _multiplied(block: TomlTable, common: dict[str, Any]) -> Iterator[AskedRun]:
     for skip in skips:
         if unknown := [key for key in skip if key not in options]:
             raise block.error(f"skip asks for {unknown[0]}, which no run of this block has", "skip")
-    loaded = set()
-    for values in itertools.product(*axes):
-        chosen = dict(zip(options, values, strict=True))
-        if any(skip.items() <= chosen.items() for skip in skips):
-            continue
-        name = _name(block.text("name", ""), command, chosen, varied)
-        run = AskedRun(name=name, command=command, options=chosen, folder=block.file.parent)
+    combined = [dict(zip(options, values, strict=True)) for values in itertools.product(*axes)]
+    for skip in skips:
+        if not any(skip.items() <= chosen.items() for chosen in combined):
+            raise block.error(f"no run of this block has what skip asks for: {skip}", "skip")
+    asked = [c for c in combined if not any(skip.items() <= c.items() for skip in skips)]
+    if not asked:
+        raise block.error("it asks for no runs: a list is empty, or skip leaves none")
+    loaded = set[str]()
+    for chosen in asked:
         with block.at():
+            name = _name(block.text("name", ""), command, chosen, varied)
+            run = AskedRun(name=name, command=command, options=chosen, folder=block.file.parent)
             run.config()
             if run.values["task"] not in loaded:
-                load_any_task(run.values["task"])
+                task = load_any_task(run.values["task"])
+                if command == "train":
+                    need_reward(task)
                 loaded.add(run.values["task"])
         yield run
 
@@ -72,7 +78,10 @@ def _name(block: str, command: str, options: dict[str, Any], varied: list[str]) 
     parts.append(f"s{options.get('seed', 0)}")
     name = "-".join(str(part) for part in parts if part)
     if not re.fullmatch(r"[\w.=+-]+", name):
-        raise InputError(f"{name} can be no folder's name: give the block a name, and plain values")
+        raise InputError(
+            f"{name} can be no folder's name: give the block a name, of letters, digits and _.=+- "
+            "only, and plain values"
+        )
     return name
 
 

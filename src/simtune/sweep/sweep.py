@@ -10,7 +10,7 @@ state/runs/NAME.json    its failures and time
 state/runs/NAME.txt     its output
 pilots/ state/pilots/   the same for a dry run's pilots
 pilots.json             estimated times of runs, from pilots
-sweep.json              the state of all runs
+sweep.json              the state of all runs, also of other grids in this folder
 """
 
 import sys
@@ -20,10 +20,9 @@ from typing import Any
 
 from simtune.config import SweepConfig
 from simtune.errors import InputError
-from simtune.run import read_json
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.attempt import Attempts
-from simtune.sweep.board import FILE, Board
+from simtune.sweep.board import Board, read_entries
 from simtune.sweep.grid import read_grid
 from simtune.sweep.local import carry_out_here, num_workers
 from simtune.sweep.on_ray import carry_out_on_ray, connect
@@ -65,10 +64,10 @@ def open_sweep(config: SweepConfig) -> list[AskedRun]:
     Raises InputError for an invalid grid, or if a name meant another run before.
     """
     config.check()
-    runs, file = read_grid(config.grid), config.out / FILE
+    runs = read_grid(config.grid)
     try:
         config.out.mkdir(parents=True, exist_ok=True)
-        known = read_json(file)["runs"] if file.exists() else []
+        known = read_entries(config.out)
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{config.out} cannot be a sweep's folder: {error}") from error
     before = {entry["name"]: entry["asked"] for entry in known}

@@ -41,6 +41,15 @@ def with_model(task: AnyTask) -> Task:
     return task
 
 
+def need_reward(task: AnyTask) -> None:
+    """Raises InputError for a task in which no policy can be trained."""
+    if with_model(task).reward is None:
+        raise InputError(
+            f"{task.name} has no reward, so there is nothing to train a policy for: declare one "
+            "in the tuning file's [policy] (docs/tuning-file.md)"
+        )
+
+
 _Any = TypeVar("_Any", bound=AnyTask)
 
 
@@ -99,6 +108,7 @@ __all__ = [
     "load_any_task",
     "load_task",
     "named_files",
+    "need_reward",
     "read_declared",
     "with_known_colours",
     "with_model",
