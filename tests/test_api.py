@@ -85,7 +85,7 @@ def test_samples_are_the_joint_posteriors_and_begin_alike(result):
         np.testing.assert_allclose(many[name][:3], values)
     few["pole_mass"][:] = 0  # the caller's own
     assert result.samples(3)["pole_mass"].all()
-    with pytest.raises(ValueError, match="num must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="num must be a whole number of at least 1, got 0"):
         result.samples(0)
 
 
@@ -162,6 +162,35 @@ def test_options_are_checked_and_named_as_python_spells_them(tmp_path):
     with pytest.raises(ValueError, match="is no run: there is no such folder"):
         simtune.load(tmp_path / "run")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"search": "bayes"}, "search must be posterior, paper or regression, got 'bayes'"),
+        ({"precision": 0.01}, "precision must be text such as '1%', got 0.01"),
+        ({"budget_minutes": "3"}, "budget_minutes must be a number, got '3'"),
+        ({"seed": 1.5}, "seed must be a whole number, got 1.5"),
+        ({"real_gap": 1}, "real_gap must be true or false, got 1"),
+        ({"robot": 3}, "robot must be a path, got 3"),
+    ],
+)
+def test_options_of_another_type_are_refused(tmp_path, options, said):
+    with pytest.raises(ValueError, match=f"^{said}$"):
+        simtune.tune("cartpole", out=tmp_path / "run", **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("call", [simtune.load_task, simtune.check])
+def test_what_can_be_no_task_is_refused(call):
+    with pytest.raises(ValueError, match="the task is a int; expected a built-in task's name"):
+        call(3)
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path):
+    check = partial(simtune.check, "cartpole", episodes=np.int64(1), control_hz=np.float32(20))
+    with pytest.raises(ValueError, match="control_hz goes with"):  # their types are no reason
+        check()
 
 
 @pytest.mark.parametrize("source", ["", "cartpole"])

@@ -433,6 +433,7 @@ def test_a_camera_at_the_end_of_its_range_is_warned_of(filmed):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
+        ({"camera_pose": None, "within_m": 2.0}, "--within-m goes with --camera-pose only"),
         ({"real": None}, "--camera-pose goes with recordings only"),
         ({"camera_pose": Path("pose.json")}, "expected a new file NAME.toml"),
         ({"within_m": 0}, "--within-m must be above 0"),

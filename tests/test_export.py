@@ -219,6 +219,21 @@ def test_the_script_makes_a_tuned_copy_of_a_file(scene, tmp_path):
     np.testing.assert_array_equal(model.actuator_history, expected.actuator_history)
 
 
+def test_the_script_says_what_it_lacks(scene, tmp_path):
+    run, _ = a_run(tmp_path / "run", str(scene))
+    script = export(ExportConfig(run_folder=run, out=tmp_path / "out")) / "apply.py"
+    other = tmp_path / "other.xml"
+    other.write_text("<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>")
+    for files, said in (
+        ([other, tmp_path / "tuned.xml"], "other.xml is another model than the tuned one: "),
+        ([], "expected two files: python apply.py MODEL.xml TUNED.xml"),
+    ):
+        called = subprocess.run([sys.executable, script, *files], capture_output=True, text=True)
+        assert called.returncode == 1
+        assert said in called.stderr
+        assert "Traceback" not in called.stderr
+
+
 def test_a_run_finds_its_tuning_file_from_any_folder(scene, tmp_path, monkeypatch):
     run, _ = a_run(tmp_path / "run", str(scene))
     monkeypatch.chdir(scene.parent)

@@ -457,6 +457,8 @@ def test_a_policy_that_begins_to_learn_too_late_gives_a_warning(tmp_path, quick)
         ({"scored_episodes": 0}, "--scored-episodes must be at least 1"),
         ({"method": "oracle", "real": "somewhere"}, "--method oracle needs --real pseudo"),
         ({"method": "dr", "search": "paper"}, "--search goes with --method autotune only"),
+        ({"method": "dr", "step_size": 0.3}, "--step-size goes with --search paper or"),
+        ({"window": 5}, "--window goes with --search paper or --method regression"),
         ({"device": "cuda:99"}, "--device cuda:99 cannot be used here"),
         ({"task": "cartpol"}, "did you mean 'cartpole'"),
         ({"method": "regression", "window": 250}, "--window must be at most an episode's"),

@@ -200,6 +200,14 @@ def test_a_long_file_says_it_all(load, tmp_path):
         ("model = 'scene.xml'\ncontrol_timestep_s = nan\n" + MASS, 2, "finite number .*got nan"),
         (HEAD + "action_repeat = 1.5\n" + MASS, 3, "action_repeat must be a whole number .*1.5"),
         (HEAD + "episode_steps = 0\n" + MASS, 3, "episode_steps must be a whole number of at"),
+        (HEAD + "episode_steps = 200_000\n" + MASS, 3, "at least 1 and at most 100000"),
+        ("model = 'scene.xml'\ncontrol_timestep_s = 1e-9\n" + MASS, 2, "is it in seconds?"),
+        ("model = 'scene.xml'\ncontrol_timestep_s = .1\n", 2, r"= .1 \(numbers begin with a digit"),
+        (
+            HEAD + "[[parameters]]\nname = 'p'\nkind = 'colour'\nobjects = 'bob'\nknown = true\n",
+            1,
+            "nothing to tune: all parameters are known",
+        ),
         (HEAD, 1, r"nothing to tune.*\[\[parameters\]\]"),
         (HEAD + "parameters = 3\n", 3, r"tables, each after a line \[\[parameters\]\], got 3"),
         (HEAD + "[parameters]\nname = 'x'\n", 3, r"tables, each after .*got a table"),
@@ -739,6 +747,11 @@ def test_a_delay_is_remembered(load):
         ("name = 'p'\nfield = 'cam_quat'\nobjects = 'front'\n", 3, "needs a component, the axis"),
         ("name = 'p'\nkind = 'camera_pose'\nobjects = 'frnt'\n", 6, "no camera 'frnt'"),
         ("name = 'p'\nkind = 'camera_pose'\nwithin_m = 0\n", 6, "number above 0, got 0"),
+        (
+            "name = 'p'\nkind = 'field_of_view'\nhigh = 300\n",
+            3,
+            "between 0 and 180°, got .* to 300",
+        ),
         (
             f"name = 'p'\nkind = 'damping'\nobjects = 'elbow'\n{MASS}{MASS}",
             11,

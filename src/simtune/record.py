@@ -140,6 +140,11 @@ def _trained(policy: str, task: Task, settings: Settings | None) -> TrainingExpe
         raise InputError(f"{task.name} has no script to act by: --policy random or a run")
     if policy in ("random", "scripted"):
         return None
+    if not Path(policy).is_dir():
+        raise InputError(
+            "--policy must be random, scripted or a folder that `simtune train` wrote, got "
+            f"{policy}"
+        )
     trained = load_trained(Path(policy), settings=settings)
     if trained.task.content_hash != task.content_hash:
         raise InputError(

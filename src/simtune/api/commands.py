@@ -14,12 +14,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar, cast
 
+import numpy as np
+
 from simtune.algorithm import train as carry_out_training
 from simtune.api.arrays import RealLike, Record, film_once, write_arrays
 from simtune.api.declared import declare
 from simtune.api.result import CheckResult, Result
 from simtune.checking import check as carry_out_check
-from simtune.config import CheckConfig, TrainConfig, TuneConfig
+from simtune.config import CheckConfig, TrainConfig, TuneConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.progress import ProgressBar, ReportProgress, silent
 from simtune.report.data import read_finished
@@ -30,6 +32,7 @@ from simtune.tuning_run import tune as carry_out_tuning
 TaskLike = str | PathLike[str] | Mapping[str, Any] | AnyTask
 _Config = TypeVar("_Config", CheckConfig, TuneConfig, TrainConfig)
 _FILMED = 5  # episodes filmed if no number is given
+_TASKS = "expected a built-in task's name, a tuning file's path, or a dict with its keys"
 _PATHS = ("out", "pictures", "real_parameters", "robot")
 
 
@@ -38,9 +41,11 @@ def load_task(task: str | PathLike[str] | Mapping[str, Any]) -> AnyTask:
 
     In a dict, `model` may be a `mujoco.MjSpec`, and `environment` a gymnasium.Env, or a class or
     function that makes one. A task has a `name`, `parameters` (each with name, nominal, low, high,
-    unit) and `load_model()`.
+    unit) and, unless it is of an environment, `load_model()`.
     Raises ValueError `FILE:LINE: what is wrong`; for a dict `task['parameters'][0]: ...`.
     """
+    if not isinstance(task, str | PathLike | Mapping):
+        raise InputError(f"the task is a {type(task).__name__}; {_TASKS}")
     return declare(task) if isinstance(task, Mapping) else load_any_task(fspath(task))
 
 
@@ -85,9 +90,11 @@ def tune(
     """
     options |= {"out": out, "real_episodes": real_episodes, "seed": seed}
     options |= {"budget_minutes": budget_minutes, "precision": precision}
-    with _in_python(), _progress(progress, 60 * budget_minutes) as report:
+    with _in_python():
         task = _known(task)
-        carry_out_tuning(_config_of_run(TuneConfig, task, real, options), report, task=task)
+        config = _config_of_run(TuneConfig, task, real, options)
+        with _progress(progress, 60 * budget_minutes) as report:
+            carry_out_tuning(config, report, task=task)
     return load(out)
 
 
@@ -152,8 +159,11 @@ def _config(kind: type[_Config], task: AnyTask, options: dict[str, Any]) -> _Con
     given: dict[str, Any] = {"task": task.source}
     for name, value in options.items():
         given[name] = fspath(value) if isinstance(value, PathLike) else value
-        if name in paths and value is not None:
+        if isinstance(value, np.generic):
+            given[name] = value.item()
+        if name in paths and isinstance(value, str | PathLike):
             given[name] = Path(value)
+    check_types(kind, given)
     config = kind(**given)
     config.check()
     return config
@@ -163,6 +173,8 @@ def _known(task: TaskLike) -> AnyTask:
     """The task, which its source must find again when a run is resumed or exported."""
     if isinstance(task, str | PathLike | Mapping):
         return load_task(task)
+    if not isinstance(task, AnyTask):
+        raise InputError(f"the task is a {type(task).__name__}; {_TASKS}")
     if task.source.startswith(IN_PYTHON):
         return task
     if not task.source or load_any_task(task.source).content_hash != task.content_hash:

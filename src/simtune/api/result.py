@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import cached_property
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from simtune.api import table
 from simtune.api.estimate import Estimate
 from simtune.api.plot import plot_curves, plot_estimates, plot_pairs
 from simtune.checking import table as check_lines
-from simtune.config import ExportConfig
+from simtune.config import ExportConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.export import draw_samples, export, tuned_model
 from simtune.names import ExportFormat
@@ -85,8 +86,8 @@ class Result:
         to 4000 are read from posterior.npz; for more, all are drawn anew, which needs the task's
         files. Raises ValueError for a run without a search.
         """
-        if num < 1:
-            raise InputError(f"num must be at least 1, got {num}")
+        if not isinstance(num, Integral) or num < 1:
+            raise InputError(f"num must be a whole number of at least 1, got {num}")
         if not self._run.is_tuned:
             raise InputError(f"{self.path} has no samples: nothing was searched for there")
         known = self._run.posterior
@@ -117,8 +118,9 @@ class Result:
         These are model.xml, parameters.json and apply.py; with `samples` draws of the posterior
         also samples.csv, and worlds.npz and a module for the training library `format`.
         """
-        config = ExportConfig(run_folder=self.path, out=Path(out), samples=samples, format=format)
-        return export(config)
+        options: dict[str, Any] = {"out": Path(out), "samples": samples, "format": format}
+        check_types(ExportConfig, options)
+        return export(ExportConfig(run_folder=self.path, **options))
 
     def to_pandas(self) -> "pandas.DataFrame":
         """One row per parameter, indexed by name. Needs pandas."""

@@ -42,11 +42,23 @@ def apply(model: mujoco.MjModel) -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
+def check(model: mujoco.MjModel) -> None:
+    for _, kind, name, _ in FOUND:
+        try:
+            if kind != "opt":
+                rows_of_object(model, kind, name)
+        except KeyError as error:
+            sys.exit(f"{{sys.argv[1]}} is another model than the tuned one: {{error.args[0]}}")
+
+
 {functions}
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("expected two files: python apply.py MODEL.xml TUNED.xml")
     spec = mujoco.MjSpec.from_file(sys.argv[1])
-{named}    write_down_inferred(spec)
+{named}    check(spec.copy().compile())
+    write_down_inferred(spec)
 {prepared}{not_copied}    model = spec.compile()
     apply(model)
     spec.copy_back(model)

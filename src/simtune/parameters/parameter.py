@@ -57,6 +57,8 @@ class Parameter:
             yield f"{self.field} needs {wanted}, got {self.component}"
         if self.field_info.is_never_negative and self.low < 0:
             yield f"{self.field} cannot be negative, got low = {self.low:g}"
+        if self.field == "cam_fovy" and (self.low < 0 or self.high >= 180):
+            yield f"a field of view lies between 0 and 180°, got {self.low:g} to {self.high:g}"
         if self.is_delay and self.high > _LONGEST_DELAY_S:
             yield f"a delay is at most {_LONGEST_DELAY_S:g} s, got high = {self.high:g}"
 

@@ -28,6 +28,7 @@ from simtune.simulation import (
 )
 from simtune.views import View
 
+MOST_STEPS = 100_000  # of an episode, as of a recorded one
 _SIZES = ("nbuffer", "signature")  # of an MjModel; they depend on the lengths of its file paths
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from simtune.errors import InputError
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.tasks.environment_task import EnvironmentTask
+from simtune.tasks.task import MOST_STEPS
 from simtune.tasks.tuning_file.toml_table import TomlTable, usual_name
 from simtune.tasks.tuning_file.user_code import is_in_file, load_user_code
 
@@ -31,7 +32,7 @@ def read_environment_task(file: TomlTable) -> EnvironmentTask:
         make=make,
         parameters=ParameterSpace([_read(entry) for entry in entries], where=path.name),
         step_s=file.number("control_timestep_s", above=0),
-        episode_steps=file.whole("episode_steps", 200),
+        episode_steps=file.whole("episode_steps", 200, most=MOST_STEPS),
     )
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from simtune.simulation.delays import count_substeps
 from simtune.tasks.environment_task import EnvironmentTask
-from simtune.tasks.task import Task
+from simtune.tasks.task import MOST_STEPS, Task
 from simtune.tasks.tuning_file.actions import read_actions, read_columns
 from simtune.tasks.tuning_file.camera import read_cameras
 from simtune.tasks.tuning_file.environment import read_environment_task
@@ -19,6 +19,7 @@ _KEYS = ("model", "name", "description", "camera", "cameras", "control_timestep_
 _KEYS += ("episode_steps", "fixed_joints", "fixed_pose", "actuators", "actions", "initial_state")
 _KEYS += ("policy", "parameters", "sensors", "backlash")
 _MOST_SUBSTEPS = 2000
+_MOST_FINER = 100  # times, physics steps than the model's
 
 
 def load_tuning_file(path: Path) -> Task | EnvironmentTask:
@@ -49,7 +50,13 @@ def read_task(file: TomlTable) -> Task | EnvironmentTask:
             f"{model.opt.timestep:g} s; expected at most {_MOST_SUBSTEPS}; is it in seconds?",
             "control_timestep_s",
         )
-    episode_steps = file.whole("episode_steps", 200)
+    if step_s < model.opt.timestep / _MOST_FINER:
+        raise file.error(
+            f"an action would last {step_s:g} s, much less than a physics step of "
+            f"{model.opt.timestep:g} s; is it in seconds?",
+            "control_timestep_s",
+        )
+    episode_steps = file.whole("episode_steps", 200, most=MOST_STEPS)
     actions = file.table("actions")
     map_actions = read_actions(actions, model)
     parameters = read_parameters(file, load_spec(), [f.camera for f in footage], step_s)

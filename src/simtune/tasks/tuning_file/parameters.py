@@ -57,6 +57,8 @@ def read_known_colours(file: TomlTable, space: ParameterSpace) -> dict[str, floa
         if entry.flag("known", False):
             with entry.at("known"):
                 known |= known_colour(space, entry.text("name"), None)
+    if len(known) == len(space):
+        raise file.error("nothing to tune: all parameters are known", "parameters")
     return known
 
 

@@ -18,6 +18,8 @@ from simtune.tasks.tuning_file.toml_lines import KeyPath, key_lines, line_of
 from simtune.validate import is_number
 
 _REQUIRED: Any = object()
+_MOST = 2**63
+_HINT = " (numbers begin with a digit, as 0.1; texts are in quotes)"
 
 
 def usual_name(path: Path) -> str:
@@ -40,8 +42,9 @@ def read_toml(file: Path) -> "TomlTable":
         what, _, at = str(error).removesuffix(")").rpartition(" (at ")
         number = re.match(r"line (\d+)", at)
         line = int(number[1]) if number else text.rstrip().count("\n") + 1
+        hint = _HINT if what == "Invalid value" else ""
         its = text.splitlines()[line - 1].strip() if line <= len(text.splitlines()) else ""
-        raise InputError(f"{file}:{line}: not valid TOML: {what}: {its}") from None
+        raise InputError(f"{file}:{line}: not valid TOML: {what}: {its}{hint}") from None
 
 
 class LocatedError(InputError):
@@ -131,10 +134,13 @@ class TomlTable:
         what = "a finite number" if above == -math.inf else f"a finite number above {above:g}"
         return self._checked(key, what, default, lambda v: is_number(v) and v > above)
 
-    def whole(self, key: str, default: Any = _REQUIRED, *, least: int = 1) -> Any:
+    def whole(
+        self, key: str, default: Any = _REQUIRED, *, least: int = 1, most: int = _MOST
+    ) -> Any:
         what = f"a whole number of at least {least}"
+        what += f" and at most {most}" * (most < _MOST)
         return self._checked(
-            key, what, default, lambda v: is_number(v) and isinstance(v, int) and v >= least
+            key, what, default, lambda v: is_number(v) and isinstance(v, int) and least <= v <= most
         )
 
     def names(self, key: str, default: Any = _REQUIRED) -> Any:
