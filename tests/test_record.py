@@ -84,7 +84,7 @@ def test_a_trained_policy_can_be_filmed(tmp_path, quick):
     [
         ({"episodes": 0}, "--episodes must be at least 1, got 0"),
         ({"image_size": 65}, "--image-size must be an even number from 16 to 1024, got 65"),
-        ({"policy": "nowhere"}, "nowhere is no folder that `simtune train` wrote"),
+        ({"policy": "nowhere"}, "must be random, scripted or a folder .* got nowhere"),
         ({"parameters": Path("nowhere.json")}, r"cannot read nowhere\.json"),
         ({"task": "cartpol"}, "did you mean 'cartpole'"),
     ],

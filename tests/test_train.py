@@ -379,7 +379,7 @@ def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick):
 
 @pytest.mark.thorough
 def test_training_ranges_are_those_asked_for(tmp_path, quick):
-    ranges = {"range_policy": 0.02, "range_dr": 0.3, "range_spm": 0.4, "step_size": 0.07}
+    ranges = {"range_policy": 0.02, "range_dr": 0.3}
 
     def training(**changes) -> Training:
         usual = dataclasses.replace(quick, search=None)
@@ -400,7 +400,8 @@ def test_training_ranges_are_those_asked_for(tmp_path, quick):
     pretraining.num_filmings = 0
     start = pretraining.experiment.start
     np.testing.assert_allclose(pretraining.distribution_policy.low, SPACE.clip(0.7 * start))
-    config = training(method="regression").experiment.search.config
+    of_regression = training(method="regression", range_spm=0.4, step_size=0.07)
+    config = of_regression.experiment.search.config
     assert (config.step_size, config.range_spm) == (0.07, 0.4)
 
 
