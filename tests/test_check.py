@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from simtune import cli
+from simtune.checking import check
 from simtune.checking.conclusions import conclude
 from simtune.checking.promise import promises
 from simtune.checking.recording_warnings import warnings
+from simtune.config import CheckConfig
 from simtune.fit.sensitivity import (
     WINDOW_STEPS,
     Sensitivity,
@@ -468,3 +470,15 @@ def test_a_run_is_promised_what_check_says_and_twice_the_episodes_tell_twice_as_
     assert promised[4]["damping"]["std_percent"] == pytest.approx(
         checked["parameters"]["damping"]["std_percent"]
     )
+
+
+def test_episodes_that_are_too_short_to_tune_to_are_warned_of(tmp_path):
+    (tmp_path / "scene.xml").write_text(PENDULUM)
+    parameter = "[[parameters]]\nname = 'damping'\nkind = 'damping'\nobjects = 'hinge'\n"
+    said = {}
+    for steps in (20, 21):
+        head = f"model = 'scene.xml'\ncontrol_timestep_s = 0.05\nepisode_steps = {steps}\n"
+        (tmp_path / "tune.toml").write_text(head + parameter)
+        config = CheckConfig(task=str(tmp_path / "tune.toml"), episodes=1)
+        said[steps] = [line for line in check(config)["warnings"] if "at least" in line]
+    assert said == {20: ["episodes have 20 steps, `simtune tune` needs at least 21"], 21: []}

@@ -95,8 +95,9 @@ def _refuse_if_too_short(minutes: float, beside_s: float, needed: Needed) -> Non
         enough = math.ceil((2 * least_s + beside_s) / 6) / 10
         raise InputError(
             f"--budget-minutes {minutes:g} is too short: the smallest round takes about "
-            f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; give it "
-            f"--budget-minutes {enough:g} or more" + (f". {needed.mostly}" if needed.mostly else "")
+            f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; for a sound answer "
+            f"give it --budget-minutes {enough:g} or more"
+            + (f". {needed.mostly}" if needed.mostly else "")
         )
     enough_s, shortened = whole_s + beside_s, ""
     if 60 * minutes < _HARDLY_ENOUGH * whole_s + beside_s:

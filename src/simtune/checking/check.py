@@ -16,7 +16,7 @@ from simtune.checking.library import MOST_STEPS, make_libraries
 from simtune.checking.limits import joints_at_limits
 from simtune.checking.nominal import nominal_states
 from simtune.checking.readings import ReadEpisodes, read_episodes, reading_changes
-from simtune.checking.recording_warnings import warnings
+from simtune.checking.recording_warnings import too_short, warnings
 from simtune.checking.servo_picture import draw_servos
 from simtune.config import CheckConfig
 from simtune.errors import InputError
@@ -62,6 +62,7 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
         act = simulator.explore(num, task.episode_steps, rng)
         actions = simulator.play(worlds, act, task.episode_steps, rng).actions
         facts["actions"] = "scripted" if task.script else "random"
+        facts["warnings"] += too_short(task.episode_steps) if seen.cameras else []
     readings = None
     if seen.sensors:
         say("replaying readings", 0.5)

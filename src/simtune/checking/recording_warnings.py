@@ -75,6 +75,13 @@ def _of_lengths(lengths: list[int]) -> list[str]:
     return found
 
 
+def too_short(num_steps: int) -> list[str]:
+    """On simulated episodes before a camera."""
+    if num_steps >= SHORTEST_STEPS:
+        return []
+    return [f"episodes have {num_steps} steps, `simtune tune` needs at least {SHORTEST_STEPS}"]
+
+
 def _of_order(recorded: Sequence[str], own: Sequence[str]) -> list[str]:
     """On the names of recorded actions beside the task's own, which they are taken for in turn."""
     theirs, ours = ([_plain(name) for name in names] for names in (recorded, own))
