@@ -32,7 +32,6 @@ from simtune.tuning_run import tune as carry_out_tuning
 TaskLike = str | PathLike[str] | Mapping[str, Any] | AnyTask
 _Config = TypeVar("_Config", CheckConfig, TuneConfig, TrainConfig)
 _FILMED = 5  # episodes filmed if no number is given
-_TASKS = "expected a built-in task's name, a tuning file's path, or a dict with its keys"
 _PATHS = ("out", "pictures", "real_parameters", "robot")
 
 
@@ -45,7 +44,10 @@ def load_task(task: str | PathLike[str] | Mapping[str, Any]) -> AnyTask:
     Raises ValueError `FILE:LINE: what is wrong`; for a dict `task['parameters'][0]: ...`.
     """
     if not isinstance(task, str | PathLike | Mapping):
-        raise InputError(f"the task is a {type(task).__name__}; {_TASKS}")
+        raise InputError(
+            f"the task is a {type(task).__name__}; expected a built-in task's name, a tuning "
+            "file's path, or a dict with its keys"
+        )
     return declare(task) if isinstance(task, Mapping) else load_any_task(fspath(task))
 
 
@@ -171,10 +173,8 @@ def _config(kind: type[_Config], task: AnyTask, options: dict[str, Any]) -> _Con
 
 def _known(task: TaskLike) -> AnyTask:
     """The task, which its source must find again when a run is resumed or exported."""
-    if isinstance(task, str | PathLike | Mapping):
-        return load_task(task)
     if not isinstance(task, AnyTask):
-        raise InputError(f"the task is a {type(task).__name__}; {_TASKS}")
+        return load_task(task)
     if task.source.startswith(IN_PYTHON):
         return task
     if not task.source or load_any_task(task.source).content_hash != task.content_hash:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from simtune.config.checks import flag
+from simtune.config.checks import flag, usual_without
 from simtune.errors import InputError
 
 
@@ -27,9 +27,8 @@ class CameraPoseOptions:
     def check_camera_pose(self, real: Path | None) -> None:
         """Raises InputError for invalid options."""
         if self.camera_pose is None:
-            for name in ("within_m", "within_deg", "within_fov_deg", "budget_minutes"):
-                if getattr(self, name) != getattr(CameraPoseOptions, name):
-                    raise InputError(f"{flag(name)} goes with --camera-pose only")
+            own = ("within_m", "within_deg", "within_fov_deg", "budget_minutes")
+            usual_without(self, "--camera-pose only", *own)
             return
         if real is None:
             raise InputError("--camera-pose goes with recordings only: give --real DIR")

@@ -12,6 +12,13 @@ def at_least(config: object, smallest: int, *names: str) -> None:
             raise InputError(f"{flag(name)} must {bound}, got {value}")
 
 
+def usual_without(config: object, what: str, *names: str) -> None:
+    """Raises InputError if one of these fields is not at its default: it goes with `what`."""
+    for name in names:
+        if getattr(config, name) != getattr(type(config), name):
+            raise InputError(f"{flag(name)} goes with {what}")
+
+
 def check_seed(seed: int) -> None:
     """Raises InputError for a seed that random number generators do not accept."""
     if not 0 <= seed < 2**63:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from simtune.config.checks import check_seed, flag
+from simtune.config.checks import check_seed, flag, usual_without
 from simtune.errors import InputError
 
 ROBOTS = ("xarm", "lerobot")
@@ -108,12 +108,9 @@ class RealConfig(RecordingsConfig):
             raise InputError("--robot and --move go with --real xarm or lerobot only")
         if self.real in ROBOTS and self.robot is None:
             raise InputError(f"--real {self.real} needs --robot FILE.toml (see docs/robot.md)")
-        if self.real != "pseudo" and self.real_parameters is not None:
-            raise InputError("--real-parameters goes with --real pseudo only")
-        if self.real != "pseudo" and self.start_factor != RealConfig.start_factor:
-            raise InputError("--start-factor goes with --real pseudo only")
-        if self.real_gap and self.real != "pseudo":
-            raise InputError("--real-gap goes with --real pseudo only")
+        if self.real != "pseudo":
+            own = ("real_parameters", "start_factor", "real_gap")
+            usual_without(self, "--real pseudo only", *own)
         if not self.start_factor >= 1:
             raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
         check_seed(self.seed)

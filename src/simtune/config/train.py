@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from simtune.config.checks import at_least, check_seed, flag
+from simtune.config.checks import at_least, check_seed, flag, usual_without
 from simtune.config.prints import Prints
 from simtune.config.real import Observes, RealConfig
 from simtune.errors import InputError
@@ -88,11 +88,8 @@ class TrainConfig(Prints, Observes, RealConfig):
         if self.search and self.method != "autotune":
             raise InputError("--search goes with --method autotune only")
         if self.method != "regression" and self.search != "paper":
-            for name in ("range_spm", "step_size", "window"):
-                if getattr(self, name) != getattr(TrainConfig, name):
-                    raise InputError(
-                        f"{flag(name)} goes with --search paper or --method regression"
-                    )
+            own = ("range_spm", "step_size", "window")
+            usual_without(self, "--search paper or --method regression", *own)
 
 
 @dataclass(frozen=True, kw_only=True)
