@@ -25,7 +25,7 @@ simtune() { "$python" -m simtune "$@"; }
 # What each part runs.
 doctor() { simtune doctor; }
 tests() { "$python" -m pytest -q -m gpu tests; }
-render() { "$python" benchmarks/render.py $quick; }
+render() { "$python" benchmarks/render.py --device "$device" $quick; }
 agent() { "$python" benchmarks/agent.py --device "$device" $quick; }
 tune() { "$python" benchmarks/precision.py --tasks ball_in_cup --worlds 1 --minutes 4 $quick; }
 fast() { train walker --preset fast; }

@@ -10,15 +10,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import torch
 import tyro
 from common import machine, record_figures
 
 from simtune.simulation import Simulator, random_actions
 from simtune.tasks import TASKS, load_task
 
-_NUM_WORLDS = 256
+_NUM_WORLDS = {"cpu": 256, "cuda": 2048}  # as many as each is fast with
 _DM_CONTROL_TASKS = {
     "ball_in_cup": "catch",
     "walker": "walk",
@@ -90,40 +92,53 @@ def start_dm_control(task: str, size: int) -> DMControl | None:
     return None
 
 
-def simtune_frames_per_s(simulator: Simulator, num_steps: int, seed: int) -> float:
-    """Step many worlds, each of other parameters, and draw every state."""
+def simtune_frames_per_s(
+    simulator: Simulator, num: int, num_steps: int, seed: int
+) -> tuple[float, float]:
+    """Step `num` worlds, each of other parameters, and draw every state; and of drawing alone."""
     rng = np.random.default_rng(seed)
     space = simulator.space
-    parameters = space.from_unit(rng.uniform(0.3, 0.7, (_NUM_WORLDS, len(space))))
-    actions = random_actions(_NUM_WORLDS, num_steps, simulator.action_mapping, rng, hold=1)
+    parameters = space.from_unit(rng.uniform(0.3, 0.7, (num, len(space))))
+    actions = random_actions(num, num_steps, simulator.action_mapping, rng, hold=1)
     start = time.perf_counter()
-    frames = simulator.film(simulator.roll_out(parameters, actions, rng))
-    return frames.shape[0] * frames.shape[1] / (time.perf_counter() - start)
+    rollouts = simulator.roll_out(parameters, actions, rng)
+    played = time.perf_counter()
+    frames = simulator.film(rollouts)
+    ended, drawn = time.perf_counter(), frames.shape[0] * frames.shape[1]
+    return drawn / (ended - start), drawn / (ended - played)
 
 
 def main(
-    task: str = "walker", size: int = 84, record: Path | None = None, quick: bool = False
+    task: str = "walker",
+    size: int = 84,
+    device: Literal["cpu", "cuda"] = "cpu",
+    record: Path | None = None,
+    quick: bool = False,
 ) -> None:
     """Measure it.
 
     Args:
         task: One of the built-in tasks.
         size: Side of the pictures, in pixels.
+        device: Where they are drawn; physics are computed on the CPU.
         record: Write the figures into this file of docs/results, too.
         quick: Fewer rounds: within a minute.
     """
     if task not in TASKS:
         sys.exit(f"no task {task!r}; there are: {', '.join(TASKS)}")
     loaded = load_task(task)
-    simulator = loaded.simulator(image_size=size, step_s=loaded.control_timestep_s)
+    step_s, num = loaded.control_timestep_s, _NUM_WORLDS[device]
+    simulator = loaded.simulator(image_size=size, step_s=step_s, device=device)
     dm_control = start_dm_control(task, size)
-    simtune_frames_per_s(simulator, 1, seed=0)  # compiles
+    simtune_frames_per_s(simulator, num, 1, seed=0)  # compiles
     if dm_control:
         dm_control.frames_per_s(5)
 
-    ours, theirs = [], []
+    ours, drawing, theirs = [], [], []
     for round_ in range(3 if quick else 7):
-        ours.append(simtune_frames_per_s(simulator, num_steps=9, seed=round_))
+        both, drawn = simtune_frames_per_s(simulator, num, num_steps=9, seed=round_)
+        ours.append(both)
+        drawing.append(drawn)
         if dm_control:
             theirs.append(dm_control.frames_per_s(num_steps=80))
         print(f"round {round_}: {ours[-1]:.0f} frames/s", end="", file=sys.stderr)
@@ -133,15 +148,19 @@ def main(
     result = {
         "task": task,
         "size": size,
+        "device": device,
         "frames_per_s": round(float(np.median(ours)), 1),
+        "drawing_alone_frames_per_s": round(float(np.median(drawing)), 1),
         "dm_control_frames_per_s": round(float(np.median(theirs)), 2) if theirs else None,
         "ratio_to_dm_control": (
             round(float(np.median(np.divide(ours, theirs))), 1) if theirs else None
         ),
         **machine("dm_control"),
     }
+    if device == "cuda":
+        result["hardware"] |= {"gpu": torch.cuda.get_device_name()}
     row = {
-        "what": f"rendering {task}, {size} px",
+        "what": f"rendering {task}, {size} px" + " on cuda" * (device == "cuda"),
         "unit": "frames/s",
         "ours": result["frames_per_s"],
         "other": result["dm_control_frames_per_s"],

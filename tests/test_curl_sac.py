@@ -8,7 +8,6 @@ import pytest
 import torch
 from batches import pixel_batch
 
-from simtune.agents.cuda_graph import GraphedStep
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.agents.pixel_networks import (
     Contrast,
@@ -18,6 +17,7 @@ from simtune.agents.pixel_networks import (
     move_towards,
     sample_squashed,
 )
+from simtune.cuda_graph import GraphedStep
 from simtune.networks import PixelConvolutions, PixelEncoder
 from simtune.replay import Transitions
 

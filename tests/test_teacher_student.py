@@ -146,7 +146,8 @@ def test_the_teachers_actor_takes_no_parameters_and_its_critics_do():
 
 def small_student() -> Student:
     with seeded(0):
-        return Student(replace(SPEC, num_positions=1), SMALL.student)
+        drawn = torch.Generator().manual_seed(0)
+        return Student(replace(SPEC, num_positions=1), SMALL.student, drawn)
 
 
 def dots(num: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
@@ -168,7 +169,7 @@ def test_a_student_learns_to_detect_dots_and_their_heights():
     for i in range(150):
         at = torch.randint(512, (16,), generator=generator)
         height = (places[at, 0, :1] - 16) / 6  # of a standard deviation of about 1
-        student.learn_to_see(frames[at], places[at], height, i / 150, generator)
+        student.learn_to_see(frames[at], places[at], height, i / 150)
     unseen, truth = dots(32, seed=1)
     seen = student.detect(unseen)
     found = (seen[:, :4].reshape(-1, 2, 2) + 1) / 2 * SIZE

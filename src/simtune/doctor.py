@@ -45,8 +45,7 @@ def _devices() -> Iterator[tuple[str, str]]:
     yield "cpu", f"{torch.get_num_threads()} threads, fast bfloat16: {has_fast_bf16(cpu)}"
     gpu = "none: all runs on the CPU"
     if torch.cuda.is_available():
-        used_for = "draws, and trains policies; all else is learnt on the CPU"
-        gpu = f"{torch.cuda.get_device_name()}: {used_for}"
+        gpu = f"{torch.cuda.get_device_name()}: draws, and trains networks"
     yield "cuda", gpu
 
 

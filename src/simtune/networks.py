@@ -138,6 +138,15 @@ def under(prefix: str, tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.T
     return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
 
 
+def load_generator(generator: torch.Generator, state: torch.Tensor) -> None:
+    """Continue with a checkpoint's random numbers; on another kind of device from a seed."""
+    saved = state.cpu()
+    if len(saved) == len(generator.get_state()):
+        generator.set_state(saved)
+    else:  # a CPU's generator state does not fit a GPU's
+        generator.manual_seed(int(saved[:8].view(torch.int64).abs().item()))
+
+
 def load_weights(module: nn.Module, tensors: Mapping[str, torch.Tensor], name: str) -> None:
     """Raises InputError for weights of another network than `name` is in this version."""
     try:

@@ -1,12 +1,13 @@
 """One training loop for the search's networks: until all updates are done or the time is over."""
 
+import math
 from collections.abc import Callable
 
-import numpy as np
 import torch
 from torch import nn
 
 from simtune.budget import Budget
+from simtune.cuda_graph import graphed, make_capturable, set_rate
 
 _WARM_UP = 50  # updates
 _REPORT_EVERY = 20  # updates
@@ -55,21 +56,28 @@ def train_network(
     *,
     weight_decay: float = 1e-2,
     largest_gradient: float | None = None,
+    graph_with: torch.Generator | None = None,
 ) -> float:
     """Update `network` by AdamW on losses of freshly drawn batches; returns the last ones' mean.
 
-    `largest_gradient`: the norm to which gradients are clipped.
+    `largest_gradient`: the norm to which gradients are clipped. `graph_with`: whose random numbers
+    `draw_loss` takes; on a GPU the update becomes a CUDA graph, for which all shapes must stay.
     """
     optimizer = torch.optim.AdamW(network.parameters(), learning_rate, weight_decay=weight_decay)
-    losses = []
-    while clock.fraction < 1:
-        optimizer.param_groups[0]["lr"] = clock.learning_rate(learning_rate)
+    make_capturable(optimizer, next(network.parameters()).device)
+
+    def update() -> torch.Tensor:
         loss = draw_loss()
         optimizer.zero_grad()
         loss.backward()
         if largest_gradient is not None:
             nn.utils.clip_grad_norm_(network.parameters(), largest_gradient)
         optimizer.step()
-        losses.append(loss.item())
+        return loss.detach()
+
+    step, losses = graphed(update, graph_with) if graph_with else update, []
+    while clock.fraction < 1:
+        set_rate(optimizer, clock.learning_rate(learning_rate))
+        losses.append(step().clone())  # a graph reuses its output's memory
         clock.step()
-    return float(np.mean(losses[-_AVERAGED:]))
+    return float(torch.stack(losses[-_AVERAGED:]).mean()) if losses else math.nan

@@ -22,7 +22,6 @@ import torch
 from torch import nn
 
 from simtune.agents.augment import centre_crop, random_crop
-from simtune.agents.cuda_graph import GraphedStep
 from simtune.agents.pixel_agent import PixelAgent, PixelAgentConfig
 from simtune.agents.pixel_networks import (
     Contrast,
@@ -34,6 +33,7 @@ from simtune.agents.pixel_networks import (
     sample_squashed,
 )
 from simtune.agents.saving import Stateful
+from simtune.cuda_graph import GraphedStep
 from simtune.networks import PixelEncoder, autocast, seeded
 from simtune.replay import Transitions
 

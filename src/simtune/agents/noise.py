@@ -6,7 +6,10 @@ import torch
 
 
 def disturbed(
-    actions: torch.Tensor, std: float, generator: torch.Generator, clip: float = math.inf
+    actions: torch.Tensor,
+    std: float | torch.Tensor,
+    generator: torch.Generator,
+    clip: float = math.inf,
 ) -> torch.Tensor:
     """(B, A) actions with Gaussian noise within ±`clip`, in [−1, 1].
 

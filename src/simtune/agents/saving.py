@@ -5,7 +5,13 @@ from collections.abc import Mapping
 import torch
 from torch import nn
 
-from simtune.networks import load_optimizer_tensors, load_weights, optimizer_tensors, under
+from simtune.networks import (
+    load_generator,
+    load_optimizer_tensors,
+    load_weights,
+    optimizer_tensors,
+    under,
+)
 
 Stateful = Mapping[str, nn.Module | torch.optim.Optimizer]  # by the names in a checkpoint
 
@@ -27,11 +33,7 @@ def scatter_tensors(
     On another kind of device than they were saved on, random numbers restart from a seed. Raises
     InputError for tensors of other networks, as of another version.
     """
-    saved = tensors["generator"].cpu()
-    if len(saved) == len(generator.get_state()):
-        generator.set_state(saved)
-    else:  # a CPU's generator state does not fit a GPU's
-        generator.manual_seed(int(saved[:8].view(torch.int64).abs().item()))
+    load_generator(generator, tensors["generator"])
     for name, part in stateful.items():
         own = under(f"{name}.", tensors)
         if isinstance(part, nn.Module):

@@ -15,13 +15,15 @@ from torch import nn
 from torch.nn import functional
 
 from simtune.agents.agent import AgentSpec
+from simtune.cuda_graph import graphed, make_capturable, set_rate
 from simtune.networks import mlp, predicting
 from simtune.vision.detector import DetectorConfig, KeypointDetector, to_input
 from simtune.vision.noisy_cameras import NoisyCameras
 
 _PLACES = 2  # per keypoint: similar things, left and right, get confused
 _POSITIONS_WIDTH = 4.0  # width of the range relative to which errors count, in standard deviations
-_CHUNK = 64  # pictures per pass of the detector: a quarter faster than 256 on a CPU
+# Pictures per pass of the detector: on a CPU 64 are a quarter faster than 256
+_CHUNK, _GPU_CHUNK = 64, 1024
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +48,10 @@ class Memory(NamedTuple):
 class Student(nn.Module):
     """(n, K, H, W, 3) uint8 frames to (n, A) actions in [−1, 1]."""
 
-    def __init__(self, spec: AgentSpec, config: StudentConfig):
+    def __init__(self, spec: AgentSpec, config: StudentConfig, generator: torch.Generator):
+        """Random numbers of its learning come from `generator`, on the spec's device."""
         super().__init__()
+        self._generator = generator
         self.config, self._image_size = config, spec.image_size
         self._image_noise = spec.image_noise
         self.detector = KeypointDetector(
@@ -68,8 +72,17 @@ class Student(nn.Module):
         self.head_optimizer = torch.optim.Adam(
             self.head.parameters(), config.learning_rate, fused=True
         )
+        self.to(generator.device)
+        self.begin_steps()
         self.num_updates = 0  # of the detector
         self._memory: Memory | None = None
+
+    def begin_steps(self) -> None:
+        """Make its updates anew, which are graphs on a GPU: after optimisers have been loaded."""
+        for optimizer in (self.detector_optimizer, self.head_optimizer):
+            make_capturable(optimizer, self._generator.device)
+        self._see = graphed(self._learn_to_see, self._generator)
+        self._imitate = graphed(self._learn_to_act, self._generator)
 
     def forward(self, detected: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
         """(B, K, F) recent detections and (B, most_late · A) recent actions to (B, A) actions."""
@@ -90,16 +103,16 @@ class Student(nn.Module):
         with predicting(self):
             return self(detected, latest)
 
-    def detect_recorded(self, frames: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    def detect_recorded(self, frames: torch.Tensor) -> torch.Tensor:
         """The same for (n, H, W, 3) simulated frames as a real camera would film them."""
         noise = self._image_noise
-        return self.detect(frames, NoisyCameras.draw(noise, 1, generator) if noise else None)
+        return self.detect(frames, NoisyCameras.draw(noise, 1, self._generator) if noise else None)
 
     def detect(self, frames: torch.Tensor, camera: NoisyCameras | None = None) -> torch.Tensor:
         """(n, H, W, 3) uint8 to (n, F): two places for each keypoint, and positions."""
         parts = []
         with predicting(self):
-            for part in frames.split(_CHUNK):
+            for part in frames.split(_CHUNK if frames.device.type == "cpu" else _GPU_CHUNK):
                 pictures = camera(to_input(part)) if camera else to_input(part)
                 heatmaps, positions = self.detector(pictures)
                 places, probability, _ = self.detector.candidates(heatmaps)
@@ -114,38 +127,51 @@ class Student(nn.Module):
         keypoints: torch.Tensor,
         positions: torch.Tensor,
         progress: float,
-        generator: torch.Generator,
     ) -> torch.Tensor:
         """One step on (B, H, W, 3) frames with known (B, L, 2) keypoints; the loss.
 
-        `positions`: (B, P) of the state, with a standard deviation of about 1.
+        `positions`: (B, P) of the state, with a standard deviation of about 1. `progress`, in
+        [0, 1], is the share of learning that is over.
         """
-        config = self.config.detector
-        pictures = to_input(frames)
+        peak = self.config.detector.learning_rate
+        set_rate(self.detector_optimizer, peak * self._rate(progress))
+        loss = self._see(frames, keypoints, positions)
+        self.num_updates += 1
+        self._memory = None  # its detections are outdated
+        return loss
+
+    def _learn_to_see(
+        self, frames: torch.Tensor, keypoints: torch.Tensor, positions: torch.Tensor
+    ) -> torch.Tensor:
+        pictures, generator = to_input(frames), self._generator
         if self._image_noise:
             pictures = NoisyCameras.draw(self._image_noise, len(frames), generator)(pictures)
         noise = torch.randn(pictures.shape, generator=generator, device=pictures.device)
+        pictures = pictures + 2 * self.config.detector.noise * noise
         width = torch.full_like(positions[0], _POSITIONS_WIDTH)
-        loss = self.detector.loss(pictures + 2 * config.noise * noise, keypoints, positions, width)
-        self._step(self.detector_optimizer, loss, config.learning_rate, progress)
-        self.num_updates += 1
-        self._memory = None  # its detections are outdated
-        return loss.detach()
+        loss = self.detector.loss(pictures, keypoints, positions, width)
+        return _descend(self.detector_optimizer, loss)
 
     def learn_to_act(
         self, detected: torch.Tensor, latest: torch.Tensor, actions: torch.Tensor, progress: float
     ) -> torch.Tensor:
         """One step towards a teacher's (B, A) actions, given (B, K, F) detections; the loss."""
-        loss = functional.mse_loss(self(detected, latest), actions)
-        self._step(self.head_optimizer, loss, self.config.learning_rate, progress)
-        return loss.detach()
+        set_rate(self.head_optimizer, self.config.learning_rate * self._rate(progress))
+        return self._imitate(detected, latest, actions)
 
-    def _step(
-        self, optimizer: torch.optim.Optimizer, loss: torch.Tensor, peak: float, progress: float
-    ) -> None:
-        """`progress`, in [0, 1], is the share of learning that is over: the rate falls."""
-        rate = min(1.0, (self.num_updates + 1) / self.config.warm_up) * max(0.02, 1 - progress)
-        optimizer.param_groups[0]["lr"] = peak * rate
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
+    def _learn_to_act(
+        self, detected: torch.Tensor, latest: torch.Tensor, actions: torch.Tensor
+    ) -> torch.Tensor:
+        return _descend(self.head_optimizer, functional.mse_loss(self(detected, latest), actions))
+
+    def _rate(self, progress: float) -> float:
+        """Of learning, relative to its peak: it rises at first, then falls."""
+        return min(1.0, (self.num_updates + 1) / self.config.warm_up) * max(0.02, 1 - progress)
+
+
+def _descend(optimizer: torch.optim.Optimizer, loss: torch.Tensor) -> torch.Tensor:
+    """One step of an optimiser; the loss."""
+    optimizer.zero_grad()
+    loss.backward()
+    optimizer.step()
+    return loss.detach()

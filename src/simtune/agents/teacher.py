@@ -77,9 +77,9 @@ class Teacher(nn.Module):
             return self.actor(self.normalized(states)).tanh()
 
     def update(
-        self, batch: Transitions, noise: float, generator: torch.Generator
-    ) -> dict[str, torch.Tensor]:
-        """One joint step for critics and actor; their losses."""
+        self, batch: Transitions, noise: float | torch.Tensor, generator: torch.Generator
+    ) -> torch.Tensor:
+        """One joint step for critics and actor; (2,) their losses."""
         states, next_states = self.normalized(batch.states), self.normalized(batch.next_states)
         known = batch.parameters
         target_q = self.target_q(batch, next_states, noise, generator)
@@ -96,14 +96,14 @@ class Teacher(nn.Module):
         (critic_loss + actor_loss).backward()
         self.optimizer.step()
         move_towards(self.targets, self.critics, self.config.target_rate)
-        return {"critic": critic_loss.detach(), "actor": actor_loss.detach()}
+        return torch.stack([critic_loss, actor_loss]).detach()
 
     @torch.no_grad()
     def target_q(
         self,
         batch: Transitions,
         next_states: torch.Tensor,
-        noise: float,
+        noise: float | torch.Tensor,
         generator: torch.Generator,
     ) -> torch.Tensor:
         """(B,) r + γ·d·min Q'(s', a'), a' the actor's with clipped noise; normalised s'."""

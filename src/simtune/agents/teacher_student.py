@@ -4,6 +4,7 @@ Ross, Gordon and Bagnell 2011 (arXiv:1011.0686): the student acts, and learns wh
 have done in the states that the student reached. Only the student meets the real world.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,8 +17,13 @@ from simtune.agents.recollection import Recollection
 from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
 from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
+from simtune.cuda_graph import graphed, make_capturable
 from simtune.networks import seeded, under
 from simtune.replay import Replay, Transitions
+
+# What a teacher learns from, of `Transitions`
+_TAUGHT = ("states", "actions", "rewards", "discounts", "next_states", "parameters")
+_DRAWN_AT_ONCE = 32  # batches
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,17 +65,23 @@ class TeacherStudent:
         # Steps before the student begins: at least a round before its first trial
         latest = (-(-spec.first_tried // spec.round_steps) - 1) * spec.round_steps - 1
         self._begins = max(1.0, min(config.teacher_share * spec.first_tried, latest))
+        self._generator = torch.Generator(self.device).manual_seed(spec.seed)
         with seeded(spec.seed):
             self.teacher = Teacher(
                 spec.num_states, spec.num_actions, len(self._privileged), config.teacher
             ).to(self.device)
-            self.student = Student(spec, config.student).to(self.device)
+            self.student = Student(spec, config.student, self._generator)
+        self._begin_steps()
         to_film = config.filmed_share * (spec.total_steps - self._begins)
         least, most = config.detector_updates_per_step
         self._detector_updates_per_step = min(most, max(least, config.detector_updates / to_film))
         self._recollection = Recollection(config.renewed_episodes)
-        self._generator = torch.Generator(self.device).manual_seed(spec.seed)
         self.num_steps = self._num_filmed = 0
+
+    def _begin_steps(self) -> None:
+        """Make the teacher's updates anew, which are graphs on a GPU."""
+        make_capturable(self.teacher.optimizer, self.device)
+        self._teach = graphed(self._update_teacher, self._generator)
 
     @property
     def can_act(self) -> bool:
@@ -129,11 +141,20 @@ class TeacherStudent:
 
     def _train_teacher(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
         self.teacher.normalize_by(self._sample(replay, 4096).states)
-        losses = {}
-        for _ in range(round(num_steps * self.config.teacher_updates_per_step)):
-            batch = self._sample(replay, self.config.teacher.batch_size)
-            losses = self.teacher.update(batch, self.teacher_noise, self._generator)
-        return losses
+        noise = torch.full((), self.teacher_noise, device=self.device)
+        losses = torch.full((2,), torch.nan)
+        size = self.config.teacher.batch_size
+        for num in _in_parts(round(num_steps * self.config.teacher_updates_per_step)):
+            drawn = self._sample(replay, num * size)
+            batches = (getattr(drawn, name).split(size) for name in _TAUGHT)
+            for batch in zip(*batches, strict=True):
+                losses = self._teach(*batch, noise)
+        return dict(zip(("critic", "actor"), losses, strict=True))
+
+    def _update_teacher(self, *tensors: torch.Tensor) -> torch.Tensor:
+        *batch, noise = tensors
+        known = Transitions(**dict(zip(_TAUGHT, batch, strict=True)))
+        return self.teacher.update(known, noise, self._generator)
 
     def _train_student(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
         """Train its detector, apply it to new and some old episodes, imitate the teacher."""
@@ -146,24 +167,26 @@ class TeacherStudent:
             size = config.student.detector.batch_size
             frames, keypoints, states = replay.pictures(size, self._generator)
             positions = self.teacher.normalized(states)[:, : self._num_positions]
-            losses["detector"] = student.learn_to_see(
-                frames, keypoints, positions, progress, self._generator
-            )
+            losses["detector"] = student.learn_to_see(frames, keypoints, positions, progress)
 
         slots = replay.latest_filmed(config.remembered_episodes)
         lengths = replay.lengths[slots].to(self.device)
         seen = self._recollection.look(
             replay.numbers(slots),
-            lambda i: student.detect_recorded(replay.frames[slots[i]], self._generator),
+            lambda i: student.detect_recorded(replay.frames[slots[i]]),
         )
         states = replay.states[slots]
         best, latest = self.teacher.act(states), self._latest_of(states)
-        for _ in range(round(num_steps * config.head_updates_per_step)):
-            shape = (config.student.batch_size,)
+        size = config.student.batch_size
+        for num in _in_parts(round(num_steps * config.head_updates_per_step)):
+            shape = (num * size,)
             e = torch.randint(len(slots), shape, generator=self._generator, device=self.device)
             t = (self._uniform(*shape) * lengths[e]).long()
             stacks = seen[e[:, None], (t[:, None] + replay.stack_offsets).clamp(min=0)]
-            losses["imitation"] = student.learn_to_act(stacks, latest[e, t], best[e, t], progress)
+            drawn = (values.split(size) for values in (stacks, latest[e, t], best[e, t]))
+            for seen_then, latest_then, wanted in zip(*drawn, strict=True):
+                loss = student.learn_to_act(seen_then, latest_then, wanted, progress)
+                losses["imitation"] = loss
         return losses
 
     def _latest_of(self, states: torch.Tensor) -> torch.Tensor:
@@ -205,6 +228,8 @@ class TeacherStudent:
         self._recollection.load(under("recollection.", tensors), self.device)
         self.num_steps, self._num_filmed = state["num_steps"], state["num_filmed"]
         self.student.num_updates = state["num_student_updates"]
+        self._begin_steps()  # graphs hold the old moments
+        self.student.begin_steps()
 
     def _stateful(self) -> Stateful:
         return {
@@ -214,3 +239,9 @@ class TeacherStudent:
             "sight_optimizer": self.student.detector_optimizer,
             "head_optimizer": self.student.head_optimizer,
         }
+
+
+def _in_parts(num_updates: int) -> Iterator[int]:
+    """Numbers of updates whose batches are drawn at once, which is faster than one by one."""
+    for start in range(0, num_updates, _DRAWN_AT_ONCE):
+        yield min(_DRAWN_AT_ONCE, num_updates - start)

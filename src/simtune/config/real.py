@@ -98,6 +98,9 @@ class RealConfig(RecordingsConfig):
     """A known colour of the task, such as a grey card's: NAME, if the model has the right value, or
     NAME=R,G,B from 0 to 1; several separated by `;`. The camera's gain and white balance are
     estimated from it, which reveals the other colours."""
+    device: str = "auto"
+    """Device of networks and of the simulator's pictures: auto (cuda where there is one), cpu, cuda
+    or cuda:N."""
     seed: int = 0
     """Seed of all random numbers; with `pseudo` it also chooses which parameters start too high."""
 

@@ -68,8 +68,6 @@ class TrainConfig(Prints, Observes, RealConfig):
     """α of --search paper and regression (authors' code)."""
     window: int = 10
     """Number of frames that --search paper and regression use together (Sec. V)."""
-    device: str = "auto"
-    """Device of the policy's networks: auto, cpu, cuda or cuda:N."""
 
     def check(self) -> None:
         """Raises InputError for invalid options."""

@@ -12,6 +12,7 @@ from simtune import outcome
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.recording_warnings import warnings_of
 from simtune.config import TrainConfig, TuneConfig
+from simtune.devices import choose_device
 from simtune.errors import InputError
 from simtune.experiment.keypoints import keypoints_of_run
 from simtune.experiment.settings import Settings
@@ -132,7 +133,8 @@ def build_experiment(
         task = before_one_camera(task)
     report("looking at the real world", 0.0)
     size = choose_image_size(config, task, name)
-    world = build_world(config, task, size, config.real_episodes)
+    device = choose_device(config.device)
+    world = build_world(config, task, size, config.real_episodes, device)
     search = build_search(world, name, settings)
     return Experiment(**vars(world), settings=settings, search_name=name, search=search)
 
@@ -142,8 +144,8 @@ def build_world(
     task: AnyTask,
     image_size: int,
     num_recorded: int | None,
+    device: str,
     *,
-    device: str = "cpu",
     trained: Mapping[str, Any] | None = None,
 ) -> World:
     """The real world that was asked for, with its first `num_recorded` episodes (None: a few).
@@ -167,7 +169,7 @@ def build_world(
     recordings = real.collect(num_recorded) if is_read else []
     run_config, seen = outcome.run_config(config, task, start, real.facts, truth), real.observation
     state = trained or stored_state(config.out, run_config)  # of the run that resumes there
-    simulator = _simulator_like(real, recordings, task, image_size, tunes)
+    simulator = _simulator_like(real, recordings, task, image_size, tunes, device)
     context = SearchContext(
         simulator=simulator,
         keypoints=keypoints_of_run(simulator, task, config.seed, state, seen if tunes else None),
@@ -189,7 +191,12 @@ def build_world(
 
 
 def _simulator_like(
-    real: RealWorld, recordings: list[Trajectory], task: AnyTask, image_size: int, tunes: bool
+    real: RealWorld,
+    recordings: list[Trajectory],
+    task: AnyTask,
+    image_size: int,
+    tunes: bool,
+    device: str,
 ) -> AnySimulator:
     """A simulator with the real world's step length, views and supersampling."""
     seen = real.observation
@@ -210,6 +217,7 @@ def _simulator_like(
         step_s=real.step_s,
         supersampling=seen.supersampling,
         views=seen.views(plates),
+        device=device,
     )
 
 

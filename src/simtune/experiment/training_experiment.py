@@ -9,7 +9,7 @@ import torch
 
 from simtune.agents import Agent, AgentSpec, Observation
 from simtune.config import TrainConfig
-from simtune.errors import InputError
+from simtune.devices import choose_device
 from simtune.experiment.experiment import Experiment, World, build_search, build_world
 from simtune.experiment.settings import Settings
 from simtune.networks import under
@@ -110,13 +110,13 @@ def build_training(
     """
     config.check()
     task = before_one_camera(with_known_colours(load_task(config.task), config.known_colour))
-    device, settings = _device(config.device), settings or Settings()
+    device, settings = choose_device(config.device), settings or Settings()
     need_reward(task)
     name = choose_search(config)
     schedule = settings.schedule or choose_schedule(config, task, name)
     report("looking at the real world", 0.0)
     num = config.real_episodes if name else 0
-    world = build_world(config, task, schedule.image_size, num, device=device, trained=trained)
+    world = build_world(config, task, schedule.image_size, num, device, trained=trained)
     if world.recordings:  # without a requested number there may be fewer than usual
         later = schedule.real_episodes[1:]
         schedule = replace(schedule, real_episodes=(len(world.recordings), *later))
@@ -198,16 +198,3 @@ def _replay(schedule: Schedule, task: Task, device: str) -> Replay:
         num_stacked=schedule.num_stacked,
         device=device,
     )
-
-
-def _device(name: str) -> str:
-    """Raises InputError if it is not available."""
-    if name == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    if name.partition(":")[0] not in ("cpu", "cuda"):
-        raise InputError(f"--device must be auto, cpu, cuda or cuda:N, got {name}")
-    try:
-        torch.empty(0, device=name)
-    except (RuntimeError, AssertionError) as error:
-        raise InputError(f"--device {name} cannot be used here: {error}") from None
-    return name

@@ -10,6 +10,7 @@ import numpy as np
 
 from simtune.config import ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.robot import Driver
+from simtune.devices import choose_device
 from simtune.errors import InputError, UnknownName
 from simtune.observation import ObservationModel, Sensor
 from simtune.parameters import ParameterSpace
@@ -52,7 +53,8 @@ def choose_real(
         if gap:
             simulator = gap.simulator(task, seen.views())
         else:
-            simulator = task.simulator(image_size=image_size, views=seen.views())
+            device = choose_device(config.device)
+            simulator = task.simulator(image_size=image_size, views=seen.views(), device=device)
         steps = task.episode_steps
         real = truth.make_real(
             simulator, episode_steps=steps, seed=config.seed, gap=gap, observation=seen

@@ -10,6 +10,7 @@ learns from the true keypoints of all steps, with errors added that were measure
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import torch
@@ -54,15 +55,16 @@ class PosteriorSearchParamModel:
         shape: tuple[int, int],
         config: PosteriorConfig,
         seed: int,
+        device: torch.device | str = "cpu",
     ):
         """`action_scale`: (A,); `visible`: (N,) bool, what a single picture can show.
 
         `shape`: (height, width) of pictures.
         """
         self.config = config
-        self.visible = np.flatnonzero(visible)
-        self.generator = torch.Generator().manual_seed(seed)
-        self._action_scale = torch.tensor(action_scale, dtype=torch.float32)
+        self.visible, self.device = np.flatnonzero(visible), torch.device(device)
+        self.generator = torch.Generator(self.device).manual_seed(seed)
+        self._action_scale = self._tensor(action_scale)
         with seeded(seed):
             self.detector = KeypointDetector(
                 num_keypoints, len(self.visible), shape, config.detector
@@ -71,7 +73,8 @@ class PosteriorSearchParamModel:
             self.posterior_net = PosteriorNet(
                 num_inputs, self.visible.tolist(), len(visible), config.posterior_net
             )
-        self.detector.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.detector.to(self.device, memory_format=torch.channels_last)  # type: ignore
+        self.posterior_net.to(self.device)
         self._scale_px = shape[0] / 8
 
     def train_detector(
@@ -82,25 +85,31 @@ class PosteriorSearchParamModel:
         space = distribution.space
         unit = space.to_unit(learnt.parameters)[:, self.visible]
         low, high = space.to_unit(distribution.low), space.to_unit(distribution.high)
-        width = torch.tensor((high - low)[self.visible], dtype=torch.float32)
-        keypoints = torch.from_numpy(learnt.keypoints)
-        visible = torch.tensor(unit, dtype=torch.float32)
+        width, visible = self._tensor((high - low)[self.visible]), self._tensor(unit)
+        keypoints = self._tensor(learnt.keypoints)
+        frames, random = torch.from_numpy(learnt.frames).to(self.device), self._random
 
         def draw_loss() -> torch.Tensor:
-            at = torch.randint(len(visible), (config.batch_size,), generator=self.generator)
-            pictures = to_input(learnt.frames[at.numpy()])
-            pictures += 2 * config.noise * torch.randn(pictures.shape, generator=self.generator)
+            at = torch.randint(len(visible), (config.batch_size,), **random)
+            pictures = to_input(frames[at])
+            pictures += 2 * config.noise * torch.randn(pictures.shape, **random)
             return self.detector.loss(pictures, keypoints[at], visible[at], width)
 
-        return train_network(self.detector, draw_loss, clock, config.learning_rate)
+        return train_network(
+            self.detector, draw_loss, clock, config.learning_rate, graph_with=self.generator
+        )
 
     def time_updates(self, frames: np.ndarray, num: int) -> None:
         """As much work as `num` updates of the detector, without changing it."""
-        batch = to_input(np.resize(frames, (self.config.detector.batch_size, *frames.shape[1:])))
+        size = self.config.detector.batch_size
+        batch = to_input(np.resize(frames, (size, *frames.shape[1:]))).to(self.device)
+        places = batch.new_zeros(size, self.detector.num_keypoints, 2)
+        visible = batch.new_zeros(size, len(self.visible))
+        width = batch.new_ones(len(self.visible))
         for _ in range(num):
-            places = torch.zeros(len(batch), self.detector.num_keypoints, 2)
-            visible = torch.zeros(len(batch), len(self.visible))
-            self.detector.loss(batch, places, visible, torch.ones(len(self.visible))).backward()
+            loss = self.detector.loss(batch, places, visible, width)
+            loss.backward()
+            loss.item()  # waits for a GPU
         self.detector.zero_grad()
 
     def detect(self, frames: np.ndarray) -> Detections:
@@ -130,7 +139,7 @@ class PosteriorSearchParamModel:
         config = self.config.posterior_net
         self.posterior_net.most_episodes.fill_(worlds.actions.shape[1])
         batches = PosteriorBatches(worlds, errors, self.visible, config, self.generator)
-        truth = torch.tensor(distribution.to_range_unit(worlds.parameters), dtype=torch.float32)
+        truth = self._tensor(distribution.to_range_unit(worlds.parameters))
 
         def draw_loss() -> torch.Tensor:
             at, keypoints, actions, visible = batches.draw(truth)
@@ -156,15 +165,23 @@ class PosteriorSearchParamModel:
         """
         keypoints = np.stack([found.keypoints[: actions.shape[1] + 1] for found in episodes])
         visible = np.mean([found.visible.mean(0) for found in episodes], 0)
-        pooled = torch.tensor(self._to_range_unit(visible[None], distribution), dtype=torch.float32)
-        motion = self._motion(torch.from_numpy(keypoints)[None], torch.from_numpy(actions)[None])
-        return self.posterior_net(motion.float(), pooled)
+        pooled = self._tensor(self._to_range_unit(visible[None], distribution))
+        motion = self._motion(self._tensor(keypoints[None]), self._tensor(actions[None]))
+        return self.posterior_net(motion, pooled).cpu()
 
     def _motion(self, keypoints: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """(B, E, T + 1, L, 2) pixels and (B, E, T, A) actions, side by side: (B, E, T, S)."""
         middle = self.detector.grid.mean(0)
         places = (keypoints[:, :, :-1] - middle).flatten(-2) / self._scale_px
         return torch.cat([places, actions / self._action_scale], -1)
+
+    def _tensor(self, array: np.ndarray) -> torch.Tensor:
+        return torch.tensor(array, dtype=torch.float32, device=self.device)
+
+    @property
+    def _random(self) -> dict[str, Any]:
+        """Arguments for random numbers on the device."""
+        return {"generator": self.generator, "device": self.device}
 
     def _to_range_unit(self, estimated: np.ndarray, distribution: Distribution) -> np.ndarray:
         """(..., V) from unit coordinates of the detector to coordinates of the range."""

@@ -39,13 +39,19 @@ class PosteriorBatches:
         generator: torch.Generator,
     ):
         """`visible`: (V,) indices of the parameters that a picture shows."""
-        self._keypoints = torch.from_numpy(worlds.keypoints)
-        self._actions = torch.from_numpy(worlds.actions).float()
-        self._errors = torch.from_numpy(errors.keypoints).float().flatten(0, 1)
-        self._visible_errors = torch.from_numpy(errors.visible).float()
-        self._visible = torch.from_numpy(visible)
+        device = generator.device
+        arrays = worlds.keypoints, worlds.actions, errors.keypoints, errors.visible, errors.truth
+        keypoints, actions, off, off_visible, poses = (
+            torch.as_tensor(array, dtype=torch.float32, device=device) for array in arrays
+        )
+        self._keypoints, self._actions = keypoints, actions
+        self._errors, self._visible_errors = off.flatten(0, 1), off_visible
+        self._visible = torch.as_tensor(visible, device=device)
         self._config, self._generator = config, generator
-        self._alike = _most_alike(self._keypoints, torch.from_numpy(errors.truth).flatten(0, 1))
+        self._alike = _most_alike(keypoints, poses.flatten(0, 1))
+        # Sizes are drawn on the CPU, so that it need not wait for a GPU.
+        seed = int(self._random(2**31, 1))
+        self._sizes = torch.Generator().manual_seed(seed)
 
     def draw(
         self, truth: torch.Tensor
@@ -56,13 +62,15 @@ class PosteriorBatches:
         """
         num_worlds, num_episodes, num_steps, _ = self._actions.shape
         worlds = self._random(num_worlds, self._config.batch_size)
-        count = 1 + int(self._random(num_episodes, 1))
-        episodes = torch.randperm(num_episodes, generator=self._generator)[:count]
+        device = worlds.device
+        count = 1 + self._random_size(num_episodes)
+        episodes = torch.randperm(num_episodes, generator=self._generator, device=device)[:count]
         # Few different lengths: memory that convolutions cache for each shape adds up.
         shortest = min(self._config.shortest_crop, num_steps)
         lengths = torch.linspace(shortest, num_steps, self._config.crop_lengths).long()
-        length = int(lengths[self._random(len(lengths), 1)])
-        steps = int(self._random(num_steps - length + 1, 1)) + torch.arange(length + 1)
+        length = int(lengths[self._random_size(len(lengths))])
+        first = self._random_size(num_steps - length + 1)
+        steps = torch.arange(first, first + length + 1, device=device)
         which = worlds[:, None, None], episodes[:, None], steps
         keypoints = self._keypoints[which] + self._errors[self._misled(*which)]
         actions = self._actions[worlds[:, None, None], episodes[:, None], steps[:-1]]
@@ -82,7 +90,11 @@ class PosteriorBatches:
 
     def _random(self, high: int, size: int | tuple[int, ...]) -> torch.Tensor:
         shape = (size,) if isinstance(size, int) else size
-        return torch.randint(high, shape, generator=self._generator)
+        drawn_on = self._generator.device
+        return torch.randint(high, shape, generator=self._generator, device=drawn_on)
+
+    def _random_size(self, high: int) -> int:
+        return int(torch.randint(high, (1,), generator=self._sizes))
 
 
 def _most_alike(keypoints: torch.Tensor, poses: torch.Tensor) -> torch.Tensor:

@@ -35,6 +35,7 @@ class PosteriorNet(nn.Module):
     """
 
     most_episodes: torch.Tensor  # () largest number per world in training
+    visible: torch.Tensor  # (V,) indices of the parameters that the detector estimates
 
     def __init__(
         self, num_inputs: int, visible: list[int], num_parameters: int, config: PosteriorNetConfig
@@ -42,7 +43,8 @@ class PosteriorNet(nn.Module):
         super().__init__()
         c, self.components = config.channels, config.components
         self.num_parameters = num_parameters
-        self.visible = visible  # indices of the parameters that the detector estimates
+        indices = torch.tensor(visible, dtype=torch.long)
+        self.register_buffer("visible", indices, persistent=False)
         self.first = nn.Conv1d(num_inputs, c, 5, stride=2)  # half the work, no accuracy lost
         self.later = nn.ModuleList([nn.Conv1d(c, c, 5) for _ in range(2)])
         self.head = nn.Sequential(
@@ -67,13 +69,15 @@ class PosteriorNet(nn.Module):
         pooled = pooled.view(worlds, episodes, -1).mean(1)
         # The curves' width depends on how much data the means are from. For more episodes than in
         # training, the largest number there is used: curves are too wide, if anything.
-        episodes = min(episodes, int(self.most_episodes))
-        amount = pooled.new_tensor([episodes, steps / SHORTEST_STEPS]).log().expand(worlds, -1)
+        episodes = self.most_episodes.to(pooled.dtype).clamp(max=episodes)
+        amount = torch.stack([episodes, torch.full_like(episodes, steps / SHORTEST_STEPS)])
+        amount = amount.log().expand(worlds, -1)
         out = self.head(torch.cat([pooled, amount, centred], -1))
         weights, offsets, scales = out.view(worlds, self.num_parameters, 3, -1).unbind(2)
-        known = torch.zeros_like(offsets)
-        known[:, self.visible] = centred[..., None]  # only corrections have to be learnt
-        locations = offsets + known + self.spread  # -1 at the range's low end, 1 at its high end
+        known = torch.zeros_like(offsets[..., :1])
+        known = known.index_copy(1, self.visible, centred[..., None])
+        # Only corrections have to be learnt; -1 is the range's low end, 1 its high end.
+        locations = offsets + known + self.spread
         scales = (scales + _FIRST_LOG_SCALE).exp() + _SMALLEST_SCALE
         return SurvivalMixture(weights.log_softmax(-1), (locations + 1) / 2, scales / 2)
 
@@ -92,10 +96,15 @@ class SurvivalMixture:
         mixed = (self.log_weights.exp()[..., None] * above.sigmoid()).sum(-2)
         return mixed.clamp(_EDGE, 1 - _EDGE)
 
+    def cpu(self) -> "SurvivalMixture":
+        """On the CPU."""
+        return SurvivalMixture(self.log_weights.cpu(), self.locations.cpu(), self.scales.cpu())
+
     def sample(self, num: int, generator: torch.Generator) -> torch.Tensor:
         """(B, N, num) draws from the distributions that the curves describe."""
         shape = (*self.locations.shape[:-1], num)
-        uniform = torch.rand(shape, generator=generator).clamp(1e-4, 1 - 1e-4)
+        device = generator.device
+        uniform = torch.rand(shape, generator=generator, device=device).clamp(1e-4, 1 - 1e-4)
         choice = torch.multinomial(
             self.log_weights.exp().flatten(0, 1), num, replacement=True, generator=generator
         ).view(shape)
@@ -113,7 +122,7 @@ def posterior_loss(
     """
     with torch.no_grad():
         own = curves.sample(num_candidates, generator).clamp(*_CANDIDATES)
-        uniform = torch.rand(own.shape, generator=generator) * 1.2 - 0.1
+        uniform = torch.rand(own.shape, generator=generator, device=own.device) * 1.2 - 0.1
         candidates = torch.cat([uniform, own], -1)
     is_higher = (truth[..., None] > candidates).float()
     return F.binary_cross_entropy(curves.prob_higher(candidates), is_higher)

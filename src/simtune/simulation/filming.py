@@ -72,4 +72,6 @@ def _renderer(
         plate = plate.repeat(k, 0).repeat(k, 1)
     name, quality = drawing.renderer, drawing.quality
     unknown = view.background_is_unknown
-    return make_renderer(name, model, space, view.camera, size, quality, plate, unknown)
+    return make_renderer(
+        name, model, space, view.camera, size, quality, plate, unknown, drawing.device
+    )

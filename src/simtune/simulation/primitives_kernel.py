@@ -1,7 +1,7 @@
 # type: ignore
 # ruff: noqa: RUF046, UP018
 # This is Warp's language, not Python: its types are others, and float(1.0) is a variable.
-"""The kernel that draws rows of pixels: each looks for the nearest geom and adds the lights up."""
+"""The kernel that draws pixels: each looks for the nearest geom and adds the lights up."""
 
 import warp as wp
 from mujoco_warp import GeomType
@@ -185,10 +185,10 @@ def _shade(
 
 
 @wp.kernel
-def draw_row(
+def draw(
     rays: wp.array[wp.vec3],
     zooms: wp.array[float],
-    width: int,
+    run: int,
     far: float,
     cam_xpos: wp.array2d[wp.vec3],
     cam_xmat: wp.array2d[wp.mat33],
@@ -202,11 +202,14 @@ def draw_row(
     sky_texel: float,
     pixels: wp.array2d[wp.uint32],
 ):
-    """A row of each world's picture: the nearest geom of each ray, lit; else the sky."""
-    world, row = wp.tid()
+    """A run of pixels of each world's picture: the nearest geom of each ray, lit; else the sky.
+
+    On a CPU a run is a row, on a GPU a pixel.
+    """
+    world, part = wp.tid()
     origin = cam_xpos[world, camera]
     orientation = cam_xmat[world, camera]
-    for pixel in range(row * width, (row + 1) * width):
+    for pixel in range(part * run, (part + 1) * run):
         local = rays[pixel]
         if zooms[world] != 1.0:
             local = wp.normalize(

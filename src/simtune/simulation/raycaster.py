@@ -16,28 +16,30 @@ import warp
 from mujoco.batch import Batch
 
 from simtune.parameters import ModelWriter, ParameterSpace, field_of
+from simtune.simulation import packing
 from simtune.simulation.backdrops import Backdrops
+from simtune.simulation.packing import packed
 from simtune.simulation.plate import before_plate, check_stands_still
 from simtune.simulation.primitives import Primitives
 from simtune.simulation.sky import can_turn, smooth_sky
 from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import no_printed_warnings
 
-_CHUNK = 64  # pictures per launch: fits the cache, and still amortises the launch
+# Pictures per launch: on a CPU they fit the cache, and still amortise the launch
+_CHUNK, _GPU_CHUNK = 64, 1024
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 _COMPILING = Lock()  # Warp builds modules one at a time
 _LEFT_IN_SHADOW = 0.1  # of a lamp's light; `Primitives` take each room's own share
 _GREY = 0xFF808080  # packed; of a background that is unknown
-_NOTHING = 0  # packed pixel of a ray without a hit; drawn ones are opaque, so never 0
 
 
 class Raycaster:
     """Draws geoms, meshes and flexes with lights and textures; no tendons and no sites.
 
-    One render context per thread, since a context's launches run on one thread. The sky of a camera
-    that never turns is drawn once, smoothly, and put behind all pictures, which saves a third; for
-    other cameras it is smoothed beforehand. Scenes of simple shapes are drawn by `Primitives` on a
-    CPU, three times as fast.
+    On a CPU with one render context per thread, since a context's launches run on one thread; on a
+    GPU with one context. The sky of a camera that never turns is drawn once, smoothly, and put
+    behind all pictures, which saves a third; for other cameras it is smoothed beforehand. Scenes of
+    simple shapes are drawn by `Primitives`, on a CPU three times as fast.
     """
 
     def __init__(
@@ -50,20 +52,25 @@ class Raycaster:
         sky_samples: int = 4,
         plate: np.ndarray | None = None,
         background_is_unknown: bool = False,
+        device: str = "cpu",
     ):
         """`sky_samples` per pixel and axis: stars are smaller than pixels and would sparkle.
 
         `size`: (height, width) of pictures. `plate`: (height, width, 3) uint8 RGB in place of the
         sky and of static geoms, see `before_plate`. An unknown background is a random picture in
-        their place. Raises InputError for a plate with a camera that moves.
+        their place. `device`: cpu, cuda or cuda:N. Raises InputError for a plate with a camera that
+        moves.
         """
-        init_warp()
-        self.size = size
-        self._num_threads = num_threads or _num_cores()
+        init_warp(device)
+        self.size, self._device = size, device
+        num_threads = num_threads or _num_cores()
+        is_cpu = device == "cpu"
+        self._num_threads = num_threads if is_cpu else 1
+        self._chunk = _CHUNK if is_cpu else _GPU_CHUNK
         sky = None
         if plate is not None:
             check_stands_still(model, camera)
-            model, sky = before_plate(model, space), _packed(plate)
+            model, sky = before_plate(model, space), packed(plate)
         elif background_is_unknown:
             model, sky = before_plate(model, space), np.full(size, _GREY, np.uint32)
         elif can_turn(model, space, model.camera(camera).id):
@@ -72,7 +79,8 @@ class Raycaster:
             sky = _constant_sky(model, camera, size, sky_samples)
         self._idle: SimpleQueue[_Context] = SimpleQueue()
         for _ in range(self._num_threads):
-            self._idle.put(_Context(model, space, camera, size, sky))
+            threads = 1 if is_cpu else num_threads
+            self._idle.put(_Context(model, space, camera, size, sky, self._chunk, threads))
         self._pool = ThreadPoolExecutor(self._num_threads)
         self._backdrops = Backdrops(size) if background_is_unknown else None
 
@@ -101,8 +109,9 @@ class Raycaster:
 
         def cast(context: "_Context", chunk: slice) -> None:
             none = StrayLight.none(len(states[chunk]))
-            pixels = context.cast(states[chunk], parameters[chunk], none)
-            covered[chunk] = pixels.reshape(-1, *self.size) != _NOTHING
+            pixels = context.cast(states[chunk], parameters[chunk], none).numpy()
+            drawn = pixels[: len(none.shadow)] != packing.NOTHING
+            covered[chunk] = drawn.reshape(-1, *self.size)
 
         if self._backdrops:
             self._in_threads(cast, len(states))
@@ -110,7 +119,8 @@ class Raycaster:
 
     def _in_threads(self, work: Callable[["_Context", slice], None], num: int) -> None:
         """`num` pictures in chunks, each by a thread that has a context for itself."""
-        step = min(_CHUNK, max(1, -(-num // self._num_threads)))  # work for each thread
+        warp.set_device(self._device)  # mujoco_warp launches on the present one
+        step = min(self._chunk, max(1, -(-num // self._num_threads)))  # work for each thread
 
         def do(start: int) -> None:
             context = self._idle.get()
@@ -131,13 +141,13 @@ def _num_cores() -> int:
 class _Context:
     """One thread's worlds for the poses, and Warp's copies of model and data."""
 
-    def __init__(self, model, space, camera, size, sky):
-        self._worlds = Batch(model, _CHUNK, nthread=1)
+    def __init__(self, model, space, camera, size, sky, num_worlds, num_threads):
+        self._num_worlds = num_worlds
+        self._worlds = Batch(model, num_worlds, nthread=num_threads)
         self._writer = ModelWriter(space, model)
         fields = {p.field for p in space}
         self._drawn = sorted(f for f in fields if field_of(f).is_drawn_per_world)
         self._written: np.ndarray | None = None
-        self._sky = sky  # (H, W) uint32 or None
         self._casts_shadow = model.light_castshadow.astype(bool)  # (lights,)
         self._has_flexes = model.nflex > 0
         self._poses = (*_POSES, "flexvert_xpos") if self._has_flexes else _POSES
@@ -145,13 +155,13 @@ class _Context:
             self._worlds.bind(name)  # unbound fields are not computed
         with _COMPILING:
             self._model = mujoco_warp.put_model(model)
-            self._data = mujoco_warp.make_data(model, nworld=_CHUNK)
+            self._data = mujoco_warp.make_data(model, nworld=num_worlds)
             self._make = partial(
                 _make_context,
                 model,
                 camera,
                 size,
-                nworld=_CHUNK,
+                nworld=num_worlds,
                 render_skybox=sky is None,
                 use_precomputed_rays="cam_fovy" not in fields,
             )
@@ -160,6 +170,13 @@ class _Context:
             self._primitives: Primitives | None = None
             if Primitives.can_draw(self._warp_context):
                 self._primitives = Primitives(model, self._warp_context)
+            warp.load_module(packing, device=self._warp_context.rgb_data.device)
+        num_pixels = size[0] * size[1]
+        self._run = size[1] if self._warp_context.rgb_data.device.is_cpu else 1  # of pixels
+        self._sky = _on_device(np.empty((0, num_pixels)) if sky is None else sky.reshape(1, -1))
+        self._rgb = None
+        if not self._warp_context.rgb_data.device.is_cpu:
+            self._rgb = warp.empty((num_worlds, num_pixels, 3), dtype=warp.uint8)  # type: ignore
 
     def render(
         self,
@@ -169,15 +186,22 @@ class _Context:
         frames: np.ndarray,
         behind: np.ndarray | None,
     ) -> None:
-        """Draw n <= _CHUNK states, (n, S), into `frames`, (n, H, W, 3), perhaps before others."""
-        pixels = self.cast(states, parameters, stray).reshape(frames.shape[:-1])
-        sky = self._sky if behind is None else _packed(behind)
-        if sky is not None:
-            np.copyto(pixels, sky, where=pixels == _NOTHING)
-        _unpack(pixels, frames)
+        """Draw n states, (n, S), into `frames`, (n, H, W, 3), perhaps before others."""
+        n, pixels = len(states), self.cast(states, parameters, stray)
+        sky = self._sky if behind is None else _on_device(packed(behind).reshape(n, -1))
+        size, device = (n, pixels.shape[1], 3), pixels.device
+        at = frames.ctypes.data
+        shown = warp.array(ptr=at, shape=size, dtype=warp.uint8, device="cpu")  # type: ignore
+        rgb = shown if device.is_cpu else self._rgb
+        parts = n, size[1] // self._run
+        warp.launch(packing.unpack, parts, [pixels, sky, self._run], [rgb], device=device)
+        if rgb is not shown:
+            warp.copy(shown, rgb, count=shown.size)
+            warp.synchronize_device(device)
 
-    def cast(self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight) -> np.ndarray:
-        """(n, H * W) packed pixels of n <= _CHUNK states; _NOTHING where none is drawn."""
+    def cast(self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight) -> warp.array:
+        """Packed pixels of n states, in the first of its rows, (·, H · W); `packing.NOTHING` where
+        none is drawn."""
         n, worlds = len(states), self._worlds
         worlds.state[:n] = states
         self._write(parameters)
@@ -185,10 +209,10 @@ class _Context:
         for name in self._poses:
             assign(getattr(self._data, name), getattr(worlds, name))
         # Draw only these; but flexes' search trees have a fixed number of worlds.
-        self._data.nworld = _CHUNK if self._has_flexes else n
-        return self._drawn_by(stray)[:n]
+        self._data.nworld = self._num_worlds if self._has_flexes else n
+        return self._drawn_by(stray)
 
-    def _drawn_by(self, stray: StrayLight) -> np.ndarray:
+    def _drawn_by(self, stray: StrayLight) -> warp.array:
         if self._primitives:
             return self._primitives.draw(self._model, self._data, stray)
         context = self._shadowing(stray.shadow > 0) if stray.shadow.any() else self._warp_context
@@ -202,7 +226,7 @@ class _Context:
                 self._with_shadows = self._make(
                     use_shadows=True, shadow_light_fraction=_LEFT_IN_SHADOW
                 )
-        cast = np.zeros((_CHUNK, len(self._casts_shadow)), bool)
+        cast = np.zeros((self._num_worlds, len(self._casts_shadow)), bool)
         cast[: len(in_world)] = in_world[:, None] & self._casts_shadow
         device = self._model.light_castshadow.device
         self._model.light_castshadow = warp.array(cast, dtype=bool, device=device)
@@ -210,7 +234,7 @@ class _Context:
 
     def _write(self, parameters: np.ndarray) -> None:
         """Write (n, N) parameters, unless they equal the previous chunk's."""
-        padded = parameters[np.arange(_CHUNK) % len(parameters)]
+        padded = parameters[np.arange(self._num_worlds) % len(parameters)]
         if self._written is not None and np.array_equal(self._written, padded):
             return
         self._writer.write_batch(self._worlds, padded)
@@ -221,8 +245,8 @@ class _Context:
         self._written = padded
 
 
-def init_warp() -> None:
-    """Start Warp without its output: its greeting, and that there is no CUDA."""
+def init_warp(device: str = "cpu") -> None:
+    """Start Warp without its output (its greeting, and that there is no CUDA), for a device."""
     warp.config.log_level = warp.LOG_WARNING
     stderr = os.dup(2)
     with open(os.devnull, "w") as nowhere:
@@ -232,6 +256,7 @@ def init_warp() -> None:
     finally:
         os.dup2(stderr, 2)
         os.close(stderr)
+    warp.set_device(device)
 
 
 def _make_context(model, camera, size, **settings):
@@ -247,24 +272,16 @@ def _make_context(model, camera, size, **settings):
     )
 
 
-def _draw(model, data, context) -> np.ndarray:
-    """(nworld, H * W) uint32 pixels, packed as ARGB."""
+def _draw(model, data, context) -> warp.array:
+    """(nworld, H · W) packed pixels."""
     mujoco_warp.refit_bvh(model, data, context)
     mujoco_warp.render(model, data, context)
-    return context.rgb_data.numpy()
+    return context.rgb_data
 
 
-def _packed(picture: np.ndarray) -> np.ndarray:
-    """(..., 3) uint8 RGB to (...,) pixels, packed as ARGB."""
-    opaque = np.full((*picture.shape[:-1], 1), 255, np.uint8)
-    return np.concatenate([picture[..., ::-1], opaque], -1).view(np.uint32)[..., 0]
-
-
-def _unpack(pixels: np.ndarray, frames: np.ndarray) -> None:
-    """(n, H, W) pixels, packed as ARGB, into (n, H, W, 3) uint8 RGB."""
-    bgra = pixels.view(np.uint8).reshape(*pixels.shape, 4)
-    for channel in range(3):  # several times as fast as all at once
-        frames[..., channel] = bgra[..., 2 - channel]
+def _on_device(pixels: np.ndarray) -> warp.array:
+    """Packed pixels, where the pictures are drawn."""
+    return warp.array(np.ascontiguousarray(pixels, np.uint32), dtype=warp.uint32)
 
 
 def assign(target, values: np.ndarray) -> None:
@@ -282,4 +299,4 @@ def _constant_sky(
     mujoco.mj_forward(model, data)
     context = _make_context(model, camera, size, render_skybox=True, samples_per_pixel=samples)
     pixels = _draw(mujoco_warp.put_model(model), mujoco_warp.put_data(model, data), context)
-    return pixels.reshape(size).copy()
+    return pixels.numpy().reshape(size).copy()

@@ -40,11 +40,12 @@ def make_renderer(
     quality: OpenGLQuality = OPENGL_FAST,
     plate: np.ndarray | None = None,
     background_is_unknown: bool = False,
+    device: str = "cpu",
 ) -> Renderer:
     """The renderer with this name, for pictures of `size`, (height, width).
 
-    The ray caster has no `quality`; only it supports a `plate`, (height, width, 3) uint8, and an
-    unknown background (OpenGL draws the model's own).
+    The ray caster has no `quality`; only it supports a `plate`, (height, width, 3) uint8, an
+    unknown background (OpenGL draws the model's own), and a `device`: cpu, cuda or cuda:N.
 
     Raises InputError for an unknown name or camera, for OpenGL if there is none, and for a plate
     with a camera that moves.
@@ -62,6 +63,7 @@ def make_renderer(
             size,
             plate=plate,
             background_is_unknown=background_is_unknown,
+            device=device,
         )
     if name == "opengl":
         if plate is not None:

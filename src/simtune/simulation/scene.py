@@ -41,6 +41,7 @@ class Drawing:
     renderer: RendererName = "raycaster"
     quality: OpenGLQuality = OPENGL_FAST
     supersampling: int = 1
+    device: str = "cpu"  # on which the ray caster draws: cpu, cuda or cuda:N
 
     @property
     def shape(self) -> tuple[int, int]:

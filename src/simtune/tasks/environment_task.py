@@ -59,13 +59,14 @@ class EnvironmentTask:
         step_s: float | None = None,
         supersampling: int = 1,
         views: Sequence[View] | None = None,
+        device: str = "cpu",
     ) -> EnvironmentSimulator:
         """A simulator of the environment; see `Task.simulator`.
 
         The environment itself decides how smoothly it draws, and pictures are square: the arguments
-        `supersampling` and `views` are ignored. Raises InputError if recordings have another rate
-        than the environment, or if the environment does not say where things are in the picture, so
-        that motion could not be seen.
+        `supersampling`, `views` and `device` are ignored. Raises InputError if recordings have
+        another rate than the environment, or if the environment does not say where things are in
+        the picture, so that motion could not be seen.
         """
         if step_s and abs(step_s / self.step_s - 1) > _SLACK:
             raise InputError(

@@ -148,10 +148,12 @@ class Task:
         quality: OpenGLQuality = OPENGL_FAST,
         supersampling: int = 1,
         views: Sequence[View] | None = None,
+        device: str = "cpu",
     ) -> Simulator:
         """A simulator of this task; an action lasts `step_s` seconds, by default a policy step.
 
         Pictures are `image_size` pixels high and show `views`, by default a square per camera.
+        The ray caster draws them on `device`: cpu, cuda or cuda:N.
         """
         if views is None:
             views = [View(footage.camera) for footage in self.cameras]
@@ -169,5 +171,6 @@ class Task:
             quality=quality,
             supersampling=supersampling,
             views=tuple(views),
+            device=device,
         )
         return Simulator(scene, drawing)

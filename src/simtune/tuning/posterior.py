@@ -17,7 +17,7 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.networks import load_weights, under
+from simtune.networks import load_generator, load_weights, under
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
@@ -77,6 +77,7 @@ class PosteriorSearch:
             context.simulator.shape,
             config.model,
             context.seed,
+            context.device,
         )
         self._learning = Learning(
             model=self.model,
@@ -200,7 +201,7 @@ class PosteriorSearch:
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         load_weights(self.model.detector, under("detector.", tensors), "detector")
         load_weights(self.model.posterior_net, under("posterior_net.", tensors), "posterior_net")
-        self.model.generator.set_state(tensors["generator"])
+        load_generator(self.model.generator, tensors["generator"])
         self._rounds.load(state)
         self.distribution = self.distribution.with_state(state["distribution"])
         self._learning.worlds.rng.bit_generator.state = state["rng"]

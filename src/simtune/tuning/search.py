@@ -71,7 +71,7 @@ class SearchContext:
     seed: int
     # (N,) values of known parameters, NaN for all others; None: no parameter is known
     known: np.ndarray | None = None
-    device: str = "cpu"  # of the paper's networks
+    device: str = "cpu"  # of networks
 
 
 class Search(Protocol):

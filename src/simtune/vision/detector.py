@@ -16,6 +16,7 @@ from torch.nn import functional as F
 from simtune.networks import mlp
 
 _STRIDE = 2  # pixels per cell of the heatmaps
+_CHUNK, _GPU_CHUNK = 64, 1024  # pictures per pass
 _NEAR_CELLS = 2  # a keypoint's position is an average over cells this near to the peak
 
 
@@ -167,9 +168,11 @@ class KeypointDetector(nn.Module):
 def splat(keypoints: torch.Tensor, cells: tuple[int, int]) -> torch.Tensor:
     """(B, L, 2) pixel positions to (B, L, rows · columns) bilinear weights of four cells each."""
     rows, columns = cells
-    last = keypoints.new_tensor([columns - 1, rows - 1])
-    place = ((keypoints - (_STRIDE - 1) / 2) / _STRIDE).clamp(min=0).minimum(last)
-    corner = place.floor().minimum(last - 1)
+    place = ((keypoints - (_STRIDE - 1) / 2) / _STRIDE).clamp(min=0).unbind(-1)
+    ends = columns - 1, rows - 1  # numbers, since a GPU would wait for a tensor of them
+    place = torch.stack([at.clamp(max=end) for at, end in zip(place, ends, strict=True)], -1)
+    corner = place.floor().unbind(-1)
+    corner = torch.stack([at.clamp(max=end - 1) for at, end in zip(corner, ends, strict=True)], -1)
     part = place - corner
     weights = keypoints.new_zeros(*keypoints.shape[:-1], rows * columns)
     for step_x in (0, 1):
@@ -188,17 +191,20 @@ def to_input(frames: np.ndarray | torch.Tensor) -> torch.Tensor:
 
 
 @torch.no_grad()
-def detect(detector: KeypointDetector, frames: np.ndarray, batch_size: int = 64) -> "Detections":
-    """Keypoints and visible parameters in (n, H, W, 3) frames.
+def detect(
+    detector: KeypointDetector, frames: np.ndarray, batch_size: int | None = None
+) -> "Detections":
+    """Keypoints and visible parameters in (n, H, W, 3) frames, on the detector's device.
 
-    Larger batches are slower, and take much memory.
+    On a CPU larger batches than the default are slower, and take much memory.
     """
-    parts = []
-    for start in range(0, len(frames), batch_size):
-        heatmaps, estimated = detector(to_input(frames[start : start + batch_size]))
+    parts, device = [], detector.grid.device
+    usual = _CHUNK if device.type == "cpu" else _GPU_CHUNK
+    for part in torch.from_numpy(frames).split(batch_size or usual):
+        heatmaps, estimated = detector(to_input(part.to(device)))
         places, *others = detector.candidates(heatmaps)
         parts.append((places[:, 0], places, *others, estimated))
-    return Detections(*(torch.cat(part).numpy() for part in zip(*parts, strict=True)))
+    return Detections(*(torch.cat(part).cpu().numpy() for part in zip(*parts, strict=True)))
 
 
 class Detections(NamedTuple):

@@ -45,7 +45,8 @@ class NoisyCameras(NamedTuple):
         """(B, 3, H, W) in [−1, 1], as drawn, to the same as recorded; B = n, or n = 1."""
         levels = ((pictures + 1) / 2) ** self.gamma
         drawn = levels.lerp(_smoothed(levels), self.blur)
-        luma = (drawn * drawn.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
+        shares = zip(LUMA.tolist(), drawn.split(1, 1), strict=True)  # no tensor: a GPU would wait
+        luma = sum((share * channel for share, channel in shares), torch.zeros_like(drawn[:, :1]))
         chroma = drawn - luma
         drawn = luma + chroma.lerp(_smoothed(_smoothed(chroma)), self.blur_of_chroma)
         noise = torch.randn(drawn.shape, generator=self.generator, device=drawn.device)

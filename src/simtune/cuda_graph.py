@@ -1,4 +1,4 @@
-"""One update of an agent as a CUDA graph: a single launch in place of a thousand."""
+"""One update of a network as a CUDA graph: a single launch in place of a thousand."""
 
 from collections.abc import Callable
 
@@ -7,6 +7,28 @@ import torch
 Step = Callable[..., torch.Tensor]  # tensors in, a tensor of losses out
 
 _WARM_UP = 3  # calls before the capture, in which libraries allocate and choose kernels
+
+
+def graphed(step: Step, generator: torch.Generator) -> Step:
+    """The step as a graph if its random numbers are of a GPU; else the step itself."""
+    return GraphedStep(step, generator) if generator.device.type == "cuda" else step
+
+
+def make_capturable(optimizer: torch.optim.Optimizer, device: torch.device) -> None:
+    """On a GPU, keep an optimiser's learning rates there, so that its steps can be captured."""
+    if device.type == "cuda":
+        for group in optimizer.param_groups:
+            group["capturable"] = True
+            group["lr"] = torch.as_tensor(group["lr"], device=device)
+
+
+def set_rate(optimizer: torch.optim.Optimizer, rate: float) -> None:
+    """The learning rate of the next steps, graphs or not."""
+    for group in optimizer.param_groups:
+        if isinstance(group["lr"], torch.Tensor):
+            group["lr"].fill_(rate)
+        else:
+            group["lr"] = rate
 
 
 class GraphedStep:

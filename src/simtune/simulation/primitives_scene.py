@@ -1,0 +1,191 @@
+# type: ignore
+# ruff: noqa: UP018
+# This is Warp's language, not Python: its types are others, and float(1.0) is a variable.
+"""Kernels that gather what `draw` needs of each world, once per picture: its geoms and lights.
+
+Arrays of mujoco_warp's model have a row for each world, or one row for all.
+"""
+
+import warp as wp
+from mujoco_warp import GeomType
+from mujoco_warp._src import render
+
+from simtune.simulation.primitives_geoms import Geom
+from simtune.simulation.primitives_kernel import Light
+
+_ENDLESS = wp.constant(1e6)  # radius of unbounded geoms
+_NEVER = wp.constant(1e30)
+_UNSEEN = wp.constant(1e-5)  # share of a highlight that changes no pixel
+_MARGIN = wp.constant(1.0 - 1e-5)  # of bounds, for rounding
+MOST_LINES = wp.constant(200)  # of a plane, along either axis
+_UNPAINTED = wp.constant(wp.vec4(0.5, 0.5, 0.5, 1.0))
+_GLOW = wp.constant(render.DEFAULT_MAT_EMISSION)
+_SPECULAR = wp.constant(render.DEFAULT_MAT_SPECULAR)
+_SHININESS, _MAX_SHININESS = wp.constant(0.5), wp.constant(render.MAX_SHININESS)
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Surroundings:
+    """What all geoms of a model share."""
+
+    camera: int
+    ambient: wp.vec3  # light of the headlight, or where there is no lamp at all
+    endless: float  # m, width of an endless plane
+    num_quads: float  # along each side of a box
+    on_grids: bool  # light on flat faces is computed as OpenGL does
+
+
+@wp.func
+def _radius(kind: int, size: wp.vec3):
+    """Of a bounding sphere."""
+    if kind == GeomType.SPHERE:
+        return size[0]
+    if kind == GeomType.CAPSULE:
+        return size[0] + size[1]
+    if kind == GeomType.ELLIPSOID:
+        return wp.max(size)
+    if kind == GeomType.CYLINDER:
+        return wp.sqrt(size[0] * size[0] + size[1] * size[1])
+    if kind == GeomType.BOX:
+        return wp.length(size)
+    return _ENDLESS
+
+
+@wp.func
+def _ruled(geom: Geom, endless: float):
+    """Distances of lines along a plane's axes, and the first: the third size is half a square.
+
+    Those of an endless plane move with the camera, by whole tiles; those of another are an even
+    number of squares, and a margin (`makePlane`, `mjv_updateScene` in MuJoCo).
+    """
+    lines, first = geom.size, -geom.size
+    from_camera = -(wp.transpose(geom.mat) @ geom.centre)
+    most = float(MOST_LINES)
+    for axis in range(2):
+        half = geom.size[axis]
+        if half <= 0.0:
+            tile = endless / (most - 2.0)
+            if geom.repeat[axis] > 0.0:
+                tile = 2.0 / geom.repeat[axis]
+            lines[axis] = (endless + 2.0 * tile) / most
+            first[axis] = 2.0 * tile * wp.rint(from_camera[axis] / (2.0 * tile))
+        else:
+            square = wp.max(wp.max(geom.size[2], half / (most - 2.0)), 1e-9)
+            lines[axis] = 2.0 * square
+            first[axis] = -2.0 * wp.floor(half / square / 2.0) * square
+    return lines, first
+
+
+@wp.kernel
+def gather_geoms(
+    ids: wp.array[int],
+    geom_type: wp.array[int],
+    geom_xpos: wp.array2d[wp.vec3],
+    geom_xmat: wp.array2d[wp.mat33],
+    geom_size: wp.array2d[wp.vec3],
+    geom_rgba: wp.array2d[wp.vec4],
+    geom_matid: wp.array2d[int],
+    mat_rgba: wp.array2d[wp.vec4],
+    mat_emission: wp.array2d[float],
+    mat_specular: wp.array2d[float],
+    mat_shininess: wp.array2d[float],
+    mat_texrepeat: wp.array2d[wp.vec2],
+    mat_texuniform: wp.array2d[bool],
+    textures: wp.array[wp.vec3i],
+    light_active: wp.array2d[bool],
+    light_ambient: wp.array2d[wp.vec3],
+    cam_xpos: wp.array2d[wp.vec3],
+    around: Surroundings,
+    geoms: wp.array2d[Geom],
+):
+    world, i = wp.tid()
+    at = ids[i]
+    geom = Geom()
+    geom.kind = geom_type[at]
+    geom.pos = geom_xpos[world, at]
+    geom.mat = geom_xmat[world, at]
+    geom.size = geom_size[world % geom_size.shape[0], at]
+    geom.centre = geom.pos - cam_xpos[world, around.camera]
+    geom.radius = _radius(geom.kind, geom.size)
+    geom.bound = wp.length_sq(geom.centre) * _MARGIN - geom.radius * geom.radius
+
+    material = geom_matid[0, at]
+    rgba = geom_rgba[world % geom_rgba.shape[0], at]
+    glow, specular, shininess = float(_GLOW), float(_SPECULAR), float(_SHININESS)
+    geom.texture = textures[textures.shape[0] - 1]  # the last one: no material
+    if material >= 0:
+        if rgba == _UNPAINTED:
+            rgba = mat_rgba[world % mat_rgba.shape[0], material]
+        glow = mat_emission[world % mat_emission.shape[0], material]
+        specular = mat_specular[world % mat_specular.shape[0], material]
+        shininess = mat_shininess[world % mat_shininess.shape[0], material]
+        geom.texture = textures[material]
+        geom.repeat = mat_texrepeat[world % mat_texrepeat.shape[0], material]
+        geom.uniform = mat_texuniform[world % mat_texuniform.shape[0], material]
+    geom.rgb = wp.vec3(rgba[0], rgba[1], rgba[2])
+    if rgba[3] == 0.0:
+        geom.bound = _NEVER
+        geom.radius = -1.0
+
+    ambient = around.ambient
+    for light in range(light_ambient.shape[1]):
+        if light_active[world % light_active.shape[0], light]:
+            ambient += light_ambient[world % light_ambient.shape[0], light]
+    geom.glow = wp.vec3(glow) + ambient
+    geom.specular = specular
+    geom.shininess = _MAX_SHININESS * shininess
+    geom.shiny_from = float(2.0)
+    if specular > 0.0 and geom.shininess > 0.0:
+        geom.shiny_from = wp.pow(_UNSEEN, 2.0 / geom.shininess)
+
+    if around.on_grids and geom.kind == GeomType.PLANE:
+        geom.is_flat = True
+        lines, first = _ruled(geom, around.endless)
+        geom.lines = lines
+        geom.first_line = first
+    if around.on_grids and geom.kind == GeomType.BOX:
+        geom.is_flat = True
+        geom.lines = 2.0 * geom.size / around.num_quads
+        geom.first_line = -geom.size
+    geoms[world, i] = geom
+
+
+@wp.kernel
+def gather_lights(
+    light_type: wp.array2d[int],
+    light_xpos: wp.array2d[wp.vec3],
+    light_xdir: wp.array2d[wp.vec3],
+    light_attenuation: wp.array2d[wp.vec3],
+    light_cutoff: wp.array2d[float],
+    light_exponent: wp.array2d[float],
+    light_castshadow: wp.array2d[bool],
+    light_active: wp.array2d[bool],
+    light_diffuse: wp.array2d[wp.vec3],
+    light_specular: wp.array2d[wp.vec3],
+    cam_xmat: wp.array2d[wp.mat33],
+    camera: int,
+    of_camera: Light,
+    lights: wp.array2d[Light],
+):
+    """The model's lights; the last one is the camera's."""
+    world, i = wp.tid()
+    light = of_camera
+    if i < lights.shape[1] - 1:
+        light.kind = light_type[world % light_type.shape[0], i]
+        light.pos = light_xpos[world, i]
+        light.direction = light_xdir[world, i]
+        light.attenuation = light_attenuation[world % light_attenuation.shape[0], i]
+        light.cos_cutoff = wp.cos(wp.radians(light_cutoff[world % light_cutoff.shape[0], i]))
+        light.exponent = light_exponent[world % light_exponent.shape[0], i]
+        light.casts = light_castshadow[world % light_castshadow.shape[0], i]
+        light.diffuse = wp.vec3()
+        light.specular = wp.vec3()
+        if light_active[world % light_active.shape[0], i]:
+            light.diffuse = light_diffuse[world % light_diffuse.shape[0], i]
+            light.specular = light_specular[world % light_specular.shape[0], i]
+    else:
+        orientation = cam_xmat[world, camera]
+        light.direction = -wp.vec3(orientation[0, 2], orientation[1, 2], orientation[2, 2])
+    lights[world, i] = light

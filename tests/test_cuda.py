@@ -1,0 +1,145 @@
+"""On a GPU everything is as on a CPU, and no update waits for the host."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from test_teacher_student import SMALL, SPEC, dots, make_teacher, transitions
+
+from simtune.agents.student import Student
+from simtune.cuda_graph import graphed, make_capturable
+from simtune.networks import seeded
+from simtune.randomization import Distribution
+from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
+from simtune.search_param_model.posterior_batches import DetectorErrors
+from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.training_pictures import TrainingPictures
+from simtune.simulation import StrayLight, random_actions
+from simtune.tasks import load_task
+from simtune.training import TrainingClock
+
+pytestmark = pytest.mark.gpu
+
+SIZE, KEYPOINTS, ACTIONS = 48, 3, 2
+EDGES = 1e-4  # share of values that may differ: at edges rays just meet a geom, or just do not
+
+
+@pytest.mark.parametrize("name", ["ball_in_cup", "walker", "cabinet_slide"])
+@pytest.mark.parametrize("has_stray_light", [False, True])
+def test_pictures_are_those_of_a_cpu(name, has_stray_light):
+    task, rng = load_task(name), np.random.default_rng(0)
+    ours, theirs = (task.simulator(image_size=SIZE, device=device) for device in ("cpu", "cuda"))
+    worlds = ours.space.from_unit(rng.uniform(0.2, 0.8, (70, len(ours.space))))
+    actions = random_actions(70, 4, ours.action_mapping, rng)
+    states = ours.roll_out(worlds, actions, rng).states[:, -1]
+    stray = StrayLight.draw(len(states), rng) if has_stray_light else None
+    pictures = [s.render(states, worlds[: len(states)], stray).astype(int) for s in (ours, theirs)]
+    difference = np.abs(pictures[0] - pictures[1])
+    assert (difference > 1).mean() < EDGES
+    assert pictures[0].std() > 5  # something is seen
+    few = theirs.render(states[:3], worlds[:3], stray and stray.of(slice(3)))  # of fewer, too
+    np.testing.assert_array_equal(few, pictures[1][:3])
+
+
+def a_model(device: str) -> PosteriorSearchParamModel:
+    visible = np.array([False, True, True, True])
+    config = PosteriorConfig()
+    return PosteriorSearchParamModel(
+        KEYPOINTS, np.ones(ACTIONS), visible, (SIZE, SIZE), config, seed=0, device=device
+    )
+
+
+def pictures_of(space, num: int = 64) -> TrainingPictures:
+    rng = np.random.default_rng(0)
+    return TrainingPictures(
+        frames=rng.integers(256, size=(num, SIZE, SIZE, 3), dtype=np.uint8),
+        keypoints=rng.uniform(4, SIZE - 5, (num, KEYPOINTS, 2)).astype(np.float32),
+        parameters=space.from_unit(rng.uniform(size=(num, len(space)))),
+    )
+
+
+@pytest.fixture
+def search_range() -> Distribution:
+    """Of one hidden parameter and three visible ones."""
+    space = load_task("ball_in_cup").parameters
+    chosen = type(space)([p for p in space if not p.is_visible][:1] + list(space)[1:4])
+    return Distribution.first(chosen, chosen.nominal)
+
+
+def test_losses_and_detections_are_those_of_a_cpu(search_range):
+    shown = pictures_of(search_range.space)
+    ours, theirs = a_model("cpu"), a_model("cuda")
+    theirs.detector.load_state_dict(ours.detector.state_dict())
+    found = [model.detect(shown.frames) for model in (ours, theirs)]
+    for one, other in zip(*found, strict=True):  # but for ties between places
+        assert (np.abs(one - other) > 0.05).mean() < 0.02
+
+
+class Watched(TrainingClock):
+    """Forbids waiting for the host in all updates but the first and the last ones."""
+
+    def step(self) -> None:
+        super().step()
+        if self.updates == 10:
+            torch.cuda.set_sync_debug_mode("error")
+        if self.updates == 25:
+            torch.cuda.set_sync_debug_mode("default")
+
+
+def test_no_update_of_the_search_waits_for_the_host(search_range):
+    model, rng = a_model("cuda"), np.random.default_rng(0)
+    worlds, episodes, steps = 40, 2, 60
+    seen = SimulatedWorlds(
+        parameters=search_range.sample(worlds, rng),
+        actions=rng.uniform(-1, 1, (worlds, episodes, steps, ACTIONS)),
+        keypoints=rng.uniform(0, SIZE, (worlds, episodes, steps + 1, KEYPOINTS, 2)).astype("f4"),
+        frames=np.zeros((worlds, 0, SIZE, SIZE, 3), np.uint8),
+        filmed_from=np.zeros(worlds, int),
+        states=np.zeros((worlds, 0, 1)),
+    )
+    off = rng.normal(size=(8, 10, KEYPOINTS, 2))
+    errors = DetectorErrors(SIZE / 2 + off, off, rng.normal(size=(8, 3)))
+    try:
+        first = model.train_detector(pictures_of(search_range.space), search_range, Watched(30))
+        loss = model.train_posterior_net(seen, search_range, errors, Watched(30))
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+    assert np.isfinite([first, loss]).all()
+
+
+def test_a_student_learns_to_see_by_graphs():
+    drawn = torch.Generator("cuda").manual_seed(0)
+    with seeded(0):
+        student = Student(replace(SPEC, num_positions=1), SMALL.student, drawn)
+    frames, places = (values.cuda() for values in dots(512))
+    for i in range(150):
+        at = torch.randint(512, (16,), generator=drawn, device="cuda")
+        student.learn_to_see(frames[at], places[at], (places[at, 0, :1] - 16) / 6, i / 150)
+    unseen, truth = dots(32, seed=1)
+    seen = student.detect(unseen.cuda()).cpu()
+    found = (seen[:, :4].reshape(-1, 2, 2) + 1) / 2 * unseen.shape[1]
+    assert (found - truth).abs().median() < 0.5  # pixels
+
+
+def test_a_teachers_updates_by_graphs_are_those_of_a_cpu():
+    ours = make_teacher(noise_clip=0.0)  # without noise, which other generators draw
+    theirs = copy.deepcopy(ours).cuda()
+    theirs.optimizer = torch.optim.Adam(
+        [*theirs.actor.parameters(), *theirs.critics.parameters()], 1e-3, fused=True
+    )
+    drawn = torch.Generator("cuda").manual_seed(0)
+    make_capturable(theirs.optimizer, drawn.device)
+    names = ("states", "actions", "rewards", "discounts", "next_states", "parameters")
+
+    def step(*tensors: torch.Tensor) -> torch.Tensor:
+        batch = replace(transitions(16), **dict(zip(names, tensors, strict=True)))
+        return theirs.update(batch, 0.0, drawn)
+
+    teach = graphed(step, drawn)
+    for i in range(10):
+        batch = transitions(16, seed=i)
+        losses = ours.update(batch, 0.0, torch.Generator())
+        others = teach(*(getattr(batch, name).cuda() for name in names))
+        torch.testing.assert_close(losses, others.cpu(), rtol=1e-3, atol=1e-4)
