@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simtune.fit import Physics
-from simtune.fit.poses import uncertain_poses
+from simtune.fit.poses import align_to_images, uncertain_poses
 from simtune.randomization import Distribution
 from simtune.tasks import load_task
 from simtune.vision.keypoints import find_keypoints
@@ -57,3 +57,31 @@ def test_rough_readings_leave_open_what_keypoints_do(simulator, keypoints):
     np.testing.assert_allclose(rough, unread, rtol=1e-3)
     # One standard deviation changes what is seen by one of the noise, unless more is known.
     assert (rough.max((0, 1))[:2] <= LARGEST[:2]).all()
+
+
+@pytest.mark.parametrize("off_m", [0.1, 2.0])
+def test_a_floor_tells_where_a_robot_is_that_its_camera_follows(off_m):
+    """Chequers repeat, and the floor's colour is still wrong."""
+    walker, rng = load_task("walker").simulator(image_size=48), np.random.default_rng(0)
+    worlds, space = np.repeat(walker.space.nominal[None], 12, 0), walker.state_space
+    states = walker.begin(worlds, rng).states[:, 0]
+    x, along = walker.model.joint("rootx"), np.zeros(space.num_tangent)
+    true = space.positions_and_velocities(states).copy()
+    true[:, x.qposadr[0]] = rng.uniform(-5, 5, 12)
+    guess = true.copy()
+    guess[:, x.qposadr[0]] += rng.normal(0, off_m, 12)
+    states = [space.with_positions_and_velocities(states, some) for some in (true, guess)]
+    frames = walker.render(states[0], worlds)
+    dark = walker.space.nominal.copy()
+    dark[[name.startswith("ground") for name in walker.space.names]] *= 0.6
+    along[x.dofadr[0]] = 3 * off_m
+    found, left = align_to_images(walker, frames, states[1], dark, space, along)
+
+    def off(some: np.ndarray) -> np.ndarray:
+        return np.abs(walker.render(some, worlds).astype(float) - frames).mean((1, 2, 3))
+
+    assert np.median(off(found)) < 0.2 * np.median(off(states[1]))
+    assert 0.01 < left[x.dofadr[0]] < 0.15
+    others = np.arange(space.nq + space.nv) != x.qposadr[0]
+    changed = space.positions_and_velocities(found)
+    np.testing.assert_array_equal(changed[:, others], guess[:, others])

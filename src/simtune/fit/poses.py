@@ -1,12 +1,17 @@
 """Uncertainty of poses in a picture, as far as the motion leaves them open."""
 
+import math
+
 import numpy as np
 
 from simtune.fit.physics import Physics
 from simtune.simulation import Simulator
 from simtune.simulation.states import StateSpace
 
-_PLACES = 25  # candidates per picture
+# Candidates per picture, at uneven distances: a texture may repeat at even ones
+_PLACES = np.linspace(-1, 1, 25) * (0.8 + 0.2 * np.linspace(-1, 1, 25) ** 2)
+_CLOSER = np.linspace(-1, 1, 5)  # then, between the neighbours of the best one
+_ALIKE = 0.1  # change between neighbours, in mean squares, relative to that between any places
 _DELTA = 0.01  # finite-difference step, of a position's prior std
 _SHOWS = 0.2  # least change of a keypoint, relative to its noise, that a picture's colours notice
 
@@ -52,16 +57,42 @@ def align_to_images(
     parameters: np.ndarray,
     space: StateSpace,
     tangent: np.ndarray,
-) -> np.ndarray:
-    """(M, S) states, each moved along a (2 nv,) tangent to where it looks most like its frame."""
-    shifts = np.linspace(-1, 1, _PLACES)[:, None, None] * tangent
-    states = space.positions_and_velocities(full_states)
-    moved = space.move(states, shifts + np.zeros((_PLACES, len(full_states), 1)))
-    candidates = space.with_positions_and_velocities(full_states, moved)
-    worlds = np.repeat(parameters[None], _PLACES * len(full_states), 0)
-    drawn = simulator.render(candidates.reshape(-1, full_states.shape[-1]), worlds)
-    drawn = drawn.reshape(_PLACES, len(full_states), -1)
+) -> tuple[np.ndarray, np.ndarray]:
+    """(M, S) states, each moved along a (2 nv,) tangent to where it looks most like its frame.
+
+    Places are tried ever closer together, until pictures of neighbours are alike: a floor whose
+    texture repeats looks right only near its right places. Also returns the (2 nv,) distance over
+    which pictures still change evenly.
+    """
     real = frames.reshape(len(frames), -1).astype(np.float32)
-    # Correlation, since brightness may still differ.
-    alike = [[np.corrcoef(d, r)[0, 1] for d, r in zip(place, real, strict=True)] for place in drawn]
-    return candidates[np.argmax(alike, 0), np.arange(len(full_states))]
+    states, each = space.positions_and_velocities(full_states), np.arange(len(full_states))
+    worlds = np.repeat(parameters[None], len(states), 0)
+    places, reach, changes, share = _PLACES, tangent, np.empty(0), math.inf
+    while share > _ALIKE:
+        shifts = places[:, None, None] * reach
+        moved = space.move(states, np.repeat(shifts, len(states), 1))
+        candidates = space.with_positions_and_velocities(full_states, moved)
+        drawn = np.stack([simulator.render(place, worlds) for place in candidates])
+        drawn = drawn.reshape(len(places), *real.shape).astype(np.float32)
+        changes = changes if len(changes) else drawn.var(0)
+        best = np.argmax(_correlation(drawn, real, changes), 0)
+        beside = drawn[np.where(best > 0, best - 1, 1), each]
+        change = np.square(drawn[best, each] - beside).sum(-1)
+        share = float(np.median(change / np.maximum(2 * changes.sum(-1), 1e-9)))
+        states, reach = moved[best, each], reach * np.diff(places).max()
+        places = _CLOSER
+    aligned = space.with_positions_and_velocities(full_states, states)
+    return aligned, np.abs(reach) * _ALIKE / max(share, 1e-9)
+
+
+def _correlation(drawn: np.ndarray, real: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(P, M) of (P, M, pixels) with (M, pixels), weighted by (M, pixels).
+
+    Correlation, since the floor's brightness may still differ; weighted by how much a pixel changes
+    between places, since the rest differs by other shares.
+    """
+    weight = weight / np.maximum(weight.sum(-1, keepdims=True), 1e-9)
+    drawn = drawn - (weight * drawn).sum(-1, keepdims=True)
+    real = real - (weight * real).sum(-1, keepdims=True)
+    sizes = (weight * np.square(drawn)).sum(-1) * (weight * np.square(real)).sum(-1)
+    return (weight * drawn * real).sum(-1) / np.sqrt(np.maximum(sizes, 1e-9))

@@ -35,12 +35,14 @@ def fit_window_pictures(
     places = zip(motion.episode[chosen], motion.step[chosen] + step, strict=True)
     frames = np.stack([observed.frames[episode][t] for episode, t in places])
     full_states, scale = motion.full_states[chosen, step], observed.evidence.scale
+    largest = prior_std.copy()
     for tangent in _unobserved(physics, prior_std, scale):
-        full_states = align_to_images(
+        full_states, left_open = align_to_images(
             physics.simulator, frames, full_states, parameters, physics.space, tangent
         )
+        largest = np.where(left_open > 0, np.minimum(left_open, largest), largest)
     num_shown = len(observed.evidence.parts[0].scale)
-    poses = uncertain_poses(physics, full_states, parameters, scale, num_shown, prior_std)
+    poses = uncertain_poses(physics, full_states, parameters, scale, num_shown, largest)
     noise = photometry.camera_noise
     pictures = Pictures(frames=frames, full_states=full_states, poses=poses, camera_noise=noise)
     is_known = photometry.is_known[shown]
