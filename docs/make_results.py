@@ -43,6 +43,7 @@ ORDER = (  # on the page; other claims follow
     "memory",
     "precision",
     "speed",
+    "gpu",
     "meshes",
     "suite",
 )

@@ -71,14 +71,15 @@ def one_renderer_each():
     """Renderers by what they draw: each takes a second to make, and none keeps anything."""
     renderers = {}  # the latest few, each of 100 MB
 
-    def make_once(name, model, space, camera, size, quality, plate, is_unknown):
+    def make_once(name, model, space, camera, size, quality, plate, *options):
         shapes = (model.cam_pos, model.cam_fovy, model.geom_size, model.geom_pos, model.body_pos)
         scene = (model.names, *(values.tobytes() for values in shapes))
         behind = None if plate is None else plate.tobytes()
-        key = (name, scene, space.names, camera, size, quality, behind, is_unknown)
-        options = (quality, plate, is_unknown)
+        key = (name, scene, space.names, camera, size, quality, behind, *options)
         renderer = renderers.pop(key, None)
-        renderers[key] = renderer or make_renderer(name, model, space, camera, size, *options)
+        renderers[key] = renderer or make_renderer(
+            name, model, space, camera, size, quality, plate, *options
+        )
         if len(renderers) > 3:
             del renderers[next(iter(renderers))]
         return renderers[key]

@@ -7,7 +7,7 @@ import mujoco_warp
 import numpy as np
 import warp
 
-from simtune.simulation.raycaster import assign, init_warp
+from simtune.simulation.raycaster_context import assign, init_warp
 
 _CHUNK = 16  # pictures per launch
 _DRAWN_GROUP, _HIDDEN_GROUP = 0, 5

@@ -1,0 +1,189 @@
+"""What one thread needs to draw: its worlds for the poses, and Warp's copies of model and data."""
+
+import copy
+import os
+from contextlib import nullcontext
+from functools import partial
+from threading import Lock
+
+import mujoco
+import mujoco_warp
+import numpy as np
+import warp
+from mujoco.batch import Batch
+
+from simtune.parameters import ModelWriter, field_of
+from simtune.simulation import packing
+from simtune.simulation.packing import packed
+from simtune.simulation.primitives import Primitives
+from simtune.simulation.stray_light import StrayLight
+
+_POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
+_COMPILING = Lock()  # Warp builds modules one at a time
+_LEFT_IN_SHADOW = 0.1  # of a lamp's light; `Primitives` take each room's own share
+
+
+class Context:
+    """One thread's worlds for the poses, and Warp's copies of model and data."""
+
+    def __init__(self, model, space, camera, size, sky, num_worlds, num_threads):
+        self._num_worlds = num_worlds
+        self._worlds = Batch(model, num_worlds, nthread=num_threads)
+        self._writer = ModelWriter(space, model)
+        fields = {p.field for p in space}
+        self._drawn = sorted(f for f in fields if field_of(f).is_drawn_per_world)
+        self._written: np.ndarray | None = None
+        self._casts_shadow = model.light_castshadow.astype(bool)  # (lights,)
+        self._has_flexes = model.nflex > 0
+        self._poses = (*_POSES, "flexvert_xpos") if self._has_flexes else _POSES
+        for name in self._poses:
+            self._worlds.bind(name)  # unbound fields are not computed
+        with _COMPILING:
+            self._model = mujoco_warp.put_model(model)
+            self._data = mujoco_warp.make_data(model, nworld=num_worlds)
+            self._make = partial(
+                make_context,
+                model,
+                camera,
+                size,
+                nworld=num_worlds,
+                render_skybox=sky is None,
+                use_precomputed_rays="cam_fovy" not in fields,
+            )
+            self._warp_context = self._make()
+            self._with_shadows = None  # made when it is needed first: it takes time
+            self._primitives: Primitives | None = None
+            if Primitives.can_draw(self._warp_context):
+                self._primitives = Primitives(model, self._warp_context)
+            self._device = self._warp_context.rgb_data.device
+            warp.load_module(packing, device=self._device)
+        num_pixels = size[0] * size[1]
+        self._sky = _on_device(np.empty((0, num_pixels)) if sky is None else sky.reshape(1, -1))
+        is_cpu = self._device.is_cpu
+        self._run = size[1] if is_cpu else 1  # of pixels that a thread unpacks
+        self._rgb: warp.array | None = None  # on a GPU, where pictures are copied from
+        if not is_cpu:
+            self._rgb = warp.empty((num_worlds, num_pixels, 3), dtype=warp.uint8)  # type: ignore
+
+    def render(
+        self,
+        states: np.ndarray,
+        parameters: np.ndarray,
+        stray: StrayLight,
+        frames: np.ndarray,
+        behind: np.ndarray | None,
+    ) -> None:
+        """Draw n states, (n, S), into `frames`, (n, H, W, 3), perhaps before others."""
+        n, pixels = len(states), self.cast(states, parameters, stray)
+        sky = self._sky if behind is None else _on_device(packed(behind).reshape(n, -1))
+        size = n, pixels.shape[1], 3
+        in_place = {"ptr": frames.ctypes.data, "device": "cpu"}
+        shown = warp.array(shape=size, dtype=warp.uint8, **in_place)  # type: ignore
+        rgb = shown if self._rgb is None else self._rgb
+        parts = n, size[1] // self._run
+        warp.launch(packing.unpack, parts, [pixels, sky, self._run], [rgb], device=self._device)
+        if rgb is not shown:
+            warp.copy(shown, rgb, count=shown.size)
+            warp.synchronize_device(self._device)
+
+    def cast(self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight) -> warp.array:
+        """Packed pixels of n states, in the first of its rows, (·, H · W); `packing.NOTHING` where
+        none is drawn."""
+        n, worlds = len(states), self._worlds
+        worlds.state[:n] = states
+        self._write(parameters)
+        worlds.forward(ids=np.arange(n), stage=mujoco.mjtStage.mjSTAGE_POS.value)
+        for name in self._poses:
+            assign(getattr(self._data, name), getattr(worlds, name))
+        # Draw only these; but flexes' search trees have a fixed number of worlds.
+        self._data.nworld = self._num_worlds if self._has_flexes else n
+        return self._drawn_by(stray)
+
+    def _drawn_by(self, stray: StrayLight) -> warp.array:
+        if self._primitives:
+            return self._primitives.draw(self._model, self._data, stray)
+        context = self._shadowing(stray.shadow > 0) if stray.shadow.any() else self._warp_context
+        with _COMPILING if context._megakernel is None else nullcontext():
+            return _draw(self._model, self._data, context)
+
+    def _shadowing(self, in_world: np.ndarray):
+        """The render context of worlds of which those `in_world`, (n,) bool, have shadows."""
+        if self._with_shadows is None:
+            with _COMPILING:
+                self._with_shadows = self._make(
+                    use_shadows=True, shadow_light_fraction=_LEFT_IN_SHADOW
+                )
+        cast = np.zeros((self._num_worlds, len(self._casts_shadow)), bool)
+        cast[: len(in_world)] = in_world[:, None] & self._casts_shadow
+        device = self._model.light_castshadow.device
+        self._model.light_castshadow = warp.array(cast, dtype=bool, device=device)
+        return self._with_shadows
+
+    def _write(self, parameters: np.ndarray) -> None:
+        """Write (n, N) parameters, unless they equal the previous chunk's."""
+        padded = parameters[np.arange(self._num_worlds) % len(parameters)]
+        if self._written is not None and np.array_equal(self._written, padded):
+            return
+        self._writer.write_batch(self._worlds, padded)
+        for name in self._drawn:
+            values = np.ascontiguousarray(self._worlds.expand(name), np.float32)
+            field = getattr(self._model, name)
+            setattr(self._model, name, warp.array(values, dtype=field.dtype, device=field.device))
+        self._written = padded
+
+
+def init_warp(device: str = "cpu") -> None:
+    """Start Warp without its output (its greeting, and that there is no CUDA), for a device."""
+    warp.config.log_level = warp.LOG_WARNING
+    stderr = os.dup(2)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)  # below Python, since the library itself prints
+    try:
+        warp.init()
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+    warp.set_device(device)
+
+
+def make_context(model, camera, size, **settings):
+    return mujoco_warp.create_render_context(
+        model,
+        cam_res=size[::-1],
+        cam_active=[camera],
+        render_rgb=True,
+        render_depth=False,
+        render_seg=False,
+        background_color=(0.0, 0.0, 0.0, 0.0),  # packs to _NOTHING
+        **settings,
+    )
+
+
+def _draw(model, data, context) -> warp.array:
+    """(nworld, H · W) packed pixels."""
+    mujoco_warp.refit_bvh(model, data, context)
+    mujoco_warp.render(model, data, context)
+    return context.rgb_data
+
+
+def _on_device(pixels: np.ndarray) -> warp.array:
+    """Packed pixels, where the pictures are drawn."""
+    return warp.array(np.ascontiguousarray(pixels, np.uint32), dtype=warp.uint32)
+
+
+def assign(target, values: np.ndarray) -> None:
+    shape = (*target.shape, *target.dtype._shape_)
+    target.assign(np.ascontiguousarray(values, np.float32).reshape(shape))
+
+
+def constant_sky(
+    model: mujoco.MjModel, camera: str, size: tuple[int, int], samples: int
+) -> np.ndarray:
+    """(H, W) packed pixels behind everything."""
+    model = copy.copy(model)
+    model.geom_rgba[:] = model.flex_rgba[:] = 0
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    context = make_context(model, camera, size, render_skybox=True, samples_per_pixel=samples)
+    pixels = _draw(mujoco_warp.put_model(model), mujoco_warp.put_data(model, data), context)
+    return pixels.numpy().reshape(size).copy()
