@@ -17,9 +17,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import torch
 
 from simtune import cli
 from simtune.cli import commands
+from simtune.devices import choose_device
+from simtune.errors import InputError
 from simtune.progress import ProgressBar
 from simtune.recordings import write_dataset
 from simtune.run import RunFolder
@@ -739,3 +742,15 @@ def test_progress_never_exceeds_100_percent(capsys):
     first, last = capsys.readouterr().err.splitlines()
     assert " 99 %  too late (time is over; what has begun ends first)" in first
     assert "100 %" in last
+
+
+@pytest.mark.parametrize("name", ["cpu:0", "gpu", "cuda:x", "CUDA"])
+def test_a_device_of_another_name_is_refused(name):
+    with pytest.raises(InputError, match="must be auto, cpu, cuda or cuda:N"):
+        choose_device(name)
+
+
+def test_a_gpu_that_warp_cannot_draw_on_is_not_chosen(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)  # as on a GPU of another kind
+    monkeypatch.setattr("simtune.devices._can_draw", lambda device: False)
+    assert choose_device("auto") == "cpu"

@@ -7,6 +7,7 @@ import torch
 Step = Callable[..., torch.Tensor]  # tensors in, a tensor of losses out
 
 _WARM_UP = 3  # calls before the capture, in which libraries allocate and choose kernels
+CALLS_BEFORE_REPLAY = _WARM_UP + 1
 
 
 def graphed(step: Step, generator: torch.Generator) -> Step:

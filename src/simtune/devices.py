@@ -1,18 +1,44 @@
-"""Which device computes."""
+"""Which device computes and draws."""
+
+import re
 
 import torch
 
 from simtune.errors import InputError
 
+_GPU_PIXELS = 2**23  # in pictures at once: some hundred MB for a detector
+
 
 def choose_device(name: str) -> str:
     """What `--device NAME` stands for on this machine. Raises InputError if it is not available."""
     if name == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    if name.partition(":")[0] not in ("cpu", "cuda"):
+        return "cuda" if torch.cuda.is_available() and _can_draw("cuda") else "cpu"
+    if not re.fullmatch(r"cpu|cuda(:\d+)?", name):
         raise InputError(f"--device must be auto, cpu, cuda or cuda:N, got {name}")
     try:
         torch.empty(0, device=name)
     except (RuntimeError, AssertionError) as error:
         raise InputError(f"--device {name} cannot be used here: {error}") from None
+    if name != "cpu" and not _can_draw(name):
+        raise InputError(
+            f"--device {name}: PyTorch can use it, but Warp, which draws, cannot (an old driver?): "
+            "give --device cpu"
+        )
     return name
+
+
+def pictures_at_once(device: torch.device | str, height: int, width: int) -> int:
+    """How many are drawn, or looked at, together: what fits a CPU's cache, or fills a GPU."""
+    if torch.device(device).type == "cpu":
+        return 64
+    return max(16, min(1024, _GPU_PIXELS // (height * width)))
+
+
+def _can_draw(device: str) -> bool:
+    from simtune.simulation.raycaster_context import init_warp  # slow to load
+
+    try:
+        init_warp(device)
+    except (RuntimeError, ValueError):
+        return False
+    return True

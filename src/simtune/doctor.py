@@ -51,11 +51,13 @@ def _devices() -> Iterator[tuple[str, str]]:
 
 def _try_renderer(name: RendererName) -> str:
     """Draw the quick task's start with a renderer, twice: the first time may compile."""
+    from simtune.devices import choose_device
     from simtune.tasks import load_task
 
     task = load_task("cartpole")
     try:
-        simulator = task.simulator(image_size=64, renderer=name)
+        device = choose_device("auto") if name == "raycaster" else "cpu"
+        simulator = task.simulator(image_size=64, renderer=name, device=device)
         rng = np.random.default_rng(0)
         parameters = np.tile(task.parameters.nominal, (64, 1))
         actions = np.zeros((64, 1, simulator.num_actions))

@@ -1,6 +1,7 @@
 """One training loop for the search's networks: until all updates are done or the time is over."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 
 import torch
@@ -75,9 +76,10 @@ def train_network(
         optimizer.step()
         return loss.detach()
 
-    step, losses = graphed(update, graph_with) if graph_with else update, []
+    step = graphed(update, graph_with) if graph_with else update
+    losses = deque(maxlen=_AVERAGED)
     while clock.fraction < 1:
         set_rate(optimizer, clock.learning_rate(learning_rate))
         losses.append(step().clone())  # a graph reuses its output's memory
         clock.step()
-    return float(torch.stack(losses[-_AVERAGED:]).mean()) if losses else math.nan
+    return float(torch.stack([*losses]).mean()) if losses else math.nan

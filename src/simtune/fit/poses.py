@@ -1,7 +1,5 @@
 """Uncertainty of poses in a picture, as far as the motion leaves them open."""
 
-import math
-
 import numpy as np
 
 from simtune.fit.physics import Physics
@@ -11,6 +9,8 @@ from simtune.simulation.states import StateSpace
 # Candidates per picture, at uneven distances: a texture may repeat at even ones
 _PLACES = np.linspace(-1, 1, 25) * (0.8 + 0.2 * np.linspace(-1, 1, 25) ** 2)
 _CLOSER = np.linspace(-1, 1, 5)  # then, between the neighbours of the best one
+_MOST_TURNS = 9
+_TIE = 1e-6  # of a correlation, by which a place far away must look more like the frame
 _ALIKE = 0.1  # change between neighbours, in mean squares, relative to that between any places
 _DELTA = 0.01  # finite-difference step, of a position's prior std
 _SHOWS = 0.2  # least change of a keypoint, relative to its noise, that a picture's colours notice
@@ -61,28 +61,33 @@ def align_to_images(
     """(M, S) states, each moved along a (2 nv,) tangent to where it looks most like its frame.
 
     Places are tried ever closer together, until pictures of neighbours are alike: a floor whose
-    texture repeats looks right only near its right places. Also returns the (2 nv,) distance over
-    which pictures still change evenly.
+    texture repeats looks right only near its right places. Also returns the (2 nv,) distance at
+    which pictures would be just so alike: errors up to it change a picture evenly.
     """
     real = frames.reshape(len(frames), -1).astype(np.float32)
     states, each = space.positions_and_velocities(full_states), np.arange(len(full_states))
     worlds = np.repeat(parameters[None], len(states), 0)
-    places, reach, changes, share = _PLACES, tangent, np.empty(0), math.inf
-    while share > _ALIKE:
+    places, reach, changes, share = _PLACES, tangent, np.empty(0), 0.0
+    for _ in range(_MOST_TURNS):
         shifts = places[:, None, None] * reach
         moved = space.move(states, np.repeat(shifts, len(states), 1))
         candidates = space.with_positions_and_velocities(full_states, moved)
         drawn = np.stack([simulator.render(place, worlds) for place in candidates])
         drawn = drawn.reshape(len(places), *real.shape).astype(np.float32)
         changes = changes if len(changes) else drawn.var(0)
-        best = np.argmax(_correlation(drawn, real, changes), 0)
-        beside = drawn[np.where(best > 0, best - 1, 1), each]
-        change = np.square(drawn[best, each] - beside).sum(-1)
-        share = float(np.median(change / np.maximum(2 * changes.sum(-1), 1e-9)))
+        likeness = _correlation(drawn, real, changes)
+        best = np.argmax(likeness - _TIE * np.abs(places)[:, None], 0)
+        last = len(places) - 1
+        beside = np.where(best > 0, best - 1, 1), np.where(best < last, best + 1, last - 1)
+        change = [np.square(drawn[best, each] - drawn[other, each]).sum(-1) for other in beside]
+        # The smaller one: where a floor's edges all cross pixels at once, pictures jump.
+        share = float(np.median(np.minimum(*change) / np.maximum(2 * changes.sum(-1), 1e-9)))
         states, reach = moved[best, each], reach * np.diff(places).max()
         places = _CLOSER
+        if share <= _ALIKE:
+            break
     aligned = space.with_positions_and_velocities(full_states, states)
-    return aligned, np.abs(reach) * _ALIKE / max(share, 1e-9)
+    return aligned, np.abs(reach) * max(1.0, _ALIKE / max(share, 1e-9))
 
 
 def _correlation(drawn: np.ndarray, real: np.ndarray, weight: np.ndarray) -> np.ndarray:

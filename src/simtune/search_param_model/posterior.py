@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from simtune.cuda_graph import CALLS_BEFORE_REPLAY, Step, graphed
 from simtune.networks import seeded
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior_batches import DetectorErrors, PosteriorBatches
@@ -65,6 +66,7 @@ class PosteriorSearchParamModel:
         self.visible, self.device = np.flatnonzero(visible), torch.device(device)
         self.generator = torch.Generator(self.device).manual_seed(seed)
         self._action_scale = self._tensor(action_scale)
+        self._timed: Step | None = None  # an update that changes nothing
         with seeded(seed):
             self.detector = KeypointDetector(
                 num_keypoints, len(self.visible), shape, config.detector
@@ -100,16 +102,25 @@ class PosteriorSearchParamModel:
         )
 
     def time_updates(self, frames: np.ndarray, num: int) -> None:
-        """As much work as `num` updates of the detector, without changing it."""
+        """As much work as `num` updates of the detector, without changing it.
+
+        More in the first call, which also captures a graph.
+        """
         size = self.config.detector.batch_size
         batch = to_input(np.resize(frames, (size, *frames.shape[1:]))).to(self.device)
         places = batch.new_zeros(size, self.detector.num_keypoints, 2)
         visible = batch.new_zeros(size, len(self.visible))
         width = batch.new_ones(len(self.visible))
-        for _ in range(num):
+
+        def update() -> torch.Tensor:
             loss = self.detector.loss(batch, places, visible, width)
             loss.backward()
-            loss.item()  # waits for a GPU
+            return loss.detach()
+
+        if self._timed is None:
+            self._timed, num = graphed(update, self.generator), max(num, CALLS_BEFORE_REPLAY)
+        losses = [self._timed() for _ in range(num)]
+        losses[-1].item()  # waits for a GPU
         self.detector.zero_grad()
 
     def detect(self, frames: np.ndarray) -> Detections:

@@ -69,8 +69,8 @@ class PosteriorNet(nn.Module):
         pooled = pooled.view(worlds, episodes, -1).mean(1)
         # The curves' width depends on how much data the means are from. For more episodes than in
         # training, the largest number there is used: curves are too wide, if anything.
-        episodes = self.most_episodes.to(pooled.dtype).clamp(max=episodes)
-        amount = torch.stack([episodes, torch.full_like(episodes, steps / SHORTEST_STEPS)])
+        number = self.most_episodes.to(pooled.dtype).clamp(max=episodes)
+        amount = torch.stack([number, torch.full_like(number, steps / SHORTEST_STEPS)])
         amount = amount.log().expand(worlds, -1)
         out = self.head(torch.cat([pooled, amount, centred], -1))
         weights, offsets, scales = out.view(worlds, self.num_parameters, 3, -1).unbind(2)

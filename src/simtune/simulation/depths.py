@@ -58,6 +58,7 @@ class Depths:
         Of geoms at (n, ngeom, 3) `places` with (n, ngeom, 3, 3) rotations `turns`, before cameras
         at (n, 3) with (n, 3, 3) rotations.
         """
+        warp.set_device("cpu")  # others may draw elsewhere
         self._fovy[self._camera] = fovy_deg
         self._model.cam_fovy = warp.array(np.tile(self._fovy, (_CHUNK, 1)), dtype=float)
         depths = np.empty((len(places), *self.size), np.float32)

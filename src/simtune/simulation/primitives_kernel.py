@@ -8,10 +8,10 @@ from mujoco_warp import GeomType
 from mujoco_warp._src import ray, render
 from mujoco_warp._src.render_util import pack_rgba_to_uint32
 
+from simtune.simulation.packing import NOTHING
 from simtune.simulation.primitives_geoms import Geom, first_hit, intersect, texture_at
 
 SPOT, DIRECTIONAL = wp.constant(0), wp.constant(1)  # the other kinds shine everywhere
-BACKGROUND = wp.constant(wp.uint32(0))
 _OFF = wp.constant(1e-4)  # m, by which rays begin off a surface, not to meet it at once
 _ENDLESS = wp.constant(1e6)
 # In cells that are small from a lamp, interpolation changes no pixel: (1 + exponent) · (cell /
@@ -228,7 +228,7 @@ def draw(
                 if distance >= 0.0 and distance <= reach and wp.dot(direction, outward) <= 0.0:
                     nearest, normal, hit = distance, outward, i
         if hit < 0:
-            pixels[world, pixel] = BACKGROUND
+            pixels[world, pixel] = NOTHING
             if sky >= 0:
                 shade = 255.0 * render.sample_skybox(skies[sky], sky_texel, direction)
                 pixels[world, pixel] = pack_rgba_to_uint32(shade[0], shade[1], shade[2], 255.0)

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import warp
 
+from simtune.devices import pictures_at_once
 from simtune.parameters import ParameterSpace
 from simtune.simulation import packing
 from simtune.simulation.backdrops import Backdrops
@@ -19,8 +20,6 @@ from simtune.simulation.sky import can_turn, smooth_sky
 from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import no_printed_warnings
 
-# Pictures per launch: on a CPU they fit the cache, and still amortise the launch
-_CHUNK, _GPU_CHUNK = 64, 1024
 _GREY = 0xFF808080  # packed; of a background that is unknown
 
 
@@ -57,7 +56,7 @@ class Raycaster:
         num_threads = num_threads or _num_cores()
         is_cpu = device == "cpu"
         self._num_threads = num_threads if is_cpu else 1
-        self._chunk = _CHUNK if is_cpu else _GPU_CHUNK
+        self._chunk = pictures_at_once(device, *size)
         sky = None
         if plate is not None:
             check_stands_still(model, camera)

@@ -58,7 +58,7 @@ class Context:
             self._device = self._warp_context.rgb_data.device
             warp.load_module(packing, device=self._device)
         num_pixels = size[0] * size[1]
-        self._sky = _on_device(np.empty((0, num_pixels)) if sky is None else sky.reshape(1, -1))
+        self._sky = self._pixels(np.empty((0, num_pixels)) if sky is None else sky.reshape(1, -1))
         is_cpu = self._device.is_cpu
         self._run = size[1] if is_cpu else 1  # of pixels that a thread unpacks
         self._rgb: warp.array | None = None  # on a GPU, where pictures are copied from
@@ -75,7 +75,7 @@ class Context:
     ) -> None:
         """Draw n states, (n, S), into `frames`, (n, H, W, 3), perhaps before others."""
         n, pixels = len(states), self.cast(states, parameters, stray)
-        sky = self._sky if behind is None else _on_device(packed(behind).reshape(n, -1))
+        sky = self._sky if behind is None else self._pixels(packed(behind).reshape(n, -1))
         size = n, pixels.shape[1], 3
         in_place = {"ptr": frames.ctypes.data, "device": "cpu"}
         shown = warp.array(shape=size, dtype=warp.uint8, **in_place)  # type: ignore
@@ -119,6 +119,11 @@ class Context:
         self._model.light_castshadow = warp.array(cast, dtype=bool, device=device)
         return self._with_shadows
 
+    def _pixels(self, pixels: np.ndarray) -> warp.array:
+        """Packed ones, where the pictures are drawn."""
+        whole = np.ascontiguousarray(pixels, np.uint32)
+        return warp.array(whole, dtype=warp.uint32, device=self._device)
+
     def _write(self, parameters: np.ndarray) -> None:
         """Write (n, N) parameters, unless they equal the previous chunk's."""
         padded = parameters[np.arange(self._num_worlds) % len(parameters)]
@@ -154,7 +159,7 @@ def make_context(model, camera, size, **settings):
         render_rgb=True,
         render_depth=False,
         render_seg=False,
-        background_color=(0.0, 0.0, 0.0, 0.0),  # packs to _NOTHING
+        background_color=(0.0, 0.0, 0.0, 0.0),  # packs to packing.NOTHING
         **settings,
     )
 
@@ -164,11 +169,6 @@ def _draw(model, data, context) -> warp.array:
     mujoco_warp.refit_bvh(model, data, context)
     mujoco_warp.render(model, data, context)
     return context.rgb_data
-
-
-def _on_device(pixels: np.ndarray) -> warp.array:
-    """Packed pixels, where the pictures are drawn."""
-    return warp.array(np.ascontiguousarray(pixels, np.uint32), dtype=warp.uint32)
 
 
 def assign(target, values: np.ndarray) -> None:

@@ -13,10 +13,10 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
+from simtune.devices import pictures_at_once
 from simtune.networks import mlp
 
 _STRIDE = 2  # pixels per cell of the heatmaps
-_CHUNK, _GPU_CHUNK = 64, 1024  # pictures per pass
 _NEAR_CELLS = 2  # a keypoint's position is an average over cells this near to the peak
 
 
@@ -199,7 +199,7 @@ def detect(
     On a CPU larger batches than the default are slower, and take much memory.
     """
     parts, device = [], detector.grid.device
-    usual = _CHUNK if device.type == "cpu" else _GPU_CHUNK
+    usual = pictures_at_once(device, *frames.shape[1:3])
     for part in torch.from_numpy(frames).split(batch_size or usual):
         heatmaps, estimated = detector(to_input(part.to(device)))
         places, *others = detector.candidates(heatmaps)
