@@ -110,18 +110,18 @@ class PosteriorSearchParamModel:
         batch = to_input(np.resize(frames, (size, *frames.shape[1:]))).to(self.device)
         places = batch.new_zeros(size, self.detector.num_keypoints, 2)
         visible = batch.new_zeros(size, len(self.visible))
-        width = batch.new_ones(len(self.visible))
+        width, learnt = batch.new_ones(len(self.visible)), [*self.detector.parameters()]
 
         def update() -> torch.Tensor:
             loss = self.detector.loss(batch, places, visible, width)
-            loss.backward()
+            # No `backward`: a graph would write to gradients that are given up meanwhile.
+            torch.autograd.grad(loss, learnt, allow_unused=True)
             return loss.detach()
 
         if self._timed is None:
             self._timed, num = graphed(update, self.generator), max(num, CALLS_BEFORE_REPLAY)
         losses = [self._timed() for _ in range(num)]
         losses[-1].item()  # waits for a GPU
-        self.detector.zero_grad()
 
     def detect(self, frames: np.ndarray) -> Detections:
         """In (..., H, W, 3) frames, flattened to one axis."""
