@@ -15,6 +15,7 @@ from torch import nn
 from torch.nn import functional
 
 from simtune.agents.agent import AgentSpec
+from simtune.agents.pixel_networks import descend
 from simtune.cuda_graph import graphed, make_capturable, set_rate
 from simtune.devices import pictures_at_once
 from simtune.networks import mlp, predicting
@@ -149,7 +150,8 @@ class Student(nn.Module):
         pictures = pictures + 2 * self.config.detector.noise * noise
         width = torch.full_like(positions[0], _POSITIONS_WIDTH)
         loss = self.detector.loss(pictures, keypoints, positions, width)
-        return _descend(self.detector_optimizer, loss)
+        descend(loss, self.detector_optimizer)
+        return loss.detach()
 
     def learn_to_act(
         self, detected: torch.Tensor, latest: torch.Tensor, actions: torch.Tensor, progress: float
@@ -161,16 +163,10 @@ class Student(nn.Module):
     def _learn_to_act(
         self, detected: torch.Tensor, latest: torch.Tensor, actions: torch.Tensor
     ) -> torch.Tensor:
-        return _descend(self.head_optimizer, functional.mse_loss(self(detected, latest), actions))
+        loss = functional.mse_loss(self(detected, latest), actions)
+        descend(loss, self.head_optimizer)
+        return loss.detach()
 
     def _rate(self, progress: float) -> float:
         """Of learning, relative to its peak: it rises at first, then falls."""
         return min(1.0, (self.num_updates + 1) / self.config.warm_up) * max(0.02, 1 - progress)
-
-
-def _descend(optimizer: torch.optim.Optimizer, loss: torch.Tensor) -> torch.Tensor:
-    """One step of an optimiser; the loss."""
-    optimizer.zero_grad()
-    loss.backward()
-    optimizer.step()
-    return loss.detach()
