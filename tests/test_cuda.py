@@ -6,12 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from batches import pixel_batch
 from test_teacher_student import SMALL, SPEC, dots, make_teacher, transitions
 
+from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.agents.student import Student
 from simtune.cuda_graph import graphed, make_capturable
 from simtune.networks import seeded
+from simtune.pixel_encoder import PixelEncoder
 from simtune.randomization import Distribution
+from simtune.replay import Transitions
 from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
 from simtune.search_param_model.posterior_batches import DetectorErrors
 from simtune.search_param_model.simulated import SimulatedWorlds
@@ -143,3 +147,39 @@ def test_a_teachers_updates_by_graphs_are_those_of_a_cpu():
         losses = ours.update(batch, 0.0, torch.Generator())
         others = teach(*(getattr(batch, name).cuda() for name in names))
         torch.testing.assert_close(losses, others.cpu(), rtol=1e-3, atol=1e-4)
+
+
+def test_an_encoder_and_its_gradients_are_those_of_a_cpu():
+    frames = torch.randint(256, (40, 3, 84, 84, 3), dtype=torch.uint8)
+    torch.manual_seed(0)
+    ours = PixelEncoder(9, 84)
+    theirs = copy.deepcopy(ours).cuda()
+    results = []
+    for encoder, shown in ((ours, frames), (theirs, frames.cuda())):
+        features = encoder(shown)
+        (features * features.roll(1, 1)).sum().backward()
+        results.append([features, *(p.grad for p in encoder.parameters())])
+    for one, other in zip(*results, strict=True):
+        assert (one - other.cpu()).norm() < 0.01 * one.norm()  # TF32
+
+
+def test_the_papers_agent_learns_what_it_does_on_a_cpu():
+    """Without chance: crops of the whole picture, hardly any noise; in bfloat16."""
+    config = CurlSacConfig(
+        image_size=24,
+        crop_size=24,
+        num_stacked=2,
+        hidden_size=64,
+        random_steps=0,
+        log_std=(-10.0, -9.99),
+    )
+    ours, theirs = (CurlSac(2, config, seed=0, device=device) for device in ("cpu", "cuda"))
+    batch = pixel_batch(24, 32)
+    there = Transitions(**{name: value.cuda() for name, value in vars(batch).items()})
+    losses = []
+    for _ in range(12):  # six of each kind, three of which are not graphs yet
+        losses = [ours.learn(batch), theirs.learn(there)]
+    torch.testing.assert_close(losses[0], losses[1].cpu(), rtol=0.1, atol=0.05, equal_nan=True)
+    assert batch.frames is not None
+    shown = batch.frames[:8].numpy()
+    np.testing.assert_allclose(ours.act(shown), theirs.act(shown), atol=0.05)

@@ -18,7 +18,7 @@ from simtune.agents.pixel_networks import (
     sample_squashed,
 )
 from simtune.cuda_graph import GraphedStep
-from simtune.networks import PixelConvolutions, PixelEncoder
+from simtune.pixel_encoder import PixelConvolutions, PixelEncoder
 from simtune.replay import Transitions
 
 SMALL = CurlSacConfig(
@@ -68,7 +68,9 @@ def test_target_q_equals_hand_calculation(agent, monkeypatch):
     values = torch.tensor([[3.0, 5.0, -1.0], [4.0, 1.0, -2.0]])
     monkeypatch.setattr(agent.target.q, "forward", lambda features, actions: values)
     target_q = agent.target_q(
-        torch.tensor([1.0, 2.0, 0.5]), torch.tensor([1.0, 0.0, 1.0]), as_frames(3)
+        torch.tensor([1.0, 2.0, 0.5]),
+        torch.tensor([1.0, 0.0, 1.0]),
+        torch.zeros(3, agent.critic.encoder.convolutions.num_outputs),
     )
     wanted = [1 + 0.99 * (3 + 0.2), 2, 0.5 + 0.99 * (-2 - 0.3)]
     np.testing.assert_allclose(target_q.detach(), wanted, rtol=1e-6)
@@ -234,8 +236,9 @@ def test_initial_weights_are_orthogonal():
     assert all(part.bias.count_nonzero() == 0 for part in module)
 
 
-@pytest.mark.parametrize("num_stacked", [1, 3, 10])
-def test_convolutions_equal_torchs_own_layers(num_stacked):
+@pytest.mark.parametrize("on_gpu", [False, True])
+@pytest.mark.parametrize("num_stacked", [1, 3, 8, 10])
+def test_convolutions_equal_torchs_own_layers(num_stacked, on_gpu):
     torch.manual_seed(0)
     frames = torch.randint(256, (18, num_stacked, 17, 17, 3), dtype=torch.uint8)
     convolutions = PixelConvolutions(3 * num_stacked, 17)
@@ -243,11 +246,15 @@ def test_convolutions_equal_torchs_own_layers(num_stacked):
     for layer in convolutions.layers:
         wanted = layer(wanted)
     wanted = wanted.permute(0, 2, 3, 1).flatten(1)
+    if on_gpu:
+        convolved = convolutions._in_few_kernels(frames).permute(0, 2, 3, 1).flatten(1)
+    else:
+        convolved = convolutions(frames)
     gradients = [
-        torch.autograd.grad(convolved.square().sum(), [*convolutions.parameters()])
-        for convolved in (wanted, convolutions(frames))
+        torch.autograd.grad(maps.square().sum(), [*convolutions.parameters()])
+        for maps in (wanted, convolved)
     ]
-    torch.testing.assert_close(convolutions(frames), wanted)
+    torch.testing.assert_close(convolved, wanted)
     torch.testing.assert_close(gradients[1], gradients[0], rtol=1e-4, atol=1e-5)
 
 

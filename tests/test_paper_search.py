@@ -12,9 +12,10 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.networks import PixelEncoder, positional_encoding, predicting
+from simtune.networks import positional_encoding, predicting
 from simtune.observation import JointSensor, ObservationModel
 from simtune.parameters import Parameter, ParameterSpace
+from simtune.pixel_encoder import PixelEncoder
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel, count_votes
 from simtune.search_param_model.windows import Windows, split
 from simtune.simulation import Points, Rollouts, Simulator

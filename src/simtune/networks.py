@@ -1,4 +1,4 @@
-"""Common to networks: the pixel encoder, the positional encoding, and precision."""
+"""Common to networks: layers, the positional encoding, precision, and their checkpoints."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -7,68 +7,8 @@ from typing import cast
 
 import torch
 from torch import nn
-from torch.nn import functional
 
 from simtune.errors import InputError
-
-_CPU_SLICE = 32  # stacks whose intermediate results fit in a cache, and in reused memory
-
-
-class PixelConvolutions(nn.Module):
-    """Four 3×3 convolutions with 32 filters and strides 2, 1, 1, 1, each followed by a ReLU."""
-
-    def __init__(self, num_channels: int, image_size: int):
-        super().__init__()
-        side = (image_size - 3) // 2 + 1 - 3 * 2  # without padding each further layer costs 2
-        if side < 1:
-            raise ValueError(f"images must be at least 15 pixels wide, got {image_size}")
-        self.num_outputs = 32 * side * side
-        layers: list[nn.Module] = [nn.Conv2d(num_channels, 32, 3, stride=2), nn.ReLU(inplace=True)]
-        for _ in range(3):
-            layers += [nn.Conv2d(32, 32, 3), nn.ReLU(inplace=True)]
-        # channels_last is a fifth faster on CPUs, and suits the tensor cores of GPUs
-        self.layers = nn.Sequential(*layers).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-
-    def forward(self, frames: torch.Tensor) -> torch.Tensor:
-        """(B, K, H, W, 3) uint8 to (B, num_outputs)."""
-        slices = frames.split(_CPU_SLICE) if frames.device.type == "cpu" else [frames]
-        return torch.cat([self._convolve(some) for some in slices])
-
-    def _convolve(self, frames: torch.Tensor) -> torch.Tensor:
-        first, *others = self.layers
-        assert isinstance(first, nn.Conv2d)
-        # The K frames' rows are interleaved into one tall picture, and the kernel likewise: the
-        # same sums without copying, since stacking the frames takes as long as a layer.
-        num_stacked = frames.shape[1]
-        tall = first.weight.unflatten(1, (num_stacked, 3)).permute(0, 2, 3, 1, 4).flatten(2, 3)
-        rows = frames.transpose(1, 2).contiguous().flatten(1, 2).permute(0, 3, 1, 2)
-        pixels = rows.to(torch.float32, memory_format=torch.channels_last)
-        # Scale to 0 to 1 by the weights, of which there are fewer than pixels.
-        convolved = functional.conv2d(pixels, tall / 255, first.bias, (2 * num_stacked, 2))
-        for layer in others:
-            convolved = layer(convolved)
-        return convolved.permute(0, 2, 3, 1).flatten(1)  # as it lies in memory
-
-
-class PixelEncoder(nn.Module):
-    """The agent's encoder: stacked frames to 50 normalised features (RAD, appendix E).
-
-    The convolutions, then a linear layer and a LayerNorm; no tanh, as in RAD's and CURL's SAC.
-    """
-
-    def __init__(self, num_channels: int, image_size: int, num_features: int = 50):
-        super().__init__()
-        self.convolutions = PixelConvolutions(num_channels, image_size)
-        self.head = feature_head(self.convolutions.num_outputs, num_features)
-
-    def forward(self, frames: torch.Tensor) -> torch.Tensor:
-        """(B, K, H, W, 3) uint8 to (B, num_features) float32."""
-        return self.head(self.convolutions(frames)).float()
-
-
-def feature_head(num_inputs: int, num_features: int = 50) -> nn.Sequential:
-    """Convolutional features to a few normalised ones."""
-    return nn.Sequential(nn.Linear(num_inputs, num_features), nn.LayerNorm(num_features))
 
 
 def positional_encoding(x: torch.Tensor, octaves: int) -> torch.Tensor:
@@ -82,13 +22,27 @@ def positional_encoding(x: torch.Tensor, octaves: int) -> torch.Tensor:
     return torch.cat([x[..., None], angles.sin(), angles.cos()], -1).flatten(-2)
 
 
-def mlp(sizes: Sequence[int], activation: type[nn.Module], dropout: float = 0.0) -> nn.Sequential:
+class FineLinear(nn.Linear):
+    """A linear layer in float32 also under autocast: bfloat16 would round a value of 300 to 2."""
+
+    def forward(self, input: torch.Tensor) -> torch.Tensor:
+        """(B, inputs) of any precision to (B, outputs) float32."""
+        with torch.autocast(input.device.type, enabled=False):
+            return super().forward(input.float())
+
+
+def mlp(
+    sizes: Sequence[int],
+    activation: type[nn.Module],
+    dropout: float = 0.0,
+    last: type[nn.Linear] = nn.Linear,
+) -> nn.Sequential:
     """Linear layers of these sizes, with activation and dropout after all but the last."""
     layers: list[nn.Module] = []
     for size_in, size_out in pairwise(sizes[:-1]):
         layers += [nn.Linear(size_in, size_out), activation()]
         layers += [nn.Dropout(dropout)] if dropout else []
-    return nn.Sequential(*layers, nn.Linear(sizes[-2], sizes[-1]))
+    return nn.Sequential(*layers, last(sizes[-2], sizes[-1]))
 
 
 def has_fast_bf16(device: torch.device) -> bool:

@@ -1,8 +1,8 @@
 """The paper's agent: soft actor-critic on pixels with random crops (RAD) and contrast (CURL).
 
 One update, `CurlSac._learn`, encodes three crops: one of the frames, with gradients, and by the
-slowly moving target another one of them and one of the next frames. The first is the critics'
-input and CURL's query, the second CURL's key, the third the input of the critics' target. So
+slowly moving target, at once, another one of them and one of the next frames. The first is the
+critics' input and CURL's query, the second CURL's key, the third the critics' target's input. So
 
 * critics and contrast are one loss and one step for the encoder, not two in turn;
 * the actor uses the *target's* convolutions, with a head of its own. In public implementations it
@@ -22,6 +22,7 @@ import torch
 from torch import nn
 
 from simtune.agents.augment import centre_crop, random_crop
+from simtune.agents.half_copy import HalfCopy
 from simtune.agents.pixel_agent import PixelAgent, PixelAgentConfig
 from simtune.agents.pixel_networks import (
     Contrast,
@@ -34,7 +35,8 @@ from simtune.agents.pixel_networks import (
 )
 from simtune.agents.saving import Stateful
 from simtune.cuda_graph import GraphedStep
-from simtune.networks import PixelEncoder, autocast, seeded
+from simtune.networks import autocast, seeded
+from simtune.pixel_encoder import PixelEncoder
 from simtune.replay import Transitions
 
 
@@ -113,6 +115,9 @@ class CurlSac(PixelAgent):
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         for module in (self.critic, self.actor, self.contrast, self.temperature, self.target):
             module.to(self.device)
+        self._critic = HalfCopy(self.critic, self.device)
+        self._target = HalfCopy(self.target, self.device)
+        self._actor = HalfCopy(self.actor, self.device)
         adam = partial(torch.optim.Adam, fused=True, capturable=self.device.type == "cuda")
         networks = partial(adam, lr=config.learning_rate, betas=(config.beta1, 0.999))
         self._critic_optimizer = networks([*self.critic.parameters(), *self.contrast.parameters()])
@@ -124,6 +129,7 @@ class CurlSac(PixelAgent):
         )
         self._use_graphs = use_graphs and self.device.type == "cuda"
         self._steps = self._make_steps()
+        self._acting: dict[tuple[int, bool], Callable[..., torch.Tensor]] = {}  # as graphs
 
     def _make_steps(self) -> Sequence[Callable[..., torch.Tensor]]:
         """The update without and with its slow parts; as graphs if used."""
@@ -134,11 +140,19 @@ class CurlSac(PixelAgent):
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """(n, K, H, W, 3) uint8 to (n, A) actions: the mean's, or drawn."""
-        with torch.inference_mode(), autocast(self.device):
-            seen = centre_crop(torch.as_tensor(frames).to(self.device), self.config.crop_size)
-            maps = self.target.encoder.convolutions(seen)
-            actions = self.draw(maps)[0] if sample else self.actor(maps)[0].tanh()
-            return actions.cpu().numpy()
+        kind = len(frames), sample
+        if kind not in self._acting:
+            act = partial(self._act, sample=sample)
+            self._acting[kind] = GraphedStep(act, self._generator) if self._use_graphs else act
+        return self._acting[kind](torch.as_tensor(frames).to(self.device)).cpu().numpy()
+
+    @torch.no_grad()
+    def _act(self, frames: torch.Tensor, sample: bool) -> torch.Tensor:
+        with autocast(self.device):
+            maps = self._target.used.encoder.convolutions(
+                centre_crop(frames, self.config.crop_size)
+            )
+            return self.draw(maps)[0] if sample else self._actor.used(maps)[0].tanh()
 
     def learn(self, batch: Transitions) -> torch.Tensor:
         """One update; (6,) its `losses`; the actor's only in every `slow_every`-th, else NaN."""
@@ -161,33 +175,35 @@ class CurlSac(PixelAgent):
         slow: bool,
     ) -> torch.Tensor:
         query, key, next_obs = map(self._crop, (frames, frames, next_frames))
+        critic, target = self._critic.used, self._target.used.encoder
         with autocast(self.device):
             with torch.no_grad():
-                maps = self.target.encoder.convolutions(key)
-                keys = self.target.encoder.head(maps).float()
-                target_q = self.target_q(rewards, discounts, next_obs)
-            features = self.critic.encoder(query)
-            values = self.critic.q(features, actions)  # (2, B)
+                maps, next_maps = target.convolutions(torch.cat([key, next_obs])).chunk(2)
+                keys = target.head(maps).float()
+                target_q = self.target_q(rewards, discounts, next_maps)
+            features = critic.encoder(query)
+            values = critic.q(features, actions)  # (2, B)
         critic_loss = (values - target_q).square().mean(1).sum()
         contrast_loss = self.contrast.loss(features, keys)  # its logits are too large for bf16
-        descend(critic_loss + contrast_loss, self._critic_optimizer)
+        descend(critic_loss + contrast_loss, self._critic_optimizer, self._critic)
 
         losses = [critic_loss, contrast_loss, values.mean()]
         if slow:
             losses += self.learn_policy(maps, features.detach())
             move_towards(self.target.encoder, self.critic.encoder, self.config.encoder_rate)
             move_towards(self.target.q, self.critic.q, self.config.critic_rate)
+            self._target.refresh()
         else:
             losses += [torch.full_like(critic_loss, math.nan)] * 3
         return torch.stack(losses).detach()
 
     def target_q(
-        self, rewards: torch.Tensor, discounts: torch.Tensor, next_obs: torch.Tensor
+        self, rewards: torch.Tensor, discounts: torch.Tensor, maps: torch.Tensor
     ) -> torch.Tensor:
-        """(B,) r + γ·d·(min Q'(o', a') − α·log π(a'|o')), a' drawn from the policy; cropped o'."""
-        maps = self.target.encoder.convolutions(next_obs)
+        """(B,) r + γ·d·(min Q'(o', a') − α·log π(a'|o')), a' the policy's, by (B, F) maps of o'."""
         actions, log_prob = self.draw(maps)
-        values = self.target.q(self.target.encoder.head(maps), actions).amin(0)
+        target = self._target.used
+        values = target.q(target.encoder.head(maps), actions).amin(0)
         soft = values - self.temperature() * log_prob
         return rewards + self.config.discount * discounts * soft
 
@@ -195,9 +211,9 @@ class CurlSac(PixelAgent):
         """The actor, by (B, F) feature maps and the critics' (B, 50) features; the temperature."""
         with autocast(self.device):
             actions, log_prob = self.draw(maps)
-            values = self.critic.q(features, actions).amin(0)
+            values = self._critic.used.q(features, actions).amin(0)
         actor_loss = (self.temperature().detach() * log_prob - values).mean()
-        descend(actor_loss, self._actor_optimizer)
+        descend(actor_loss, self._actor_optimizer, self._actor)
         entropy = -log_prob.detach().mean()
         temperature = self.temperature()
         descend(temperature * (entropy + self.num_actions), self._temperature_optimizer)
@@ -205,7 +221,7 @@ class CurlSac(PixelAgent):
 
     def draw(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, F) feature maps to actions (B, A) of the policy and their log-probabilities (B,)."""
-        mean, log_std = self.actor(maps)
+        mean, log_std = self._actor.used(maps)
         return sample_squashed(mean, log_std, self._generator)
 
     def _crop(self, frames: torch.Tensor) -> torch.Tensor:
@@ -214,7 +230,10 @@ class CurlSac(PixelAgent):
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         """See `Agent`."""
         super().load(tensors, state)
+        for half in (self._critic, self._target, self._actor):
+            half.refresh()
         self._steps = self._make_steps()  # graphs hold the old moments
+        self._acting.clear()
 
     def _stateful(self) -> Stateful:
         return {

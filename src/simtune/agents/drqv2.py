@@ -18,7 +18,8 @@ from simtune.agents.noise import disturbed, falling
 from simtune.agents.pixel_agent import PixelAgent, PixelAgentConfig
 from simtune.agents.pixel_networks import TwinQ, descend, initialize, move_towards
 from simtune.agents.saving import Stateful
-from simtune.networks import PixelConvolutions, autocast, feature_head, mlp, seeded
+from simtune.networks import autocast, mlp, seeded
+from simtune.pixel_encoder import PixelConvolutions, feature_head
 from simtune.replay import Transitions
 
 

@@ -1,13 +1,14 @@
 """Building blocks of pixel agents: heads on top of `PixelConvolutions`."""
 
 import math
-from typing import cast
 
 import torch
 from torch import nn
 from torch.nn import functional
 
-from simtune.networks import feature_head, mlp
+from simtune.agents.half_copy import HalfCopy
+from simtune.networks import FineLinear, mlp
+from simtune.pixel_encoder import feature_head
 
 
 class GaussianActor(nn.Module):
@@ -19,11 +20,12 @@ class GaussianActor(nn.Module):
         super().__init__()
         self.log_std = log_std  # bounds
         self.head = feature_head(num_inputs)
-        self.layers = mlp((50, hidden_size, hidden_size, 2 * num_actions), nn.ReLU)
+        sizes = (50, hidden_size, hidden_size, 2 * num_actions)
+        self.layers = mlp(sizes, nn.ReLU, last=FineLinear)
 
     def forward(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, F) to (B, A) each, float32."""
-        mean, spread = finely(self.layers, self.head(maps)).chunk(2, -1)
+        mean, spread = self.layers(self.head(maps)).chunk(2, -1)
         return mean, bounded_log_std(spread, self.log_std)
 
 
@@ -56,19 +58,12 @@ class TwinQ(nn.Module):
         super().__init__()
         sizes = (num_features + num_actions, hidden_size, hidden_size, 1)
         # Two networks: one batched product is no faster here, and copies their gradients.
-        self.networks = nn.ModuleList(mlp(sizes, nn.ReLU) for _ in range(2))
+        self.networks = nn.ModuleList(mlp(sizes, nn.ReLU, last=FineLinear) for _ in range(2))
 
     def forward(self, features: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """(B, F) and (B, A) to (2, B) float32."""
         both = torch.cat([features, actions.to(features.dtype)], -1)
-        return torch.stack([finely(cast(nn.Sequential, q), both)[:, 0] for q in self.networks])
-
-
-def finely(layers: nn.Sequential, inputs: torch.Tensor) -> torch.Tensor:
-    """Output of layers, with the last one in float32: bfloat16 would round a value of 300 to 2."""
-    hidden = layers[:-1](inputs).float()
-    with torch.autocast(hidden.device.type, enabled=False):
-        return layers[-1](hidden)
+        return torch.stack([q(both)[:, 0] for q in self.networks])
 
 
 class Contrast(nn.Module):
@@ -108,15 +103,25 @@ def initialize(module: nn.Module) -> None:
             nn.init.zeros_(part.bias)
 
 
-def descend(loss: torch.Tensor, optimizer: torch.optim.Optimizer) -> None:
-    """One step of an optimiser; other parameters of the loss get no gradient."""
+def descend(loss: torch.Tensor, optimizer: torch.optim.Optimizer, *copies: HalfCopy) -> None:
+    """One step of an optimiser; other parameters of the loss get no gradient.
+
+    `copies` are what the loss was computed by, in place of networks of the optimiser.
+    """
+    weights: list[torch.Tensor] = [p for group in optimizer.param_groups for p in group["params"]]
+    halves = {w: used for half in copies for w, used in half.counterparts().items()}
     optimizer.zero_grad(set_to_none=True)
-    loss.backward(inputs=[p for group in optimizer.param_groups for p in group["params"]])
+    loss.backward(inputs=[halves.get(weight, weight) for weight in weights])
+    for half in copies:
+        half.hand_over_gradients()
     optimizer.step()
+    for half in copies:
+        half.refresh()
 
 
 def move_towards(target: nn.Module, online: nn.Module, share: float) -> None:
     """An exponential moving average: target ← (1 − share)·target + share·online."""
     with torch.no_grad():
-        for slow, fast in zip(target.parameters(), online.parameters(), strict=True):
-            slow.lerp_(fast, share)
+        slow: list[torch.Tensor] = [*target.parameters()]
+        fast: list[torch.Tensor] = [*online.parameters()]
+        torch._foreach_lerp_(slow, fast, share)  # pyright: ignore[reportPrivateImportUsage]

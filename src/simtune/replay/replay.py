@@ -1,5 +1,6 @@
 """D_policy: the stored episodes, sampled as single steps that an agent learns from."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -20,6 +21,13 @@ class Transitions:
     # (B, K, H, W, 3) uint8, oldest first; an episode's first frame is repeated before its start
     frames: torch.Tensor | None = None
     next_frames: torch.Tensor | None = None
+
+    def split(self, size: int) -> Iterator["Transitions"]:
+        """In batches of `size` and a rest; they share memory with these."""
+        for start in range(0, len(self.rewards), size):
+            part = slice(start, start + size)
+            values = {name: value[part] for name, value in vars(self).items() if value is not None}
+            yield Transitions(**values)
 
 
 @dataclass(eq=False, kw_only=True)

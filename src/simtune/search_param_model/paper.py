@@ -13,14 +13,9 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from simtune.networks import (
-    PixelEncoder,
-    autocast,
-    mlp,
-    positional_encoding,
-    predicting,
-)
+from simtune.networks import autocast, mlp, positional_encoding, predicting
 from simtune.parameters import ParameterSpace
+from simtune.pixel_encoder import PixelEncoder
 from simtune.search_param_model.windows import Windows, split
 from simtune.trajectory import Trajectory
 

@@ -93,10 +93,10 @@ class Context:
         worlds.state[:n] = states
         self._write(parameters)
         worlds.forward(ids=np.arange(n), stage=mujoco.mjtStage.mjSTAGE_POS.value)
-        for name in self._poses:
-            assign(getattr(self._data, name), getattr(worlds, name))
         # Draw only these; but flexes' search trees have a fixed number of worlds.
-        self._data.nworld = self._num_worlds if self._has_flexes else n
+        num = self._data.nworld = self._num_worlds if self._has_flexes else n
+        for name in self._poses:
+            assign(getattr(self._data, name), getattr(worlds, name)[:num])
         return self._drawn_by(stray)
 
     def _drawn_by(self, stray: StrayLight) -> warp.array:
@@ -172,8 +172,11 @@ def _draw(model, data, context) -> warp.array:
 
 
 def assign(target, values: np.ndarray) -> None:
-    shape = (*target.shape, *target.dtype._shape_)
-    target.assign(np.ascontiguousarray(values, np.float32).reshape(shape))
+    """Values of n worlds to the first n of Warp's own."""
+    if values.size:
+        shape = (len(values), *target.shape[1:], *target.dtype._shape_)
+        values = np.ascontiguousarray(values, np.float32).reshape(shape)
+        target[: len(values)].assign(values)
 
 
 def constant_sky(
