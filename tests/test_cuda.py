@@ -183,3 +183,24 @@ def test_the_papers_agent_learns_what_it_does_on_a_cpu():
     assert batch.frames is not None
     shown = batch.frames[:8].numpy()
     np.testing.assert_allclose(ours.act(shown), theirs.act(shown), atol=0.05)
+
+
+def test_acting_by_graphs_is_plain_acting():
+    """After the capture too, on other pictures, after updates, and after a checkpoint."""
+    config = CurlSacConfig(
+        image_size=24, crop_size=20, num_stacked=2, hidden_size=64, random_steps=0
+    )
+    by_graphs, plain = (
+        CurlSac(2, config, seed=0, device="cuda", use_graphs=use) for use in (True, False)
+    )
+    batch = pixel_batch(24, 32)
+    there = Transitions(**{name: value.cuda() for name, value in vars(batch).items()})
+    for i in range(6):
+        shown = torch.randint(256, (3, 2, 24, 24, 3), dtype=torch.uint8).numpy()
+        np.testing.assert_allclose(by_graphs.act(shown), plain.act(shown), atol=0.02)
+        if i == 4:
+            by_graphs.learn(there)
+            plain.load(by_graphs.tensors(), by_graphs.state())
+            by_graphs.load(plain.tensors(), plain.state())
+    samples = [by_graphs.act(shown, sample=True) for _ in range(8)]
+    assert len(np.unique(samples)) == np.size(samples)

@@ -26,6 +26,12 @@ SMALL = CurlSacConfig(
 )
 
 
+@pytest.fixture(autouse=True)
+def float32(monkeypatch):
+    """On any CPU: networks are used themselves, and patched."""
+    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: device.type == "cuda")
+
+
 @pytest.fixture
 def agent() -> CurlSac:
     return CurlSac(2, SMALL, seed=0)
@@ -161,8 +167,6 @@ def test_the_actors_gradient_reaches_the_actor_alone(agent):
 
 
 def test_critics_and_contrast_both_teach_the_encoder(monkeypatch):
-    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: False)
-
     def gradient_without(method: str | None) -> torch.Tensor:
         other = CurlSac(2, SMALL, seed=0)
         with monkeypatch.context() as patch:

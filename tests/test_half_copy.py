@@ -1,20 +1,25 @@
 """Weights in bfloat16 beside those in float32 that learn."""
 
+import numpy as np
 import pytest
 import torch
+from batches import pixel_batch
 from torch import nn
 
+from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.agents.half_copy import HalfCopy
 from simtune.agents.pixel_networks import TwinQ, descend
 from simtune.networks import autocast
 
 CPU = torch.device("cpu")
+SMALL = CurlSacConfig(
+    image_size=18, crop_size=16, num_stacked=2, hidden_size=32, batch_size=4, random_steps=0
+)
 
 
 @pytest.fixture
 def fast_bf16(monkeypatch):
-    for module in ("simtune.networks", "simtune.agents.half_copy"):
-        monkeypatch.setattr(f"{module}.has_fast_bf16", lambda device: True)
+    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: True)
 
 
 def twin() -> TwinQ:
@@ -23,7 +28,7 @@ def twin() -> TwinQ:
 
 
 def test_where_bfloat16_is_not_faster_the_network_is_used_itself(monkeypatch):
-    monkeypatch.setattr("simtune.agents.half_copy.has_fast_bf16", lambda device: False)
+    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: False)
     network = twin()
     assert HalfCopy(network, CPU).used is network
 
@@ -63,3 +68,32 @@ def test_steps_too_small_for_bfloat16_add_up():
         descend(half.used(torch.ones(1, 1, dtype=torch.bfloat16)).sum(), optimizer, half)
     assert network.weight.item() == pytest.approx(0.99, abs=1e-5)
     assert half.used.weight.item() == torch.tensor(0.99).bfloat16().item()
+
+
+@pytest.mark.usefixtures("fast_bf16")
+def test_gradients_are_laid_out_as_their_weights():
+    """Also where those of the copy are not: of a convolution with channels last, say."""
+    network = nn.Conv2d(4, 8, 3).to(memory_format=torch.channels_last)
+    half = HalfCopy(network, CPU)
+    wanted = torch.randn(8, 4, 3, 3).bfloat16()
+    half.used.weight.grad, half.used.bias.grad = wanted, torch.zeros(8).bfloat16()
+    assert wanted.stride() != network.weight.stride()
+    half.hand_over_gradients()
+    assert network.weight.grad.stride() == network.weight.stride()
+    assert torch.equal(network.weight.grad, wanted.float())
+
+
+@pytest.mark.usefixtures("fast_bf16")
+def test_an_agent_computes_with_its_latest_weights(tmp_path):
+    """After updates, and after a checkpoint was loaded."""
+    agent, resumed = (CurlSac(2, SMALL, seed=seed) for seed in (0, 1))
+    for _ in range(2):
+        agent.learn(pixel_batch(SMALL.image_size))
+    resumed.load(agent.tensors(), agent.state())
+    for one in (agent, resumed):
+        for half in (one._half_critic, one._half_target, one._half_actor):
+            pairs = half.counterparts()
+            assert pairs
+            assert all(torch.equal(used, weight.bfloat16()) for weight, used in pairs.items())
+    frames = pixel_batch(SMALL.image_size).frames.numpy()
+    np.testing.assert_array_equal(agent.act(frames), resumed.act(frames))

@@ -228,10 +228,11 @@ def test_updates_are_counted_over_calls(make):
 
 def test_updates_in_bfloat16_go_the_way_of_those_in_float32(make, monkeypatch):
     """On a CPU it is slow, but it tells whether casts lose gradients."""
-    batch, plain, cast = a_batch(64), make(), make()
+    batch, plain = a_batch(64), make()
     for _ in range(2):
         plain.learn(batch)
     monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: True)
+    cast = make()
     first = {name: tensor for name, tensor in everything(cast).items() if "optimizer" not in name}
     for _ in range(2):
         cast.learn(batch)

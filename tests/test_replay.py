@@ -444,3 +444,18 @@ def test_a_batch_never_waits_for_the_host():
     by_reward = {float(step.rewards): step for step in naive.steps}
     expected = stacked([by_reward[r] for r in arrays["rewards"].tolist()], with_frames=True)
     assert_same(Transitions(**arrays), expected)
+
+
+def test_a_draw_is_split_into_batches_and_a_rest():
+    drawn = Transitions(
+        states=torch.arange(14.0).reshape(7, 2),
+        actions=torch.arange(7.0)[:, None],
+        rewards=torch.arange(7.0),
+        discounts=torch.ones(7),
+        next_states=torch.zeros(7, 2),
+        parameters=torch.zeros(7, 1),
+    )
+    parts = list(drawn.split(3))
+    assert [part.rewards.tolist() for part in parts] == [[0, 1, 2], [3, 4, 5], [6]]
+    assert all(part.frames is None for part in parts)
+    assert torch.equal(torch.cat([part.states for part in parts]), drawn.states)

@@ -1,10 +1,10 @@
-"""One update of a network as a CUDA graph: a single launch in place of a thousand."""
+"""An update of a network, or acting by it, as a CUDA graph: one launch in place of hundreds."""
 
 from collections.abc import Callable
 
 import torch
 
-Step = Callable[..., torch.Tensor]  # tensors in, a tensor of losses out
+Step = Callable[..., torch.Tensor]  # tensors in, a tensor of losses or actions out
 
 _WARM_UP = 3  # calls before the capture, in which libraries allocate and choose kernels
 CALLS_BEFORE_REPLAY = _WARM_UP + 1

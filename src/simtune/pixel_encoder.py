@@ -54,7 +54,7 @@ class PixelConvolutions(nn.Module):
         kind = frames.device.type
         is_cast = torch.is_autocast_enabled(kind)
         dtype = torch.get_autocast_dtype(kind) if is_cast else torch.float32
-        hidden = aligned_stacks(frames, dtype)
+        hidden = _aligned_stacks(frames, dtype)
         for layer in self.layers:
             if isinstance(layer, nn.Conv2d):
                 weight, bias = layer.weight, cast(torch.Tensor, layer.bias)
@@ -68,7 +68,7 @@ class PixelConvolutions(nn.Module):
         return hidden
 
 
-def aligned_stacks(frames: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+def _aligned_stacks(frames: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
     """(B, K, H, W, 3) uint8 to (B, C, H, W), channels last, the first 3K of C used, others 0."""
     batch, num_stacked, height, width, _ = frames.shape
     used = 3 * num_stacked

@@ -1,8 +1,9 @@
 """The paper's agent: soft actor-critic on pixels with random crops (RAD) and contrast (CURL).
 
-One update, `CurlSac._learn`, encodes three crops: one of the frames, with gradients, and by the
-slowly moving target, at once, another one of them and one of the next frames. The first is the
-critics' input and CURL's query, the second CURL's key, the third the critics' target's input. So
+One update, `CurlSac._learn`, encodes three crops: one of the frames, with gradients, another one of
+the frames and one of the next frames. The last two, together, by the slowly moving target. The
+first is the critics' input and CURL's query, the second CURL's key, the third the critics' target's
+input. So
 
 * critics and contrast are one loss and one step for the encoder, not two in turn;
 * the actor uses the *target's* convolutions, with a head of its own. In public implementations it
@@ -12,7 +13,6 @@ critics' input and CURL's query, the second CURL's key, the third the critics' t
 
 import copy
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -34,7 +34,7 @@ from simtune.agents.pixel_networks import (
     sample_squashed,
 )
 from simtune.agents.saving import Stateful
-from simtune.cuda_graph import GraphedStep
+from simtune.cuda_graph import Step, graphed
 from simtune.networks import autocast, seeded
 from simtune.pixel_encoder import PixelEncoder
 from simtune.replay import Transitions
@@ -101,7 +101,7 @@ class CurlSac(PixelAgent):
         device: torch.device | str = "cpu",
         use_graphs: bool = True,
     ):
-        """`use_graphs`: updates on CUDA are captured as graphs, which is faster."""
+        """`use_graphs`: on CUDA updates and acting are captured as graphs, which is faster."""
         self.config = config
         super().__init__(num_actions, config, seed, device)
         with seeded(seed):
@@ -115,9 +115,15 @@ class CurlSac(PixelAgent):
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         for module in (self.critic, self.actor, self.contrast, self.temperature, self.target):
             module.to(self.device)
-        self._critic = HalfCopy(self.critic, self.device)
-        self._target = HalfCopy(self.target, self.device)
-        self._actor = HalfCopy(self.actor, self.device)
+        self._half_critic = HalfCopy(self.critic, self.device)
+        self._half_target = HalfCopy(self.target, self.device)
+        self._half_actor = HalfCopy(self.actor, self.device)
+        self._make_optimizers()
+        self._use_graphs = use_graphs
+        self._begin_steps()
+
+    def _make_optimizers(self) -> None:
+        config = self.config
         adam = partial(torch.optim.Adam, fused=True, capturable=self.device.type == "cuda")
         networks = partial(adam, lr=config.learning_rate, betas=(config.beta1, 0.999))
         self._critic_optimizer = networks([*self.critic.parameters(), *self.contrast.parameters()])
@@ -127,32 +133,30 @@ class CurlSac(PixelAgent):
             lr=config.temperature_learning_rate,
             betas=(config.temperature_beta1, 0.999),
         )
-        self._use_graphs = use_graphs and self.device.type == "cuda"
-        self._steps = self._make_steps()
-        self._acting: dict[tuple[int, bool], Callable[..., torch.Tensor]] = {}  # as graphs
 
-    def _make_steps(self) -> Sequence[Callable[..., torch.Tensor]]:
-        """The update without and with its slow parts; as graphs if used."""
-        steps = [partial(self._learn, slow=slow) for slow in (False, True)]
-        if self._use_graphs:
-            return [GraphedStep(step, self._generator) for step in steps]
-        return steps
+    def _begin_steps(self) -> None:
+        """Make anew what is captured as graphs, which hold the weights' and moments' memory."""
+        # The update without and with its slow parts
+        self._steps = [self._graphed(partial(self._learn, slow=slow)) for slow in (False, True)]
+        self._acting: dict[tuple[int, bool], Step] = {}  # by the number of worlds, and sampling
+
+    def _graphed(self, step: Step) -> Step:
+        return graphed(step, self._generator) if self._use_graphs else step
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """(n, K, H, W, 3) uint8 to (n, A) actions: the mean's, or drawn."""
         kind = len(frames), sample
         if kind not in self._acting:
-            act = partial(self._act, sample=sample)
-            self._acting[kind] = GraphedStep(act, self._generator) if self._use_graphs else act
+            self._acting[kind] = self._graphed(partial(self._act, sample=sample))
         return self._acting[kind](torch.as_tensor(frames).to(self.device)).cpu().numpy()
 
     @torch.no_grad()
     def _act(self, frames: torch.Tensor, sample: bool) -> torch.Tensor:
         with autocast(self.device):
-            maps = self._target.used.encoder.convolutions(
+            maps = self._half_target.used.encoder.convolutions(
                 centre_crop(frames, self.config.crop_size)
             )
-            return self.draw(maps)[0] if sample else self._actor.used(maps)[0].tanh()
+            return self.draw(maps)[0] if sample else self._half_actor.used(maps)[0].tanh()
 
     def learn(self, batch: Transitions) -> torch.Tensor:
         """One update; (6,) its `losses`; the actor's only in every `slow_every`-th, else NaN."""
@@ -175,7 +179,7 @@ class CurlSac(PixelAgent):
         slow: bool,
     ) -> torch.Tensor:
         query, key, next_obs = map(self._crop, (frames, frames, next_frames))
-        critic, target = self._critic.used, self._target.used.encoder
+        critic, target = self._half_critic.used, self._half_target.used.encoder
         with autocast(self.device):
             with torch.no_grad():
                 maps, next_maps = target.convolutions(torch.cat([key, next_obs])).chunk(2)
@@ -185,14 +189,14 @@ class CurlSac(PixelAgent):
             values = critic.q(features, actions)  # (2, B)
         critic_loss = (values - target_q).square().mean(1).sum()
         contrast_loss = self.contrast.loss(features, keys)  # its logits are too large for bf16
-        descend(critic_loss + contrast_loss, self._critic_optimizer, self._critic)
+        descend(critic_loss + contrast_loss, self._critic_optimizer, self._half_critic)
 
         losses = [critic_loss, contrast_loss, values.mean()]
         if slow:
             losses += self.learn_policy(maps, features.detach())
             move_towards(self.target.encoder, self.critic.encoder, self.config.encoder_rate)
             move_towards(self.target.q, self.critic.q, self.config.critic_rate)
-            self._target.refresh()
+            self._half_target.refresh()
         else:
             losses += [torch.full_like(critic_loss, math.nan)] * 3
         return torch.stack(losses).detach()
@@ -202,7 +206,7 @@ class CurlSac(PixelAgent):
     ) -> torch.Tensor:
         """(B,) r + γ·d·(min Q'(o', a') − α·log π(a'|o')), a' the policy's, by (B, F) maps of o'."""
         actions, log_prob = self.draw(maps)
-        target = self._target.used
+        target = self._half_target.used
         values = target.q(target.encoder.head(maps), actions).amin(0)
         soft = values - self.temperature() * log_prob
         return rewards + self.config.discount * discounts * soft
@@ -211,9 +215,9 @@ class CurlSac(PixelAgent):
         """The actor, by (B, F) feature maps and the critics' (B, 50) features; the temperature."""
         with autocast(self.device):
             actions, log_prob = self.draw(maps)
-            values = self._critic.used.q(features, actions).amin(0)
+            values = self._half_critic.used.q(features, actions).amin(0)
         actor_loss = (self.temperature().detach() * log_prob - values).mean()
-        descend(actor_loss, self._actor_optimizer, self._actor)
+        descend(actor_loss, self._actor_optimizer, self._half_actor)
         entropy = -log_prob.detach().mean()
         temperature = self.temperature()
         descend(temperature * (entropy + self.num_actions), self._temperature_optimizer)
@@ -221,7 +225,7 @@ class CurlSac(PixelAgent):
 
     def draw(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, F) feature maps to actions (B, A) of the policy and their log-probabilities (B,)."""
-        mean, log_std = self._actor.used(maps)
+        mean, log_std = self._half_actor.used(maps)
         return sample_squashed(mean, log_std, self._generator)
 
     def _crop(self, frames: torch.Tensor) -> torch.Tensor:
@@ -230,10 +234,9 @@ class CurlSac(PixelAgent):
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         """See `Agent`."""
         super().load(tensors, state)
-        for half in (self._critic, self._target, self._actor):
+        for half in (self._half_critic, self._half_target, self._half_actor):
             half.refresh()
-        self._steps = self._make_steps()  # graphs hold the old moments
-        self._acting.clear()
+        self._begin_steps()
 
     def _stateful(self) -> Stateful:
         return {

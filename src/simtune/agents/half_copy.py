@@ -6,7 +6,8 @@ from typing import Generic, TypeVar
 import torch
 from torch import nn
 
-from simtune.networks import FineLinear, has_fast_bf16
+from simtune import networks
+from simtune.networks import FineLinear
 
 _Network = TypeVar("_Network", bound=nn.Module)
 
@@ -22,7 +23,7 @@ class HalfCopy(Generic[_Network]):
         """Of a network on its device; it shares what stays float32: `FineLinear`, normalisation."""
         self.used = network
         self._pairs: list[tuple[nn.Parameter, nn.Parameter]] = []
-        if has_fast_bf16(device):
+        if networks.has_fast_bf16(device):
             parts = [part for part in network.modules() if _is_cast(part)]
             cast = {id(weight) for part in parts for weight in part.parameters()}
             memo = {id(p): p for p in network.parameters() if id(p) not in cast}
@@ -34,7 +35,7 @@ class HalfCopy(Generic[_Network]):
 
     def refresh(self) -> None:
         """Take over the network's weights."""
-        copy_all([half for _, half in self._pairs], [weight for weight, _ in self._pairs])
+        _copy_all([half for _, half in self._pairs], [weight for weight, _ in self._pairs])
 
     def hand_over_gradients(self) -> None:
         """To the network's weights, from those that were used."""
@@ -44,14 +45,14 @@ class HalfCopy(Generic[_Network]):
             fine.append(weight.grad)
             coarse.append(half.grad)
             half.grad = None
-        copy_all(fine, coarse)
+        _copy_all(fine, coarse)
 
     def counterparts(self) -> dict[torch.Tensor, torch.Tensor]:
         """Those in bfloat16, by the weights that learn; none where these are used themselves."""
         return dict(self._pairs)
 
 
-def copy_all(into: list[torch.Tensor], values: list[torch.Tensor]) -> None:
+def _copy_all(into: list[torch.Tensor], values: list[torch.Tensor]) -> None:
     """Copy float32 to bfloat16 or back: in one kernel where the memory's layouts are the same."""
     pairs = list(zip(into, values, strict=True))
     alike = [(one, other) for one, other in pairs if one.stride() == other.stride()]
