@@ -4,17 +4,15 @@ import numpy as np
 import pytest
 import torch
 from batches import pixel_batch
+from test_curl_sac import SMALL
 from torch import nn
 
-from simtune.agents.curl_sac import CurlSac, CurlSacConfig
+from simtune.agents.curl_sac import CurlSac
 from simtune.agents.half_copy import HalfCopy
 from simtune.agents.pixel_networks import TwinQ, descend
 from simtune.networks import autocast
 
 CPU = torch.device("cpu")
-SMALL = CurlSacConfig(
-    image_size=18, crop_size=16, num_stacked=2, hidden_size=32, batch_size=4, random_steps=0
-)
 
 
 @pytest.fixture
@@ -84,7 +82,7 @@ def test_gradients_are_laid_out_as_their_weights():
 
 
 @pytest.mark.usefixtures("fast_bf16")
-def test_an_agent_computes_with_its_latest_weights(tmp_path):
+def test_an_agent_computes_with_its_latest_weights():
     """After updates, and after a checkpoint was loaded."""
     agent, resumed = (CurlSac(2, SMALL, seed=seed) for seed in (0, 1))
     for _ in range(2):

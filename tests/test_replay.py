@@ -428,7 +428,6 @@ def test_a_replay_refuses_what_it_cannot_store_or_sample():
 
 
 @pytest.mark.gpu
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_a_batch_never_waits_for_the_host():
     replay, naive = Replay(SPACE, filmed_capacity=3, device="cuda"), NaiveReplay(3)
     for kept in (replay, naive):

@@ -1,9 +1,9 @@
 """The paper's agent: soft actor-critic on pixels with random crops (RAD) and contrast (CURL).
 
-One update, `CurlSac._learn`, encodes three crops: one of the frames, with gradients, another one of
-the frames and one of the next frames. The last two, together, by the slowly moving target. The
-first is the critics' input and CURL's query, the second CURL's key, the third the critics' target's
-input. So
+One update, `CurlSac._learn`, encodes three crops: one of the frames, with gradients, and by the
+slowly moving target, in one pass, another one of the frames and one of the next frames. The first
+is the critics' input and CURL's query, the second CURL's key, the third the input of the critics'
+target. So
 
 * critics and contrast are one loss and one step for the encoder, not two in turn;
 * the actor uses the *target's* convolutions, with a head of its own. In public implementations it

@@ -7,7 +7,6 @@ import torch
 from torch import nn
 
 from simtune import networks
-from simtune.networks import FineLinear
 
 _Network = TypeVar("_Network", bound=nn.Module)
 
@@ -66,4 +65,4 @@ def _copy_all(into: list[torch.Tensor], values: list[torch.Tensor]) -> None:
 
 
 def _is_cast(part: nn.Module) -> bool:
-    return isinstance(part, nn.Linear | nn.Conv2d) and not isinstance(part, FineLinear)
+    return isinstance(part, nn.Linear | nn.Conv2d) and not isinstance(part, networks.FineLinear)

@@ -12,7 +12,7 @@ import torch
 from simtune.agents.agent import Observation
 from simtune.agents.noise import uniform_actions
 from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
-from simtune.replay import Replay, Transitions
+from simtune.replay import Replay, Transitions, in_parts
 
 _AT_ONCE = 8  # batches drawn; each takes some 20 MB
 
@@ -108,8 +108,8 @@ class PixelAgent(ABC):
     def _batches(self, replay: Replay, num: int) -> Iterator[Transitions]:
         """On a GPU drawn a few at once, since a draw takes the host a third of an update's time."""
         at_once = 1 if self.device.type == "cpu" else _AT_ONCE
-        for start in range(0, num, at_once):
-            size = min(at_once, num - start) * self._batch_size
+        for several in in_parts(num, at_once):
+            size = several * self._batch_size
             yield from replay.sample(size, self._generator, True).split(self._batch_size)
 
     def tensors(self) -> dict[str, torch.Tensor]:

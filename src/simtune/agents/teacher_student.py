@@ -4,7 +4,6 @@ Ross, Gordon and Bagnell 2011 (arXiv:1011.0686): the student acts, and learns wh
 have done in the states that the student reached. Only the student meets the real world.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,7 +18,7 @@ from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
 from simtune.cuda_graph import graphed, make_capturable
 from simtune.networks import seeded, under
-from simtune.replay import Replay, Transitions
+from simtune.replay import Replay, Transitions, in_parts
 
 # What a teacher learns from, of `Transitions`
 _TAUGHT = ("states", "actions", "rewards", "discounts", "next_states", "parameters")
@@ -144,11 +143,10 @@ class TeacherStudent:
         noise = torch.full((), self.teacher_noise, device=self.device)
         losses = torch.full((2,), torch.nan)
         size = self.config.teacher.batch_size
-        for num in _in_parts(round(num_steps * self.config.teacher_updates_per_step)):
-            drawn = self._sample(replay, num * size)
-            batches = (getattr(drawn, name).split(size) for name in _TAUGHT)
-            for batch in zip(*batches, strict=True):
-                losses = self._teach(*batch, noise)
+        num_updates = round(num_steps * self.config.teacher_updates_per_step)
+        for num in in_parts(num_updates, _DRAWN_AT_ONCE):
+            for batch in self._sample(replay, num * size).split(size):
+                losses = self._teach(*(getattr(batch, name) for name in _TAUGHT), noise)
         return dict(zip(("critic", "actor"), losses, strict=True))
 
     def _update_teacher(self, *tensors: torch.Tensor) -> torch.Tensor:
@@ -178,7 +176,7 @@ class TeacherStudent:
         states = replay.states[slots]
         best, latest = self.teacher.act(states), self._latest_of(states)
         size = config.student.batch_size
-        for num in _in_parts(round(num_steps * config.head_updates_per_step)):
+        for num in in_parts(round(num_steps * config.head_updates_per_step), _DRAWN_AT_ONCE):
             shape = (num * size,)
             e = torch.randint(len(slots), shape, generator=self._generator, device=self.device)
             t = (self._uniform(*shape) * lengths[e]).long()
@@ -239,9 +237,3 @@ class TeacherStudent:
             "sight_optimizer": self.student.detector_optimizer,
             "head_optimizer": self.student.head_optimizer,
         }
-
-
-def _in_parts(num_updates: int) -> Iterator[int]:
-    """Numbers of updates whose batches are drawn at once, which is faster than one by one."""
-    for start in range(0, num_updates, _DRAWN_AT_ONCE):
-        yield min(_DRAWN_AT_ONCE, num_updates - start)

@@ -1,7 +1,7 @@
 """Stored simulated episodes, with each frame once: agents read transitions, an SPM windows."""
 
 from simtune.replay.episodes import Episodes
-from simtune.replay.replay import Replay, Transitions
+from simtune.replay.replay import Replay, Transitions, in_parts
 from simtune.replay.store import EpisodeStore, Film
 
-__all__ = ["EpisodeStore", "Episodes", "Film", "Replay", "Transitions"]
+__all__ = ["EpisodeStore", "Episodes", "Film", "Replay", "Transitions", "in_parts"]

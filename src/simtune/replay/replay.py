@@ -30,6 +30,12 @@ class Transitions:
             yield Transitions(**values)
 
 
+def in_parts(num_batches: int, at_once: int) -> Iterator[int]:
+    """Numbers of batches that are drawn at once, which is faster than one by one."""
+    for start in range(0, num_batches, at_once):
+        yield min(at_once, num_batches - start)
+
+
 @dataclass(eq=False, kw_only=True)
 class Replay(EpisodeStore):
     """A store with sampling of steps and of stacks of the `num_stacked` latest frames."""

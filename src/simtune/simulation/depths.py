@@ -65,7 +65,7 @@ class Depths:
         geoms = np.empty(depths.shape, np.int32)
         for start in range(0, len(places), _CHUNK):
             n = min(_CHUNK, len(places) - start)
-            chunk = start + np.arange(_CHUNK) % n
+            chunk = slice(start, start + n)
             assign(self._data.geom_xpos, places[chunk])
             assign(self._data.geom_xmat, turns[chunk])
             assign(self._data.cam_xpos, self._of_camera(camera_places[chunk]))
@@ -74,9 +74,9 @@ class Depths:
             self._data.nworld = _CHUNK if self._has_flexes else n
             mujoco_warp.refit_bvh(self._model, self._data, self._context)
             mujoco_warp.render(self._model, self._data, self._context)
-            shape, into = (n, *self.size), slice(start, start + n)
-            depths[into] = self._context.depth_data.numpy()[:n].reshape(shape)
-            geoms[into] = self._context.seg_data.numpy()[:n, :, 0].reshape(shape)
+            shape = (n, *self.size)
+            depths[chunk] = self._context.depth_data.numpy()[:n].reshape(shape)
+            geoms[chunk] = self._context.seg_data.numpy()[:n, :, 0].reshape(shape)
         return geoms, depths
 
     def _of_camera(self, values: np.ndarray) -> np.ndarray:
