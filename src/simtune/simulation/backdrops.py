@@ -5,7 +5,8 @@ detector that learns before such pictures looks at the things that the simulator
 """
 
 import numpy as np
-from scipy.ndimage import zoom
+import torch
+from torch.nn.functional import interpolate
 
 _KEPT = 24  # textures that pictures are cut out of
 _WIDER = 2  # a texture than a picture
@@ -57,10 +58,9 @@ def _texture(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     for octave in range(_OCTAVES):
         cells = 2 + 2**octave, 2 + 2**octave, 3
         grid = rng.standard_normal(cells) + 1.5 * rng.standard_normal((*cells[:2], 1))
-        scale = (np.array(size) + 0.5) / cells[:2]
-        smooth = int(rng.integers(2))
-        enlarged = zoom(grid, (*scale, 1), order=smooth, grid_mode=True, mode="nearest")
-        assert isinstance(enlarged, np.ndarray)
-        picture = picture + roughness**octave * enlarged[: size[0], : size[1]]
+        way = "bilinear" if rng.integers(2) else "nearest-exact"
+        planes = torch.from_numpy(grid).permute(2, 0, 1)[None]
+        enlarged = interpolate(planes, size, mode=way)[0].permute(1, 2, 0).numpy()
+        picture = picture + roughness**octave * enlarged
     low, high = np.quantile(picture, [0.02, 0.98])
     return np.rint(255 * ((picture - low) / (high - low)).clip(0, 1)).astype(np.uint8)
