@@ -189,7 +189,9 @@ def test_pictures_are_those_in_which_things_are_where_the_fit_has_them(simulator
     is_off = rng.random(full_states.shape[:2]) < 0.7
     full_states[is_off, 2] += 0.5  # rad, of the pole
     nothing = np.zeros(0)
-    motion = ShootingFit(nothing, np.zeros((0, 0)), full_states, episode, step, nothing, (0.0,))
+    motion = ShootingFit(
+        nothing, np.zeros((0, 0)), full_states, episode, step, nothing, (0.0,), nothing
+    )
     window, at = well_fitted(physics, motion, observed_of(rollouts, 0.3, 0.0, rng), truth, 40)
     assert 39 <= len(window) <= 41
     assert not is_off[window, at].any()

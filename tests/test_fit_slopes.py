@@ -65,7 +65,7 @@ class Contraction:
 
     def _at(self, unit: np.ndarray) -> ShootingFit:
         none = np.zeros(1)
-        return ShootingFit(unit, np.zeros((2, 2)), none, none, none, none, (0.0,))
+        return ShootingFit(unit, np.zeros((2, 2)), none, none, none, none, (0.0,), none)
 
 
 def fit_motion(truth: np.ndarray, std: float, left: float, moved: float | None = None):

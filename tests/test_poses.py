@@ -74,13 +74,14 @@ def test_a_floor_tells_where_a_robot_is_that_its_camera_follows(off_m):
     frames = walker.render(states[0], worlds)
     dark = walker.space.nominal.copy()
     dark[[name.startswith("ground") for name in walker.space.names]] *= 0.6
-    along[x.dofadr[0]] = 3 * off_m
+    along[x.dofadr[0]] = 5 * off_m
     found, left = align_to_images(walker, frames, states[1], dark, space, along)
 
     def off(some: np.ndarray) -> np.ndarray:
         return np.abs(walker.render(some, worlds).astype(float) - frames).mean((1, 2, 3))
 
-    assert np.median(off(found)) < 0.2 * np.median(off(states[1]))
+    # Some look alike in places so far apart: the floor repeats, and its brightness is open.
+    assert np.quantile(off(found), 2 / 3) < 0.1 * np.median(off(states[1]))
     assert 0.01 < left[x.dofadr[0]] < 0.15
     others = np.arange(space.nq + space.nv) != x.qposadr[0]
     changed = space.positions_and_velocities(found)

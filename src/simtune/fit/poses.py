@@ -1,17 +1,18 @@
 """Uncertainty of poses in a picture, as far as the motion leaves them open."""
 
+import math
+
 import numpy as np
 
 from simtune.fit.physics import Physics
 from simtune.simulation import Simulator
 from simtune.simulation.states import StateSpace
 
-# Candidates per picture, at uneven distances: a texture may repeat at even ones
-_PLACES = np.linspace(-1, 1, 25) * (0.8 + 0.2 * np.linspace(-1, 1, 25) ** 2)
-_CLOSER = np.linspace(-1, 1, 5)  # then, between the neighbours of the best one
-_MOST_TURNS = 9
+_FIRST = 25  # places that show what changes between places
+_MOST_PLACES = 300
+_CLOSER = np.array([2.0, 4.0])  # times as close together, around the best place
 _TIE = 1e-6  # of a correlation, by which a place far away must look more like the frame
-_ALIKE = 0.1  # change between neighbours, in mean squares, relative to that between any places
+_ALIKE = 0.05  # change between neighbours, in mean squares, relative to that between any places
 _DELTA = 0.01  # finite-difference step, of a position's prior std
 _SHOWS = 0.2  # least change of a keypoint, relative to its noise, that a picture's colours notice
 
@@ -58,40 +59,64 @@ def align_to_images(
     space: StateSpace,
     tangent: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(M, S) states, each moved along a (2 nv,) tangent to where it looks most like its frame.
+    """(M, S) states, moved by up to ± a (2 nv,) tangent to where each looks most like its frame.
 
-    Places are tried ever closer together, until pictures of neighbours are alike: a floor whose
-    texture repeats looks right only near its right places. Also returns the (2 nv,) distance at
-    which pictures would be just so alike: errors up to it change a picture evenly.
+    Places are tried so close together that pictures of neighbours are alike. A floor whose texture
+    repeats looks nearly right in many of them, and shows another brightness in each if a lamp hangs
+    over one: whoever leaves out the right place finds wrong colours. Also returns the (2 nv,)
+    distance at which pictures would be just so alike: errors up to it change a picture evenly.
     """
     real = frames.reshape(len(frames), -1).astype(np.float32)
-    states, each = space.positions_and_velocities(full_states), np.arange(len(full_states))
-    worlds = np.repeat(parameters[None], len(states), 0)
-    places, reach, changes, share = _PLACES, tangent, np.empty(0), 0.0
-    for _ in range(_MOST_TURNS):
-        shifts = places[:, None, None] * reach
-        moved = space.move(states, np.repeat(shifts, len(states), 1))
-        candidates = space.with_positions_and_velocities(full_states, moved)
-        drawn = np.stack([simulator.render(place, worlds) for place in candidates])
-        drawn = drawn.reshape(len(places), *real.shape).astype(np.float32)
-        changes = changes if len(changes) else drawn.var(0)
-        likeness = _correlation(drawn, real, changes)
-        best = np.argmax(likeness - _TIE * np.abs(places)[:, None], 0)
-        last = len(places) - 1
-        beside = np.where(best > 0, best - 1, 1), np.where(best < last, best + 1, last - 1)
-        change = [np.square(drawn[best, each] - drawn[other, each]).sum(-1) for other in beside]
-        # The smaller one: where a floor's edges all cross pixels at once, pictures jump.
-        share = float(np.median(np.minimum(*change) / np.maximum(2 * changes.sum(-1), 1e-9)))
-        states, reach = moved[best, each], reach * np.diff(places).max()
-        places = _CLOSER
-        if share <= _ALIKE:
-            break
-    aligned = space.with_positions_and_velocities(full_states, states)
-    return aligned, np.abs(reach) * max(1.0, _ALIKE / max(share, 1e-9))
+    along = _Along(simulator, full_states, parameters, space, tangent)
+    changes = np.stack([along.draw(place) for place in np.linspace(-1, 1, _FIRST)]).var(0)
+    apart, share = along.alike_within(changes)
+    places = np.linspace(-1, 1, 2 * math.ceil(1 / apart) + 1)
+    likeness = np.stack([_correlation(along.draw(place), real, changes) for place in places])
+    found = places[np.argmax(likeness - _TIE * np.abs(places)[:, None], 0)]  # (M,)
+    for closer in apart / _CLOSER:
+        near = found + closer * np.array([[0.0], [-1.0], [1.0]])  # (3, M)
+        likeness = np.stack([_correlation(along.draw(place), real, changes) for place in near])
+        found = near[np.argmax(likeness, 0), np.arange(len(found))]
+    return along.at(found), apart * np.abs(tangent) * max(1.0, _ALIKE / max(share, 1e-9))
+
+
+class _Along:
+    """Pictures of M states that are moved along a tangent."""
+
+    def __init__(self, simulator, full_states, parameters, space, tangent):
+        self._simulator, self._space, self._tangent = simulator, space, tangent
+        self._full_states = full_states
+        self._states = space.positions_and_velocities(full_states)
+        self._worlds = np.repeat(parameters[None], len(full_states), 0)
+
+    def at(self, places: np.ndarray | float) -> np.ndarray:
+        """(M, S) states, moved by so many tangents, (M,) or all alike."""
+        shifts = np.broadcast_to(places, len(self._states))[:, None] * self._tangent
+        moved = self._space.move(self._states, shifts)
+        return self._space.with_positions_and_velocities(self._full_states, moved)
+
+    def draw(self, places: np.ndarray | float) -> np.ndarray:
+        """(M, pixels)."""
+        drawn = self._simulator.render(self.at(places), self._worlds)
+        return drawn.reshape(len(drawn), -1).astype(np.float32)
+
+    def alike_within(self, changes: np.ndarray) -> tuple[float, float]:
+        """How many tangents away pictures are still alike, and their change, relative to `changes`.
+
+        `changes`: (M, pixels) variance between any places.
+        """
+        here, apart = self.draw(0.0), 2 / (_FIRST - 1)
+        while True:
+            sides = [np.square(self.draw(side) - here).sum(-1) for side in (-apart, apart)]
+            # The smaller one: where a floor's edges all cross pixels at once, pictures jump.
+            share = float(np.median(np.minimum(*sides) / np.maximum(2 * changes.sum(-1), 1e-9)))
+            if share <= _ALIKE or 2 / apart >= _MOST_PLACES:
+                return apart, share
+            apart /= 2
 
 
 def _correlation(drawn: np.ndarray, real: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(P, M) of (P, M, pixels) with (M, pixels), weighted by (M, pixels).
+    """(M,) of (M, pixels) with (M, pixels), weighted by (M, pixels).
 
     Correlation, since the floor's brightness may still differ; weighted by how much a pixel changes
     between places, since the rest differs by other shares.

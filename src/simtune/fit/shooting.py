@@ -46,6 +46,7 @@ class ShootingFit:
     step: np.ndarray  # (W,) first step of each window
     misfit: np.ndarray  # (W,) mean −log likelihood per observation
     distances: tuple[float, ...]  # each sensor's typical distance, where it is certain
+    state_std: np.ndarray  # (2 nv,) what motion and pictures leave open of most windows' states
     late_steps: float = 0.0  # lateness of pictures; 0 if it is not fitted
     late_std: float = 0.0  # its standard deviation
 
@@ -66,6 +67,7 @@ class Shooting:
         `lateness`: of what is late by an unknown time, which is fitted as well.
         """
         self._physics, self.config, self.fitted = physics, config, np.asarray(fitted)
+        self._prior_std = prior_std
         self._on_time = np.full(int(lateness is not None), Lateness.unit(0.0))
         last = len(physics.parameters) + np.arange(len(self._on_time))
         unknown = np.concatenate([self.fitted, last]).astype(int)
@@ -152,6 +154,7 @@ class Shooting:
         point = LinearizationPoint(whole.states.copy(), unit, damping, FIRST_VARIANCE)
         fitted, late = np.split(self._step.fitted, [len(self.fitted)])
         covariance = np.zeros((len(self._step.fitted),) * 2)
+        state_std = self._prior_std
         period = _DERIVED_EVERY_WITH_LAGS if self._lags else DERIVED_EVERY
         for stage in stages:
             windows = whole.first(stage.window)
@@ -164,7 +167,7 @@ class Shooting:
                     windows = self._with_lags(windows, point.unit, replay)
                     slopes = self._step.player.differentiate(windows, point)
                 taken = self._step.take(windows, point, slopes, share, stage.blur)
-                point, covariance, predicted = taken
+                point, covariance, predicted, state_std = taken
                 slopes = slopes._replace(predicted=predicted)
         player = self._step.player
         full_states, predicted = player.play(windows, point.states[None], point.unit[None])
@@ -179,6 +182,7 @@ class Shooting:
             windows.step,
             -evidence.log_likelihood(predicted[0]) / (num_frames * evidence.num_observations),
             evidence.distances(predicted[0]),
+            state_std,
             *Lateness.found(point.unit[late], covariance[len(fitted) :, len(fitted) :]),
         )
 

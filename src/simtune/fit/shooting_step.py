@@ -34,6 +34,7 @@ class Stepped(NamedTuple):
     point: LinearizationPoint
     covariance: np.ndarray  # (P, P) of the parameters
     predicted: np.ndarray  # (W, K, D) at the point
+    state_std: np.ndarray  # (2 nv,) what most windows leave open of their initial states
 
 
 class ShootingStep:
@@ -97,6 +98,7 @@ class ShootingStep:
         seen = slopes._replace(predicted=slopes.predicted + common @ by_common)
         equations, cost = self.player.linearize(windows, seen, pull, prior, blur)
         trust = robust_weights(cost)  # (W,)
+        state_std = self._state_std(equations)
         combined = combine(
             equations.information,
             equations.shared_gradient,
@@ -121,14 +123,14 @@ class ShootingStep:
         rise = 0.5 * (found @ found - common @ common) / COMMON_STD**2
         if trust @ costs.min(0) + rise > trust @ before:  # beyond the linear range
             shorter = replace(point, step_scale=point.step_scale / 4)
-            return Stepped(shorter, combined.covariance, slopes.predicted)
+            return Stepped(shorter, combined.covariance, slopes.predicted, state_std)
         better = costs[0] < costs[1]
         states = np.where(better[:, None], moved, point.states)
         damping = np.where(better, point.damping / 4, point.damping * 8).clip(*_DAMPING)
         step_scale = min(1.0, 2 * point.step_scale)
         after = LinearizationPoint(states, unit, damping, combined.variance, step_scale, found)
         reached = np.where(better[:, None, None], predicted[0], predicted[1])
-        return Stepped(after, combined.covariance, reached)
+        return Stepped(after, combined.covariance, reached, state_std)
 
     def _move_states(
         self, point: LinearizationPoint, equations: NormalEquations, change: np.ndarray
@@ -142,6 +144,13 @@ class ShootingStep:
         tangent = np.zeros((len(step), self._space.num_tangent))
         tangent[:, self.player.unknown] = np.clip(step, -limit, limit)
         return self._space.move(point.states, tangent)
+
+    def _state_std(self, equations: NormalEquations) -> np.ndarray:
+        """(2 nv,) medians over the windows, by H⁻¹ of each; 0 where states are exact."""
+        std = np.zeros(self._space.num_tangent)
+        variance = np.linalg.inv(equations.hessian).diagonal(axis1=1, axis2=2)  # (W, F)
+        std[self.player.unknown] = np.sqrt(np.median(variance, 0)) if len(variance) else np.inf
+        return std
 
     def _pull(self, states: np.ndarray, windows: Windows, prior: np.ndarray) -> np.ndarray:
         """(W, F) S⁻¹ (x ⊖ x̄), with S = diag(prior)."""

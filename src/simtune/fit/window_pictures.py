@@ -13,7 +13,8 @@ from simtune.fit.shooting import ShootingFit
 # ground's colour. Choosing by windows was not enough: at 2 px, colours were 5 % too dark.
 _GOOD_FRAMES = 0.15, 0.6  # bounds of their share: the least that gives enough pictures
 _UNSEEN = 0.5  # of a sensor's noise: smaller changes of a prediction are not observed
-_PRIOR_STDS = 3.0  # error of a first guess considered, in units of its usual error
+_PRIOR_STDS = 5.0  # error of a first guess considered, in units of its usual error
+_TOLD = 3.0  # errors of a motion's fit considered, in standard deviations
 
 
 def fit_window_pictures(
@@ -35,11 +36,13 @@ def fit_window_pictures(
     places = zip(motion.episode[chosen], motion.step[chosen] + step, strict=True)
     frames = np.stack([observed.frames[episode][t] for episode, t in places])
     full_states, scale = motion.full_states[chosen, step], observed.evidence.scale
-    largest = prior_std.copy()
+    largest, by_motion = prior_std.copy(), _TOLD * motion.state_std
     for tangent in _unobserved(physics, prior_std, scale):
-        full_states, left_open = align_to_images(
-            physics.simulator, frames, full_states, parameters, physics.space, tangent
-        )
+        left_open = np.where(tangent != 0, by_motion, 0.0)
+        if (left_open >= prior_std)[tangent != 0].all():  # the motion does not tell, either
+            full_states, left_open = align_to_images(
+                physics.simulator, frames, full_states, parameters, physics.space, tangent
+            )
         largest = np.where(left_open > 0, np.minimum(left_open, largest), largest)
     num_shown = len(observed.evidence.parts[0].scale)
     poses = uncertain_poses(physics, full_states, parameters, scale, num_shown, largest)
@@ -72,7 +75,8 @@ def well_fitted(
 def _unobserved(physics: Physics, prior_std: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """(D, 2 nv) changes of position, as large as the prior allows, that no sensor observes.
 
-    For example with a camera that follows the robot: only the ground's texture shows its travel.
+    For example with a camera that follows the robot: only the ground's texture shows its travel,
+    and only contacts tell its height.
     """
     space, parameters = physics.space, physics.parameters
     changes = np.diag(_PRIOR_STDS * prior_std)[: space.nv]
