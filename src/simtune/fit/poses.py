@@ -1,6 +1,7 @@
 """Uncertainty of poses in a picture, as far as the motion leaves them open."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -68,14 +69,17 @@ def align_to_images(
     """
     real = frames.reshape(len(frames), -1).astype(np.float32)
     along = _Along(simulator, full_states, parameters, space, tangent)
-    changes = np.stack([along.draw(place) for place in np.linspace(-1, 1, _FIRST)]).var(0)
-    apart, share = along.alike_within(changes)
+    first = np.linspace(-1, 1, _FIRST)
+    drawn = np.stack([along.draw(place) for place in first])
+    changes = drawn.var(0)
+    likeness = [_correlation(pictures, real, changes) for pictures in drawn]
+    apart, share = along.alike_within(_best(first, likeness), changes)
     places = np.linspace(-1, 1, 2 * math.ceil(1 / apart) + 1)
-    likeness = np.stack([_correlation(along.draw(place), real, changes) for place in places])
-    found = places[np.argmax(likeness - _TIE * np.abs(places)[:, None], 0)]  # (M,)
+    likeness = [_correlation(along.draw(place), real, changes) for place in places]
+    found = _best(places, likeness)
     for closer in apart / _CLOSER:
         near = found + closer * np.array([[0.0], [-1.0], [1.0]])  # (3, M)
-        likeness = np.stack([_correlation(along.draw(place), real, changes) for place in near])
+        likeness = [_correlation(along.draw(place), real, changes) for place in near]
         found = near[np.argmax(likeness, 0), np.arange(len(found))]
     return along.at(found), apart * np.abs(tangent) * max(1.0, _ALIKE / max(share, 1e-9))
 
@@ -100,19 +104,25 @@ class _Along:
         drawn = self._simulator.render(self.at(places), self._worlds)
         return drawn.reshape(len(drawn), -1).astype(np.float32)
 
-    def alike_within(self, changes: np.ndarray) -> tuple[float, float]:
-        """How many tangents away pictures are still alike, and their change, relative to `changes`.
+    def alike_within(self, places: np.ndarray, changes: np.ndarray) -> tuple[float, float]:
+        """How far from (M,) places pictures are alike, and their change, relative to `changes`.
 
         `changes`: (M, pixels) variance between any places.
         """
-        here, apart = self.draw(0.0), 2 / (_FIRST - 1)
+        here, apart = self.draw(places), 2 / (_FIRST - 1)
         while True:
-            sides = [np.square(self.draw(side) - here).sum(-1) for side in (-apart, apart)]
+            beside = self.draw(places - apart), self.draw(places + apart)
+            sides = [np.square(pictures - here).sum(-1) for pictures in beside]
             # The smaller one: where a floor's edges all cross pixels at once, pictures jump.
             share = float(np.median(np.minimum(*sides) / np.maximum(2 * changes.sum(-1), 1e-9)))
             if share <= _ALIKE or 2 / apart >= _MOST_PLACES:
                 return apart, share
             apart /= 2
+
+
+def _best(places: np.ndarray, likeness: Sequence[np.ndarray]) -> np.ndarray:
+    """(M,) of (P,) places, by (P, M) likeness."""
+    return places[np.argmax(np.stack(likeness) - _TIE * np.abs(places)[:, None], 0)]
 
 
 def _correlation(drawn: np.ndarray, real: np.ndarray, weight: np.ndarray) -> np.ndarray:
