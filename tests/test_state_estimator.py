@@ -28,7 +28,7 @@ def test_an_object_that_is_flung_away_once_does_not_blur_all_other_states():
         pixels = np.clip(100 * states[..., :2] + SIZE / 2, 1, SIZE - 2)
         tracks = tracks_at(pixels, 0.2, SIZE)
         observed = Observed(AllEvidence((tracks,)), np.zeros((EPISODES, STEPS, 1)))
-        clock = TrainingClock(250)
+        clock = TrainingClock(100)
         estimator = StateEstimator.train(observed, states, space, np.ones(1), 0, clock)
         off = space.difference(estimator(observed), states)
         errors.append(float(np.median(np.abs(off[10:, :, 1]))))
