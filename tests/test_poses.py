@@ -1,11 +1,16 @@
 """Which errors of poses a picture's fit allows for."""
 
+import mujoco
 import numpy as np
 import pytest
+from keypoint_evidence import tracks_at
 
-from simtune.fit import Physics
+from simtune.fit import Observed, Physics, ShootingConfig, Stage
 from simtune.fit.poses import align_to_images, uncertain_poses
+from simtune.fit.shooting import Shooting
+from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
+from simtune.simulation.states import StateSpace
 from simtune.tasks import load_task
 from simtune.vision.keypoints import find_keypoints
 
@@ -75,7 +80,7 @@ def test_a_floor_tells_where_a_robot_is_that_its_camera_follows(off_m):
     dark = walker.space.nominal.copy()
     dark[[name.startswith("ground") for name in walker.space.names]] *= 0.6
     along[x.dofadr[0]] = 5 * off_m
-    found, left = align_to_images(walker, frames, states[1], dark, space, along)
+    found, left = align_to_images(walker.render, frames, states[1], dark, space, along)
 
     def off(some: np.ndarray) -> np.ndarray:
         return np.abs(walker.render(some, worlds).astype(float) - frames).mean((1, 2, 3))
@@ -86,3 +91,50 @@ def test_a_floor_tells_where_a_robot_is_that_its_camera_follows(off_m):
     others = np.arange(space.nq + space.nv) != x.qposadr[0]
     changed = space.positions_and_velocities(found)
     np.testing.assert_array_equal(changed[:, others], guess[:, others])
+
+
+@pytest.mark.parametrize("off_m", [1.2, 1.206, 1.21])
+def test_a_floor_that_repeats_where_places_are_tried_is_searched_as_closely(off_m):
+    """Squares of a quarter of a metre: a twelfth of the range searched is about one period."""
+    body = "<body><joint type='slide'/><geom size='.1'/></body>"
+    xml, rng = f"<mujoco><worldbody>{body}</worldbody></mujoco>", np.random.default_rng(0)
+    model = mujoco.MjModel.from_xml_string(xml)
+    space = StateSpace(model)
+    pixels, size = np.linspace(-1, 1, 96), mujoco.mjtState.mjSTATE_INTEGRATION
+    full = np.zeros((12, mujoco.mj_stateSize(model, size)))
+
+    def render(full_states: np.ndarray, contrast: np.ndarray) -> np.ndarray:
+        x = space.positions_and_velocities(full_states)[:, :1]
+        edge = np.sin(2 * np.pi * (pixels + x) / 0.5)
+        level = 120 + contrast * np.tanh(8 * edge)
+        return np.repeat(level[:, None, :, None], 3, 3).astype(np.uint8)
+
+    true = rng.uniform(-1, 1, (12, 1)) * [1.0, 0.0]
+    frames = render(space.with_positions_and_velocities(full, true), np.full((12, 1), 80.0))
+    guess = true + rng.normal(0, off_m, (12, 1)) * [1.0, 0.0]
+    states = space.with_positions_and_velocities(full, guess)
+    tangent = np.array([5 * off_m, 0.0])
+    found, left = align_to_images(render, frames, states, np.array([40.0]), space, tangent)
+    away = space.positions_and_velocities(found)[:, 0] - true[:, 0]
+    assert np.abs(away / 0.5 - np.round(away / 0.5)).max() < 0.1
+    assert left[0] < 0.2
+
+
+def test_a_fit_says_what_neither_motion_nor_sensors_tell(simulator):
+    """Only the pole is seen: its swing tells nothing of where the cart is."""
+    nominal, rng = simulator.space.nominal, np.random.default_rng(0)
+    actions = rng.uniform(-1, 1, (2, 24, 1))
+    rollouts = simulator.roll_out(np.repeat(nominal[None], 2, 0), actions, rng)
+    physics = Physics(simulator, see_pole, rollouts.states[0, 0])
+    states = physics.states(rollouts.states)
+    pixels = np.stack([16 * states[..., 1] + 24, np.full(states.shape[:2], 24.0)], -1)
+    observed = Observed(AllEvidence((tracks_at(pixels[:, :, None], 0.3, 48),)), actions)
+    prior, config = np.full(4, 0.1), ShootingConfig(stages=(Stage(12, 2),))
+    fit = Shooting(physics, prior, np.array([0]), config).fit(observed, states, nominal)
+    assert fit.state_std[0] > 10 * prior[0]
+    assert (fit.state_std[[1, 3]] < prior[[1, 3]]).all()
+
+
+def see_pole(batch) -> np.ndarray:
+    """(n, 2) pixels that move with its angle."""
+    return np.stack([16 * batch.qpos[:, 1] + 24, np.full(len(batch.qpos), 24.0)], -1)

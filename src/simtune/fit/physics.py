@@ -33,7 +33,7 @@ class Physics:
         self._budget = Budget()
 
     def within(self, budget: Budget) -> "Physics":
-        """The same, but `play` raises OutOfTime once `budget` is over."""
+        """The same, but `play` and `render` raise OutOfTime once `budget` is over."""
         physics = copy.copy(self)
         physics._budget = budget
         return physics
@@ -71,6 +71,11 @@ class Physics:
         units = np.repeat(unit[None], len(states), 0)
         at_once = np.zeros((len(states), 0, self.simulator.num_actions))
         return self.play(states, units, at_once)[1][:, 0]
+
+    def render(self, full_states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """As `Simulator.render`; raises OutOfTime, see `within`."""
+        self._budget.check()
+        return self.simulator.render(full_states, parameters)
 
     def replay_actuators(
         self, actions: np.ndarray, states: np.ndarray, unit: np.ndarray

@@ -1,16 +1,17 @@
 """Uncertainty of poses in a picture, as far as the motion leaves them open."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from simtune.fit.physics import Physics
-from simtune.simulation import Simulator
 from simtune.simulation.states import StateSpace
 
-_FIRST = 25  # places that show what changes between places
-_MOST_PLACES = 300
+# Places that show what changes between places; uneven, since a texture may repeat at even ones
+_FIRST = np.linspace(-1, 1, 25) * (0.8 + 0.2 * np.linspace(-1, 1, 25) ** 2)
+_MOST_PLACES = 400
+_OTHER = 0.62  # of a distance, at which a texture that repeats at this distance does not
 _CLOSER = np.array([2.0, 4.0])  # times as close together, around the best place
 _TIE = 1e-6  # of a correlation, by which a place far away must look more like the frame
 _ALIKE = 0.05  # change between neighbours, in mean squares, relative to that between any places
@@ -53,7 +54,7 @@ def uncertain_poses(
 
 
 def align_to_images(
-    simulator: Simulator,
+    render: Callable[[np.ndarray, np.ndarray], np.ndarray],
     frames: np.ndarray,
     full_states: np.ndarray,
     parameters: np.ndarray,
@@ -62,33 +63,33 @@ def align_to_images(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(M, S) states, moved by up to ± a (2 nv,) tangent to where each looks most like its frame.
 
-    Places are tried so close together that pictures of neighbours are alike. A floor whose texture
-    repeats looks nearly right in many of them, and shows another brightness in each if a lamp hangs
-    over one: whoever leaves out the right place finds wrong colours. Also returns the (2 nv,)
-    distance at which pictures would be just so alike: errors up to it change a picture evenly.
+    `render`: as `Simulator.render`. Places are tried so close together that pictures of neighbours
+    are alike, or 400 of them. A floor whose texture repeats looks nearly right in many places, and
+    a lamp over one gives each another brightness: whoever leaves out the right place finds wrong
+    colours. Also returns the (2 nv,) distance at which pictures would be just so alike, or that of
+    the places if these are farther apart: errors up to it change a picture evenly.
     """
     real = frames.reshape(len(frames), -1).astype(np.float32)
-    along = _Along(simulator, full_states, parameters, space, tangent)
-    first = np.linspace(-1, 1, _FIRST)
-    drawn = np.stack([along.draw(place) for place in first])
-    changes = drawn.var(0)
+    along = _Along(render, full_states, parameters, space, tangent)
+    drawn = np.stack([along.draw(place) for place in _FIRST])
+    changes = np.stack([places.astype(np.float32).var(0) for places in drawn.swapaxes(0, 1)])
     likeness = [_correlation(pictures, real, changes) for pictures in drawn]
-    apart, share = along.alike_within(_best(first, likeness), changes)
+    apart, share = along.alike_within(_best(_FIRST, likeness), changes)
     places = np.linspace(-1, 1, 2 * math.ceil(1 / apart) + 1)
     likeness = [_correlation(along.draw(place), real, changes) for place in places]
     found = _best(places, likeness)
     for closer in apart / _CLOSER:
         near = found + closer * np.array([[0.0], [-1.0], [1.0]])  # (3, M)
         likeness = [_correlation(along.draw(place), real, changes) for place in near]
-        found = near[np.argmax(likeness, 0), np.arange(len(found))]
+        found = near[np.argmax(likeness, 0), np.arange(len(found))].clip(-1, 1)
     return along.at(found), apart * np.abs(tangent) * max(1.0, _ALIKE / max(share, 1e-9))
 
 
 class _Along:
     """Pictures of M states that are moved along a tangent."""
 
-    def __init__(self, simulator, full_states, parameters, space, tangent):
-        self._simulator, self._space, self._tangent = simulator, space, tangent
+    def __init__(self, render, full_states, parameters, space, tangent):
+        self._render, self._space, self._tangent = render, space, tangent
         self._full_states = full_states
         self._states = space.positions_and_velocities(full_states)
         self._worlds = np.repeat(parameters[None], len(full_states), 0)
@@ -100,24 +101,32 @@ class _Along:
         return self._space.with_positions_and_velocities(self._full_states, moved)
 
     def draw(self, places: np.ndarray | float) -> np.ndarray:
-        """(M, pixels)."""
-        drawn = self._simulator.render(self.at(places), self._worlds)
-        return drawn.reshape(len(drawn), -1).astype(np.float32)
+        """(M, pixels) uint8."""
+        drawn = self._render(self.at(places), self._worlds)
+        return drawn.reshape(len(drawn), -1)
 
     def alike_within(self, places: np.ndarray, changes: np.ndarray) -> tuple[float, float]:
         """How far from (M,) places pictures are alike, and their change, relative to `changes`.
 
         `changes`: (M, pixels) variance between any places.
         """
-        here, apart = self.draw(places), 2 / (_FIRST - 1)
+        here, apart = self.draw(places).astype(np.float32), 2 / len(_FIRST)
         while True:
-            beside = self.draw(places - apart), self.draw(places + apart)
-            sides = [np.square(pictures - here).sum(-1) for pictures in beside]
-            # The smaller one: where a floor's edges all cross pixels at once, pictures jump.
-            share = float(np.median(np.minimum(*sides) / np.maximum(2 * changes.sum(-1), 1e-9)))
-            if share <= _ALIKE or 2 / apart >= _MOST_PLACES:
+            change = np.maximum(
+                self._change(here, places, apart), self._change(here, places, _OTHER * apart)
+            )
+            share = float(np.median(change / np.maximum(2 * changes.sum(-1), 1e-9)))
+            if share <= _ALIKE or 4 / apart > _MOST_PLACES:
                 return apart, share
             apart /= 2
+
+    def _change(self, here: np.ndarray, places: np.ndarray, away: float) -> np.ndarray:
+        """(M,) sums of squares between pictures `here`, at `places`, and `away` from them.
+
+        To the side where it is smaller: where a floor's edges all cross pixels at once, it jumps.
+        """
+        beside = self.draw(places - away), self.draw(places + away)
+        return np.minimum(*[np.square(pictures - here).sum(-1) for pictures in beside])
 
 
 def _best(places: np.ndarray, likeness: Sequence[np.ndarray]) -> np.ndarray:

@@ -46,7 +46,8 @@ class ShootingFit:
     step: np.ndarray  # (W,) first step of each window
     misfit: np.ndarray  # (W,) mean −log likelihood per observation
     distances: tuple[float, ...]  # each sensor's typical distance, where it is certain
-    state_std: np.ndarray  # (2 nv,) what motion and pictures leave open of most windows' states
+    # (2 nv,) std of the windows' initial states, in nine of ten at most, given the parameters
+    state_std: np.ndarray
     late_steps: float = 0.0  # lateness of pictures; 0 if it is not fitted
     late_std: float = 0.0  # its standard deviation
 

@@ -26,6 +26,8 @@ _LAST_PRIOR = 10.0
 _LARGEST_STEP = 0.12  # in unit coordinates
 _LARGEST_STATE_STEP = 4.0  # in prior standard deviations
 _DAMPING = (1e-6, 1e4)
+_RIDGE = 1e-6  # of a Hessian, relative to its diagonal
+_NEARLY_ALL = 0.9  # of the windows: contacts tell a height where there are some
 
 
 class Stepped(NamedTuple):
@@ -34,7 +36,7 @@ class Stepped(NamedTuple):
     point: LinearizationPoint
     covariance: np.ndarray  # (P, P) of the parameters
     predicted: np.ndarray  # (W, K, D) at the point
-    state_std: np.ndarray  # (2 nv,) what most windows leave open of their initial states
+    state_std: np.ndarray  # (2 nv,) see `ShootingFit`
 
 
 class ShootingStep:
@@ -146,10 +148,11 @@ class ShootingStep:
         return self._space.move(point.states, tangent)
 
     def _state_std(self, equations: NormalEquations) -> np.ndarray:
-        """(2 nv,) medians over the windows, by H⁻¹ of each; 0 where states are exact."""
-        std = np.zeros(self._space.num_tangent)
-        variance = np.linalg.inv(equations.hessian).diagonal(axis1=1, axis2=2)  # (W, F)
-        std[self.player.unknown] = np.sqrt(np.median(variance, 0)) if len(variance) else np.inf
+        """(2 nv,) by H⁻¹ of nearly all windows, given the parameters; 0 where states are exact."""
+        hessian, std = equations.hessian, np.zeros(self._space.num_tangent)
+        variance = np.linalg.inv(hessian + _RIDGE * diagonal(hessian)).diagonal(axis1=1, axis2=2)
+        of_most = np.quantile(variance.clip(0), _NEARLY_ALL, 0) if len(variance) else np.inf
+        std[self.player.unknown] = np.sqrt(of_most)
         return std
 
     def _pull(self, states: np.ndarray, windows: Windows, prior: np.ndarray) -> np.ndarray:

@@ -36,14 +36,15 @@ def fit_window_pictures(
     places = zip(motion.episode[chosen], motion.step[chosen] + step, strict=True)
     frames = np.stack([observed.frames[episode][t] for episode, t in places])
     full_states, scale = motion.full_states[chosen, step], observed.evidence.scale
-    largest, by_motion = prior_std.copy(), _TOLD * motion.state_std
-    for tangent in _unobserved(physics, prior_std, scale):
-        left_open = np.where(tangent != 0, by_motion, 0.0)
-        if (left_open >= prior_std)[tangent != 0].all():  # the motion does not tell, either
-            full_states, left_open = align_to_images(
-                physics.simulator, frames, full_states, parameters, physics.space, tangent
-            )
-        largest = np.where(left_open > 0, np.minimum(left_open, largest), largest)
+    unseen, by_motion = _unobserved(physics, prior_std, scale), _TOLD * motion.state_std
+    largest = np.where(unseen.any(0), np.minimum(by_motion, prior_std), prior_std)
+    untold = unseen[(unseen * (largest == prior_std)).any(1)]
+    # Where there are several, the first is searched again once the others are found.
+    for tangent in np.tile(untold, (min(2, len(untold)), 1)):
+        full_states, left_open = align_to_images(
+            physics.render, frames, full_states, parameters, physics.space, tangent
+        )
+        largest = np.where(tangent != 0, np.minimum(left_open, prior_std), largest)
     num_shown = len(observed.evidence.parts[0].scale)
     poses = uncertain_poses(physics, full_states, parameters, scale, num_shown, largest)
     noise = photometry.camera_noise
