@@ -79,8 +79,8 @@ def test_a_round_short_of_time_may_be_followed_by_another(arm: Path, truth: Path
     """As its warning asks for: from where it ended, also in a later session."""
     experiment, later = (pseudo(arm, truth, tmp_path / name) for name in ("one", "other"))
     search, real = experiment.search, experiment.recordings
-    short = search.run_round(real, Budget(1.0)).estimate
-    assert any("more minutes" in warning for warning in short.warnings)
+    short = search.run_round(real, Budget(0.01)).estimate
+    assert any("Give it more minutes" in warning for warning in short.warnings)
     assert not search.stop_reason
     later.search.load({}, json.loads(json.dumps(search.state())))
     assert isinstance(later.search, ReadingsSearch)

@@ -15,6 +15,7 @@ from simtune.fit.shooting_config import Spans
 from simtune.fit.windows import Windows
 
 _SMALLEST_DELTA = 1e-5  # of a state's unknowns
+_RIDGE = 1e-6  # of a Hessian, relative to its diagonal
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ class WindowPlayer:
         gradient = np.einsum("wsm,wm,wm->ws", jacobian, w, r) + pull / prior
         shared_gradient = np.einsum("wpm,wm,wm->wp", sensitivity, w, r)
         # Undamped: a window with damped, fixed states would seem to know the parameters well.
-        follow = np.linalg.solve(hessian + 1e-6 * diagonal(hessian), cross)  # H⁻¹ C
+        follow = np.linalg.solve(ridged(hessian), cross)  # H⁻¹ C
         equations = NormalEquations(
             hessian,
             cross,
@@ -163,6 +164,11 @@ class WindowPlayer:
             shared_gradient - np.einsum("wsp,ws->wp", follow, gradient),
         )
         return equations, -windows.evidence.log_likelihood(predicted, blur)
+
+
+def ridged(hessian: np.ndarray) -> np.ndarray:
+    """(W, S, S) that can be inverted, though sharp sensors and a weak prior differ by much."""
+    return hessian + _RIDGE * diagonal(hessian)
 
 
 def diagonal(matrices: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Uncertainty of poses in a picture, as far as the motion leaves them open."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -73,15 +73,17 @@ def align_to_images(
     along = _Along(render, full_states, parameters, space, tangent)
     drawn = np.stack([along.draw(place) for place in _FIRST])
     changes = np.stack([places.astype(np.float32).var(0) for places in drawn.swapaxes(0, 1)])
-    likeness = [_correlation(pictures, real, changes) for pictures in drawn]
-    apart, share = along.alike_within(_best(_FIRST, likeness), changes)
+
+    def likeness(pictures: Iterable[np.ndarray]) -> np.ndarray:
+        return np.stack([_correlation(some, real, changes) for some in pictures])
+
+    apart, share = along.alike_within(_best(_FIRST, likeness(drawn)), changes)
     places = np.linspace(-1, 1, 2 * math.ceil(1 / apart) + 1)
-    likeness = [_correlation(along.draw(place), real, changes) for place in places]
-    found = _best(places, likeness)
+    found = _best(places, likeness(map(along.draw, places)))
     for closer in apart / _CLOSER:
         near = found + closer * np.array([[0.0], [-1.0], [1.0]])  # (3, M)
-        likeness = [_correlation(along.draw(place), real, changes) for place in near]
-        found = near[np.argmax(likeness, 0), np.arange(len(found))].clip(-1, 1)
+        best = np.argmax(likeness(map(along.draw, near)), 0)
+        found = near[best, np.arange(len(found))].clip(-1, 1)
     return along.at(found), apart * np.abs(tangent) * max(1.0, _ALIKE / max(share, 1e-9))
 
 
@@ -129,9 +131,9 @@ class _Along:
         return np.minimum(*[np.square(pictures - here).sum(-1) for pictures in beside])
 
 
-def _best(places: np.ndarray, likeness: Sequence[np.ndarray]) -> np.ndarray:
+def _best(places: np.ndarray, likeness: np.ndarray) -> np.ndarray:
     """(M,) of (P,) places, by (P, M) likeness."""
-    return places[np.argmax(np.stack(likeness) - _TIE * np.abs(places)[:, None], 0)]
+    return places[np.argmax(likeness - _TIE * np.abs(places)[:, None], 0)]
 
 
 def _correlation(drawn: np.ndarray, real: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -155,7 +155,7 @@ class Shooting:
         point = LinearizationPoint(whole.states.copy(), unit, damping, FIRST_VARIANCE)
         fitted, late = np.split(self._step.fitted, [len(self.fitted)])
         covariance = np.zeros((len(self._step.fitted),) * 2)
-        state_std = self._prior_std
+        hessian = None
         period = _DERIVED_EVERY_WITH_LAGS if self._lags else DERIVED_EVERY
         for stage in stages:
             windows = whole.first(stage.window)
@@ -168,7 +168,7 @@ class Shooting:
                     windows = self._with_lags(windows, point.unit, replay)
                     slopes = self._step.player.differentiate(windows, point)
                 taken = self._step.take(windows, point, slopes, share, stage.blur)
-                point, covariance, predicted, state_std = taken
+                point, covariance, predicted, hessian = taken
                 slopes = slopes._replace(predicted=predicted)
         player = self._step.player
         full_states, predicted = player.play(windows, point.states[None], point.unit[None])
@@ -183,7 +183,7 @@ class Shooting:
             windows.step,
             -evidence.log_likelihood(predicted[0]) / (num_frames * evidence.num_observations),
             evidence.distances(predicted[0]),
-            state_std,
+            self._prior_std if hessian is None else self._step.state_std(hessian),
             *Lateness.found(point.unit[late], covariance[len(fitted) :, len(fitted) :]),
         )
 

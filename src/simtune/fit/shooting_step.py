@@ -14,6 +14,7 @@ from simtune.fit.linearization import (
     Slopes,
     WindowPlayer,
     diagonal,
+    ridged,
 )
 from simtune.fit.physics import Physics
 from simtune.fit.shooting_config import Spans
@@ -26,7 +27,6 @@ _LAST_PRIOR = 10.0
 _LARGEST_STEP = 0.12  # in unit coordinates
 _LARGEST_STATE_STEP = 4.0  # in prior standard deviations
 _DAMPING = (1e-6, 1e4)
-_RIDGE = 1e-6  # of a Hessian, relative to its diagonal
 _NEARLY_ALL = 0.9  # of the windows: contacts tell a height where there are some
 
 
@@ -36,7 +36,7 @@ class Stepped(NamedTuple):
     point: LinearizationPoint
     covariance: np.ndarray  # (P, P) of the parameters
     predicted: np.ndarray  # (W, K, D) at the point
-    state_std: np.ndarray  # (2 nv,) see `ShootingFit`
+    hessian: np.ndarray  # (W, F, F) of the windows' initial states
 
 
 class ShootingStep:
@@ -100,7 +100,6 @@ class ShootingStep:
         seen = slopes._replace(predicted=slopes.predicted + common @ by_common)
         equations, cost = self.player.linearize(windows, seen, pull, prior, blur)
         trust = robust_weights(cost)  # (W,)
-        state_std = self._state_std(equations)
         combined = combine(
             equations.information,
             equations.shared_gradient,
@@ -125,14 +124,14 @@ class ShootingStep:
         rise = 0.5 * (found @ found - common @ common) / COMMON_STD**2
         if trust @ costs.min(0) + rise > trust @ before:  # beyond the linear range
             shorter = replace(point, step_scale=point.step_scale / 4)
-            return Stepped(shorter, combined.covariance, slopes.predicted, state_std)
+            return Stepped(shorter, combined.covariance, slopes.predicted, equations.hessian)
         better = costs[0] < costs[1]
         states = np.where(better[:, None], moved, point.states)
         damping = np.where(better, point.damping / 4, point.damping * 8).clip(*_DAMPING)
         step_scale = min(1.0, 2 * point.step_scale)
         after = LinearizationPoint(states, unit, damping, combined.variance, step_scale, found)
         reached = np.where(better[:, None, None], predicted[0], predicted[1])
-        return Stepped(after, combined.covariance, reached, state_std)
+        return Stepped(after, combined.covariance, reached, equations.hessian)
 
     def _move_states(
         self, point: LinearizationPoint, equations: NormalEquations, change: np.ndarray
@@ -147,10 +146,10 @@ class ShootingStep:
         tangent[:, self.player.unknown] = np.clip(step, -limit, limit)
         return self._space.move(point.states, tangent)
 
-    def _state_std(self, equations: NormalEquations) -> np.ndarray:
+    def state_std(self, hessian: np.ndarray) -> np.ndarray:
         """(2 nv,) by H⁻¹ of nearly all windows, given the parameters; 0 where states are exact."""
-        hessian, std = equations.hessian, np.zeros(self._space.num_tangent)
-        variance = np.linalg.inv(hessian + _RIDGE * diagonal(hessian)).diagonal(axis1=1, axis2=2)
+        std = np.zeros(self._space.num_tangent)
+        variance = np.linalg.inv(ridged(hessian)).diagonal(axis1=1, axis2=2)  # (W, F)
         of_most = np.quantile(variance.clip(0), _NEARLY_ALL, 0) if len(variance) else np.inf
         std[self.player.unknown] = np.sqrt(of_most)
         return std
