@@ -1,8 +1,33 @@
 """Batches that pixel agents' tests learn from."""
 
+from dataclasses import dataclass, fields
+
 import torch
 
+from simtune.agents.pixel_agent import PixelAgent
 from simtune.replay import Transitions
+
+
+@dataclass
+class Same:
+    """In place of a replay: one batch, again and again."""
+
+    batch: Transitions
+
+    def sample(self, *_) -> Transitions:
+        """As a replay does."""
+        return self.batch
+
+    def on(self, device: str) -> "Same":
+        """The same batch on another device."""
+        names = (field.name for field in fields(self.batch))
+        return Same(Transitions(**{name: getattr(self.batch, name).to(device) for name in names}))
+
+
+def learn_now(agent: PixelAgent, replay, num_updates: int = 1) -> dict[str, float]:
+    """Updates for as many steps, without exploring meanwhile; the means of their losses."""
+    agent.update(replay, num_updates)
+    return agent.update(replay, 0)
 
 
 def pixel_batch(image_size: int, n: int = 4) -> Transitions:

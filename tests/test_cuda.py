@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from batches import pixel_batch
+from batches import Same, learn_now, pixel_batch
 from test_teacher_student import SMALL, SPEC, dots, make_teacher, transitions
 
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
@@ -15,7 +15,6 @@ from simtune.cuda_graph import graphed, make_capturable
 from simtune.networks import seeded
 from simtune.pixel_encoder import PixelEncoder
 from simtune.randomization import Distribution
-from simtune.replay import Transitions
 from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
 from simtune.search_param_model.posterior_batches import DetectorErrors
 from simtune.search_param_model.simulated import SimulatedWorlds
@@ -38,13 +37,20 @@ def test_pictures_are_those_of_a_cpu(name, has_stray_light):
     worlds = ours.space.from_unit(rng.uniform(0.2, 0.8, (70, len(ours.space))))
     actions = random_actions(70, 4, ours.action_mapping, rng)
     states = ours.roll_out(worlds, actions, rng).states[:, -1]
-    stray = StrayLight.draw(len(states), rng) if has_stray_light else None
-    pictures = [s.render(states, worlds[: len(states)], stray).astype(int) for s in (ours, theirs)]
-    difference = np.abs(pictures[0] - pictures[1])
+    stray = StrayLight.draw(len(states), rng) if has_stray_light else StrayLight.none(len(states))
+    worlds = worlds[: len(states)]
+    of_cpu = ours.render(states, worlds, stray).astype(int)
+
+    def by_gpu(num: int) -> np.ndarray:
+        which = np.arange(num) % len(states)
+        return theirs.render(states[which], worlds[which], stray.of(which)).astype(int)
+
+    many = by_gpu(1000)  # more than the GPU leaves to a CPU
+    difference = np.abs(of_cpu - many[: len(states)])
     assert (difference > 1).mean() < EDGES
-    assert pictures[0].std() > 5  # something is seen
-    few = theirs.render(states[:3], worlds[:3], stray and stray.of(slice(3)))  # of fewer, too
-    np.testing.assert_array_equal(few, pictures[1][:3])
+    assert of_cpu.std() > 5  # something is seen
+    np.testing.assert_array_equal(by_gpu(990), many[:990])  # fewer than fit, too
+    np.testing.assert_array_equal(by_gpu(3), of_cpu[:3])
 
 
 def a_model(device: str) -> PosteriorSearchParamModel:
@@ -174,14 +180,13 @@ def test_the_papers_agent_learns_what_it_does_on_a_cpu():
         log_std=(-10.0, -9.99),
     )
     ours, theirs = (CurlSac(2, config, seed=0, device=device) for device in ("cpu", "cuda"))
-    batch = pixel_batch(24, 32)
-    there = Transitions(**{name: value.cuda() for name, value in vars(batch).items()})
-    losses = []
+    here = Same(pixel_batch(24, 32))
+    there, losses = here.on("cuda"), []
     for _ in range(12):  # six of each kind, three of which are not graphs yet
-        losses = [ours.learn(batch), theirs.learn(there)]
-    torch.testing.assert_close(losses[0], losses[1].cpu(), rtol=0.1, atol=0.05, equal_nan=True)
-    assert batch.frames is not None
-    shown = batch.frames[:8].numpy()
+        losses = [[*learn_now(one, by).values()] for one, by in ((ours, here), (theirs, there))]
+    np.testing.assert_allclose(*losses, rtol=0.1, atol=0.05)
+    assert here.batch.frames is not None
+    shown = here.batch.frames[:8].numpy()
     np.testing.assert_allclose(ours.act(shown), theirs.act(shown), atol=0.05)
 
 
@@ -193,13 +198,12 @@ def test_acting_by_graphs_is_plain_acting():
     by_graphs, plain = (
         CurlSac(2, config, seed=0, device="cuda", use_graphs=use) for use in (True, False)
     )
-    batch = pixel_batch(24, 32)
-    there = Transitions(**{name: value.cuda() for name, value in vars(batch).items()})
+    there = Same(pixel_batch(24, 32)).on("cuda")
     for i in range(6):
         shown = torch.randint(256, (3, 2, 24, 24, 3), dtype=torch.uint8).numpy()
         np.testing.assert_allclose(by_graphs.act(shown), plain.act(shown), atol=0.02)
         if i == 4:
-            by_graphs.learn(there)
+            learn_now(by_graphs, there)
             plain.load(by_graphs.tensors(), by_graphs.state())
             by_graphs.load(plain.tensors(), plain.state())
     samples = [by_graphs.act(shown, sample=True) for _ in range(8)]

@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import torch
+from batches import learn_now
 
 from simtune.agents.agent import Observation
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
@@ -104,7 +105,7 @@ def error(agent) -> float:
 def test_an_agent_learns_to_act_on_what_it_sees(make):
     agent, replay = make(), a_replay()
     assert error(agent) > 0.3
-    losses = agent.update(replay, 250)
+    losses = learn_now(agent, replay, 250)
     assert error(agent) < 0.2
     assert np.isfinite([*losses.values()]).all()
 
@@ -120,7 +121,7 @@ def test_states_and_parameters_do_not_change_what_is_learnt(make):
     frames, _ = brightness(3, seed=0)
     states = (np.zeros((3, 2)), np.full((3, 2), 1e6))
     explored = [
-        agent.explore(Observation(state, frames))
+        agent.explore(Observation(state, frames), a_replay(8))
         for agent, state in zip(agents, states, strict=True)
     ]
     np.testing.assert_array_equal(*explored)
@@ -138,20 +139,29 @@ def test_everything_else_of_a_transition_changes_what_is_learnt(make, name):
 def test_a_resumed_agent_repeats_a_straight_one_bit_for_bit(make, tmp_path):
     replay, (frames, _) = a_replay(), brightness(3, seed=0)
     whole = make(seed=4)
-    whole.explore(Observation(np.zeros((3, 0)), frames))
+    seen = Observation(np.zeros((3, 0)), frames)
+    whole.explore(seen, replay)
+    whole.update(replay, 9)
+    whole.explore(seen, replay)
     whole.update(replay, 5)
+    whole.explore(seen, replay)
+    whole.update(replay, 3)
     state = whole.state()
     path = checkpoint.save(tmp_path / "checkpoints", whole.tensors(), state)
-    losses = whole.update(replay, 5)
 
+    def go_on(agent) -> dict[str, float]:
+        agent.explore(seen, replay)
+        return agent.update(replay, 5)
+
+    losses = go_on(whole)
     resumed = make(seed=5)
     resumed.load(*checkpoint.load(path))
     assert resumed.state() == state
-    assert resumed.update(replay, 5) == pytest.approx(losses, rel=0, abs=0, nan_ok=True)
+    assert go_on(resumed) == pytest.approx(losses, rel=0, abs=0, nan_ok=True)
     assert_same(everything(resumed), everything(whole))
     assert resumed.state() == whole.state()
-    seen = Observation(np.zeros((3, 0)), frames)
-    np.testing.assert_array_equal(resumed.explore(seen), whole.explore(seen))
+    explored = [agent.explore(seen, replay) for agent in (resumed, whole)]
+    np.testing.assert_array_equal(*explored)
 
 
 def test_a_checkpoint_with_a_generator_of_another_device_is_loaded(make):
@@ -166,7 +176,7 @@ def test_a_checkpoint_with_a_generator_of_another_device_is_loaded(make):
 def test_a_checkpoint_holds_all_that_changes(make):
     agent = make()
     before = everything(agent)
-    agent.update(a_replay(), 4)
+    learn_now(agent, a_replay(), 4)
     after = everything(agent)
     assert [name for name in before if torch.equal(before[name], after[name])] == []
     moments = [name for name in after if "optimizer" in name]
@@ -182,8 +192,9 @@ def test_the_same_seed_is_the_same_agent(make):
 def test_torchs_own_random_numbers_are_left_alone(make):
     before = torch.get_rng_state()
     agent = make()
-    agent.update(a_replay(64), 2)
-    agent.explore(Observation(np.zeros((3, 0)), brightness(3, seed=0)[0]))
+    replay = a_replay(64)
+    agent.update(replay, 2)
+    agent.explore(Observation(np.zeros((3, 0)), brightness(3, seed=0)[0]), replay)
     assert torch.equal(torch.get_rng_state(), before)
 
 
@@ -204,7 +215,8 @@ def test_random_steps_come_first_and_teach_nothing(make):
     agent, replay, (frames, _) = make(random_steps=100), a_replay(64), brightness(40, seed=0)
     seen = Observation(np.zeros((40, 0)), frames)
     before = everything(agent)
-    random = np.concatenate([agent.explore(seen) for _ in range(3)])  # 0, 40 and 80 before them
+    # 0, 40 and 80 before them
+    random = np.concatenate([agent.explore(seen, replay) for _ in range(3)])
     assert np.abs(random.mean()) < 0.2
     assert random.std() == pytest.approx(3**-0.5, abs=0.08)  # of uniform numbers in [−1, 1]
     losses = agent.update(replay, 100)
@@ -212,8 +224,9 @@ def test_random_steps_come_first_and_teach_nothing(make):
     after = everything(agent)
     assert_same(*({k: v for k, v in e.items() if k != "generator"} for e in (before, after)))
     agent.act = lambda frames, sample: np.full((len(frames), 1), 7.0)  # from now on the policy
-    assert (agent.explore(seen) == 7).all()
-    assert agent.update(replay, 3).keys() == losses.keys()
+    agent.update(replay, 3)
+    assert (agent.explore(seen, replay) == 7).all()
+    assert agent.update(replay, 0).keys() == losses.keys()
     assert agent.state()["num_updates"] == 3
 
 
@@ -221,9 +234,38 @@ def test_updates_are_counted_over_calls(make):
     agent = make(update_every=3, random_steps=4, batch_size=2)
     done = []
     for num_steps in (2, 4, 1, 0, 5):  # 2, 6, 7, 7 and 12 steps
-        agent.update(a_replay(8), num_steps)
+        learn_now(agent, a_replay(8), num_steps)
         done.append(agent.state()["num_updates"])
     assert done == [0, 0, 1, 1, 2]
+
+
+def test_an_episodes_updates_are_spread_over_the_steps_of_the_next(make):
+    """As many with each step as become due for one, in all worlds together; none are left."""
+    agent, replay = make(batch_size=2, update_every=2), a_replay(8)
+    seen, done = Observation(np.zeros((3, 0)), brightness(3, seed=0)[0]), []
+    agent.update(replay, 9)  # three steps in three worlds
+    assert not agent.can_act
+    for _ in range(3):
+        agent.explore(seen, replay)
+        done.append(agent.state()["num_updates"])
+    assert done == [2, 4, 4]
+    assert agent.can_act
+    agent.update(replay, 9)
+    assert agent.state()["num_updates"] == 4
+    agent.update(replay, 0)  # what was not done while exploring
+    assert agent.state()["num_updates"] == 9
+
+
+def test_updates_see_what_was_stored_after_they_began(make):
+    agent, replay = make(), a_replay(8)
+    learn_now(agent, replay, 6)
+    before, draws = everything(agent), []
+    sample = replay.sample
+    replay.sample = lambda *which: draws.append(sample(*which)) or draws[-1]
+    replay.rewards[:] = -50.0
+    learn_now(agent, replay)
+    assert (draws[0].rewards == -50).all()
+    assert any(not torch.equal(before[key], value) for key, value in everything(agent).items())
 
 
 def test_updates_in_bfloat16_go_the_way_of_those_in_float32(make, monkeypatch):
@@ -257,10 +299,10 @@ def test_batches_made_here_have_the_types_and_shapes_of_a_replays():
 @pytest.mark.gpu
 def test_an_agent_learns_on_a_gpu(make, tmp_path):
     agent, replay = make(device="cuda"), a_replay(device="cuda")
-    agent.update(replay, 200)
+    learn_now(agent, replay, 200)
     path = checkpoint.save(tmp_path / "checkpoints", agent.tensors(), agent.state())
     resumed = make(device="cuda")
     resumed.load(*checkpoint.load(path))  # after graphs were captured
-    losses = resumed.update(replay, 200)
+    losses = learn_now(resumed, replay, 200)
     assert error(resumed) < 0.2
     assert np.isfinite([*losses.values()]).all()

@@ -142,7 +142,8 @@ def test_batches_are_those_of_a_replay_of_stacks():
         for with_frames in (True, False):
             steps = filmed.steps if with_frames else filmed.steps + unfilmed.steps
             assert len(steps) == (replay.num_filmed_steps if with_frames else replay.num_steps)
-            index = torch.randint(len(steps), (400,), generator=generator(seed))
+            share = torch.rand(400, generator=generator(seed), dtype=torch.float64)
+            index = (share * len(steps)).long()
             expected = stacked([steps[i] for i in index], with_frames)
             assert_same(replay.sample(400, generator(seed), with_frames), expected)
 

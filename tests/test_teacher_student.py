@@ -254,7 +254,7 @@ def test_the_teacher_acts_until_the_student_can():
     assert (np.abs(best - own) > 1e-4).all()
     for filmed_rounds, expected in ((0, best), (1, own)):  # a tenth of ten rounds
         agent.load(agent.tensors(), agent.state() | {"num_filmed": filmed_rounds * WORLDS * STEPS})
-        np.testing.assert_allclose(agent.explore(seen), expected, atol=1e-6)
+        np.testing.assert_allclose(agent.explore(seen, replay), expected, atol=1e-6)
 
 
 def test_losses_have_the_same_names_in_every_round():
@@ -299,14 +299,14 @@ def test_an_agent_whose_actions_may_be_late_knows_its_latest_ones():
         np.testing.assert_array_equal(latest, np.hstack(pair))
     seen = Observation(np.arange(10, dtype=np.float32).reshape(2, 5), stacks[2])
     agent.num_steps = SMALL.random_steps
-    agent.explore(seen)  # in simulation the state has them
+    agent.explore(seen, make_replay())  # in simulation the state has them
     np.testing.assert_array_equal(told[-1], [[3, 4], [8, 9]])
 
 
 def test_exploring_without_pictures_acts_on_the_state():
     agent = make_agent(random_steps=0)
     states = np.random.default_rng(0).normal(size=(WORLDS, 3)).astype(np.float32)
-    acted = agent.explore(Observation(states, None))
+    acted = agent.explore(Observation(states, None), make_replay())
     assert acted.shape == (WORLDS, 1)
     assert (np.abs(acted) <= 1).all()
 

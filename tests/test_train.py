@@ -32,6 +32,7 @@ from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.recordings import write_dataset
+from simtune.replay import Replay
 from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
 from simtune.schedule import Schedule, fast, paper
@@ -105,7 +106,7 @@ class Players:
         self.can_act = True
         return {}
 
-    def explore(self, seen):
+    def explore(self, seen, replay):
         raise AssertionError("nothing is played here")
 
 
@@ -681,7 +682,8 @@ def test_an_agent_made_by_name_acts_and_is_stored_and_loaded(name):
     agent, other = make(0), make(1, total_steps=1)
     assert not agent.can_act
     frames = np.random.default_rng(0).integers(0, 256, (4, 3, 64, 64, 3), dtype=np.uint8)
-    explored = agent.explore(Observation(np.zeros((4, 5), np.float32), frames))
+    replay = Replay(SPACE, filmed_capacity=1)
+    explored = agent.explore(Observation(np.zeros((4, 5), np.float32), frames), replay)
     acted = agent.act(frames)
     for actions in (explored, acted, agent.act(frames, sample=True)):
         assert actions.shape == (4, 2)

@@ -13,6 +13,7 @@ must begin there. The parts are in `experiment/`, their numbers in `schedule.py`
 """
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -124,10 +125,12 @@ class Training:
         is_filmed = agent.wants_frames
         delay_steps = self._delay_steps()
         environment = self.experiment.environment
-        episodes = environment.play(agent.explore, worlds, self.rng, is_filmed, delay_steps)
-        self.experiment.replay.add(episodes)
+        replay = self.experiment.replay
+        explore = partial(agent.explore, replay=replay)
+        episodes = environment.play(explore, worlds, self.rng, is_filmed, delay_steps)
+        replay.add(episodes)
         num_steps = len(worlds) * self.experiment.task.episode_steps
-        losses = agent.update(self.experiment.replay, num_steps)
+        losses = agent.update(replay, num_steps)
         self.run.step += num_steps
         earned = float(episodes.rewards.sum(1).mean())
         scalars = {"return/simulated": earned, "filmed": float(is_filmed)}

@@ -42,6 +42,7 @@ class Agent(Protocol):
     """Actions are in [−1, 1], one row per world. The real world only calls `act`."""
 
     device: torch.device  # of its networks, and of the replay that it learns from
+    needs_keypoints: bool  # whether it learns from keypoints of filmed episodes, too
 
     @property
     def wants_frames(self) -> bool:
@@ -57,14 +58,15 @@ class Agent(Protocol):
         """(n, K, H, W, 3) uint8 frames to (n, A) actions: the best, or drawn from the policy."""
         ...
 
-    def explore(self, observation: Observation) -> np.ndarray:
-        """(n, A) actions in simulated worlds, to learn from."""
+    def explore(self, observation: Observation, replay: Replay) -> np.ndarray:
+        """(n, A) actions in simulated worlds, to learn from; it may learn from earlier ones."""
         ...
 
     def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
-        """Learn for `num_steps` newly collected steps; losses to be logged, always the same keys.
+        """Note `num_steps` newly collected steps; losses to be logged, always the same keys.
 
-        The agent decides on the number of updates.
+        The agent decides on the number of updates, and whether they are done here or while it
+        explores next.
         """
         ...
 

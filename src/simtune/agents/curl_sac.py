@@ -1,6 +1,6 @@
 """The paper's agent: soft actor-critic on pixels with random crops (RAD) and contrast (CURL).
 
-One update, `CurlSac._learn`, encodes three crops: one of the frames, with gradients, and by the
+One update, `CurlSac.learn`, encodes three crops: one of the frames, with gradients, and by the
 slowly moving target, in one pass, another one of the frames and one of the next frames. The first
 is the critics' input and CURL's query, the second CURL's key, the third the input of the critics'
 target. So
@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
 import torch
 from torch import nn
 
@@ -34,7 +33,6 @@ from simtune.agents.pixel_networks import (
     sample_squashed,
 )
 from simtune.agents.saving import Stateful
-from simtune.cuda_graph import Step, graphed
 from simtune.networks import autocast, seeded
 from simtune.pixel_encoder import PixelEncoder
 from simtune.replay import Transitions
@@ -103,7 +101,7 @@ class CurlSac(PixelAgent):
     ):
         """`use_graphs`: on CUDA updates and acting are captured as graphs, which is faster."""
         self.config = config
-        super().__init__(num_actions, config, seed, device)
+        super().__init__(num_actions, config, seed, device, use_graphs)
         with seeded(seed):
             self.critic = Critic(num_actions, config)
             num_maps = self.critic.encoder.convolutions.num_outputs
@@ -119,8 +117,6 @@ class CurlSac(PixelAgent):
         self._half_target = HalfCopy(self.target, self.device)
         self._half_actor = HalfCopy(self.actor, self.device)
         self._make_optimizers()
-        self._use_graphs = use_graphs
-        self._begin_steps()
 
     def _make_optimizers(self) -> None:
         config = self.config
@@ -134,22 +130,6 @@ class CurlSac(PixelAgent):
             betas=(config.temperature_beta1, 0.999),
         )
 
-    def _begin_steps(self) -> None:
-        """Make anew what is captured as graphs, which hold the weights' and moments' memory."""
-        # The update without and with its slow parts
-        self._steps = [self._graphed(partial(self._learn, slow=slow)) for slow in (False, True)]
-        self._acting: dict[tuple[int, bool], Step] = {}  # by the number of worlds, and sampling
-
-    def _graphed(self, step: Step) -> Step:
-        return graphed(step, self._generator) if self._use_graphs else step
-
-    def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
-        """(n, K, H, W, 3) uint8 to (n, A) actions: the mean's, or drawn."""
-        kind = len(frames), sample
-        if kind not in self._acting:
-            self._acting[kind] = self._graphed(partial(self._act, sample=sample))
-        return self._acting[kind](torch.as_tensor(frames).to(self.device)).cpu().numpy()
-
     @torch.no_grad()
     def _act(self, frames: torch.Tensor, sample: bool) -> torch.Tensor:
         with autocast(self.device):
@@ -158,35 +138,24 @@ class CurlSac(PixelAgent):
             )
             return self.draw(maps)[0] if sample else self._half_actor.used(maps)[0].tanh()
 
-    def learn(self, batch: Transitions) -> torch.Tensor:
-        """One update; (6,) its `losses`; the actor's only in every `slow_every`-th, else NaN."""
-        slow = self._counter.num_updates % self.config.slow_every == 0
-        self._counter.num_updates += 1
-        assert batch.frames is not None
-        assert batch.next_frames is not None
-        step = self._steps[slow]
-        return step(
-            batch.frames, batch.actions, batch.rewards, batch.discounts, batch.next_frames
-        ).clone()  # a graph reuses its output's memory
+    @property
+    def _is_slow(self) -> bool:
+        return self._counter.num_updates % self.config.slow_every == 0
 
-    def _learn(
-        self,
-        frames: torch.Tensor,
-        actions: torch.Tensor,
-        rewards: torch.Tensor,
-        discounts: torch.Tensor,
-        next_frames: torch.Tensor,
-        slow: bool,
-    ) -> torch.Tensor:
+    def learn(self, batch: Transitions, slow: bool = True) -> torch.Tensor:
+        """One update; (6,) its `losses`, of the actor only if `slow`, else NaN."""
+        frames, next_frames = batch.frames, batch.next_frames
+        assert frames is not None
+        assert next_frames is not None
         query, key, next_obs = map(self._crop, (frames, frames, next_frames))
         critic, target = self._half_critic.used, self._half_target.used.encoder
         with autocast(self.device):
             with torch.no_grad():
                 maps, next_maps = target.convolutions(torch.cat([key, next_obs])).chunk(2)
                 keys = target.head(maps).float()
-                target_q = self.target_q(rewards, discounts, next_maps)
+                target_q = self.target_q(batch.rewards, batch.discounts, next_maps)
             features = critic.encoder(query)
-            values = critic.q(features, actions)  # (2, B)
+            values = critic.q(features, batch.actions)  # (2, B)
         critic_loss = (values - target_q).square().mean(1).sum()
         contrast_loss = self.contrast.loss(features, keys)  # its logits are too large for bf16
         descend(critic_loss + contrast_loss, self._critic_optimizer, self._half_critic)
@@ -236,7 +205,6 @@ class CurlSac(PixelAgent):
         super().load(tensors, state)
         for half in (self._half_critic, self._half_target, self._half_actor):
             half.refresh()
-        self._begin_steps()
 
     def _stateful(self) -> Stateful:
         return {

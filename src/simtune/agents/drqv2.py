@@ -8,8 +8,8 @@ single steps; pixels are scaled to 0 to 1, not to −½ to ½.
 import copy
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
-import numpy as np
 import torch
 from torch import nn
 
@@ -20,7 +20,7 @@ from simtune.agents.pixel_networks import TwinQ, descend, initialize, move_towar
 from simtune.agents.saving import Stateful
 from simtune.networks import autocast, mlp, seeded
 from simtune.pixel_encoder import PixelConvolutions, feature_head
-from simtune.replay import Transitions
+from simtune.replay import Replay, Transitions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,9 +74,12 @@ class DrqV2(PixelAgent):
         *,
         seed: int,
         device: torch.device | str = "cpu",
+        use_graphs: bool = True,
     ):
+        """`use_graphs`: see `PixelAgent`."""
         self.config = config = config or DrqV2Config()
-        super().__init__(num_actions, config, seed, device)
+        super().__init__(num_actions, config, seed, device, use_graphs)
+        self._noise = torch.full((), config.noise[0], device=self.device)  # where graphs read it
         with seeded(seed):
             self.encoder = PixelConvolutions(3 * config.num_stacked, config.image_size)
             sizes = (self.encoder.num_outputs, num_actions, config.hidden_size)
@@ -86,7 +89,8 @@ class DrqV2(PixelAgent):
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         for module in (self.encoder, self.critic, self.actor, self.target):
             module.to(self.device)
-        adam = partial(torch.optim.Adam, lr=config.learning_rate, fused=True)
+        is_cuda = self.device.type == "cuda"
+        adam = partial(torch.optim.Adam, lr=config.learning_rate, fused=True, capturable=is_cuda)
         # Only the critics train the encoder.
         self._critic_optimizer = adam([*self.encoder.parameters(), *self.critic.parameters()])
         self._actor_optimizer = adam(self.actor.parameters())
@@ -96,15 +100,24 @@ class DrqV2(PixelAgent):
         """The present standard deviation of exploration."""
         return falling(self.config.noise, self._counter.num_collected / self.config.noise_steps)
 
-    def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
-        """(n, K, H, W, 3) uint8 to (n, A) actions: without noise, or with it."""
-        with torch.inference_mode(), autocast(self.device):
-            actions = self.actor(self.encoder(torch.as_tensor(frames).to(self.device))).float()
-            if sample:
-                actions = disturbed(actions, self.noise, self._generator)
-            return actions.cpu().numpy()
+    @torch.no_grad()
+    def _act(self, frames: torch.Tensor, sample: bool) -> torch.Tensor:
+        with autocast(self.device):
+            actions = self.actor(self.encoder(frames)).float()
+        return disturbed(actions, self._noise, self._generator) if sample else actions
 
-    def learn(self, batch: Transitions) -> torch.Tensor:
+    def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
+        """See `Agent`."""
+        losses = super().update(replay, num_steps)
+        self._noise.fill_(self.noise)
+        return losses
+
+    def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+        """See `Agent`."""
+        super().load(tensors, state)
+        self._noise.fill_(self.noise)
+
+    def learn(self, batch: Transitions, slow: bool = True) -> torch.Tensor:
         """One update; (4,) its `losses`."""
         assert batch.frames is not None
         assert batch.next_frames is not None
@@ -124,9 +137,7 @@ class DrqV2(PixelAgent):
         descend(actor_loss, self._actor_optimizer)
 
         move_towards(self.target, self.critic, self.config.critic_rate)
-        self._counter.num_updates += 1
-        noise = torch.full_like(critic_loss, self.noise)
-        return torch.stack([critic_loss, values.mean(), actor_loss, noise]).detach()
+        return torch.stack([critic_loss, values.mean(), actor_loss, self._noise]).detach()
 
     def target_q(
         self, rewards: torch.Tensor, discounts: torch.Tensor, next_obs: torch.Tensor
@@ -139,7 +150,7 @@ class DrqV2(PixelAgent):
     def _act_nearby(self, obs: torch.Tensor) -> torch.Tensor:
         """The actor's actions with clipped noise."""
         actions = self.actor(obs).float()
-        return disturbed(actions, self.noise, self._generator, self.config.noise_clip)
+        return disturbed(actions, self._noise, self._generator, self.config.noise_clip)
 
     def _shift(self, frames: torch.Tensor) -> torch.Tensor:
         return random_shift(frames, self.config.pad, self._generator)

@@ -2,8 +2,8 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,9 +12,8 @@ import torch
 from simtune.agents.agent import Observation
 from simtune.agents.noise import uniform_actions
 from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
-from simtune.replay import Replay, Transitions, in_parts
-
-_AT_ONCE = 8  # batches drawn; each takes some 20 MB
+from simtune.cuda_graph import Step, graphed
+from simtune.replay import Replay, Transitions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +41,7 @@ class Counter:
     num_explored: int = 0
     num_collected: int = 0
     num_updates: int = 0
+    num_due: int = 0  # updates that are still to be done
 
     def explore(self, num_worlds: int) -> bool:
         """Count a step in each world; whether its action is random."""
@@ -49,68 +49,124 @@ class Counter:
         self.num_explored += num_worlds
         return is_random
 
-    def collect(self, num_steps: int) -> int:
-        """Count new steps; the number of updates due for them."""
-        before = self._num_due()
+    def collect(self, num_steps: int) -> None:
+        """Count new steps, and the updates due for them."""
+        before = self._num_earned()
         self.num_collected += num_steps
-        return self._num_due() - before
+        self.num_due += self._num_earned() - before
 
-    def _num_due(self) -> int:
+    def beside(self, num_worlds: int) -> int:
+        """How many updates go with a step in each world: those due end with the episode."""
+        return min(self.num_due, -(-num_worlds // self.update_every))
+
+    def update(self) -> None:
+        """Count an update."""
+        self.num_updates += 1
+        self.num_due = max(0, self.num_due - 1)
+
+    def _num_earned(self) -> int:
         return max(self.num_collected - self.random_steps, 0) // self.update_every
 
 
 class PixelAgent(ABC):
-    """An `Agent` that only gets frames. A replay must be on its device."""
+    """An `Agent` that only gets frames. A replay must be on its device.
+
+    Updates due for an episode are done step by step during the next one: after an action is known,
+    so that a GPU learns while the CPU simulates.
+    """
 
     wants_frames = True
+    needs_keypoints = False
     losses: ClassVar[tuple[str, ...]]  # names of the outputs of `learn`
 
     def __init__(
-        self, num_actions: int, config: PixelAgentConfig, seed: int, device: torch.device | str
+        self,
+        num_actions: int,
+        config: PixelAgentConfig,
+        seed: int,
+        device: torch.device | str,
+        use_graphs: bool,
     ):
+        """`use_graphs`: on CUDA updates and acting are captured as graphs, which is faster."""
         self.num_actions, self._batch_size = num_actions, config.batch_size
         self.device = torch.device(device)
         self._generator = torch.Generator(self.device).manual_seed(seed)
         self._counter = Counter(random_steps=config.random_steps, update_every=config.update_every)
+        self._use_graphs = use_graphs
+        self._replay: Replay | None = None  # that captured updates draw from
+        self._losses: list[torch.Tensor] = []  # of the updates since the last were told
+        self._begin_steps()
 
     @property
     def can_act(self) -> bool:
         """Whether updates have begun."""
-        return self._counter.num_collected > self._counter.random_steps
+        return self._counter.num_updates > 0
 
-    @abstractmethod
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """(n, K, H, W, 3) uint8 to (n, A) actions: the best, or as it explores."""
+        kind = len(frames), sample
+        if kind not in self._acting:
+            self._acting[kind] = self._graphed(partial(self._act, sample=sample))
+        return self._acting[kind](torch.as_tensor(frames).to(self.device)).cpu().numpy()
 
     @abstractmethod
-    def learn(self, batch: Transitions) -> torch.Tensor:
-        """One update; its `losses`, NaN for those not computed."""
+    def _act(self, frames: torch.Tensor, sample: bool) -> torch.Tensor:
+        """`act` on its device."""
+
+    @abstractmethod
+    def learn(self, batch: Transitions, slow: bool = True) -> torch.Tensor:
+        """One update, `slow` or not; its `losses`, NaN for those not computed."""
+
+    @property
+    def _is_slow(self) -> bool:
+        """Whether the next update contains what only every so-many-th does."""
+        return True
 
     @abstractmethod
     def _stateful(self) -> Stateful:
         """All that a checkpoint must hold."""
 
-    def explore(self, observation: Observation) -> np.ndarray:
+    def explore(self, observation: Observation, replay: Replay) -> np.ndarray:
         """As `act` samples, after the first `random_steps` of all worlds together."""
         frames = observation.frames
         assert frames is not None
-        if not self._counter.explore(len(frames)):
-            return self.act(frames, sample=True)
-        return uniform_actions(len(frames), self.num_actions, self._generator).cpu().numpy()
+        if self._counter.explore(len(frames)):
+            drawn = uniform_actions(len(frames), self.num_actions, self._generator)
+            actions = drawn.cpu().numpy()
+        else:
+            actions = self.act(frames, sample=True)
+        self._update(replay, self._counter.beside(len(frames)))
+        return actions
 
     def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
-        """All updates due for the steps; means of the losses, NaN without any."""
-        losses = torch.full((1, len(self.losses)), math.nan)
-        if due := self._counter.collect(num_steps):
-            losses = torch.stack([self.learn(batch) for batch in self._batches(replay, due)])
+        """See `Agent`; means of losses, NaN without any."""
+        self._update(replay, self._counter.num_due)  # usually none is left
+        self._counter.collect(num_steps)
+        losses = torch.stack(self._losses or [torch.full((len(self.losses),), math.nan)])
+        self._losses = []
         return dict(zip(self.losses, losses.nanmean(0).tolist(), strict=True))
 
-    def _batches(self, replay: Replay, num: int) -> Iterator[Transitions]:
-        """On a GPU drawn a few at once, since a draw takes the host a third of an update's time."""
-        at_once = 1 if self.device.type == "cpu" else _AT_ONCE
-        for several in in_parts(num, at_once):
-            size = several * self._batch_size
-            yield from replay.sample(size, self._generator, True).split(self._batch_size)
+    def _update(self, replay: Replay, num: int) -> None:
+        """Updates on batches of the replay; the host does not wait for a GPU's."""
+        if replay is not self._replay:
+            self._replay = replay
+            self._begin_steps()
+        for _ in range(num):
+            loss = self._steps[self._is_slow]()
+            self._losses.append(loss.clone())  # a graph reuses its output's memory
+            self._counter.update()
+
+    def _learn_drawn(self, slow: bool) -> torch.Tensor:
+        assert self._replay is not None
+        return self.learn(self._replay.sample(self._batch_size, self._generator, True), slow)
+
+    def _begin_steps(self) -> None:
+        """Make anew what is captured as graphs, which hold the weights' and moments' memory."""
+        self._steps = [self._graphed(partial(self._learn_drawn, slow)) for slow in (False, True)]
+        self._acting: dict[tuple[int, bool], Step] = {}  # by the number of worlds, and sampling
+
+    def _graphed(self, step: Step) -> Step:
+        return graphed(step, self._generator) if self._use_graphs else step
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """See `Agent`."""
@@ -124,3 +180,5 @@ class PixelAgent(ABC):
         """See `Agent`."""
         scatter_tensors(self._stateful(), self._generator, tensors)
         self._counter = Counter(**state)
+        self._losses = []
+        self._begin_steps()

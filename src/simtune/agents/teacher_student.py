@@ -53,6 +53,8 @@ class TeacherStudent:
     The teacher's critics also get the `privileged` parameters.
     """
 
+    needs_keypoints = True
+
     def __init__(self, spec: AgentSpec, config: TeacherStudentConfig | None = None):
         self.config = config = config or TeacherStudentConfig()
         self.device = torch.device(spec.device)
@@ -112,7 +114,7 @@ class TeacherStudent:
         is_first = (frames[:, 1:] == frames[:, :-1]).flatten(1).all(1, keepdim=True)
         return self._latest.where(~is_first, 0.0)
 
-    def explore(self, observation: Observation) -> np.ndarray:
+    def explore(self, observation: Observation, replay: Replay) -> np.ndarray:
         """The teacher alone if nothing is filmed; else the student, more and more."""
         states = torch.from_numpy(observation.state).to(self.device)
         if self.num_steps < self.config.random_steps:

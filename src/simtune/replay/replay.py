@@ -45,7 +45,8 @@ class Replay(EpisodeStore):
     def sample(self, batch_size: int, generator: torch.Generator, with_frames: bool) -> Transitions:
         """Steps drawn uniformly from all stored steps, or `with_frames` from filmed ones.
 
-        `generator` must be on the store's device, so that the host need not wait. `frames` and
+        `generator` must be on the store's device, so that the host need not wait and a CUDA graph
+        can draw them, from what is stored when it is replayed. `frames` and
         `next_frames` share memory, so neither may be changed in place.
         """
         episode, t = self._draw(batch_size, generator, with_frames)
@@ -79,12 +80,14 @@ class Replay(EpisodeStore):
         self, num: int, generator: torch.Generator, filmed: bool
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Slots (num,) and steps (num,) within them, uniform over all steps."""
-        num_steps = self.num_filmed_steps if filmed else self.num_steps
-        if num_steps == 0:
+        if not (self.num_filmed_steps if filmed else self.num_steps):
             kind = "filmed episode" if filmed else "episode"
             raise ValueError(f"no {kind} is stored; add some before sampling")
-        # Steps of slots with frames come first; an empty slot has no steps.
-        step = torch.randint(num_steps, (num,), generator=generator, device=self.device)
+        # Steps of slots with frames come first; an empty slot has no steps. In double precision,
+        # or not every step of a large store could be drawn.
+        double = {"dtype": torch.float64, "device": self.device}
+        share = torch.rand(num, generator=generator, **double)
+        step = (share * self._steps.totals[int(filmed)]).long()
         episode = torch.searchsorted(self._steps.ends, step, right=True)
         return episode, step - self._steps.starts[episode]
 

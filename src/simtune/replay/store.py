@@ -24,13 +24,23 @@ _CAPACITIES = ("filmed_capacity", "unfilmed_capacity")
 class StepIndex:
     """Index of steps, on the store's device, so that sampling does not wait for the host.
 
-    Steps are numbered through all slots: those of slot e are `starts[e]` to `ends[e]` − 1.
+    Steps are numbered through all slots: those of slot e are `starts[e]` to `ends[e]` − 1. Its
+    memory stays where it is, so a CUDA graph that samples sees what was added later.
     """
 
     starts: torch.Tensor  # (slots,)
     ends: torch.Tensor  # (slots,)
     terminals: torch.Tensor  # (slots,) the step that ended the task, or −1
     coordinates: torch.Tensor  # (slots, N) float32 parameters in [0, 1]
+    totals: torch.Tensor  # (2,) numbers of all steps, and of filmed ones
+
+    @classmethod
+    def empty(cls, num_slots: int, num_parameters: int, device: torch.device | str) -> "StepIndex":
+        """Without any step."""
+        starts, ends, terminals = torch.zeros(3, num_slots, dtype=torch.int64, device=device)
+        coordinates = torch.zeros(num_slots, num_parameters, device=device)
+        totals = torch.zeros(2, dtype=torch.int64, device=device)
+        return cls(starts, ends, terminals, coordinates, totals)
 
 
 @dataclass(eq=False)
@@ -65,7 +75,7 @@ class EpisodeStore:
         self.states = torch.empty(slots, 0, device=self.device)  # (slots, T + 1, D)
         self.actions = torch.empty(slots, 0, device=self.device)  # (slots, T, A)
         self.rewards = torch.empty(slots, 0, device=self.device)  # (slots, T)
-        self._steps = self._locate_steps()
+        self._steps = StepIndex.empty(slots, len(self.space), self.device)
 
     def __len__(self) -> int:
         """Number of episodes."""
@@ -102,7 +112,7 @@ class EpisodeStore:
         self._write(slots, {k: torch.as_tensor(a) for k, a in arrays.items() if a is not None})
         self.num_added += len(not_empty)
         self._numbers[slots] = torch.arange(self.num_added - len(slots), self.num_added)
-        self._steps = self._locate_steps()
+        self._locate_steps()
 
     def drop_far(self, low: np.ndarray, high: np.ndarray) -> int:
         """Remove episodes of worlds outside [low, high], each (N,); returns their number."""
@@ -110,7 +120,7 @@ class EpisodeStore:
         outside = torch.as_tensor(((parameters < low) | (parameters > high)).any(1))
         dropped = outside & (self.lengths > 0)
         self.lengths[dropped], self._numbers[dropped] = 0, -1
-        self._steps = self._locate_steps()
+        self._locate_steps()
         return int(dropped.sum())
 
     def latest_filmed(self, num: int) -> torch.Tensor:
@@ -159,7 +169,7 @@ class EpisodeStore:
             self._write(filmed, {name: tensors[name] for name in _OF_FILMED})
             for slot in filmed:  # one at a time: pictures are large
                 self._film(slot, film)
-        self._steps = self._locate_steps()
+        self._locate_steps()
 
     def _film(self, slot: torch.Tensor, film: Film) -> None:
         """Draw an episode's frames; those after its end are left black, and never read."""
@@ -185,14 +195,11 @@ class EpisodeStore:
             for slot, value in zip(slots.tolist(), values, strict=True):
                 array[slot] = value
 
-    def _locate_steps(self) -> StepIndex:
-        """The index of the steps that are stored now."""
-        ends = self.lengths.cumsum(0)
-        terminals = torch.where(self.terminated, ends - 1, -1)
-        coordinates = self.space.to_unit(self.parameters.numpy())
-        return StepIndex(
-            (ends - self.lengths).to(self.device),
-            ends.to(self.device),
-            terminals.to(self.device),
-            torch.as_tensor(coordinates, dtype=torch.float32, device=self.device),
-        )
+    def _locate_steps(self) -> None:
+        """Bring the index of steps up to date."""
+        ends, index = self.lengths.cumsum(0), self._steps
+        index.starts.copy_(ends - self.lengths)
+        index.ends.copy_(ends)
+        index.terminals.copy_(torch.where(self.terminated, ends - 1, -1))
+        index.coordinates.copy_(torch.as_tensor(self.space.to_unit(self.parameters.numpy())))
+        index.totals.copy_(torch.tensor([self.num_steps, self.num_filmed_steps]))

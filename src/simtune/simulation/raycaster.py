@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
 from queue import SimpleQueue
 
 import mujoco
@@ -21,15 +22,17 @@ from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import no_printed_warnings
 
 _GREY = 0xFF808080  # packed; of a background that is unknown
+_SOON = 10_000  # pixels that a CPU's core draws before a GPU's are there
 
 
 class Raycaster:
     """Draws geoms, meshes and flexes with lights and textures; no tendons and no sites.
 
     On a CPU with one render context per thread, since a context's launches run on one thread; on a
-    GPU with one context. The sky of a camera that never turns is drawn once, smoothly, and put
-    behind all pictures, which saves a third; for other cameras it is smoothed beforehand. Scenes of
-    simple shapes are drawn by `Primitives`, on a CPU three times as fast.
+    GPU with one context, but few pictures on the CPU even then. The sky of a camera that never
+    turns is drawn once, smoothly, and put behind all pictures, which saves a third; for other
+    cameras it is smoothed beforehand. Scenes of simple shapes are drawn by `Primitives`, on a CPU
+    three times as fast.
     """
 
     def __init__(
@@ -54,6 +57,11 @@ class Raycaster:
         init_warp(device)
         self.size, self._device = size, device
         num_threads = num_threads or _num_cores()
+        self._few = 0  # pictures that a CPU draws
+        if device != "cpu":
+            self._few = num_threads * _SOON // (size[0] * size[1])
+            settings = (num_threads, sky_samples, plate, background_is_unknown)
+            self._on_cpu = cache(partial(Raycaster, model, space, camera, size, *settings))
         is_cpu = device == "cpu"
         self._num_threads = num_threads if is_cpu else 1
         self._chunk = pictures_at_once(device, *size)
@@ -82,6 +90,8 @@ class Raycaster:
         `stray`: of each. Only `Primitives` draw all of it. Others draw shadows only, all equally
         dark, and where the model's own lamps throw them. Without it unknown backgrounds are grey.
         """
+        if len(states) <= self._few:
+            return self._on_cpu().render(states, parameters, stray)
         stray = stray or StrayLight.none(len(states))
         frames = np.empty((len(states), *self.size, 3), np.uint8)
 
