@@ -45,12 +45,12 @@ def test_pictures_are_those_of_a_cpu(name, has_stray_light):
         which = np.arange(num) % len(states)
         return theirs.render(states[which], worlds[which], stray.of(which)).astype(int)
 
-    many = by_gpu(1000)  # more than the GPU leaves to a CPU
+    many = by_gpu(1000)
     difference = np.abs(of_cpu - many[: len(states)])
     assert (difference > 1).mean() < EDGES
     assert of_cpu.std() > 5  # something is seen
     np.testing.assert_array_equal(by_gpu(990), many[:990])  # fewer than fit, too
-    np.testing.assert_array_equal(by_gpu(3), of_cpu[:3])
+    np.testing.assert_array_equal(by_gpu(1), of_cpu[:1])  # which a CPU draws
 
 
 def a_model(device: str) -> PosteriorSearchParamModel:

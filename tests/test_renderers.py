@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from simtune.errors import InputError
-from simtune.parameters import ParameterSpace, camera_pose, colour, delay, field_of_view
+from simtune.parameters import (
+    ModelWriter,
+    ParameterSpace,
+    camera_pose,
+    colour,
+    delay,
+    field_of_view,
+)
 from simtune.simulation import (
     OPENGL_DM_CONTROL,
     OpenGLQuality,
@@ -167,6 +174,29 @@ def test_the_order_and_number_of_pictures_do_not_matter(renderer, scene):
         renderer.render(states[order], parameters[order]), together[order]
     )
     assert renderer.render(states[:0], parameters[:0]).shape == (0, SIZE, SIZE, 3)
+
+
+def test_a_thread_draws_worlds_whose_parameters_it_has_written(scene, monkeypatch):
+    written: list[int] = []
+    write = ModelWriter.write_batch
+
+    def spy(writer: ModelWriter, batch, parameters: np.ndarray) -> None:
+        written.append(len(parameters))
+        write(writer, batch, parameters)
+
+    monkeypatch.setattr(ModelWriter, "write_batch", spy)
+    renderer = Raycaster(scene, SPACE, "above", (SIZE, SIZE), num_threads=3)
+    states = states_of(scene, [0.1 * i for i in range(-3, 4)])
+    parameters = np.random.default_rng(0).random((7, 6))
+    first = renderer.render(states, parameters)
+    assert len(written) == 3
+    for _ in range(4):
+        np.testing.assert_array_equal(renderer.render(states, parameters), first)
+    assert len(written) == 3
+    renderer.render(states[:1], parameters[:1])  # by whom it was drawn before, with others
+    assert len(written) == 4
+    renderer.render(states[:1], parameters[:1])
+    assert len(written) == 4
 
 
 def test_one_thread_draws_what_many_draw(scene):

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
-from queue import SimpleQueue
+from threading import Lock
 
 import mujoco
 import numpy as np
@@ -22,15 +22,15 @@ from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import no_printed_warnings
 
 _GREY = 0xFF808080  # packed; of a background that is unknown
-_SOON = 10_000  # pixels that a CPU's core draws before a GPU's are there
+_ONE = 16_000  # pixels of a picture that a CPU draws alone, beside a GPU that learns
 
 
 class Raycaster:
     """Draws geoms, meshes and flexes with lights and textures; no tendons and no sites.
 
     On a CPU with one render context per thread, since a context's launches run on one thread; on a
-    GPU with one context, but few pictures on the CPU even then. The sky of a camera that never
-    turns is drawn once, smoothly, and put behind all pictures, which saves a third; for other
+    GPU with one context, but a single small picture on the CPU even then. The sky of a camera that
+    never turns is drawn once, smoothly, and put behind all pictures, which saves a third; for other
     cameras it is smoothed beforehand. Scenes of simple shapes are drawn by `Primitives`, on a CPU
     three times as fast.
     """
@@ -57,11 +57,10 @@ class Raycaster:
         init_warp(device)
         self.size, self._device = size, device
         num_threads = num_threads or _num_cores()
-        self._few = 0  # pictures that a CPU draws
-        if device != "cpu":
-            self._few = num_threads * _SOON // (size[0] * size[1])
-            settings = (num_threads, sky_samples, plate, background_is_unknown)
-            self._on_cpu = cache(partial(Raycaster, model, space, camera, size, *settings))
+        self._alone: Callable[[], Raycaster] | None = None  # draws one picture
+        if device != "cpu" and size[0] * size[1] <= _ONE:
+            settings = (1, sky_samples, plate, background_is_unknown)
+            self._alone = cache(partial(Raycaster, model, space, camera, size, *settings))
         is_cpu = device == "cpu"
         self._num_threads = num_threads if is_cpu else 1
         self._chunk = pictures_at_once(device, *size)
@@ -75,10 +74,12 @@ class Raycaster:
             model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / size[0])
         else:
             sky = constant_sky(model, camera, size, sky_samples)
-        self._idle: SimpleQueue[Context] = SimpleQueue()
-        for _ in range(self._num_threads):
-            threads = 1 if is_cpu else num_threads
-            self._idle.put(Context(model, space, camera, size, sky, self._chunk, threads))
+        threads = 1 if is_cpu else num_threads
+        self._idle = [  # with the beginning of the chunk that each drew last; the latest is last
+            (-1, Context(model, space, camera, size, sky, self._chunk, threads))
+            for _ in range(self._num_threads)
+        ]
+        self._taking = Lock()
         self._pool = ThreadPoolExecutor(self._num_threads)
         self._backdrops = Backdrops(size) if background_is_unknown else None
 
@@ -90,8 +91,8 @@ class Raycaster:
         `stray`: of each. Only `Primitives` draw all of it. Others draw shadows only, all equally
         dark, and where the model's own lamps throw them. Without it unknown backgrounds are grey.
         """
-        if len(states) <= self._few:
-            return self._on_cpu().render(states, parameters, stray)
+        if len(states) == 1 and self._alone:
+            return self._alone().render(states, parameters, stray)
         stray = stray or StrayLight.none(len(states))
         frames = np.empty((len(states), *self.size, 3), np.uint8)
 
@@ -123,14 +124,23 @@ class Raycaster:
         step = min(self._chunk, max(1, -(-num // self._num_threads)))  # work for each thread
 
         def do(start: int) -> None:
-            context = self._idle.get()
+            context = self._take(start)
             try:
                 work(context, slice(start, start + step))
             finally:
-                self._idle.put(context)
+                self._idle.append((start, context))
 
         with no_printed_warnings():  # diverged worlds are drawn, too
             list(self._pool.map(do, range(0, num, step)))
+
+    def _take(self, start: int) -> Context:
+        """An idle context, best the one that drew this chunk last: it has its worlds' parameters.
+
+        Writing them takes as long as some pictures.
+        """
+        with self._taking:
+            drew_it = [i for i, (began, _) in enumerate(self._idle) if began == start]
+            return self._idle.pop(drew_it[-1] if drew_it else 0)[1]
 
 
 def _num_cores() -> int:
