@@ -18,8 +18,9 @@ from simtune.real.truth import Truth
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
-from simtune.tuning import SearchContext, make_search
+from simtune.tuning import SearchContext, familiarity, make_search
 from simtune.tuning.estimate import Estimate
+from simtune.tuning.fit_stage import Detected
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.vision.keypoints import find_keypoints
@@ -254,3 +255,26 @@ def test_search_finds_the_truth_of_a_ball_and_a_cup():
     assert estimate.verdict[space.index("ball_mass")] != "not identifiable"
     inside = (estimate.low <= space.nominal) & (space.nominal <= estimate.high)
     assert inside.mean() >= 0.6  # 90 % intervals, of few updates
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("is_strange", [False, True])
+def test_videos_of_a_robot_where_no_world_gets_are_said_to_be_so(
+    simulator, real, tiny, monkeypatch, is_strange
+):
+    """Real episodes in which everything stands elsewhere, or the simulator's own."""
+    place = "simtune.tuning.posterior.are_strange"
+    compare, told = familiarity.are_strange, []
+
+    def moved(worlds: np.ndarray, held_out, detected) -> bool:
+        off = 40.0 * is_strange
+        films = [found._replace(keypoints=found.keypoints + off) for found in detected.detections]
+        told.append(compare(worlds, held_out, Detected(detected.trajectories, films)))
+        return told[-1]
+
+    monkeypatch.setattr(place, moved)
+    estimate, _, _ = start(simulator, replace(tiny, num_rounds=1)).run_round(real, Budget())
+    assert told == [is_strange]
+    assert (familiarity.STRANGE in estimate.warnings) == is_strange
+    if is_strange:
+        assert "identified" not in estimate.verdict

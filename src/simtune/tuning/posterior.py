@@ -7,6 +7,7 @@ A round is sequential neural posterior estimation with a truncated prior, follow
     train the posterior network survival curves from whole episodes with the detector's errors
     estimate                    detect in the real frames, once; read the curves
     fit and judge               replay the motion, draw the pictures; a bootstrap widens intervals
+    doubt                       if the robot is where no simulated world gets
 """
 
 import math
@@ -23,6 +24,7 @@ from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.trajectory import Trajectory
 from simtune.tuning.earlier import Earlier
+from simtune.tuning.familiarity import are_strange, doubted
 from simtune.tuning.fit_stage import can_fit
 from simtune.tuning.judging import Judging
 from simtune.tuning.learning import Learning
@@ -141,6 +143,7 @@ class PosteriorSearch:
             self._learned = {"metrics": metrics, "rng": began}
             keep()
         del pictures  # most of the memory
+        played = worlds.keypoints
         metrics = dict(self._learned["metrics"])
         held_out = learning.hold_out(real, searched, budget)
         metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
@@ -153,6 +156,8 @@ class PosteriorSearch:
         prob_higher = learning.curves(detected, searched)
         estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget, tell_early)
         self._earlier = judging.earlier
+        if told is None and are_strange(played, held_out, detected):
+            estimate = doubted(estimate)
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
