@@ -13,6 +13,7 @@ class Same:
     """In place of a replay: one batch, again and again."""
 
     batch: Transitions
+    num_filmed_steps = 1
 
     def sample(self, *_) -> Transitions:
         """As a replay does."""

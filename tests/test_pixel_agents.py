@@ -256,6 +256,18 @@ def test_an_episodes_updates_are_spread_over_the_steps_of_the_next(make):
     assert agent.state()["num_updates"] == 9
 
 
+def test_updates_wait_for_a_replay_from_which_all_was_dropped(make):
+    agent, replay = make(), a_replay(8)
+    learn_now(agent, replay, 3)
+    agent.update(replay, 3)
+    replay.drop_far(np.array([5.0]), np.array([6.0]))
+    agent.explore(Observation(np.zeros((3, 0)), brightness(3, seed=0)[0]), replay)
+    assert agent.state()["num_updates"] == 3
+    assert agent.state()["num_due"] == 3
+    agent.update(a_replay(8), 0)
+    assert agent.state()["num_updates"] == 6
+
+
 def test_updates_see_what_was_stored_after_they_began(make):
     agent, replay = make(), a_replay(8)
     learn_now(agent, replay, 6)

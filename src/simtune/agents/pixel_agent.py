@@ -72,7 +72,7 @@ class PixelAgent(ABC):
     """An `Agent` that only gets frames. A replay must be on its device.
 
     Updates due for an episode are done step by step during the next one: after an action is known,
-    so that a GPU learns while the CPU simulates.
+    so that a GPU learns while the CPU simulates. Those due for a training's last episode are not.
     """
 
     wants_frames = True
@@ -147,7 +147,12 @@ class PixelAgent(ABC):
         return dict(zip(self.losses, losses.nanmean(0).tolist(), strict=True))
 
     def _update(self, replay: Replay, num: int) -> None:
-        """Updates on batches of the replay; the host does not wait for a GPU's."""
+        """Updates on batches of the replay, which the host does not wait for on a GPU.
+
+        None while the replay is empty: a search may have dropped all its episodes as too far.
+        """
+        if not replay.num_filmed_steps:
+            return
         if replay is not self._replay:
             self._replay = replay
             self._begin_steps()
