@@ -112,26 +112,42 @@ class ShootingStep:
         unit, found = point.unit.copy(), common + step[num:]
         unit[self.fitted] = np.clip(unit[self.fitted] + step[:num], 0, 1)
         change = np.concatenate([unit[self.fitted] - point.unit[self.fitted], step[num:]])
-        moved = self._move_states(point, equations, change)
-        # (2, W) costs with the parameters moved: with the states moved, and without
-        _, predicted = self.player.play(
-            windows, np.stack([moved, point.states]), np.stack([unit, unit])
-        )
-        pulls = np.stack([self._pull(moved, windows, prior), pull])
-        costs = -windows.evidence.log_likelihood(predicted + found @ by_common, blur)
-        costs += 0.5 * np.square(pulls).sum(-1)
+        states = np.stack([self._move_states(point, equations, change), point.states])
+        costs, predicted = self._costs(windows, states, unit, found @ by_common, prior, blur)
         before = cost + 0.5 * np.square(pull).sum(-1)
         rise = 0.5 * (found @ found - common @ common) / COMMON_STD**2
         if trust @ costs.min(0) + rise > trust @ before:  # beyond the linear range
             shorter = replace(point, step_scale=point.step_scale / 4)
             return Stepped(shorter, combined.covariance, slopes.predicted, equations.hessian)
-        better = costs[0] < costs[1]
-        states = np.where(better[:, None], moved, point.states)
-        damping = np.where(better, point.damping / 4, point.damping * 8).clip(*_DAMPING)
-        step_scale = min(1.0, 2 * point.step_scale)
-        after = LinearizationPoint(states, unit, damping, combined.variance, step_scale, found)
-        reached = np.where(better[:, None, None], predicted[0], predicted[1])
+        is_better = costs[0] < costs[1]
+        after = LinearizationPoint(
+            np.where(is_better[:, None], *states),
+            unit,
+            np.where(is_better, point.damping / 4, point.damping * 8).clip(*_DAMPING),
+            combined.variance,
+            min(1.0, 2 * point.step_scale),
+            found,
+        )
+        reached = np.where(is_better[:, None, None], *predicted)
         return Stepped(after, combined.covariance, reached, equations.hessian)
+
+    def _costs(
+        self,
+        windows: Windows,
+        states: np.ndarray,
+        unit: np.ndarray,
+        common: np.ndarray,
+        prior: np.ndarray,
+        blur: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(2, W) costs from either of (2, W, nq + nv) states, and (2, W, K, D) what is predicted.
+
+        `common`: what errors common to all windows add to it.
+        """
+        _, predicted = self.player.play(windows, states, np.stack([unit, unit]))
+        pulls = np.stack([self._pull(either, windows, prior) for either in states])
+        costs = -windows.evidence.log_likelihood(predicted + common, blur)
+        return costs + 0.5 * np.square(pulls).sum(-1), predicted
 
     def _move_states(
         self, point: LinearizationPoint, equations: NormalEquations, change: np.ndarray
