@@ -26,11 +26,11 @@ _TOLERANCE = 1 / 32  # ε, of the pictures' height: worlds that hardly differ te
 _QUANTILE, _MARGIN = 0.99, 0.1
 
 STRANGE = (
-    "The robot is often where no simulated world gets by the same actions. So it is if a policy "
-    "that watches the robot has chosen them: replayed, they keep no simulated robot on its legs. "
-    "What simulated pictures teach, and the known worlds for comparison, then are about other "
-    "poses, and no number is called identified. Record with actions that do not depend on what the "
-    "robot does (random ones, a script), or look for what is wrong in the simulator."
+    "The robot is often where no simulated world gets by the same actions. That happens where a "
+    "policy that watches the robot chose the actions: replayed, they keep no simulated robot on "
+    "its legs. Networks and known worlds then know other poses than the videos show, so no number "
+    "is called identified. Record with actions that do not depend on what the robot does (random "
+    "ones, a script); if they did not, something in the simulator is wrong."
 )
 
 
