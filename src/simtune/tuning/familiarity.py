@@ -25,7 +25,7 @@ _STEPS = 40  # that are compared
 # little off in ways of their own: a pixel of 64 must not count as strange.
 _TOLERANCE = 1 / 20
 # Real episodes are strange if s exceeds this quantile of the worlds' by this margin. Two sets of a
-# walking walker have .49 and .40, their worlds' quantiles .36 and .31; three sets of random actions
+# walking walker have .49 and .40, their worlds' quantiles .36 and .31; four sets of random actions
 # and one of a cheetah's policy have −.03 to .05, the quantiles .17 to .61.
 _QUANTILE, _MARGIN = 0.99, 0.05
 
