@@ -34,7 +34,8 @@ STRANGE = (
     "policy that watches the robot chose the actions: replayed, they keep no simulated robot on "
     "its legs. Networks and known worlds then know other poses than the videos show, so no number "
     "is called identified. Record with actions that do not depend on what the robot does (random "
-    "ones, a script); if they did not, something in the simulator is wrong."
+    "ones, a script). If they did not, episodes begin elsewhere than the simulator's (see "
+    "initial_state in docs/tuning-file.md), or something else in it is wrong."
 )
 
 
