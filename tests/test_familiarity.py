@@ -5,8 +5,8 @@ import pytest
 
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.tuning import familiarity
-from simtune.tuning.estimate import Estimate
-from simtune.tuning.familiarity import STRANGE, are_strange, doubted
+from simtune.tuning.estimate import Estimate, Verdict
+from simtune.tuning.familiarity import NOT_STRANGE, STRANGE, Strange, doubted, how_strange
 from simtune.tuning.fit_stage import Detected, HeldOut
 from simtune.vision.detector import Detections
 
@@ -46,55 +46,79 @@ def held_out(rng: np.random.Generator, error: float) -> HeldOut:
     return HeldOut(worlds, detected(found))
 
 
-def strange(real: np.ndarray, seed: int, worlds: np.ndarray | None = None) -> bool:
-    """For (n, T + 1, L, 2) real places, off by a pixel as in worlds."""
+def strange(real: np.ndarray, seed: int, worlds: np.ndarray | None = None) -> Strange:
+    """Of (n, T + 1, L, 2) real places, off by a pixel as in worlds."""
     rng = np.random.default_rng((1, seed))
     if worlds is None:
         worlds = falling(WORLDS * EPISODES, rng)
         worlds = worlds.reshape(WORLDS, EPISODES, STEPS + 1, KEYPOINTS, 2)
     films = [detected(episode + rng.normal(0, 1, episode.shape)) for episode in real]
-    return are_strange(worlds, held_out(rng, 1.0), Detected([], films))
+    return how_strange(worlds, held_out(rng, 1.0), Detected([], films))
 
 
 def test_a_robot_that_falls_as_worlds_do_is_not_strange():
     told = [strange(falling(5, np.random.default_rng(seed)), seed) for seed in range(10)]
-    assert sum(told) <= 1
+    assert sum(found.clearly for found in told) == 0
+    assert sum(found.perhaps for found in told) <= 1
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_robot_that_a_policy_keeps_upright_is_strange(seed):
-    assert strange(falling(5, np.random.default_rng(seed), upright=0.8), seed)
+    found = strange(falling(5, np.random.default_rng(seed), upright=0.8), seed)
+    assert found == Strange(clearly=True, perhaps=True)
 
 
 def test_worlds_that_hardly_differ_do_not_make_small_errors_strange():
     """As after a range was narrowed, in films whose pictures are a little different."""
     one = falling(1, np.random.default_rng(0))
     worlds = one + np.random.default_rng(1).normal(0, 0.1, (WORLDS, EPISODES, *one.shape[1:]))
-    assert not strange(one + 0.5, 0, worlds)
-    assert strange(one + 8.0, 0, worlds)
+    assert strange(one + 0.5, 0, worlds) == NOT_STRANGE
+    assert strange(one + 8.0, 0, worlds).clearly
 
 
 def test_without_visible_motion_nothing_is_strange():
     worlds = np.zeros((WORLDS, EPISODES, STEPS + 1, 0, 2))
     films = [detected(np.zeros((STEPS + 1, 0, 2)))]
-    assert not are_strange(worlds, held_out(np.random.default_rng(0), 1.0), Detected([], films))
+    found = how_strange(worlds, held_out(np.random.default_rng(0), 1.0), Detected([], films))
+    assert found == NOT_STRANGE
 
 
-def test_the_distance_is_a_median_over_keypoints_to_the_third_nearest_world(monkeypatch):
+def test_the_distance_is_a_median_over_keypoints_to_the_third_nearest_world():
     """By hand: worlds at 1, 2, 4 and 8 px along x; one of three keypoints is anywhere."""
     worlds = np.zeros((4, 1, 3, 2))
     worlds[:, 0, :, 0] = np.array([1.0, 2.0, 4.0, 8.0])[:, None]
     some = np.zeros((1, 1, 3, 2))
     some[0, 0, 2] = 500.0
-    distance = familiarity._distances(some, worlds, None, 3.0)
-    assert distance == pytest.approx(np.full((1, 1), 5.0))  # √(4² + 3²)
-    others = np.array([[True, False, True, True]])
-    distance = familiarity._distances(some, worlds, others, 6.0)
-    assert distance == pytest.approx(np.full((1, 1), 10.0))  # √(8² + 6²)
+    assert familiarity._distances(some, worlds) == 4.0
+    assert familiarity._distances(some, worlds, np.array([[True, False, True, True]])) == 8.0
 
 
-def test_nothing_is_identified_by_strange_videos():
-    estimate = Estimate(*np.zeros((3, 3)), ["identified", "weak", "not identifiable"])
-    told = doubted(estimate)
-    assert told.verdict == ["weak", "weak", "not identifiable"]
-    assert told.warnings == [STRANGE]
+def test_shares_are_of_the_worlds_that_are_nearer_at_that_step():
+    usual = np.array([[1.0, 5.0], [2.0, 6.0], [3.0, 7.0], [4.0, 8.0]])
+    shares = familiarity._shares(np.array([[2.5, 6.5], [9.0, 5.0]]), usual)
+    np.testing.assert_array_equal(shares, [[0.5, 0.5], [1.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("strange", "distance", "is_doubted"),
+    [
+        (Strange(clearly=True, perhaps=True), 0.5, True),
+        (Strange(clearly=False, perhaps=True), 0.5, False),
+        (Strange(clearly=False, perhaps=True), 0.8, True),  # in known worlds at most 0.6
+        (Strange(clearly=False, perhaps=True), None, False),
+        (NOT_STRANGE, 0.8, False),
+    ],
+)
+def test_nothing_is_identified_by_strange_videos(strange, distance, is_doubted):
+    off = {"unit": "px", "distance": distance, "known_worlds": [0.4, None, 0.6]}
+    verdict: list[Verdict] = ["identified", "weak", "not identifiable"]
+    held_out = {"episode": 1, "sensors": {"keypoints": off}}
+    told = doubted(Estimate(*np.zeros((3, 3)), verdict, held_out=held_out), strange)
+    assert told.verdict == (["weak", *verdict[1:]] if is_doubted else verdict)
+    assert told.warnings == [STRANGE] * is_doubted
+
+
+def test_without_known_worlds_only_clearly_strange_videos_are_doubted():
+    estimate = Estimate(*np.zeros((3, 1)), ["weak"])
+    assert doubted(estimate, Strange(clearly=False, perhaps=True)) == estimate
+    assert doubted(estimate, Strange(clearly=True, perhaps=True)).warnings == [STRANGE]

@@ -263,10 +263,10 @@ def test_videos_of_a_robot_where_no_world_gets_are_said_to_be_so(
     simulator, real, tiny, monkeypatch, is_strange
 ):
     """Real episodes in which everything stands elsewhere, or the simulator's own."""
-    place = "simtune.tuning.posterior.are_strange"
-    compare, told = familiarity.are_strange, []
+    place = "simtune.tuning.posterior.how_strange"
+    compare, told = familiarity.how_strange, []
 
-    def moved(worlds: np.ndarray, held_out, detected) -> bool:
+    def moved(worlds: np.ndarray, held_out, detected) -> familiarity.Strange:
         off = 40.0 * is_strange
         films = [found._replace(keypoints=found.keypoints + off) for found in detected.detections]
         told.append(compare(worlds, held_out, Detected(detected.trajectories, films)))
@@ -274,7 +274,7 @@ def test_videos_of_a_robot_where_no_world_gets_are_said_to_be_so(
 
     monkeypatch.setattr(place, moved)
     estimate, _, _ = start(simulator, replace(tiny, num_rounds=1)).run_round(real, Budget())
-    assert told == [is_strange]
+    assert [found.clearly for found in told] == [is_strange]
     assert (familiarity.STRANGE in estimate.warnings) == is_strange
     if is_strange:
         assert "identified" not in estimate.verdict

@@ -5,13 +5,14 @@ learnt from them, and known worlds, then are about other poses than the videos s
 
 How far an episode x is from the worlds at a step, in pixels, and how strange it is:
 
-    d(x) = √(δ² + ε²),  δ: median over keypoints of the distance to the third nearest world
-    s(x) = mean over steps of log d(x) / median of the worlds' d
+    d(x) = median over keypoints of the distance to the third nearest world
+    s(x) = mean over steps of the share of worlds with a smaller d
 
-A world's own s leaves out the world itself, and the detector's errors are added to it.
+A world's own d leaves out the world itself, and the detector's errors are added to it.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,15 +20,15 @@ from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.fit_stage import Detected, HeldOut
 
 _NEAREST = 3  # so that no single world decides
-_COMPARED = 200  # episodes of worlds, at most
-_STEPS = 40  # that are compared
-# ε, of the pictures' height. In a narrow range worlds hardly differ, and real detections are a
-# little off in ways of their own: a pixel of 64 must not count as strange.
-_TOLERANCE = 1 / 20
-# Real episodes are strange if s exceeds this quantile of the worlds' by this margin. Two sets of a
-# walking walker have .49 and .40, their worlds' quantiles .36 and .31; four sets of random actions
-# and one of a cheetah's policy have −.03 to .05, the quantiles .17 to .61.
-_QUANTILE, _MARGIN = 0.99, 0.05
+_COMPARED = 400  # episodes of worlds, at most
+_STEPS = 25  # that are compared
+# Real episodes are strange if s exceeds a quantile of the worlds' s: the higher one, or the lower
+# one if the held-out episode is explained worse than known worlds, too.
+_QUANTILES = 0.99, 0.95
+# And only if d exceeds the worlds' by so much of the pictures' height: in a narrow range worlds
+# hardly differ, and real detections are a little off in ways of their own.
+_FAR = 1 / 32
+_WORSE = 1.3  # times as far off as the worst known world
 
 STRANGE = (
     "The robot is often where no simulated world gets by the same actions. That happens where a "
@@ -39,21 +40,40 @@ STRANGE = (
 )
 
 
-def doubted(estimate: Estimate) -> Estimate:
-    """An estimate from strange videos: nothing is identified, and why."""
+class Strange(NamedTuple):
+    """Whether real episodes are stranger than nearly all worlds, or than most."""
+
+    clearly: bool
+    perhaps: bool
+
+
+NOT_STRANGE = Strange(False, False)
+
+
+def doubted(estimate: Estimate, strange: Strange) -> Estimate:
+    """The estimate; if its videos are strange, nothing is identified, and why."""
+    if not (strange.clearly or (strange.perhaps and _is_worse(estimate))):
+        return estimate
     warnings = [*estimate.warnings, STRANGE]
     return replace(estimate, verdict=at_most_weak(estimate.verdict), warnings=warnings)
 
 
-def are_strange(worlds: np.ndarray, held_out: HeldOut, detected: Detected) -> bool:
-    """Whether real episodes are stranger than nearly all worlds; not if nothing visible moves.
+def _is_worse(estimate: Estimate) -> bool:
+    """Whether keypoints of the held-out episode are explained worse than in known worlds."""
+    off = estimate.held_out.get("sensors", {}).get("keypoints", {})
+    known = [distance for distance in off.get("known_worlds", []) if distance is not None]
+    return bool(known) and (off["distance"] or 0.0) > _WORSE * max(known)
+
+
+def how_strange(worlds: np.ndarray, held_out: HeldOut, detected: Detected) -> Strange:
+    """How strange real episodes are among worlds; not at all if nothing visible moves.
 
     `worlds`: (W, E, T + 1, L, 2) true keypoints, pixels.
     """
     real = [found.keypoints for found in detected.detections]
     num_steps = min(worlds.shape[2], *map(len, real))
     if not worlds.shape[3]:
-        return False
+        return NOT_STRANGE
     at = np.unique(np.linspace(0, num_steps - 1, _STEPS).astype(int))
     compared = worlds[:, : max(1, _COMPARED // len(worlds)), at]
     num, each, *rest = compared.shape
@@ -61,12 +81,17 @@ def are_strange(worlds: np.ndarray, held_out: HeldOut, detected: Detected) -> bo
     errors = _errors(held_out)
     drawn = np.random.default_rng(0).integers(len(errors), size=true.shape[:2])
     world = np.arange(len(true)) // each
-    tolerance = _TOLERANCE * held_out.worlds.frames.shape[2]
-    usual = _distances(true + errors[drawn], true, world[:, None] != world, tolerance)
-    found = _distances(np.stack([its[at] for its in real]), true, None, tolerance)
-    median = np.median(usual, 0)
-    of_worlds = np.log(usual / median).reshape(num, -1).mean(1)
-    return bool(np.log(found / median).mean() > np.quantile(of_worlds, _QUANTILE) + _MARGIN)
+    usual = _distances(true + errors[drawn], true, world[:, None] != world)
+    found = _distances(np.stack([its[at] for its in real]), true)
+    if (found.mean(0) - usual.mean(0)).mean() < _FAR * held_out.worlds.frames.shape[2]:
+        return NOT_STRANGE
+    of_worlds = _shares(usual, usual).reshape(num, -1).mean(1)
+    return Strange(*(_shares(found, usual).mean() > np.quantile(of_worlds, _QUANTILES)).tolist())
+
+
+def _shares(some: np.ndarray, usual: np.ndarray) -> np.ndarray:
+    """(m, T) of (m, T) distances: the share of (n, T) usual ones that are smaller at that step."""
+    return (usual[None] < some[:, None]).mean(1)
 
 
 def _errors(held_out: HeldOut) -> np.ndarray:
@@ -76,14 +101,13 @@ def _errors(held_out: HeldOut) -> np.ndarray:
 
 
 def _distances(
-    some: np.ndarray, worlds: np.ndarray, others: np.ndarray | None, tolerance: float
+    some: np.ndarray, worlds: np.ndarray, others: np.ndarray | None = None
 ) -> np.ndarray:
     """(m, T) d of (m, T, L, 2) episodes from (n, T, L, 2) worlds; `others`: (m, n), which count."""
     found = np.empty(some.shape[:2])
     for t in range(some.shape[1]):
-        apart = np.linalg.norm(some[:, None, t] - worlds[None, :, t], axis=-1)
-        median = np.median(apart, -1)
+        apart = np.median(np.linalg.norm(some[:, None, t] - worlds[None, :, t], axis=-1), -1)
         if others is not None:
-            median = np.where(others, median, np.inf)
-        found[:, t] = np.partition(median, _NEAREST - 1, 1)[:, _NEAREST - 1]
-    return np.hypot(found, tolerance)
+            apart = np.where(others, apart, np.inf)
+        found[:, t] = np.partition(apart, _NEAREST - 1, 1)[:, _NEAREST - 1]
+    return found

@@ -24,7 +24,7 @@ from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.trajectory import Trajectory
 from simtune.tuning.earlier import Earlier
-from simtune.tuning.familiarity import are_strange, doubted
+from simtune.tuning.familiarity import doubted, how_strange
 from simtune.tuning.fit_stage import can_fit
 from simtune.tuning.judging import Judging
 from simtune.tuning.learning import Learning
@@ -156,8 +156,8 @@ class PosteriorSearch:
         prob_higher = learning.curves(detected, searched)
         estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget, tell_early)
         self._earlier = judging.earlier
-        if told is None and are_strange(played, held_out, detected):
-            estimate = doubted(estimate)
+        if told is None:
+            estimate = doubted(estimate, how_strange(played, held_out, detected))
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
