@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ctypes.util import find_library
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -16,14 +15,10 @@ import pytest
 import torch
 from fake_xarm import FakeXArm
 from robot_limits import LIMITS, STEP_S
+from slow_training import QUICK, short_episodes
 from tiny_search import TINY_SEARCH
 
-from simtune.agents import Agent, AgentSpec, make_agent
-from simtune.agents.student import StudentConfig
-from simtune.agents.teacher import TeacherConfig
-from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
 from simtune.algorithm import train
-from simtune.comparison import StartSearchConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.experiment.settings import Settings
@@ -31,10 +26,9 @@ from simtune.robot.latch import Latch
 from simtune.robot.safe_arm import SafeArm
 from simtune.robot.xarm import XArm
 from simtune.simulation import make_renderer
-from simtune.tasks import TASKS, Task, cartpole, load_task
+from simtune.tasks import Task, load_task
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning_run import tune
-from simtune.vision.detector import DetectorConfig
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -90,39 +84,14 @@ def one_renderer_each():
 
 
 @pytest.fixture(scope="session")
-def quick_settings(tiny, one_renderer_each) -> Settings:
+def quick_settings(one_renderer_each) -> Settings:
     """Runs with these settings take seconds and find nothing."""
-    early = TeacherStudentConfig(
-        teacher=TeacherConfig(hidden_size=16, batch_size=8),
-        student=StudentConfig(
-            detector=DetectorConfig(channels=4, free_maps=2, hidden=16, batch_size=8)
-        ),
-        teacher_share=0.2,
-        random_steps=24,
-        trusting_share=0.05,
-    )
-
-    def make_early_agent(name: str, spec: AgentSpec) -> Agent:
-        """One that begins to act on pictures within a few rounds."""
-        if name == "teacher_student":
-            return TeacherStudent(spec, early)
-        return make_agent(name, spec)
-
-    comparison = StartSearchConfig(num_starts=16, rounds=2)
-    return Settings(search=tiny, comparison=comparison, make_agent=make_early_agent)
-
-
-@contextmanager
-def short_episodes():
-    """Those of cartpole take 24 steps."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(TASKS, "cartpole", lambda: replace(cartpole.balance(), episode_steps=24))
-        yield
+    return QUICK
 
 
 @pytest.fixture
 def quick(quick_settings) -> Iterator[Settings]:
-    """Runs with these settings take seconds and find nothing; cartpole's episodes are short."""
+    """For runs of seconds that find nothing, see `short_episodes`."""
     with short_episodes():
         yield quick_settings
 
@@ -145,6 +114,13 @@ def quick_commands(monkeypatch, quick):
     monkeypatch.setattr("simtune.tuning_run.tune", partial(tune, settings=quick))
     monkeypatch.setattr("simtune.algorithm.train", partial(train, settings=quick))
     monkeypatch.setattr("simtune.evaluate.evaluate", partial(evaluate, settings=quick))
+
+
+@pytest.fixture
+def small_library(monkeypatch):
+    """Films are compared with few of the simulator's pictures."""
+    monkeypatch.setattr("simtune.checking.library._WORLDS", 12)
+    monkeypatch.setattr("simtune.checking.library._PICTURES", 8)
 
 
 @pytest.fixture

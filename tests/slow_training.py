@@ -1,9 +1,11 @@
-"""Run by test_train.py to be killed. Arguments: FOLDER ROUNDS, of the policy's training.
+"""Trainings that take seconds and find nothing. Run by test_train.py to be killed: FOLDER ROUNDS
 
-All of Algorithm 1 is in it: it films the real world, searches, trains teacher and student.
+All of Algorithm 1 is in them: they film the real world, search, train teacher and student.
 """
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
@@ -11,6 +13,7 @@ from unittest.mock import patch
 import torch
 from tiny_search import TINY_SEARCH
 
+from simtune.agents import Agent, AgentSpec, make_agent
 from simtune.agents.student import StudentConfig
 from simtune.agents.teacher import TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
@@ -18,31 +21,83 @@ from simtune.algorithm import train
 from simtune.comparison import StartSearchConfig
 from simtune.config import TrainConfig
 from simtune.experiment.settings import Settings
-from simtune.tasks import TASKS, cartpole
+from simtune.schedule import SCHEDULES, Schedule, fast
+from simtune.search_param_model.paper import PaperConfig
+from simtune.tasks import TASKS, Task, cartpole
 from simtune.vision.detector import DetectorConfig
 
-SMALL = TeacherStudentConfig(
+STEPS, WORLDS = 24, 4  # of an episode, and in which a policy acts
+# It begins to act on pictures within a few rounds.
+EARLY = TeacherStudentConfig(
     teacher=TeacherConfig(hidden_size=16, batch_size=8),
     student=StudentConfig(
-        detector=DetectorConfig(channels=4, free_maps=2, hidden=16, batch_size=8)
+        detector=DetectorConfig(channels=4, free_maps=2, hidden=16, batch_size=8),
+        hidden_size=16,
+        batch_size=16,
     ),
-    random_steps=24,  # nearly all of it is learnt from
+    teacher_share=0.2,
+    random_steps=24,
+    teacher_updates_per_step=0.1,
+    detector_updates_per_step=(0.02, 0.02),
+    head_updates_per_step=0.1,
+    trusting_share=0.05,
 )
 
 
-def train_slowly(out: Path, rounds: int) -> None:
-    """A checkpoint after every round; the same to the last bit in every process."""
+def make_early_agent(name: str, spec: AgentSpec) -> Agent:
+    return TeacherStudent(spec, EARLY) if name == "teacher_student" else make_agent(name, spec)
+
+
+QUICK = Settings(
+    search=TINY_SEARCH,
+    comparison=StartSearchConfig(num_starts=16, rounds=2),
+    make_agent=make_early_agent,
+)
+
+
+@contextmanager
+def short_episodes() -> Iterator[None]:
+    """Those of cartpole have few steps; a policy acts in few worlds at once, on small pictures."""
+
+    def small(*given, **options) -> Schedule:
+        return replace(fast(*given, **options), num_worlds=WORLDS, image_size=32)
+
+    def short() -> Task:
+        return replace(cartpole.balance(), episode_steps=STEPS)
+
+    with patch.dict(TASKS, cartpole=short), patch.dict(SCHEDULES, fast=small):
+        yield
+
+
+def config_of(out: Path, rounds: int = 4, **changes) -> TrainConfig:
+    steps = rounds * WORLDS * STEPS
     config = TrainConfig(
-        task="cartpole", out=out, policy_steps=rounds * 16 * 24, real_episodes=2, scored_episodes=1
+        task="cartpole", out=out, policy_steps=steps, real_episodes=2, scored_episodes=2
     )
-    settings = Settings(
-        search=TINY_SEARCH,
-        comparison=StartSearchConfig(num_starts=16, rounds=2),
-        make_agent=lambda name, spec: TeacherStudent(spec, SMALL),
-        checkpoint_every_s=0.0,
+    return replace(config, **changes)
+
+
+def by_few_windows(config: TrainConfig) -> Settings:
+    """For --method regression: a few small steps, not forty."""
+    few = PaperConfig(
+        episode_steps=STEPS,
+        collect_steps=0,
+        crop_size=28,
+        episodes_per_iteration=5,
+        updates_per_episode=1,
+        batch_size=2,
+        num_candidates=4,
+        hidden_size=8,
     )
-    with patch.dict(TASKS, cartpole=lambda: replace(cartpole.balance(), episode_steps=24)):
-        train(config, settings=settings)
+    steps, real, tried = config.policy_steps, config.real_episodes, config.tried_episodes
+    schedule = SCHEDULES["fast"](steps, real, tried, many_searches=True)
+    return replace(QUICK, search=few, schedule=replace(schedule, searches=(1, 1)))
+
+
+def train_slowly(out: Path, rounds: int) -> dict:
+    """A checkpoint after every round; the same to the last bit in every process."""
+    with short_episodes():
+        return train(config_of(out, rounds), settings=replace(QUICK, checkpoint_every_s=0.0))
 
 
 if __name__ == "__main__":

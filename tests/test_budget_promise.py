@@ -40,7 +40,9 @@ def settings(tiny, quick) -> Settings:
 
 
 def config_of(out: Path, minutes: float = 1.0) -> TuneConfig:
-    return TuneConfig(task="cartpole", out=out, real_episodes=3, budget_minutes=minutes)
+    return TuneConfig(
+        task="cartpole", out=out, real_episodes=3, image_size=32, budget_minutes=minutes
+    )
 
 
 def needed_s(out: Path, settings: Settings, machine: SlowMachine) -> tuple[float, float]:

@@ -560,7 +560,7 @@ def test_a_training_that_searches_for_nothing_prints_its_warnings_alone(
     simtune, tmp_path, quick_commands
 ):
     """One round of random actions: nothing was learnt."""
-    rest = ("--policy-steps", 384, "--scored-episodes", 1, "--out", tmp_path / "run")
+    rest = ("--policy-steps", 96, "--scored-episodes", 1, "--out", tmp_path / "run")
     status, said, _ = simtune("train", "cartpole", "--method", "dr", *rest)
     assert status == 0
     assert not (tmp_path / "run" / "posterior.npz").exists()

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from slow_training import config_of
 
 from simtune.algorithm import train
-from simtune.config import RecordConfig, TrainConfig, TuneConfig
+from simtune.config import RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.observation import AllEvidence, JointReadings, ObservationModel
@@ -41,13 +42,6 @@ def test_driven_joints_are_read_where_they_are_asked_for(name: str):
     model = load_task(name).load_model()
     driven = [model.joint(int(j)).name for j in model.actuator_trnid[:, 0]]
     assert set(driven) == set(JOINTS[name])
-
-
-def config_of(out: Path, **changes) -> TrainConfig:
-    config = TrainConfig(
-        task="cartpole", out=out, policy_steps=4 * 16 * 24, real_episodes=2, scored_episodes=2
-    )
-    return dataclasses.replace(config, **changes)
 
 
 @pytest.mark.parametrize(

@@ -70,9 +70,9 @@ SEARCH = PosteriorSearchConfig(
     held_out_worlds=48,
     held_out_steps=24,
     num_rounds=2,
-    detector_updates=(400, 300),
-    posterior_updates=150,
-    state_updates=120,
+    detector_updates=(250, 150),
+    posterior_updates=100,
+    state_updates=80,
     num_refits=(2, 2),
     fit=FitConfig(
         particles=ParticleConfig(num=64, steps=2),
@@ -93,6 +93,7 @@ def test_tune_recovers_a_mass_and_a_colour_from_pixels(tmp_path: Path):
         task=str(tmp_path / "tune.toml"),
         out=tmp_path / "run",
         real_episodes=3,
+        image_size=32,
         budget_minutes=math.inf,
         seed=0,
     )

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from slow_training import by_few_windows, config_of
 
 from simtune.agents import Observation
 from simtune.algorithm import train
-from simtune.config import EvaluateConfig, RealConfig, TrainConfig, TuneConfig
+from simtune.config import EvaluateConfig, RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.experiment.experiment import build_experiment
@@ -294,10 +295,8 @@ def test_a_policy_is_filmed_and_scored_behind_the_gap(tmp_path, quick, monkeypat
     monkeypatch.setattr(RealityGap, "simulator", drawn)
     monkeypatch.setattr(RealityGap, "film", spy)
     episodes = {"real_episodes": 2, "tried_episodes": 1, "scored_episodes": 3}
-    config = TrainConfig(
-        task="cartpole", out=tmp_path / "run", real_gap=True, policy_steps=24 * 16 * 6, **episodes
-    )
-    result = train(config, settings=quick)
+    config = config_of(tmp_path / "run", real_gap=True, method="regression", **episodes)
+    result = train(config, settings=(settings := by_few_windows(config)))
     # Two random episodes, whole; then each frame that a policy sees, in one world and in three.
     assert films[:2] == [25, 25]
     assert films.count(1) == 25
@@ -305,5 +304,5 @@ def test_a_policy_is_filmed_and_scored_behind_the_gap(tmp_path, quick, monkeypat
     assert result["return"]["episodes"] == 3
     lines = read_jsonl(tmp_path / "run" / "metrics.jsonl")
     assert len([line for line in lines if "return/real" in line]) == 1
-    again = evaluate(EvaluateConfig(run_folder=tmp_path / "run", episodes=3, seed=0), quick)
+    again = evaluate(EvaluateConfig(run_folder=tmp_path / "run", episodes=3, seed=0), settings)
     assert again["mean"] == pytest.approx(result["return"]["mean"], rel=1e-6)

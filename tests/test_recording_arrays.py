@@ -1,5 +1,6 @@
 """Recordings as arrays: files of numpy.savez, and what Python has in memory."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -175,11 +176,11 @@ def test_what_cannot_be_an_episode_is_refused_before_it_is_written(tmp_path, wro
 
 
 @pytest.mark.thorough
-def test_check_takes_arrays():
+def test_check_takes_arrays(small_library):
     rng = np.random.default_rng(0)
-    frames = rng.integers(0, 255, (30, 48, 64, 3), np.uint8)
-    real = [{"hz": 12.5, "actions": rng.uniform(-1, 1, (29, 1)), "frames": frames}]
-    found = simtune.check("cartpole", real=lambda i: real[i], episodes=1)
+    frames = rng.integers(0, 255, (9, 48, 64, 3), np.uint8)
+    real = [{"hz": 12.5, "actions": rng.uniform(-1, 1, (8, 1)), "frames": frames}]
+    found = simtune.check("cartpole", real=lambda i: real[i], episodes=1, image_size=32)
     assert found["recordings"]["episodes"] == 1
     assert "folder of arrays" in str(found)
 
@@ -192,9 +193,10 @@ def test_a_run_of_arrays_keeps_them_and_goes_on_with_the_same(quickly, tmp_path,
             {"hz": 1 / film.step_s, "actions": film.actions, "frames": film.frames}
             for film in world.collect(2)
         ]
-        quick = partial(tune_from_options, settings=settings)
+        one_round = replace(settings, search=replace(settings.search, num_rounds=1))
+        quick = partial(tune_from_options, settings=one_round)
         monkeypatch.setattr("simtune.api.commands.carry_out_tuning", quick)
-        tune = partial(simtune.tune, "cartpole", out=tmp_path / "run", seed=3)
+        tune = partial(simtune.tune, "cartpole", out=tmp_path / "run", seed=3, image_size=32)
         found = tune(real=real)
         assert Path(found.content["recordings"]["folder"]).parent == tmp_path / "run" / "filmed"
         assert tune(real=real).content["parameters"] == found.content["parameters"]

@@ -85,11 +85,14 @@ def simulator() -> Simulator:
 def rounds_until_stop(
     monkeypatch, simulator, config, widths: list, verdict: str = "identified"
 ) -> tuple[int, str]:
-    """How many rounds are done where their intervals are so wide, and why no more."""
-    left, judge = iter(widths), Judging.judge
+    """How many rounds are done where their intervals are so wide, and why no more.
+
+    Later rounds keep what the first one found: nothing else than widths and verdicts matters.
+    """
+    left, judge, found = iter(widths), Judging.judge, []
 
     def judged_so(self, *given):
-        estimate, curves = judge(self, *given)
+        estimate, curves = found or found.extend(judge(self, *given)) or found
         return replace(estimate, verdict=[verdict] * len(SPACE)), curves
 
     monkeypatch.setattr(Judging, "judge", judged_so)

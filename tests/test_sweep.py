@@ -1,19 +1,20 @@
 """Grids of runs: what is asked for, and that each is done once, whatever is killed."""
 
 import json
+import multiprocessing
 import os
 import posix
 import random
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 import time
+from multiprocessing import forkserver
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import pytest
-from sweep_driver import STAND_IN
+from sweep_driver import STAND_IN, drive_quietly
 
 from simtune.config import SweepConfig
 from simtune.errors import InputError
@@ -277,25 +278,42 @@ def test_more_workers_than_cores_are_refused(beside):
         sweep(config, STAND_IN)
 
 
-def test_ctrl_c_ends_the_runs_and_the_same_command_goes_on(beside):
+def test_ctrl_c_ends_the_runs_and_the_same_command_goes_on(beside, start_driver):
     driver = start_driver(beside, range(3), 1)
     wait_for(lambda: len(begun(beside)) == 1)
-    driver.send_signal(signal.SIGINT)
-    assert driver.wait(120) != 0
+    os.kill(driver.pid, signal.SIGINT)
+    assert ended(driver) != 0
     (line,) = begun(beside)
     wait_for(lambda: not is_alive(int(line.split()[1])))
     assert entries(beside / "out")["cartpole-tune-s0"]["failures"] == 0
-    assert start_driver(beside, range(3), 1).wait(120) == 0
+    assert ended(start_driver(beside, range(3), 1)) == 0
     assert not lines(beside / "doubled")
 
 
 # --- kills --------------------------------------------------------------------------------
 
 
-def start_driver(folder: Path, seeds: range, workers: int) -> subprocess.Popen:
-    script = Path(__file__).with_name("sweep_driver.py")
-    command = [sys.executable, script, grid(folder, list(seeds)), folder / "out", str(workers)]
-    return subprocess.Popen(command, stderr=subprocess.DEVNULL)
+@pytest.fixture(scope="module")
+def start_driver():
+    """Starts a sweep, forked from a process that has done its imports, which take seconds."""
+    forked = multiprocessing.get_context("forkserver")
+    forked.set_forkserver_preload(["simtune.sweep"])
+    forkserver.ensure_running()  # before a test has a TMPDIR, too long for a socket's name
+
+    def start(folder: Path, seeds: range, workers: int) -> BaseProcess:
+        environment = {name: os.environ[name] for name in ("STAND_IN", "TMPDIR")}
+        given = (grid(folder, list(seeds)), folder / "out", str(workers), environment)
+        driver = forked.Process(target=drive_quietly, args=given)
+        driver.start()
+        return driver
+
+    return start
+
+
+def ended(driver: BaseProcess, seconds: float = 120.0) -> int | None:
+    """Its exit status; None if it goes on for longer."""
+    driver.join(seconds)
+    return driver.exitcode
 
 
 def wait_for(condition, seconds: float = 120.0) -> None:
@@ -314,14 +332,14 @@ def is_alive(pid: int) -> bool:
 @pytest.mark.parametrize(
     ("kills", "num_runs"), [(6, 10), pytest.param(100, 60, marks=pytest.mark.slow)]
 )
-def test_kills_at_random_lose_and_double_nothing(beside, kills, num_runs):
+def test_kills_at_random_lose_and_double_nothing(beside, start_driver, kills, num_runs):
     """Of runs, of the driver, and of both at once."""
     rng, workers = random.Random(kills), min(2, cores())
     driver, done = start_driver(beside, range(num_runs), workers), 0
     while done < kills:
         before = len(begun(beside))
-        wait_for(lambda n=before, d=driver: d.poll() is not None or len(begun(beside)) > n)
-        assert driver.poll() is None, "it was done before it could be killed so often"
+        wait_for(lambda n=before, d=driver: d.exitcode is not None or len(begun(beside)) > n)
+        assert driver.exitcode is None, "it was done before it could be killed so often"
         time.sleep(rng.uniform(0, 0.25))
         what = rng.choice(["run", "driver", "both"])
         if what != "driver":
@@ -331,10 +349,10 @@ def test_kills_at_random_lose_and_double_nothing(beside, kills, num_runs):
                 done += 1
         if what != "run":
             driver.kill()
-            driver.wait()
+            ended(driver)
             done += 1
             driver = start_driver(beside, range(num_runs), workers)
-    assert driver.wait(120) == 0
+    assert ended(driver) == 0
     assert not lines(beside / "doubled")
     found = entries(beside / "out")
     assert len(found) == num_runs
@@ -346,9 +364,9 @@ def test_kills_at_random_lose_and_double_nothing(beside, kills, num_runs):
 
 
 @pytest.mark.thorough
-def test_two_drivers_share_the_work(beside):
+def test_two_drivers_share_the_work(beside, start_driver):
     drivers = [start_driver(beside, range(8), 1) for _ in range(2)]
-    assert [driver.wait(60) for driver in drivers] == [0, 0]
+    assert [ended(driver, 60) for driver in drivers] == [0, 0]
     assert len(begun(beside)) == 8
     assert not lines(beside / "doubled")
 

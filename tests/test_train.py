@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 import torch
 from other_keypoints import find_others
-from slow_training import train_slowly
+from slow_training import STEPS, WORLDS, by_few_windows, config_of, train_slowly
 
 from simtune.agents import Agent, AgentSpec, Observation, make_agent
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.algorithm import Training, train
-from simtune.config import EvaluateConfig, TrainConfig
+from simtune.config import EvaluateConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate, load_trained
 from simtune.experiment.run import Run
@@ -36,7 +36,6 @@ from simtune.replay import Replay
 from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
 from simtune.schedule import Schedule, fast, paper
-from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import load_task
 from simtune.tuning.estimate import Estimate, Verdict, unsure
 from simtune.tuning.search import Round
@@ -44,23 +43,14 @@ from simtune.vision.keypoints import Keypoints, find_keypoints
 
 TASK = load_task("cartpole")
 SPACE = TASK.parameters
-STEPS = 24  # of an episode, by the fixture `quick`
-
-
-def config_of(out: Path, **changes) -> TrainConfig:
-    config = TrainConfig(
-        task="cartpole", out=out, policy_steps=4 * 16 * STEPS, real_episodes=2, scored_episodes=2
-    )
-    return dataclasses.replace(config, **changes)
+ROUNDS = 4
 
 
 @pytest.fixture(scope="module")
-def autotuned(tmp_path_factory, quickly) -> tuple[Path, dict]:
+def autotuned(tmp_path_factory, quick_settings) -> tuple[Path, dict]:
     """A finished training's folder, with a checkpoint of every round, and its result."""
     out = tmp_path_factory.mktemp("autotuned") / "run"
-    with quickly() as quick:
-        settings = dataclasses.replace(quick, checkpoint_every_s=0.0)
-        return out, train(config_of(out), settings=settings)
+    return out, train_slowly(out, ROUNDS)
 
 
 # --- the order of Algorithm 1 -------------------------------------------------------------
@@ -256,7 +246,7 @@ def test_a_training_on_recordings_scores_nothing(tmp_path, quick):
     names = {"action_names": ["slide"], "robot_type": "cartpole", "task": "balance"}
     write_dataset(tmp_path / "dataset", real.collect(2), **names)
     dataset, out = str(tmp_path / "dataset"), tmp_path / "run"
-    result = train(config_of(out, real=dataset, policy_steps=16 * STEPS), settings=quick)
+    result = train(config_of(out, real=dataset, policy_steps=WORLDS * STEPS), settings=quick)
     assert result["real_episodes"] == 2
     assert result["recordings"]["steps"] == 2 * STEPS
     assert "return" not in result  # no policy can act there
@@ -290,13 +280,13 @@ def test_a_finished_training_has_the_files_and_fields_that_are_documented(
     out = tmp_path / "run"
     config, settings = config_of(out, method=method), quick
     if method == "regression":  # a few small steps, not forty
-        settings = dataclasses.replace(quick, search=FEW_WINDOWS, schedule=one_round(config))
+        settings = by_few_windows(config)
     if method == "autotune":
         out, result = request.getfixturevalue("autotuned")
     else:
         result = train(config, settings=settings)
     assert result["method"] == method
-    assert result["policy_steps"] == 4 * 16 * STEPS
+    assert result["policy_steps"] == 4 * WORLDS * STEPS
     assert set(result["return"]) == {"mean", "std", "episodes"}
     assert 0 <= result["return"]["mean"] <= STEPS * TASK.action_repeat
     assert result["return"]["episodes"] == 2
@@ -314,24 +304,6 @@ def test_a_finished_training_has_the_files_and_fields_that_are_documented(
     assert result["real_episodes"] == (2 + 2 if method in ("autotune", "regression") else 0)
 
 
-FEW_WINDOWS = PaperConfig(
-    episode_steps=STEPS,
-    collect_steps=0,
-    crop_size=56,
-    episodes_per_iteration=5,
-    updates_per_episode=1,
-    batch_size=2,
-    num_candidates=4,
-    hidden_size=8,
-)
-
-
-def one_round(config: TrainConfig) -> Schedule:
-    """The preset's schedule, with one round of the search in each cycle."""
-    schedule = fast(config.policy_steps, config.real_episodes, many_searches=True)
-    return dataclasses.replace(schedule, searches=(1, 1))
-
-
 @pytest.mark.thorough
 def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
     """By a reward of the user's own; the example's grows with the bob's height."""
@@ -341,7 +313,7 @@ def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
     tune, out = tmp_path / "tune.toml", tmp_path / "run"
     short = f'name = "cart_pendulum"\nepisode_steps = {STEPS}\n'
     tune.write_text(tune.read_text().replace('name = "cart_pendulum"\n', short))
-    config = config_of(out, task=str(tune), method="dr", policy_steps=3 * 16 * STEPS)
+    config = config_of(out, task=str(tune), method="dr", policy_steps=3 * WORLDS * STEPS)
     result = train(config, settings=quick)
     assert 0 < result["return"]["mean"] < STEPS
     again = EvaluateConfig(run_folder=out, episodes=2, seed=0)
@@ -362,16 +334,16 @@ def test_a_policy_can_be_trained_for_ones_own_model(tmp_path, quick):
 @pytest.mark.thorough
 @pytest.mark.parametrize("agent", ["curl_sac", "drqv2"])
 def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick):
-    few = {"hidden_size": 8, "batch_size": 2, "random_steps": 16 * STEPS, "update_every": 4 * STEPS}
+    few = {"hidden_size": 8, "batch_size": 2, "random_steps": WORLDS * STEPS, "update_every": STEPS}
 
     def make_small(name: str, spec: AgentSpec) -> Agent:
         if name == "drqv2":
-            config = DrqV2Config(image_size=64, noise_steps=1, **few)
+            config = DrqV2Config(image_size=spec.image_size, noise_steps=1, **few)
             return DrqV2(spec.num_actions, config, seed=spec.seed)
-        config = CurlSacConfig(image_size=64, crop_size=54, **few)
+        config = CurlSacConfig(image_size=spec.image_size, crop_size=27, **few)
         return CurlSac(spec.num_actions, config, seed=spec.seed)
 
-    config = config_of(tmp_path / "run", method="dr", agent=agent, policy_steps=3 * 16 * STEPS)
+    config = config_of(tmp_path / "run", method="dr", agent=agent, policy_steps=3 * WORLDS * STEPS)
     result = train(config, settings=dataclasses.replace(quick, make_agent=make_small))
     assert result["warnings"] == []
     last = read_jsonl(tmp_path / "run" / "metrics.jsonl")[-1]
@@ -579,20 +551,21 @@ def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quic
     drawn = staticmethod(lambda task, views: task.simulator(image_size=64, views=views))
     monkeypatch.setattr(RealityGap, "simulator", drawn)
     out = tmp_path / "run"
-    train(config_of(out, real_gap=True), settings=quick)
+    settings = dataclasses.replace(quick, search=dataclasses.replace(quick.search, num_rounds=1))
+    train(config_of(out, real_gap=True), settings=settings)
     stored = read_json(out / "config.json")
     stored["config"] |= {"real": "xarm", "robot": "gone.toml", "truth": None, "real_gap": False}
     (out / "config.json").write_text(json.dumps(stored))
-    trained = load_trained(out, settings=quick)
+    trained = load_trained(out, settings=settings)
     assert trained.agent.can_act
     assert trained.simulator.step_s == TASK.step_s
     assert trained.simulator.supersampling == 2  # as for what a camera films
     assert trained.truth is None
     with pytest.raises(InputError, match="is of the real world, where no return is known"):
-        evaluate(EvaluateConfig(run_folder=out), settings=quick)
+        evaluate(EvaluateConfig(run_folder=out), settings=settings)
     (tmp_path / "world.json").write_text("{}")
     world = EvaluateConfig(run_folder=out, parameters=tmp_path / "world.json", episodes=2, seed=0)
-    assert evaluate(world, settings=quick)["mean"] > 0
+    assert evaluate(world, settings=settings)["mean"] > 0
 
 
 def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, quick, monkeypatch):
@@ -638,23 +611,26 @@ def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("kills", [1, pytest.param(50, marks=pytest.mark.slow)])
-def test_a_run_killed_at_random_moments_loses_nothing(kills, tmp_path):
+def test_a_run_killed_at_random_moments_loses_nothing(kills, tmp_path, autotuned):
     """SIGKILL, which nothing can catch, in a process of its own, whenever it has got on."""
-    rng, rounds = random.Random(0), 2 + 2 * kills
-    train_slowly(tmp_path / "straight", rounds)
+    rng, rounds, straight = random.Random(0), ROUNDS * kills, autotuned[0]
+    lines = 3  # once the policy has been trained, if there is one kill only
+    if kills > 1:
+        train_slowly(straight := tmp_path / "straight", rounds)
+        lines = 1
     metrics, num_killed = tmp_path / "killed" / "metrics.jsonl", 0
     while num_killed < kills:
         script = str(Path(__file__).with_name("slow_training.py"))
         command = [sys.executable, script, str(tmp_path / "killed"), str(rounds)]
         process, before = subprocess.Popen(command), len(read_jsonl(metrics))
-        while process.poll() is None and len(read_jsonl(metrics)) <= before:
+        while process.poll() is None and len(read_jsonl(metrics)) < before + lines:
             time.sleep(0.01)
-        time.sleep(rng.uniform(0, 1))
+        time.sleep(rng.uniform(0, 0.2))
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL, "it was done before it could be killed"
         num_killed += 1
     train_slowly(tmp_path / "killed", rounds)
-    assert_same(tmp_path / "straight", tmp_path / "killed")
+    assert_same(straight, tmp_path / "killed")
 
 
 @pytest.mark.thorough

@@ -185,7 +185,7 @@ def test_only_a_background_that_is_one_picture_needs_a_camera_that_stands(tmp_pa
 
 
 @pytest.mark.thorough
-def test_check_names_an_unknown_background_unless_it_is_declared(tmp_path):
+def test_check_names_an_unknown_background_unless_it_is_declared(tmp_path, small_library):
     """A film in which nothing moves: whatever is wrong with it, it is not of this scene."""
     frames = np.full((31, 40, 50, 3), 90, np.uint8)
     frames[:, 10:30, 10:30] = 200
