@@ -23,6 +23,12 @@ SPREAD = np.array([0.05, 0.05, 0.2, 0.2])
 STEPS = 96
 
 
+@pytest.fixture(autouse=True)
+def _nothing_is_drawn(monkeypatch):
+    """Renderers take half a second to make."""
+    monkeypatch.setattr("simtune.simulation.filming.make_renderer", lambda *_: None)
+
+
 def late_cartpole() -> Task:
     """A pole mass, a gain, and a delay of up to three steps of 0.08 s."""
     dynamics = [p for p in CARTPOLE.parameters if not p.is_appearance]

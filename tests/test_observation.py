@@ -208,7 +208,7 @@ def fit_errors(simulator, keypoints, observation: ObservationModel) -> np.ndarra
         physics.space,
         simulator.action_scale,
         0,
-        TrainingClock(150),
+        TrainingClock(100),
     )
     config = FitConfig(
         particles=ParticleConfig(num=48, steps=2),

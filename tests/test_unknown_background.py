@@ -190,7 +190,7 @@ def test_check_names_an_unknown_background_unless_it_is_declared(tmp_path, small
     frames = np.full((31, 40, 50, 3), 90, np.uint8)
     frames[:, 10:30, 10:30] = 200
     actions = np.outer(np.cos(np.arange(30) / 8), [3.0, 0.3]).astype(np.float32)
-    film = [Trajectory(frames, actions, 0.05)] * 2
+    film = [Trajectory(frames, actions, 0.05)]
     write_dataset(tmp_path / "real", film, action_names=["push", "turn"], robot_type="", task="")
     for background, is_named in ((None, True), ("unknown", False)):
         folder = tmp_path / str(background)
