@@ -15,7 +15,7 @@ import pytest
 import torch
 from fake_xarm import FakeXArm
 from robot_limits import LIMITS, STEP_S
-from slow_training import QUICK, short_episodes
+from short_training import QUICK, short_episodes
 from tiny_search import TINY_SEARCH
 
 from simtune.algorithm import train

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from slow_training import config_of
+from short_training import config_of
 
 from simtune.algorithm import train
 from simtune.config import RecordConfig, TuneConfig

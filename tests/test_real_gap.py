@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from slow_training import by_few_windows, config_of
+from short_training import by_few_windows, config_of
 
 from simtune.agents import Observation
 from simtune.algorithm import train
@@ -296,7 +296,8 @@ def test_a_policy_is_filmed_and_scored_behind_the_gap(tmp_path, quick, monkeypat
     monkeypatch.setattr(RealityGap, "film", spy)
     episodes = {"real_episodes": 2, "tried_episodes": 1, "scored_episodes": 3}
     config = config_of(tmp_path / "run", real_gap=True, method="regression", **episodes)
-    result = train(config, settings=(settings := by_few_windows(config)))
+    settings = by_few_windows(config)
+    result = train(config, settings=settings)
     # Two random episodes, whole; then each frame that a policy sees, in one world and in three.
     assert films[:2] == [25, 25]
     assert films.count(1) == 25

@@ -92,7 +92,9 @@ def rounds_until_stop(
     left, judge, found = iter(widths), Judging.judge, []
 
     def judged_so(self, *given):
-        estimate, curves = found or found.extend(judge(self, *given)) or found
+        if not found:
+            found.extend(judge(self, *given))
+        estimate, curves = found
         return replace(estimate, verdict=[verdict] * len(SPACE)), curves
 
     monkeypatch.setattr(Judging, "judge", judged_so)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import torch
 from other_keypoints import find_others
-from slow_training import STEPS, WORLDS, by_few_windows, config_of, train_slowly
+from short_training import STEPS, WORLDS, by_few_windows, config_of, train_slowly
 
 from simtune.agents import Agent, AgentSpec, Observation, make_agent
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
@@ -620,7 +620,7 @@ def test_a_run_killed_at_random_moments_loses_nothing(kills, tmp_path, autotuned
         lines = 1
     metrics, num_killed = tmp_path / "killed" / "metrics.jsonl", 0
     while num_killed < kills:
-        script = str(Path(__file__).with_name("slow_training.py"))
+        script = str(Path(__file__).with_name("short_training.py"))
         command = [sys.executable, script, str(tmp_path / "killed"), str(rounds)]
         process, before = subprocess.Popen(command), len(read_jsonl(metrics))
         while process.poll() is None and len(read_jsonl(metrics)) < before + lines:

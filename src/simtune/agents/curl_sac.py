@@ -120,11 +120,10 @@ class CurlSac(PixelAgent):
 
     def _make_optimizers(self) -> None:
         config = self.config
-        adam = partial(torch.optim.Adam, fused=True, capturable=self.device.type == "cuda")
-        networks = partial(adam, lr=config.learning_rate, betas=(config.beta1, 0.999))
+        networks = partial(self._adam, lr=config.learning_rate, betas=(config.beta1, 0.999))
         self._critic_optimizer = networks([*self.critic.parameters(), *self.contrast.parameters()])
         self._actor_optimizer = networks(self.actor.parameters())
-        self._temperature_optimizer = adam(
+        self._temperature_optimizer = self._adam(
             self.temperature.parameters(),
             lr=config.temperature_learning_rate,
             betas=(config.temperature_beta1, 0.999),

@@ -89,8 +89,7 @@ class DrqV2(PixelAgent):
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         for module in (self.encoder, self.critic, self.actor, self.target):
             module.to(self.device)
-        is_cuda = self.device.type == "cuda"
-        adam = partial(torch.optim.Adam, lr=config.learning_rate, fused=True, capturable=is_cuda)
+        adam = partial(self._adam, lr=config.learning_rate)
         # Only the critics train the encoder.
         self._critic_optimizer = adam([*self.encoder.parameters(), *self.critic.parameters()])
         self._actor_optimizer = adam(self.actor.parameters())

@@ -93,6 +93,7 @@ class PixelAgent(ABC):
         self._generator = torch.Generator(self.device).manual_seed(seed)
         self._counter = Counter(random_steps=config.random_steps, update_every=config.update_every)
         self._use_graphs = use_graphs
+        self._adam = partial(torch.optim.Adam, fused=True, capturable=self.device.type == "cuda")
         self._replay: Replay | None = None  # that captured updates draw from
         self._losses: list[torch.Tensor] = []  # of the updates since the last were told
         self._begin_steps()

@@ -134,7 +134,7 @@ def build_training(
     )
     agent = _agent(config, settings, schedule, environment, world, device)
     if not agent.needs_keypoints:
-        environment.keypoints = None  # they take a sixth of a step's time
+        environment.keypoints = None  # finding them in each step takes time
     gap = RealityGap.of(config, schedule.image_size)
     scored_in = environment
     if gap:

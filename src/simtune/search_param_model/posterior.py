@@ -132,12 +132,11 @@ class PosteriorSearchParamModel:
     ) -> DetectorErrors:
         """The detector's errors in `worlds`, in whose frames it found `detections`."""
         num_worlds, num_filmed = worlds.frames.shape[:2]
-        found = detections.keypoints.reshape(num_worlds, num_filmed, -1, 2)
-        keypoints = worlds.filmed_keypoints()
         estimated = detections.visible.reshape(num_worlds, num_filmed, -1).mean(1)
         truth = distribution.to_range_unit(worlds.parameters)[:, self.visible]
         visible = self._to_range_unit(estimated, distribution) - truth
-        return DetectorErrors(keypoints, found - keypoints, visible)
+        errors = worlds.keypoint_errors(detections.keypoints)
+        return DetectorErrors(worlds.filmed_keypoints(), errors, visible)
 
     def train_posterior_net(
         self,

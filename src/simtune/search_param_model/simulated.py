@@ -43,6 +43,11 @@ class SimulatedWorlds:
         at = self.filmed_from[:, None] + np.arange(self.frames.shape[1])
         return self.keypoints[np.arange(len(at))[:, None], 0, at]
 
+    def keypoint_errors(self, found: np.ndarray) -> np.ndarray:
+        """(W, F, L, 2) pixels by which keypoints found in `frames`, (W · F, L, 2), are off."""
+        true = self.filmed_keypoints()
+        return found.reshape(true.shape) - true
+
     def filmed_actions(self) -> np.ndarray:
         """(W, F − 1, A) between `frames`."""
         at = self.filmed_from[:, None] + np.arange(self.frames.shape[1] - 1)

@@ -56,12 +56,11 @@ class Raycaster:
         """
         init_warp(device)
         self.size, self._device = size, device
-        num_threads = num_threads or _num_cores()
+        num_threads, is_cpu = num_threads or _num_cores(), device == "cpu"
         self._alone: Callable[[], Raycaster] | None = None  # draws one picture
-        if device != "cpu" and size[0] * size[1] <= _ONE:
+        if not is_cpu and size[0] * size[1] <= _ONE:
             settings = (1, sky_samples, plate, background_is_unknown)
             self._alone = cache(partial(Raycaster, model, space, camera, size, *settings))
-        is_cpu = device == "cpu"
         self._num_threads = num_threads if is_cpu else 1
         self._chunk = pictures_at_once(device, *size)
         sky = None

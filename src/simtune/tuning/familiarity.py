@@ -78,7 +78,7 @@ def how_strange(worlds: np.ndarray, held_out: HeldOut, detected: Detected) -> St
     compared = worlds[:, : max(1, _COMPARED // len(worlds)), at]
     num, each, *rest = compared.shape
     true = compared.reshape(num * each, *rest)
-    errors = _errors(held_out)
+    errors = held_out.worlds.keypoint_errors(held_out.detections.keypoints).reshape(-1, *rest[1:])
     drawn = np.random.default_rng(0).integers(len(errors), size=true.shape[:2])
     world = np.arange(len(true)) // each
     usual = _distances(true + errors[drawn], true, world[:, None] != world)
@@ -92,12 +92,6 @@ def how_strange(worlds: np.ndarray, held_out: HeldOut, detected: Detected) -> St
 def _shares(some: np.ndarray, usual: np.ndarray) -> np.ndarray:
     """(m, T) of (m, T) distances: the share of (n, T) usual ones that are smaller at that step."""
     return (usual[None] < some[:, None]).mean(1)
-
-
-def _errors(held_out: HeldOut) -> np.ndarray:
-    """(n, L, 2) pixels by which the detector was off in single pictures."""
-    true = held_out.worlds.filmed_keypoints()
-    return held_out.detections.keypoints - true.reshape(-1, *true.shape[2:])
 
 
 def _distances(

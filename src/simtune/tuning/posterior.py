@@ -143,7 +143,6 @@ class PosteriorSearch:
             self._learned = {"metrics": metrics, "rng": began}
             keep()
         del pictures  # most of the memory
-        played = worlds.keypoints
         metrics = dict(self._learned["metrics"])
         held_out = learning.hold_out(real, searched, budget)
         metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
@@ -157,7 +156,7 @@ class PosteriorSearch:
         estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget, tell_early)
         self._earlier = judging.earlier
         if told is None:
-            estimate = doubted(estimate, how_strange(played, held_out, detected))
+            estimate = doubted(estimate, how_strange(worlds.keypoints, held_out, detected))
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
