@@ -189,6 +189,46 @@ def test_a_student_that_remembers_pictures_acts_as_one_that_sees_them_anew():
     torch.testing.assert_close(student.act(other, nothing), small_student().act(other, nothing))
 
 
+def test_a_head_is_told_where_things_are_and_how_far_they_moved():
+    student, told = small_student(), []
+    student.head.register_forward_pre_hook(lambda _, inputs: told.append(inputs[0]))
+    film = torch.tensor([[[0.0, 0, 0, 0, 0], [0.1, 0, 0, 0, 1], [0.3, 0, 0, 0, 3]]])  # (1, K, F)
+    student(film, torch.zeros(1, 0))
+    expected = torch.tensor([[0.3, 0, 0, 0, 3], [0.1, 0, 0, 0, 1], [0.2, 0, 0, 0, 2]])
+    torch.testing.assert_close(told[0], expected.reshape(1, 15))
+    student.standardize_by(torch.cat([film, 3 * film]), torch.zeros(2, 0))  # means: twice the first
+    student(2 * film, torch.zeros(1, 0))
+    torch.testing.assert_close(told[1], torch.zeros(1, 15), atol=1e-4, rtol=0)
+
+
+def test_a_head_learns_from_motions_of_a_fifth_of_a_pixel():
+    """It pushes against them. Of what differs least between pictures an action depends most."""
+    student, generator = small_student(), torch.Generator().manual_seed(0)
+    student.config = replace(student.config, learning_rate=1e-2, warm_up=1)
+    nothing = torch.zeros(256, 0)
+
+    def film() -> tuple[torch.Tensor, torch.Tensor]:
+        place, speed = torch.randn(2, 256, 1, 5, generator=generator)
+        moving = place + 0.2 * 2 / SIZE * speed * torch.arange(3)[:, None]
+        return moving, -speed[:, 0, :1].tanh()
+
+    student.standardize_by(film()[0], nothing)
+    for _ in range(200):
+        seen, wanted = film()
+        student.learn_to_act(seen, nothing, wanted, 0.0)
+    seen, wanted = film()
+    assert (student(seen, nothing) - wanted).abs().mean() < 0.1
+
+
+def test_a_keypoint_lies_between_its_two_places_by_how_probable_they_are():
+    student = small_student()
+    places = torch.tensor([[[[8.0, 8], [24, 16]], [[24, 8], [24, 16]]]])  # (1, 2, L, 2) pixels
+    probability = torch.tensor([[[0.6, 0.5], [0.2, 0.5]]])
+    student.detector.candidates = lambda heatmaps: (places, probability, places)
+    seen = student.detect(torch.zeros(1, SIZE, SIZE, 3, dtype=torch.uint8))
+    torch.testing.assert_close(seen[0, :4], torch.tensor([12, 8, 24, 16]) / SIZE * 2 - 1)
+
+
 # --- both together ------------------------------------------------------------------------
 
 

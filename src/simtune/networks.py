@@ -10,6 +10,8 @@ from torch import nn
 
 from simtune.errors import InputError
 
+_LEAST_STD = 1e-3  # of what hardly changes
+
 
 def positional_encoding(x: torch.Tensor, octaves: int) -> torch.Tensor:
     """(..., N) values to (..., N·(2·octaves + 1)): x, sin(2ᵏπx), cos(2ᵏπx) (NeRF, Eq. 4).
@@ -43,6 +45,27 @@ def mlp(
         layers += [nn.Linear(size_in, size_out), activation()]
         layers += [nn.Dropout(dropout)] if dropout else []
     return nn.Sequential(*layers, last(sizes[-2], sizes[-1]))
+
+
+class Standardizer(nn.Module):
+    """Makes (..., D) inputs of a network have about mean 0 and standard deviation 1."""
+
+    mean: torch.Tensor
+    std: torch.Tensor
+
+    def __init__(self, size: int):
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("std", torch.ones(size))
+
+    def fit(self, inputs: torch.Tensor) -> None:
+        """Standardise from now on by the mean and standard deviation of these (B, D)."""
+        self.mean.copy_(inputs.mean(0))
+        self.std.copy_(inputs.std(0) + _LEAST_STD)
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """(..., D) standardised, within ±10."""
+        return ((inputs - self.mean) / self.std).clamp(-10, 10)
 
 
 def has_fast_bf16(device: torch.device) -> bool:

@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from simtune.agents.noise import disturbed
 from simtune.agents.pixel_networks import move_towards
-from simtune.networks import frozen, mlp
+from simtune.networks import Standardizer, frozen, mlp
 from simtune.replay import Transitions
 
 
@@ -45,9 +45,6 @@ class Teacher(nn.Module):
     standard deviation of exploration.
     """
 
-    mean: torch.Tensor
-    std: torch.Tensor
-
     def __init__(
         self, num_states: int, num_actions: int, num_parameters: int, config: TeacherConfig
     ):
@@ -57,19 +54,9 @@ class Teacher(nn.Module):
         self.actor = mlp((num_states, *hidden, num_actions), nn.ReLU)  # before the tanh
         self.critics = TwinCritic(num_states + num_parameters + num_actions, config.hidden_size)
         self.targets = copy.deepcopy(self.critics).requires_grad_(False)
-        self.register_buffer("mean", torch.zeros(num_states))
-        self.register_buffer("std", torch.ones(num_states))
+        self.normalized = Standardizer(num_states)
         learning = [*self.actor.parameters(), *self.critics.parameters()]
         self.optimizer = torch.optim.Adam(learning, config.learning_rate, fused=True)
-
-    def normalize_by(self, states: torch.Tensor) -> None:
-        """Normalise states from now on by the mean and standard deviation of these (B, D)."""
-        self.mean.copy_(states.mean(0))
-        self.std.copy_(states.std(0) + 1e-3)
-
-    def normalized(self, states: torch.Tensor) -> torch.Tensor:
-        """(..., D) states as input of the networks."""
-        return ((states - self.mean) / self.std).clamp(-10, 10)
 
     def act(self, states: torch.Tensor) -> torch.Tensor:
         """(B, D) unnormalised states to the best (B, A) actions."""

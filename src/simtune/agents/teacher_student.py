@@ -23,6 +23,7 @@ from simtune.replay import Replay, Transitions, in_parts
 # What a teacher learns from, of `Transitions`
 _TAUGHT = ("states", "actions", "rewards", "discounts", "next_states", "parameters")
 _DRAWN_AT_ONCE = 32  # batches
+_LOOKED_AT = 4096  # steps whose mean and standard deviation become 0 and 1 for networks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +142,7 @@ class TeacherStudent:
         return {f"loss/{name}": float(loss) for name, loss in losses.items()}
 
     def _train_teacher(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
-        self.teacher.normalize_by(self._sample(replay, 4096).states)
+        self.teacher.normalized.fit(self._sample(replay, _LOOKED_AT).states)
         noise = torch.full((), self.teacher_noise, device=self.device)
         losses = torch.full((2,), torch.nan)
         size = self.config.teacher.batch_size
@@ -157,19 +158,26 @@ class TeacherStudent:
         return self.teacher.update(known, noise, self._generator)
 
     def _train_student(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
-        """Train its detector, apply it to new and some old episodes, imitate the teacher."""
-        config, student, losses = self.config, self.student, {}
+        """Train its detector, then its head on what that sees in new and remembered episodes."""
         progress = (self.num_steps - self._begins) / (self._total_steps - self._begins)
+        detector = self._train_detector(replay, num_steps, progress)
+        return {"detector": detector, "imitation": self._train_head(replay, num_steps, progress)}
+
+    def _train_detector(self, replay: Replay, num_steps: int, progress: float) -> torch.Tensor:
+        student, loss = self.student, torch.tensor(torch.nan)
         num_updates = num_steps * self._detector_updates_per_step
         if not student.num_updates:
-            num_updates *= config.first_detector_factor
+            num_updates *= self.config.first_detector_factor
         for _ in range(round(num_updates)):
-            size = config.student.detector.batch_size
+            size = self.config.student.detector.batch_size
             frames, keypoints, states = replay.pictures(size, self._generator)
             positions = self.teacher.normalized(states)[:, : self._num_positions]
-            losses["detector"] = student.learn_to_see(frames, keypoints, positions, progress)
+            loss = student.learn_to_see(frames, keypoints, positions, progress)
+        return loss
 
-        slots = replay.latest_filmed(config.remembered_episodes)
+    def _train_head(self, replay: Replay, num_steps: int, progress: float) -> torch.Tensor:
+        student, loss = self.student, torch.tensor(torch.nan)
+        slots = replay.latest_filmed(self.config.remembered_episodes)
         lengths = replay.lengths[slots].to(self.device)
         seen = self._recollection.look(
             replay.numbers(slots),
@@ -177,17 +185,20 @@ class TeacherStudent:
         )
         states = replay.states[slots]
         best, latest = self.teacher.act(states), self._latest_of(states)
-        size = config.student.batch_size
-        for num in in_parts(round(num_steps * config.head_updates_per_step), _DRAWN_AT_ONCE):
-            shape = (num * size,)
-            e = torch.randint(len(slots), shape, generator=self._generator, device=self.device)
-            t = (self._uniform(*shape) * lengths[e]).long()
+
+        def draw(num: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+            e = torch.randint(len(slots), (num,), generator=self._generator, device=self.device)
+            t = (self._uniform(num) * lengths[e]).long()
             stacks = seen[e[:, None], (t[:, None] + replay.stack_offsets).clamp(min=0)]
-            drawn = (values.split(size) for values in (stacks, latest[e, t], best[e, t]))
-            for seen_then, latest_then, wanted in zip(*drawn, strict=True):
-                loss = student.learn_to_act(seen_then, latest_then, wanted, progress)
-                losses["imitation"] = loss
-        return losses
+            return stacks, latest[e, t], best[e, t]
+
+        student.standardize_by(*draw(_LOOKED_AT)[:2])
+        size = self.config.student.batch_size
+        for num in in_parts(round(num_steps * self.config.head_updates_per_step), _DRAWN_AT_ONCE):
+            drawn = (values.split(size) for values in draw(num * size))
+            for stacks, late, wanted in zip(*drawn, strict=True):
+                loss = student.learn_to_act(stacks, late, wanted, progress)
+        return loss
 
     def _latest_of(self, states: torch.Tensor) -> torch.Tensor:
         """(..., D) to (..., L): the actions at the end of states, see `AgentSpec.most_late`."""
