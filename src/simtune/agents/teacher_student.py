@@ -38,8 +38,8 @@ class TeacherStudentConfig:
     random_steps: int = 3_000  # at the start
     teacher_updates_per_step: float = 0.5
     # Within these bounds, as many as give so many updates in all filmed steps
-    detector_updates_per_step: tuple[float, float] = (0.03, 0.06)
-    detector_updates: int = 1_200
+    detector_updates_per_step: tuple[float, float] = (0.06, 0.12)
+    detector_updates: int = 2_400
     first_detector_factor: float = 3.0  # on the number of first updates, when it cannot see yet
     head_updates_per_step: float = 0.25
     remembered_episodes: int = 96  # filmed ones, from which the student learns to act
