@@ -201,6 +201,16 @@ def test_a_head_is_told_where_things_are_and_how_far_they_moved():
     torch.testing.assert_close(told[1], torch.zeros(1, 15), atol=1e-4, rtol=0)
 
 
+def test_half_a_pixel_beside_what_stands_still_looks_small():
+    """A simulated camera never moves; a real one stands a little elsewhere."""
+    student, told = small_student(), []
+    student.head.register_forward_pre_hook(lambda _, inputs: told.append(inputs[0]))
+    still, nothing = torch.zeros(4, 3, 5), torch.zeros(4, 0)
+    student.standardize_by(still, nothing)
+    student(still + 0.5 * 2 / 64, nothing)  # pictures are 64 pixels wide
+    assert 0 < told[0].max() < 1
+
+
 def test_a_head_learns_from_motions_of_a_fifth_of_a_pixel():
     """It pushes against them. Of what differs least between pictures an action depends most."""
     student, generator = small_student(), torch.Generator().manual_seed(0)

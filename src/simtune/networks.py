@@ -10,8 +10,6 @@ from torch import nn
 
 from simtune.errors import InputError
 
-_LEAST_STD = 1e-3  # of what hardly changes
-
 
 def positional_encoding(x: torch.Tensor, octaves: int) -> torch.Tensor:
     """(..., N) values to (..., N·(2·octaves + 1)): x, sin(2ᵏπx), cos(2ᵏπx) (NeRF, Eq. 4).
@@ -53,15 +51,17 @@ class Standardizer(nn.Module):
     mean: torch.Tensor
     std: torch.Tensor
 
-    def __init__(self, size: int):
+    def __init__(self, size: int, added_std: float):
+        """`added_std`: to that of the inputs, so that what hardly changes does not grow large."""
         super().__init__()
+        self._added_std = added_std
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("std", torch.ones(size))
 
     def fit(self, inputs: torch.Tensor) -> None:
         """Standardise from now on by the mean and standard deviation of these (B, D)."""
         self.mean.copy_(inputs.mean(0))
-        self.std.copy_(inputs.std(0) + _LEAST_STD)
+        self.std.copy_(inputs.std(0) + self._added_std)
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """(..., D) standardised, within ±10."""

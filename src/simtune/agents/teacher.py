@@ -54,7 +54,7 @@ class Teacher(nn.Module):
         self.actor = mlp((num_states, *hidden, num_actions), nn.ReLU)  # before the tanh
         self.critics = TwinCritic(num_states + num_parameters + num_actions, config.hidden_size)
         self.targets = copy.deepcopy(self.critics).requires_grad_(False)
-        self.normalized = Standardizer(num_states)
+        self.normalized = Standardizer(num_states, added_std=1e-3)
         learning = [*self.actor.parameters(), *self.critics.parameters()]
         self.optimizer = torch.optim.Adam(learning, config.learning_rate, fused=True)
 
