@@ -189,9 +189,16 @@ def test_a_student_that_remembers_pictures_acts_as_one_that_sees_them_anew():
     torch.testing.assert_close(student.act(other, nothing), small_student().act(other, nothing))
 
 
-def test_a_head_is_told_where_things_are_and_how_far_they_moved():
-    student, told = small_student(), []
+def told_to_the_head(student: Student) -> list[torch.Tensor]:
+    """Its inputs, which are added as it is called."""
+    told: list[torch.Tensor] = []
     student.head.register_forward_pre_hook(lambda _, inputs: told.append(inputs[0]))
+    return told
+
+
+def test_a_head_is_told_where_things_are_and_how_far_they_moved():
+    student = small_student()
+    told = told_to_the_head(student)
     film = torch.tensor([[[0.0, 0, 0, 0, 0], [0.1, 0, 0, 0, 1], [0.3, 0, 0, 0, 3]]])  # (1, K, F)
     student(film, torch.zeros(1, 0))
     expected = torch.tensor([[0.3, 0, 0, 0, 3], [0.1, 0, 0, 0, 1], [0.2, 0, 0, 0, 2]])
@@ -203,8 +210,8 @@ def test_a_head_is_told_where_things_are_and_how_far_they_moved():
 
 def test_half_a_pixel_beside_what_stands_still_looks_small():
     """A simulated camera never moves; a real one stands a little elsewhere."""
-    student, told = small_student(), []
-    student.head.register_forward_pre_hook(lambda _, inputs: told.append(inputs[0]))
+    student = small_student()
+    told = told_to_the_head(student)
     still, nothing = torch.zeros(4, 3, 5), torch.zeros(4, 0)
     student.standardize_by(still, nothing)
     student(still + 0.5 * 2 / 64, nothing)  # pictures are 64 pixels wide
