@@ -161,6 +161,34 @@ def test_a_detector_that_reads_rows_hands_their_means_to_its_head():
     assert read.shape[1] - without.shape[1] == 4 * 8, "channels of eight rows of cells"
 
 
+def test_a_detector_that_rounds_finds_the_same_and_learns_in_float32(monkeypatch):
+    """Its features have the 8 bits of bfloat16; its maps and its gradients all 24."""
+    pictures = to_input(np.random.default_rng(0).integers(0, 256, (4, 16, 24, 3), np.uint8))
+    fine, rounded = (
+        KeypointDetector(2, 3, (16, 24), replace(SMALL_DETECTOR, rounds=rounds))
+        for rounds in (False, True)
+    )
+    rounded.load_state_dict(fine.state_dict())
+
+    def learn(detector: KeypointDetector, is_fast: bool) -> tuple[torch.Tensor, torch.Tensor]:
+        monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: is_fast)
+        heatmaps, visible = detector(pictures)
+        assert heatmaps.dtype == visible.dtype == torch.float32
+        detector.zero_grad()
+        detector.loss(
+            pictures, torch.full((4, 2, 2), 7.3), torch.ones(4, 3), torch.ones(3)
+        ).backward()
+        gradients = [weight.grad for weight in detector.parameters() if weight.grad is not None]
+        assert {gradient.dtype for gradient in gradients} == {torch.float32}
+        return heatmaps.detach(), torch.cat([gradient.flatten() for gradient in gradients])
+
+    (exact, wanted), (near, got) = learn(fine, True), learn(rounded, True)
+    away = (near - exact).norm() / exact.std() / exact.numel() ** 0.5
+    assert 1e-5 < away < 0.02
+    assert torch.cosine_similarity(got, wanted, dim=0) > 0.99
+    assert torch.equal(learn(rounded, False)[0], exact), "where bfloat16 is not faster"
+
+
 def dots(num: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pictures of a blurred dot on a ground of some grey: positions (n, 1, 2), grey (n, 1)."""
     rng = np.random.default_rng(seed)

@@ -69,15 +69,17 @@ class Standardizer(nn.Module):
 
 
 def has_fast_bf16(device: torch.device) -> bool:
-    """Whether bfloat16 is faster than float32 there. On CPUs without AMX it is slower."""
+    """Whether bfloat16 is faster than float32 there: on CPUs, if they multiply in it."""
     if device.type == "cuda":
         return torch.cuda.is_bf16_supported(including_emulation=False)
-    return device.type == "cpu" and torch.cpu._is_amx_tile_supported()
+    on_cpu = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
+    return device.type == "cpu" and on_cpu
 
 
-def autocast(device: torch.device) -> torch.autocast:
+def autocast(device: torch.device, wanted: bool = True) -> torch.autocast:
     """Compute in bfloat16 if that is faster; weights stay float32, or small updates get lost."""
-    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=has_fast_bf16(device))
+    enabled = wanted and has_fast_bf16(device)
+    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=enabled)
 
 
 @contextmanager

@@ -14,8 +14,9 @@ from torch import nn
 from torch.nn import functional as F
 
 from simtune.devices import pictures_at_once
-from simtune.networks import mlp
+from simtune.networks import autocast, mlp
 
+_CPU = torch.device("cpu")
 _STRIDE = 2  # pixels per cell of the heatmaps
 _NEAR_CELLS = 2  # a keypoint's position is an average over cells this near to the peak
 
@@ -25,6 +26,7 @@ class DetectorConfig:
     channels: int = 16
     free_maps: int = 8  # attention maps beside the keypoints', for colours of static things
     reads_rows: bool = False  # the mean of each row, too: where a ground ends, hence its height
+    rounds: bool = False  # features to bfloat16, on a CPU that is faster with it
     hidden: int = 128
     batch_size: int = 32
     learning_rate: float = 5e-3
@@ -59,7 +61,7 @@ class KeypointDetector(nn.Module):
         self.mix = nn.Conv2d(c, c, 3, 1, 1)
         self.maps = nn.Conv2d(c, num_maps, 1)
         self.cells = -(-shape[0] // _STRIDE), -(-shape[1] // _STRIDE)  # rows and columns
-        self._reads_rows = config.reads_rows
+        self._reads_rows, self._rounds = config.reads_rows, config.rounds
         num_read = num_maps * 5 + 2 * c + (c * self.cells[0] if config.reads_rows else 0)
         sizes = (num_read, config.hidden, config.hidden, num_visible)
         self.head = mlp(sizes, nn.ELU) if num_visible else None
@@ -69,7 +71,8 @@ class KeypointDetector(nn.Module):
 
     def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells) and visible parameters."""
-        fine, coarse = self._features(pictures)
+        with autocast(_CPU, self._rounds):  # changes nothing elsewhere
+            fine, coarse = (features.float() for features in self._features(pictures))
         logits = self.maps(fine).flatten(2).contiguous()  # (B, maps, cells)
         heatmaps = logits[:, : self.num_keypoints]
         if self.head is None:

@@ -45,8 +45,7 @@ class NoisyCameras(NamedTuple):
         """(B, 3, H, W) in [−1, 1], as drawn, to the same as recorded; B = n, or n = 1."""
         levels = ((pictures + 1) / 2) ** self.gamma
         drawn = levels.lerp(_smoothed(levels), self.blur)
-        shares = zip(LUMA.tolist(), drawn.split(1, 1), strict=True)  # no tensor: a GPU would wait
-        luma = sum((share * channel for share, channel in shares), torch.zeros_like(drawn[:, :1]))
+        luma = _luma(drawn)
         chroma = drawn - luma
         drawn = luma + chroma.lerp(_smoothed(_smoothed(chroma)), self.blur_of_chroma)
         noise = torch.randn(drawn.shape, generator=self.generator, device=drawn.device)
@@ -60,3 +59,10 @@ def _smoothed(pictures: torch.Tensor) -> torch.Tensor:
     weights = pictures.new_tensor([1, 2, 1]) / 4
     kernel = (weights[:, None] * weights).expand(channels, 1, 3, 3)
     return F.conv2d(wide, kernel, groups=channels)  # five times faster than sums of slices
+
+
+def _luma(pictures: torch.Tensor) -> torch.Tensor:
+    """(B, 3, H, W) to the same shape: in each channel the luma; faster than sums of channels."""
+    # Filled where they are: a GPU would wait for a tensor from the host.
+    shares = [pictures.new_full((3, 1, 1, 1), share) for share in LUMA.tolist()]
+    return F.conv2d(pictures, torch.cat(shares, 1))
