@@ -31,7 +31,7 @@ PAGES = {
 }
 POSITIONAL = {"task": "TASK", "run_folder": "RUN", "run_folders": "RUN RUN ..."}
 POSITIONAL |= {"grid": "GRID", "folder": "DIR"}
-TABLE = re.compile(r"\| option \|.*?(?=\n\n|\Z)", re.S)
+TABLE = re.compile(r"\| option \|.*?(?=\n\n|\n?\Z)", re.S)
 
 
 def documented(cls: type) -> dict[str, str]:

@@ -15,6 +15,7 @@ from simtune.config import EvaluateConfig, RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.experiment.experiment import build_experiment
+from simtune.experiment.training_experiment import build_training
 from simtune.observation import ObservationModel
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
@@ -280,6 +281,17 @@ def test_noisy_cameras_smooth_colours_as_videos_do():
     assert 0 < share < 1
     expected = (1 - share) * drawn + share * with_smooth_chroma(drawn)
     np.testing.assert_allclose(seen[0].permute(1, 2, 0), expected.clip(0, 1), atol=1e-5)
+
+
+@pytest.mark.thorough
+def test_methods_know_more_or_less_of_the_gaps_delay(tmp_path, quick, monkeypatch):
+    drawn = staticmethod(lambda task, views: task.simulator(image_size=64, views=views))
+    monkeypatch.setattr(RealityGap, "simulator", drawn)
+    rng = np.random.default_rng(0)
+    for method, expected in (("dr", {0, 1, 2}), ("untuned", {0}), ("oracle", {1})):
+        config = config_of(tmp_path / method, real_gap=True, method=method)
+        experiment = build_training(config, settings=quick)
+        assert {experiment.delay_steps(None, rng) for _ in range(40)} == expected
 
 
 @pytest.mark.thorough

@@ -270,7 +270,7 @@ def test_recordings_that_are_too_short_are_refused_before_anything_is_written(tm
         "dr",
         *(
             pytest.param(m, marks=pytest.mark.thorough)
-            for m in ("autotune", "regression", "oracle")
+            for m in ("autotune", "regression", "untuned", "oracle")
         ),
     ],
 )
@@ -298,7 +298,7 @@ def test_a_finished_training_has_the_files_and_fields_that_are_documented(
     errors = [p["percent_error"] for p in result["parameters"].values()]
     if method == "oracle":
         assert max(errors) == 0
-    if method == "dr":  # it stays where it starts
+    if method in ("dr", "untuned"):  # they stay where they start
         assert all(p["mean"] == p["initial"] for p in result["parameters"].values())
     # By random actions, then by the policy; who searches nothing need not look.
     assert result["real_episodes"] == (2 + 2 if method in ("autotune", "regression") else 0)
@@ -362,7 +362,13 @@ def test_training_ranges_are_those_asked_for(tmp_path, quick):
         training.num_filmings = 1
         return training
 
-    for method, around, half in (("dr", 0.5, 0.3), ("oracle", 1, 0.0), ("autotune", 0.5, 0.02)):
+    of_methods = (
+        ("dr", 0.5, 0.3),
+        ("untuned", 0.5, 0.0),
+        ("oracle", 1, 0.0),
+        ("autotune", 0.5, 0.02),
+    )
+    for method, around, half in of_methods:
         found = training(method=method)
         mean = SPACE.nominal if around == 1 else found.experiment.start
         assert (np.abs(mean / SPACE.nominal - 1) > 0.2).any() == (around != 1)

@@ -45,7 +45,8 @@ def choose_search(config: TrainConfig) -> SearchName | None:
 
 def choose_range(config: TrainConfig) -> float:
     """Half-width of Ξ_policy relative to its mean."""
-    return {"dr": config.range_dr, "oracle": 0.0}.get(config.method, config.range_policy)
+    own = {"dr": config.range_dr, "untuned": 0.0, "oracle": 0.0}
+    return own.get(config.method, config.range_policy)
 
 
 def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | None) -> Schedule:

@@ -11,8 +11,8 @@ from simtune.config.prints import Prints
 from simtune.config.real import Observes, RealConfig
 from simtune.errors import InputError
 
-Method = Literal["autotune", "regression", "dr", "oracle"]
-UNTUNED = ("dr", "oracle")  # methods without a search
+Method = Literal["autotune", "regression", "dr", "untuned", "oracle"]
+UNTUNED = ("dr", "untuned", "oracle")  # methods without a search
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,8 @@ class TrainConfig(Prints, Observes, RealConfig):
     """The run's folder."""
     method: Method = "autotune"
     """autotune: the simulator follows the real world; regression: likewise, by the paper's
-    baseline; dr: domain randomisation around the start; oracle: in the pseudo-real world itself."""
+    baseline; dr: domain randomisation around the start; untuned: in the simulator as it starts;
+    oracle: in the pseudo-real world itself."""
     preset: Literal["fast", "paper"] = "fast"
     """fast: a teacher that knows the state, and a student on pictures: minutes on two CPU cores;
     paper: SAC on pictures, and everything else as in the paper: a GPU and a day."""

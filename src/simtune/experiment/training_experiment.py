@@ -62,8 +62,10 @@ class TrainingExperiment(Experiment):
     def delay_steps(self, estimated: int | None, rng: np.random.Generator) -> int:
         """Delay of actions in simulated episodes: `estimated`, or random if None.
 
-        An oracle knows the reality gap's.
+        An oracle knows the reality gap's; a simulator as it starts has none.
         """
+        if self.config.method == "untuned":
+            return 0
         if self.config.method == "oracle" and self.scored_in.gap:
             return self.scored_in.gap.delay_steps
         if not self.environment.most_late:

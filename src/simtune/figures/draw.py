@@ -2,6 +2,7 @@
 
 from simtune.figures.curves import Band
 from simtune.figures.figure import Figure, Series
+from simtune.figures.groups import ORDER
 from simtune.report.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, Axis, Mark, Plot, value_axis
 from simtune.report.words import number
 from simtune.validate import is_number
@@ -9,7 +10,7 @@ from simtune.validate import is_number
 WIDTH = 300
 LEGEND = 20  # pixels above a plot
 _CHARACTER_PX = 6.4  # approximate width of a label's character
-_KNOWN = ("autotune", "regression", "dr", "oracle", "tune")
+_KNOWN = (*ORDER, "tune")
 
 
 def colour(kind: str) -> str:

@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
+from simtune.config import UNTUNED
 from simtune.figures.authors import AUTHORS
 from simtune.figures.curves import Band, interpolated, stepped
 from simtune.figures.figure import Figure, Reference, Series
 from simtune.figures.groups import Ablation, Group, Setting
 from simtune.figures.statistics import centre
 from simtune.validate import is_number
-
-_UNTUNED = ("dr", "oracle")
 
 
 def figures_of(setting: Setting) -> list[Figure]:
@@ -51,11 +50,11 @@ def _against(setting: Setting, against: str, score: str, x: str, y: str) -> Figu
         Series(group.method, group.method, stepped(curves), line=True)
         for group in setting.groups
         if (curves := [run.scores(against, score) for run in group.runs])
-        and not (against == "real_episodes" and group.method in _UNTUNED)
+        and not (against == "real_episodes" and group.method in UNTUNED)
     ]
     references = []
     if against == "real_episodes":
-        levels = [g for g in setting.groups if g.method in _UNTUNED and g.scores(score)]
+        levels = [g for g in setting.groups if g.method in UNTUNED and g.scores(score)]
         references = [Reference(g.method, centre(g.scores(score)).mean) for g in levels]
     return Figure(
         key=f"{setting.key}-{score}-{against}",
@@ -78,7 +77,7 @@ def _errors(setting: Setting) -> Figure:
     series = [
         Series(group.method, group.method, stepped([run.percent_errors() for run in group.runs]))
         for group in setting.groups
-        if group.method not in _UNTUNED
+        if group.method not in UNTUNED
     ]
     reached = AUTHORS.get(setting.task)
     references = []

@@ -14,7 +14,7 @@ from typing import Any
 from simtune.figures.records import Record
 from simtune.validate import is_number
 
-ORDER = ("autotune", "regression", "dr", "oracle")  # of methods; others come after
+ORDER = ("autotune", "regression", "dr", "untuned", "oracle")  # of methods; others come after
 
 
 @dataclass(frozen=True)

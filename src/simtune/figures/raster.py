@@ -16,6 +16,7 @@ COLOURS = {
     "tune": "#2563eb",
     "regression": "#9333ea",
     "dr": "#c2680a",
+    "untuned": "#be185d",
     "oracle": "#15803d",
     "other": "#5b6777",
     "grid": "#dfe4ea",

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from simtune.config import UNTUNED
 from simtune.figures.authors import AUTHORS
 from simtune.figures.groups import ORDER, Group, Setting
 from simtune.figures.records import Record
@@ -32,7 +33,7 @@ def rows(setting: Setting) -> list[Row]:
 
 
 def _row(setting: Setting, group: Group) -> Row:
-    tells_error = group.method not in ("dr", "oracle")
+    tells_error = group.method not in UNTUNED
     return Row(
         setting=setting.title,
         method=group.method,

@@ -70,6 +70,7 @@ _REAL = {"pseudo": "a simulated truth", "xarm": "a robot", "lerobot": "a robot"}
 _SEARCHES = {"paper": " by the paper's steps up or down", "regression": " by the paper's baseline"}
 _POLICIES = {
     "dr": "A policy was trained in worlds around the start; nothing was tuned to {}",
+    "untuned": "A policy was trained in the simulator as it starts; nothing was tuned to {}",
     "oracle": "A policy was trained in the true world itself, {}",
 }
 
