@@ -303,7 +303,7 @@ def test_the_student_can_act_by_the_first_real_episode(rounds):
 
 
 def test_the_teacher_acts_until_the_student_can():
-    agent, replay = make_agent(random_steps=0, noise=0.0), make_replay()
+    agent, replay = make_agent(random_steps=0, filmed_noise=0.0), make_replay()
     go_on(agent, replay, range(10))
     filmed = episodes(0, True)
     seen = Observation(filmed.states[:, 0], filmed.frames[:, :3])
@@ -312,6 +312,19 @@ def test_the_teacher_acts_until_the_student_can():
     for filmed_rounds, expected in ((0, best), (1, own)):  # a tenth of ten rounds
         agent.load(agent.tensors(), agent.state() | {"num_filmed": filmed_rounds * WORLDS * STEPS})
         np.testing.assert_allclose(agent.explore(seen, replay), expected, atol=1e-6)
+
+
+def test_noise_grows_from_one_filmed_world_to_the_next():
+    agent, replay = make_agent(random_steps=0, filmed_noise=0.2), make_replay()
+    go_on(agent, replay, range(10))
+    agent.load(agent.tensors(), agent.state() | {"num_filmed": WORLDS * STEPS})
+    filmed = episodes(0, True)
+    seen = Observation(filmed.states[:, 0], filmed.frames[:, :3])
+    own = agent.act(seen.frames)
+    assert np.abs(own).max() < 0.5  # far from ±1, where noise would be cut off
+    away = np.stack([agent.explore(seen, replay) for _ in range(500)]) - own
+    expected = 0.2 * np.linspace(0, 1, WORLDS) ** 2
+    np.testing.assert_allclose(away.std(0)[:, 0], expected, rtol=0.15, atol=1e-6)
 
 
 def test_losses_have_the_same_names_in_every_round():

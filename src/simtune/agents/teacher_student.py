@@ -45,7 +45,8 @@ class TeacherStudentConfig:
     remembered_episodes: int = 96  # filmed ones, from which the student learns to act
     renewed_episodes: int = 16  # of these, in which it detects anew each time, besides new ones
     trusting_share: float = 0.1  # of all steps, over which the student takes over from the teacher
-    noise: float = 0.1  # standard deviation, added to the student's actions while it learns
+    noise: float = 0.1  # standard deviation, added to the student's actions in the real world
+    filmed_noise: float = 0.4  # the same in the one of the filmed worlds with the most
 
 
 class TeacherStudent:
@@ -128,7 +129,7 @@ class TeacherStudent:
             frames = torch.from_numpy(observation.frames).to(self.device)
             own = self.student.act(frames, self._latest_of(states))
             best = torch.where(acts_itself, own, self.teacher.act(states))
-            actions = self._disturbed(best, self.config.noise)
+            actions = self._disturbed(best, self._filmed_noise(len(best)))
         return actions.cpu().numpy()
 
     def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
@@ -211,8 +212,18 @@ class TeacherStudent:
     def _uniform(self, *shape: int) -> torch.Tensor:
         return torch.rand(shape, generator=self._generator, device=self.device)
 
-    def _disturbed(self, actions: torch.Tensor, noise: float) -> torch.Tensor:
+    def _disturbed(self, actions: torch.Tensor, noise: float | torch.Tensor) -> torch.Tensor:
         return disturbed(actions, noise, self._generator)
+
+    def _filmed_noise(self, num_worlds: int) -> torch.Tensor:
+        """(n, 1) standard deviations, none to `filmed_noise`, small in most worlds.
+
+        They show the student how to recover (Laskey et al. 2017, arXiv:1703.09327). A good one
+        hardly falls in simulation. In the real world it does, and finds itself where neither its
+        detector nor its head has ever been.
+        """
+        shares = torch.linspace(0, 1, num_worlds, device=self.device)
+        return self.config.filmed_noise * shares.square()[:, None]
 
     @property
     def teacher_noise(self) -> float:
