@@ -113,9 +113,9 @@ def train(
 ) -> Result:
     """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
 
-    Arguments as in `tune`. `method`: autotune, regression, dr or oracle. `policy_steps`: simulated
-    steps that the policy learns from, by default the task's. Other options: docs/commands/train.md.
-    The policy's success rate is in `Result.content`.
+    Arguments as in `tune`. `method`: autotune, regression, dr, untuned or oracle. `policy_steps`:
+    simulated steps that the policy learns from, by default the task's. Other options:
+    docs/commands/train.md. The policy's success rate is in `Result.content`.
     """
     options |= {"out": out, "method": method, "seed": seed, "policy_steps": policy_steps}
     with _in_python(), _progress(progress) as report:
