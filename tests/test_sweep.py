@@ -128,7 +128,10 @@ def test_files_are_found_beside_the_grid(tmp_path):
             "--seed must be a whole n",
         ),
         ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nseed = -1', "--seed must not be negative"),
-        ('[[runs]]\ncommand = "train"\ntask = "cartpole"\nmethod = "rd"', "dr, untuned or oracle, got 'rd'"),
+        (
+            '[[runs]]\ncommand = "train"\ntask = "cartpole"\nmethod = "rd"',
+            "dr, untuned or oracle, got 'rd'",
+        ),
         (
             '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nprecision = 0.01',
             "--precision must be text such as '1%', got 0.01",
