@@ -281,7 +281,7 @@ def test_updates_see_what_was_stored_after_they_began(make):
 
 
 def test_updates_in_bfloat16_go_the_way_of_those_in_float32(make, monkeypatch):
-    """On a CPU it is slow, but it tells whether casts lose gradients."""
+    """On most CPUs it is slow, but it tells whether casts lose gradients."""
     batch, plain = a_batch(64), make()
     for _ in range(2):
         plain.learn(batch)

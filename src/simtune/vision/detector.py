@@ -71,7 +71,7 @@ class KeypointDetector(nn.Module):
 
     def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells) and visible parameters."""
-        with autocast(_CPU, self._rounds):  # changes nothing elsewhere
+        with autocast(_CPU, self._rounds):  # no matter on a GPU
             fine, coarse = (features.float() for features in self._features(pictures))
         logits = self.maps(fine).flatten(2).contiguous()  # (B, maps, cells)
         heatmaps = logits[:, : self.num_keypoints]
