@@ -44,7 +44,8 @@ def main() -> None:
     for step in range(int(steps.read_text()) if steps.exists() else 0, STEPS):
         time.sleep(float(os.environ.get("STAND_IN_STEP_S", "0.02")))
         replace(steps, str(step + 1))
-    result = {"task": sys.argv[2], "seed": seed, "wall_s": 0.2, "percent_error": seed / 10}
+    wall_s = float(os.environ.get("STAND_IN_WALL_S", "0.2"))
+    result = {"task": sys.argv[2], "seed": seed, "wall_s": wall_s, "percent_error": seed / 10}
     replace(out / "result.json", json.dumps(result))
     replace(out / "report.html", "a report")
 

@@ -9,6 +9,8 @@ import shutil
 import signal
 import threading
 import time
+from collections import Counter
+from dataclasses import replace
 from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -112,6 +114,18 @@ def test_files_are_found_beside_the_grid(tmp_path):
     (run,) = runs_of(tmp_path, text)
     assert str(tmp_path / "truth.json") in run.arguments(Path("x"))
     assert run.asked["real_parameters"] == "truth.json"  # the folder may move
+
+
+def test_the_docs_own_grid_is_one(tmp_path):
+    root = Path(__file__).parents[1]
+    text = (root / "docs" / "sweeps.md").read_text().split("```toml\n")[1].split("```")[0]
+    example = root / "examples" / "cart_pendulum"
+    for name in ("scene.xml", "policy.py"):
+        shutil.copy(example / name, tmp_path)
+    shutil.copy(example / "tune.toml", tmp_path / "my_robot.toml")
+    runs = runs_of(tmp_path, text)
+    assert len(runs) == 2 * 4 * 3 - 3 + 4 * 3
+    assert {run.options["start_factor"] for run in runs} == {3}
 
 
 @pytest.mark.parametrize(
@@ -304,8 +318,10 @@ def start_driver():
     forkserver.ensure_running()  # before a test has a TMPDIR, too long for a socket's name
 
     def start(folder: Path, seeds: range, workers: int) -> BaseProcess:
-        environment = {name: os.environ[name] for name in ("STAND_IN", "TMPDIR")}
-        given = (grid(folder, list(seeds)), folder / "out", str(workers), environment)
+        names = ("STAND_IN", "TMPDIR", "STAND_IN_STEP_S")
+        environment = {name: os.environ[name] for name in names if name in os.environ}
+        path = grid(folder, list(seeds)).rename(folder / f"grid{seeds.start}.toml")
+        given = (path, folder / "out", str(workers), environment)
         driver = forked.Process(target=drive_quietly, args=given)
         driver.start()
         return driver
@@ -367,11 +383,24 @@ def test_kills_at_random_lose_and_double_nothing(beside, start_driver, kills, nu
 
 
 @pytest.mark.thorough
-def test_two_drivers_share_the_work(beside, start_driver):
+def test_two_drivers_share_the_work(beside, start_driver, monkeypatch):
+    monkeypatch.setenv("STAND_IN_STEP_S", "0.05")
     drivers = [start_driver(beside, range(8), 1) for _ in range(2)]
     assert [ended(driver, 60) for driver in drivers] == [0, 0]
     assert len(begun(beside)) == 8
     assert not lines(beside / "doubled")
+    done_by = Counter(int(line.split()[2]) for line in begun(beside))
+    assert done_by.keys() == {driver.pid for driver in drivers}
+    assert min(done_by.values()) >= 2  # neither waits for what the other does
+
+
+@pytest.mark.thorough
+def test_drivers_of_two_grids_in_one_folder_keep_each_others_entries(beside, start_driver):
+    drivers = [start_driver(beside, seeds, 1) for seeds in (range(4), range(4, 8))]
+    assert [ended(driver, 60) for driver in drivers] == [0, 0]
+    found = entries(beside / "out")
+    assert sorted(found) == [f"cartpole-tune-s{seed}" for seed in range(8)]
+    assert {run["status"] for run in found.values()} == {"done"}
 
 
 # --- how long it takes --------------------------------------------------------------------
@@ -431,6 +460,26 @@ def test_a_pilot_that_was_cut_short_says_what_its_number_rests_on(beside):
     said: list[str] = []
     assert dry_run(config, said.append, STAND_IN) == 300
     assert "by its budget, at most" in said[-2]
+    assert dry_run(config, said.append, STAND_IN) == 300
+    assert sum(words.startswith("pilots of 1 kinds") for words in said) == 1  # then it is known
+    longer = replace(config, pilot_minutes=1)
+    assert dry_run(longer, said.append, STAND_IN) < 60
+    assert "by a whole run" in said[-2]
+
+
+def test_a_whole_pilot_that_was_stopped_once_counts_the_time_before(beside, monkeypatch):
+    monkeypatch.setenv("STAND_IN_WALL_S", "50")
+    config = SweepConfig(grid=grid(beside, [0]), out=beside / "out", workers=1)
+    assert dry_run(config, list[str]().append, STAND_IN) == 50
+
+
+@pytest.mark.parametrize("damaged", ["{", "[]", '{"runs": [{}]}', '{"runs": 1}'])
+def test_a_damaged_board_is_named(damaged, beside):
+    config = SweepConfig(grid=grid(beside, [0]), out=beside / "out")
+    config.out.mkdir()
+    (config.out / "sweep.json").write_text(damaged)
+    with pytest.raises(InputError, match="out cannot be a sweep's folder"):
+        sweep(config, STAND_IN)
 
 
 def test_a_runs_folder_without_a_sound_result_is_waiting(tmp_path):

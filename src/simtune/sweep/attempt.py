@@ -15,7 +15,7 @@ from simtune.sweep.standing import Places, Standing
 
 _FULL = tuple(map(os.strerror, NO_ROOM))
 _ROOM_PAUSES_S = (1.0, 5.0, 20.0, 60.0)  # between attempts while the disk is full
-_OTHERS_PAUSE_S = 1.0  # between checks whether another process has released a run
+_OTHERS_PAUSE_S = 0.5  # after a look at a run that another process has
 _LONGEST_REASON = 300  # characters
 
 
@@ -32,8 +32,8 @@ class Attempts:
     def carry_out(self, run: AskedRun) -> Standing:
         """Try a run until it is done or has failed too often; returns its final standing.
 
-        Waits while another process has the run, and while the disk is full. All state is in files,
-        so it continues where an earlier process was killed.
+        Or "waiting", if another process has the run. Waits while the disk is full. All state is in
+        files, so it continues where an earlier process was killed.
         """
         places, pauses = Places(self.folder, run.name), iter(_ROOM_PAUSES_S)
         while True:
@@ -41,7 +41,9 @@ class Attempts:
             if standing.status != "waiting" or self.processes.is_stopped:
                 return standing
             try:
-                self._try(run, places)
+                if not self._try(run, places):
+                    self._sleep(_OTHERS_PAUSE_S)
+                    return standing
             except OSError as error:
                 if error.errno not in NO_ROOM:
                     raise
@@ -49,12 +51,14 @@ class Attempts:
                 self.say(f"{run.name}: the disk is full; the next look in {pause_s:g} s")
                 self._sleep(pause_s)
 
-    def _try(self, run: AskedRun, places: Places) -> None:
-        """Make one attempt and note a failure. Raises OSError if the disk is full."""
+    def _try(self, run: AskedRun, places: Places) -> bool:
+        """Make one attempt and note a failure; False if another process has the run.
+
+        Raises OSError if the disk is full.
+        """
         places.make_folders()
         if not (lease := Lease.take(places.lease)):
-            self._sleep(_OTHERS_PAUSE_S)
-            return
+            return False
         try:
             wanted = cores_taken(self.cores_per_run, self.say, lambda: self.processes.is_stopped)
             with wanted as cores:
@@ -67,6 +71,7 @@ class Attempts:
                         self._note(places, time.monotonic() - began_s, status, lines)
         finally:
             lease.close()
+        return True
 
     def _note(self, places: Places, spent_s: float, status: int, lines: list[str]) -> None:
         if status == 0 and places.standing(self.retries).status == "done":

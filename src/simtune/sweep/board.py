@@ -13,6 +13,7 @@ from simtune.report.words import duration
 from simtune.run import read_json, write_json
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.estimate import Expectation, seconds_left
+from simtune.sweep.lease import Lease
 from simtune.sweep.pilot import Pilots
 from simtune.sweep.process import NO_ROOM
 from simtune.sweep.standing import Places, Standing
@@ -22,7 +23,10 @@ _COLUMNS = ("done", "running", "waiting", "failed")
 
 
 def read_entries(folder: Path) -> list[dict[str, Any]]:
-    """Runs that sweep.json names, perhaps of other grids. Raises OSError, ValueError, KeyError."""
+    """Runs that sweep.json names, perhaps of other grids.
+
+    Raises OSError, ValueError, KeyError or TypeError if it is damaged.
+    """
     file = folder / FILE
     return read_json(file)["runs"] if file.exists() else []
 
@@ -34,8 +38,6 @@ class Board:
         self._folder, self._runs, self._workers = folder, runs, workers
         self.standings = {run.name: Places(folder, run.name).standing(retries) for run in runs}
         self._pilots, self._running = Pilots(folder), dict[str, float]()
-        names = {run.name for run in runs}
-        self._others = [entry for entry in read_entries(folder) if entry["name"] not in names]
         self._lock, self._drawn, self._is_live = Lock(), 0, sys.stderr.isatty()
         self._write()
 
@@ -93,7 +95,9 @@ class Board:
         """Replace sweep.json. If the disk is full, the old one stays until the next time."""
         entries = [self.standings[run.name].entry(run) for run in self._runs]
         try:
-            write_json(self._folder / FILE, {"runs": entries + self._others})
+            with Lease.awaited(self._folder / "state" / "board.lock"):
+                others = [e for e in read_entries(self._folder) if e["name"] not in self.standings]
+                write_json(self._folder / FILE, {"runs": entries + others})
         except OSError as error:
             if error.errno not in NO_ROOM:
                 raise

@@ -1,8 +1,7 @@
 """`simtune sweep --dry-run`: lists the runs to do, and estimates their time by pilots."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor, as_completed
 
 from simtune.config import SweepConfig
 from simtune.report.words import duration
@@ -20,8 +19,8 @@ def dry_run(
 ) -> float | None:
     """Estimated seconds that the sweep still takes; None if a pilot gave no estimate.
 
-    The sweep's runs are not touched. Pilots are measured once; estimates from finished runs take
-    precedence. Raises InputError for invalid input.
+    The sweep's runs are not touched. Pilots are measured once, and again if they may take longer
+    now; estimates from finished runs take precedence. Raises InputError for invalid input.
     """
     runs, folder = open_sweep(config), config.out.resolve()
     _, at_once = places_to_run(config)
@@ -29,9 +28,8 @@ def dry_run(
     waiting = [run for run in runs if standings[run.name].status == "waiting"]
     finished = {run.kind for run in runs if standings[run.name].status == "done"}
     pilots = Pilots(folder)
-    missing = [run for run in pilots.missing(waiting) if run.kind not in finished]
-    for run, pilot in _measured(missing, config, folder, program, say):
-        pilots.add(run.kind, pilot)
+    unknown = pilots.missing(waiting, 60 * config.pilot_minutes)
+    _measure([run for run in unknown if run.kind not in finished], pilots, config, program, say)
     expected = Expectation(runs, standings, pilots)
     for kind in dict.fromkeys(run.kind for run in waiting):
         alike = [run for run in waiting if run.kind == kind]
@@ -44,26 +42,30 @@ def dry_run(
     return left_s
 
 
-def _measured(
+def _measure(
     runs: Sequence[AskedRun],
+    pilots: Pilots,
     config: SweepConfig,
-    folder: Path,
     program: Sequence[str],
     say: Callable[[str], None],
-) -> list[tuple[AskedRun, Pilot]]:
-    """Measure a pilot of each run, on this machine's workers."""
+) -> None:
+    """Add a pilot of each run, measured on this machine's workers, as soon as it has ended."""
     if not runs:
-        return []
+        return
     limit_s, processes = 60 * config.pilot_minutes, Processes(program)
     workers = num_workers(config.workers, config.cores_per_run)
-    say(f"pilots of {len(runs)} kinds, {workers} at a time, each {duration(limit_s)} at most")
+    longest = duration(-(-len(runs) // workers) * limit_s)
+    each = f"{workers} at a time, each {duration(limit_s)} at most"
+    say(f"pilots of {len(runs)} kinds, {each}: {longest} at most, and the next time they are known")
 
     def pilot(run: AskedRun) -> Pilot:
-        return measure(run, folder, processes, config.cores_per_run, limit_s)
+        return measure(run, config.out.resolve(), processes, config.cores_per_run, limit_s)
 
     with ThreadPoolExecutor(workers) as pool:
+        measured = {pool.submit(pilot, run): run for run in runs}
         try:
-            return list(zip(runs, pool.map(pilot, runs), strict=True))
+            for ended in as_completed(measured):
+                pilots.add(measured[ended].kind, ended.result())
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             processes.stop()

@@ -24,12 +24,27 @@ class Lease:
     @classmethod
     def take(cls, path: Path) -> "Lease | None":
         """A new lease, or None if it is taken. Raises OSError if locks are not supported."""
+        try:
+            return cls._locked(path, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return None
+
+    @classmethod
+    @contextmanager
+    def awaited(cls, path: Path) -> Iterator[None]:
+        """Hold a lease, as soon as nobody else does; for what takes a moment. Raises OSError."""
+        path.parent.mkdir(exist_ok=True)
+        lease = cls._locked(path, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            lease.close()
+
+    @classmethod
+    def _locked(cls, path: Path, how: int) -> "Lease":
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(descriptor)
-            return None
+            fcntl.flock(descriptor, how)
         except OSError:
             os.close(descriptor)
             raise

@@ -1,7 +1,7 @@
 """Carries out runs on this machine, with threads that each do one run after another."""
 
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 
 from simtune.errors import InputError
 from simtune.sweep.asked import AskedRun
@@ -30,6 +30,7 @@ def carry_out_here(
 ) -> Generator[tuple[AskedRun, Standing]]:
     """Yield each run and its final standing, in the order in which they end.
 
+    What another process has goes to the end of the queue, so that several drivers share the work.
     An exception, or closing the generator, stops all runs.
     """
 
@@ -38,10 +39,15 @@ def carry_out_here(
         return attempts.carry_out(run)
 
     with ThreadPoolExecutor(workers) as pool:
-        futures = {pool.submit(work, run): run for run in runs}
+        queue = {pool.submit(work, run): run for run in runs}
         try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
+            while queue:
+                for future in wait(queue, return_when=FIRST_COMPLETED).done:
+                    run, standing = queue.pop(future), future.result()
+                    if standing.status == "waiting":
+                        queue[pool.submit(work, run)] = run
+                    else:
+                        yield run, standing
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             attempts.processes.stop()

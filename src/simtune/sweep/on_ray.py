@@ -35,11 +35,15 @@ def carry_out_on_ray(
     """
     options = {"num_cpus": settings["cores_per_run"], "max_retries": -1}
     task = ray.remote(**options)(_carry_out)
-    waiting = {task.remote(run, tuple(program), settings): run for run in runs}
+    queue = {task.remote(run, tuple(program), settings): run for run in runs}
     try:
-        while waiting:
-            (ended,), _ = ray.wait(list(waiting), num_returns=1)
-            yield waiting.pop(ended), ray.get(ended)
+        while queue:
+            (ended,), _ = ray.wait(list(queue), num_returns=1)
+            run, standing = queue.pop(ended), ray.get(ended)
+            if standing.status == "waiting":  # another process has it
+                queue[task.remote(run, tuple(program), settings)] = run
+            else:
+                yield run, standing
     finally:
         ray.shutdown()
 

@@ -8,6 +8,7 @@ runs/NAME/              a run's folder
 state/runs/NAME.lock    its lease
 state/runs/NAME.json    its failures and time
 state/runs/NAME.txt     its output
+state/board.lock        held while sweep.json is written
 pilots/ state/pilots/   the same for a dry run's pilots
 pilots.json             estimated times of runs, from pilots
 sweep.json              the state of all runs, also of other grids in this folder
@@ -67,10 +68,9 @@ def open_sweep(config: SweepConfig) -> list[AskedRun]:
     runs = read_grid(config.grid)
     try:
         config.out.mkdir(parents=True, exist_ok=True)
-        known = read_entries(config.out)
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{config.out} cannot be a sweep's folder: {error}") from error
-    before = {entry["name"]: entry["asked"] for entry in known}
+        before = {entry["name"]: entry["asked"] for entry in read_entries(config.out)}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{config.out} cannot be a sweep's folder: {error!r}") from error
     for run in runs:
         if before.get(run.name, run.asked) != run.asked:
             differing = {k for k, _ in before[run.name].items() ^ run.asked.items()}
