@@ -1,6 +1,7 @@
 """Encoders of the built-in tasks: read where --observe names them, in `tune` and in `train`."""
 
 import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from short_training import config_of
 
 from simtune.algorithm import train
+from simtune.budget import Budget
 from simtune.config import RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
@@ -16,6 +18,8 @@ from simtune.real.choose import choose_real, observed
 from simtune.record import record
 from simtune.run import RunFolder
 from simtune.tasks import load_task
+from simtune.trajectory import Trajectory
+from simtune.tuning import make_search
 from simtune.tuning.fit_stage import _blunted, _scaled_as
 from simtune.tuning.told import Told
 
@@ -87,6 +91,20 @@ def test_readings_alone_have_no_say_where_a_joint_begins_anywhere(tmp_path: Path
     experiment = build_experiment(config)
     budget = None  # which is not looked at
     assert Told.by_readings(experiment.context, experiment.recordings, budget) is None
+
+
+def test_readings_are_those_of_the_first_episodes_after_a_resumption_too(tmp_path, monkeypatch):
+    """A policy's episodes come later, and first in the list."""
+    config = TuneConfig(task="cartpole", out=tmp_path / "run", observe=BOTH, real_episodes=2)
+    experiment, read = build_experiment(config), list[list[Trajectory]]()
+    monkeypatch.setattr(Told, "by_readings", lambda context, real, budget: read.append(real))
+    real, budget = experiment.recordings, Budget()
+    search, resumed = (make_search("posterior", experiment.context) for _ in range(2))
+    search._listen(real, budget)
+    resumed.load(search.tensors(), json.loads(json.dumps(search.state())))
+    for one in (search, resumed):
+        one._listen([real[1], real[0], *real], budget)
+    assert [[id(trajectory) for trajectory in each] for each in read] == [[*map(id, real)]] * 3
 
 
 def test_readings_in_windows_count_as_thirty_times_as_noisy():

@@ -373,6 +373,36 @@ def test_an_agent_whose_actions_may_be_late_knows_its_latest_ones():
     np.testing.assert_array_equal(told[-1], [[3, 4], [8, 9]])
 
 
+def test_an_agent_knows_its_latest_actions_where_nothing_moves():
+    agent, told = TeacherStudent(replace(SPEC, most_late=1, num_states=3 + 1), SMALL), []
+    act = agent.student.act
+
+    def spy(frames: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
+        told.append(latest.tolist())
+        return act(frames, latest)
+
+    agent.student.act = spy
+    still = np.full((2, 3, SIZE, SIZE, 3), 7, np.uint8)
+    other = np.full_like(still, 8)
+    acted = [agent.act(stack).tolist() for stack in (still, still, still, other)]
+    assert told == [[[0], [0]], acted[0], acted[1], [[0], [0]]]
+    assert acted[0] != [[0], [0]]
+
+
+def test_a_training_of_a_single_step_has_one_round():
+    agent = TeacherStudent(replace(SPEC, total_steps=1, first_tried=1), SMALL)
+    first, second = go_on(agent, make_replay(), range(2))
+    assert math.isfinite(first["loss/critic"])
+    assert math.isfinite(second["loss/imitation"])
+
+
+def test_a_single_filmed_world_has_any_noise():
+    agent = make_agent()
+    drawn = [float(agent._filmed_noise(1)) for _ in range(200)]
+    assert min(drawn) < 0.001
+    assert max(drawn) > 0.38
+
+
 def test_exploring_without_pictures_acts_on_the_state():
     agent = make_agent(random_steps=0)
     states = np.random.default_rng(0).normal(size=(WORLDS, 3)).astype(np.float32)

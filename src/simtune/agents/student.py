@@ -100,10 +100,10 @@ class Student(nn.Module):
     def act(self, frames: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
         """Pixels and (n, most_late · A) latest actions to actions.
 
-        If a stack continues the last one, only its newest frame is processed.
+        If all stacks continue the last ones, only their newest frames are processed.
         """
         memory = self._memory
-        if memory and torch.equal(memory.frames[:, 1:], frames[:, :-1]):
+        if memory and self.continues(frames).all():
             newest = self.detect(frames[:, -1])[:, None]
             detected = torch.cat([memory.detected[:, 1:], newest], 1)
         else:
@@ -111,6 +111,13 @@ class Student(nn.Module):
         self._memory = Memory(frames.clone(), detected)
         with predicting(self):
             return self(detected, latest)
+
+    def continues(self, frames: torch.Tensor) -> torch.Tensor:
+        """(n,) bool: whether stacks begin as those of the last call ended."""
+        memory = self._memory
+        if memory is None or memory.frames.shape != frames.shape:
+            return torch.zeros(len(frames), dtype=torch.bool, device=frames.device)
+        return (memory.frames[:, 1:] == frames[:, :-1]).flatten(1).all(1)
 
     def detect_recorded(self, frames: torch.Tensor) -> torch.Tensor:
         """The same for (n, H, W, 3) simulated frames as a real camera would film them."""

@@ -67,7 +67,8 @@ class TeacherStudent:
         self._latest = torch.zeros(0, self._num_latest)  # actions in n worlds, the newest first
         # Steps before the student begins: at least a round before its first trial
         latest = (-(-spec.first_tried // spec.round_steps) - 1) * spec.round_steps - 1
-        self._begins = max(1.0, min(config.teacher_share * spec.first_tried, latest))
+        shortest = min(1.0, spec.total_steps / 2)
+        self._begins = max(shortest, min(config.teacher_share * spec.first_tried, latest))
         self._generator = torch.Generator(self.device).manual_seed(spec.seed)
         with seeded(spec.seed):
             self.teacher = Teacher(
@@ -109,12 +110,13 @@ class TeacherStudent:
     def _remembered(self, frames: torch.Tensor) -> torch.Tensor:
         """(n, L) recent actions that `act` returned; 0 if a stack is an episode's first one.
 
-        Such a stack is a single frame, repeated; a camera's noise makes all others differ.
+        Such a stack is a single frame, repeated, and does not continue the last one.
         """
         if not self._num_latest or len(self._latest) != len(frames):
             return torch.zeros(len(frames), self._num_latest, device=self.device)
-        is_first = (frames[:, 1:] == frames[:, :-1]).flatten(1).all(1, keepdim=True)
-        return self._latest.where(~is_first, 0.0)
+        is_first = (frames[:, 1:] == frames[:, :-1]).flatten(1).all(1)
+        is_first &= ~self.student.continues(frames)
+        return self._latest.where(~is_first[:, None], 0.0)
 
     def explore(self, observation: Observation, replay: Replay) -> np.ndarray:
         """The teacher alone if nothing is filmed; else the student, more and more."""
@@ -223,6 +225,8 @@ class TeacherStudent:
         detector nor its head has ever been.
         """
         shares = torch.linspace(0, 1, num_worlds, device=self.device)
+        if num_worlds == 1:
+            shares = self._uniform(1)
         return self.config.filmed_noise * shares.square()[:, None]
 
     @property

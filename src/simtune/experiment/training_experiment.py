@@ -24,6 +24,7 @@ from simtune.schedule import Schedule
 from simtune.simulation import Simulator
 from simtune.tasks import Task, before_one_camera, load_task, need_reward, with_known_colours
 from simtune.tuning import FixedRange
+from simtune.tuning.readings_fits import most_delayed
 from simtune.vision.keypoints import Keypoints
 
 
@@ -70,7 +71,7 @@ class TrainingExperiment(Experiment):
             return self.scored_in.gap.delay_steps
         if not self.environment.most_late:
             return 0
-        any_number = int(rng.integers(self.environment.most_late + 1))
+        any_number = int(rng.integers(self.real.observation.max_latency_steps + 1))
         return any_number if estimated is None else estimated
 
     def policy_warnings(self, num_skipped: int) -> list[str]:
@@ -124,7 +125,7 @@ def build_training(
         schedule = replace(schedule, real_episodes=(len(world.recordings), *later))
     assert isinstance(world.simulator, Simulator), "load_task gives models' only"
     assert isinstance(world.keypoints, Keypoints)
-    most_late = 0 if world.space.is_delay.any() else world.real.observation.max_latency_steps
+    most_late = _most_late(world)
     stacked = schedule.num_stacked
     environment = Environment(
         task,
@@ -153,6 +154,15 @@ def build_training(
         agent=agent,
         replay=_replay(schedule, task, device),
     )
+
+
+def _most_late(world: World) -> int:
+    """Steps by which a search may find actions to be late, if no parameter describes it."""
+    seen = world.real.observation
+    if world.space.is_delay.any() or not seen.max_latency_steps:
+        return 0
+    by_readings = most_delayed(world.simulator.step_s) if seen.sensors else 0
+    return by_readings + seen.max_latency_steps
 
 
 def _fixed_range(config: TrainConfig, world: World) -> FixedRange:

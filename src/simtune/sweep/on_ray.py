@@ -1,6 +1,7 @@
 """Carries out runs on a Ray cluster, which places them, and repeats them if a node dies."""
 
 import importlib
+import socket
 from collections.abc import Generator, Sequence
 from typing import Any
 
@@ -10,6 +11,8 @@ from simtune.sweep.attempt import Attempts
 from simtune.sweep.process import Processes
 from simtune.sweep.standing import Standing
 
+_REACHED_WITHIN_S = 10.0  # Ray itself goes on trying for minutes
+
 
 def connect(address: str) -> Any:
     """The module `ray`, connected. Raises InputError if it is missing, or there is no cluster."""
@@ -18,8 +21,11 @@ def connect(address: str) -> Any:
     except ImportError:
         raise InputError("--ray needs Ray: pip install 'simtune[ray]'") from None
     try:
+        host, _, port = address.removeprefix("ray://").rpartition(":")
+        if port.isdigit():
+            socket.create_connection((host, int(port)), _REACHED_WITHIN_S).close()
         ray.init(address=address, log_to_driver=False)
-    except (ConnectionError, RuntimeError, ValueError) as error:
+    except (OSError, OverflowError, RuntimeError, ValueError) as error:
         raise InputError(f"--ray {address}: no cluster can be reached: {error}") from error
     return ray
 

@@ -92,8 +92,10 @@ class PosteriorSearch:
         # Of an unfinished round, once its detector is trained: metrics, and the state of its
         # worlds' generator, to simulate them again
         self._learned: dict[str, Any] | None = None
-        # By joint readings alone, before the first round; a later session reads them again
+        # By joint readings alone, of the episodes before the first round, which come last; a later
+        # session reads the same ones again
         self._told: Told | None = None
+        self._num_told = 0
         self._earlier = Earlier()
 
     @property
@@ -176,7 +178,8 @@ class PosteriorSearch:
         seconds = left if budget.is_endless else min(_READINGS_SHARE * left, spare)
         if self._told is None:
             part = budget.part(seconds, (0.0, 0.1), "readings: ")
-            self._told = Told.by_readings(self.context, real, part)
+            self._num_told = self._num_told or len(real)
+            self._told = Told.by_readings(self.context, real[-self._num_told :], part)
         if self._told is None:
             return real
         self.distribution = self._told.narrowed(self.distribution)
@@ -200,6 +203,7 @@ class PosteriorSearch:
         rng = (self._learned or {}).get("rng") or self._learning.worlds.rng.bit_generator.state
         changing = {"distribution": self.distribution.state(), "rng": rng}
         changing |= {"learned": self._learned, "earlier": self._earlier.to_json()}
+        changing |= {"num_told": self._num_told}
         return self._rounds.state() | changing
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
@@ -209,5 +213,5 @@ class PosteriorSearch:
         self._rounds.load(state)
         self.distribution = self.distribution.with_state(state["distribution"])
         self._learning.worlds.rng.bit_generator.state = state["rng"]
-        self._learned = state["learned"]
+        self._learned, self._num_told = state["learned"], state["num_told"]
         self._earlier = Earlier.from_json(state["earlier"])

@@ -128,7 +128,7 @@ class ReadingsFits:
         """
         grown = self.grow([guess], budget, to_s=_LATE.seconds)[0]
         stage = self._stage(_LATE, self._horizons.late_iterations)
-        longest = math.ceil(_LONGEST_DELAY_S / self._step_s)
+        longest = most_delayed(self._step_s) - 1
         best = self._fit.descend(self._readings, grown.guess, stage, budget, grown)
         steps = 0
         for number in range(1, longest + 1):
@@ -204,6 +204,11 @@ class ReadingsFits:
     def _stage(self, horizon: Horizon, iterations: int) -> ReplayStage:
         steps = max(FEWEST_STEPS, round(horizon.seconds / self._step_s))
         return ReplayStage(steps, iterations, horizon.stretches)
+
+
+def most_delayed(step_s: float) -> int:
+    """The largest number of steps that `ReadingsFits.how_late` may find."""
+    return math.ceil(_LONGEST_DELAY_S / step_s) + 1
 
 
 def is_twice(fits: Sequence[Descent]) -> bool:
