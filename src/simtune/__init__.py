@@ -20,7 +20,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _version() -> str:
-    """As it was installed: by git's tags (docs/python.md)."""
+    """As it was installed: by git's tags (CONTRIBUTING.md)."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:
