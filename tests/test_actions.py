@@ -348,3 +348,32 @@ class TestMocap:
     def test_no_mocap_body(self):
         with pytest.raises(InputError, match="no named mocap body, so none 'target'"):
             MocapActions(mujoco.MjModel.from_xml_string(ARM), body="target")
+
+
+INTEGRATING = '<intvelocity name="elbow" joint="elbow" kp="10" actrange="-1 1"/>'
+OTHER_GAIN = (
+    '<general name="elbow" joint="elbow" gainprm="40" biastype="affine" biasprm="0 -20 0"/>'
+)
+
+
+@pytest.mark.parametrize("actuator", [INTEGRATING, OTHER_GAIN])
+def test_joints_are_displaced_by_servos_of_positions_only(actuator):
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody><body><joint name="elbow"/><geom size=".1"/></body></worldbody>
+        <actuator>{actuator}</actuator></mujoco>"""
+    )
+    with pytest.raises(InputError, match="elbow is no servo of positions"):
+        JointActions(model)
+
+
+def test_a_weld_that_is_off_holds_nothing():
+    weld = '<weld body1="tip" body2="one" active="{}"/><weld body1="tip" body2="two"/>'
+    bodies = "".join(
+        f'<body name="{name}"><freejoint/><geom size=".1"/></body>' for name in ("one", "two")
+    )
+    for active, held in (("true", "one"), ("false", "two")):
+        model = mujoco.MjModel.from_xml_string(
+            f"""<mujoco><worldbody><body name="tip" mocap="true"/>{bodies}</worldbody>
+            <equality>{weld.format(active)}</equality></mujoco>"""
+        )
+        assert model.body(find_held(model, "tip").body).name == held

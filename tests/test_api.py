@@ -250,3 +250,14 @@ def test_a_result_without_a_search_has_no_samples_and_no_verdicts(tmp_path):
     for ask in (result.samples, result.plot, lambda: result.covariance):
         with pytest.raises(ValueError, match="nothing was searched for there"):
             ask()
+
+
+def test_paths_in_messages_are_as_they_are(tmp_path):
+    cache = tmp_path / "datasets--lerobot--pusht"
+    with pytest.raises(ValueError, match=re.escape(str(cache))):
+        simtune.check("cartpole", real=cache)
+
+
+def test_real_must_be_said(tmp_path):
+    with pytest.raises(ValueError, match="real is None; expected 'pseudo', a path, arrays"):
+        simtune.tune("cartpole", real=None, out=tmp_path / "run")

@@ -250,7 +250,8 @@ def test_refit_errors_are_in_units_of_the_claimed_std():
         FakeReplayFit(lambda _: fit), synthesize, fit, start, 4, np.random.default_rng(0)
     )
     np.testing.assert_allclose(made.believed(std)[APPEARANCE], 0.03)
-    claimed = np.hypot(made.believed(std), 0.04)
+    camera = np.where(fit.is_moving, 0, 0.04)  # refits have no other discrepancy
+    claimed = np.hypot(made.believed(std), camera)
     np.testing.assert_allclose(made.errors, (unit - np.array(truths)) / claimed, atol=1e-9)
 
 
@@ -379,13 +380,45 @@ def test_a_real_camera_widens_intervals_by_its_discrepancy():
     np.testing.assert_allclose(filmed, np.where(a_fit().is_moving, 0.005, 0.02))
     fit = replace(a_fit(), discrepancy_std=filmed)
     off = bootstrap_of(np.resize([[1.5], [-1.5]], (8, 1)) * np.ones(len(SPACE)))
-    np.testing.assert_allclose(
-        judged(fit, off, SPACE).std, off.inflation() * np.hypot(0.01, filmed)
+    # Refits have cameras, and no other discrepancy
+    widened = np.where(
+        fit.is_moving,
+        np.hypot(off.inflation() * 0.01, filmed),
+        off.inflation() * np.hypot(0.01, filmed),
     )
+    np.testing.assert_allclose(judged(fit, off, SPACE).std, widened)
     # Refits that all find the truth do not know what the camera does.
-    assert bootstrap.inflation().max() < 0.7
+    factor = bootstrap.inflation()
+    assert factor.max() < 0.7
     exact = judged(replace(fit, std=np.full(len(SPACE), 0.001)), bootstrap, SPACE).std
-    np.testing.assert_allclose(exact, filmed)
+    of_motion = np.hypot(0.001 * factor, filmed)
+    np.testing.assert_allclose(exact, np.where(fit.is_moving, of_motion, filmed))
+
+
+def test_intervals_of_the_motion_hold_though_refits_have_no_discrepancy():
+    """Errors of fits are normal, as claimed; in reality the discrepancy comes on top."""
+    discrepancy = ObservationModel.of_reality().discrepancy_std(SPACE.is_appearance)
+    rng, held = np.random.default_rng(0), []
+    usual = replace(a_fit(), std=np.full(len(SPACE), 0.005), discrepancy_std=discrepancy)
+    start, worlds = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.05)), list[np.ndarray]()
+
+    def film(parameters: np.ndarray, latency_steps: int) -> Observed:
+        worlds.append(parameters)
+        return observe_nothing(parameters, latency_steps)
+
+    def find(begun: np.ndarray) -> FitResult:
+        off = usual.std * rng.normal(size=len(SPACE))
+        return replace(usual, parameters=SPACE.from_unit(SPACE.to_unit(worlds[-1]) + off))
+
+    for _ in range(300):
+        seen = 0.5 + discrepancy * rng.normal(size=len(SPACE))
+        film(SPACE.from_unit(seen), 0)
+        fit = find(start.parameters)
+        made = run_bootstrap(FakeReplayFit(find), film, fit, start, 5, rng)
+        found = judged(fit, made, SPACE)
+        error = SPACE.to_unit(found.parameters) - 0.5
+        held.append(np.abs(error)[MOVING] < 1.645 * found.std[MOVING])
+    assert 0.88 < np.mean(held) < 0.95
 
 
 def test_a_cameras_error_common_to_all_colours_is_not_multiplied_by_how_surely_each_is_seen():

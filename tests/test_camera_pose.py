@@ -416,12 +416,15 @@ def test_what_is_written_of_a_region_is_the_whole_picture_s_camera(task, options
     (tmp_path / "tune.toml").write_text(text)
     part = with_any_camera(loaded := load_task(task.source), loaded.cameras[0], options)
     table = tuning_table(describe(part, found_at(np.full(6, 0.5)), FRAMES))
-    assert "field_of_view" not in table  # that of the file is of the whole picture, too
+    assert "field_of_view_deg = 50.0\n" in table  # of the whole picture, too
     whole = load_task(str(tmp_path / "tune.toml")).load_model().camera("simtune_camera")
-    again = text[: text.index("[camera]")] + table + f"{region}\nfield_of_view_deg = 50\n"
+    again = text[: text.index("[camera]")] + table + f"{region}\n"
     (tmp_path / "tune.toml").write_text(again + text[text.index("[[sensors]]") :])
     found = load_task(str(tmp_path / "tune.toml")).load_model().camera("simtune_camera")
     np.testing.assert_allclose(found.quat, whole.quat, atol=1e-6)
+    np.testing.assert_allclose(found.fovy, whole.fovy, atol=1e-6)
+    with pytest.raises(InputError, match="--within-fov-deg goes with a camera without lens"):
+        with_any_camera(loaded, loaded.cameras[0], replace(options, within_fov_deg=5.0))
 
 
 def test_a_camera_at_the_end_of_its_range_is_warned_of(filmed):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simtune.checking.play import find_play, through_play
+from simtune.checking.servo_commands import _without_gaps
 from simtune.checking.servo_doubts import doubts
 from simtune.checking.servo_table import servo_lines
 from simtune.checking.servos import Servo, delayed_by, filtered_by, fit_servo, noise_of
@@ -196,3 +197,8 @@ def test_a_soft_servo_is_no_doubt():
     asked = commands()
     read = [reads(0.85 * delayed_by(filtered_by(c, 4), 2), 0.002) - 0.1 for c in asked]
     assert said_of(asked, read) == []
+
+
+def test_missing_readings_are_interpolated_before_actions_displace_them():
+    read = np.array([[np.nan, np.nan], [1.0, np.nan], [np.nan, np.nan], [2.0, np.nan]])
+    np.testing.assert_allclose(_without_gaps(read), [[1, 0], [1, 0], [1.5, 0], [2, 0]])

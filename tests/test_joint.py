@@ -238,3 +238,9 @@ def test_of_two_colours_the_plain_ratio_is_told_however_unsure_either_is():
     (found,) = combinations(estimate, space, draws)
     assert (found.kind, found.weight) == ("ratio", 1)
     np.testing.assert_allclose([found.low, found.mean, found.high], 2)
+
+
+def test_a_delay_of_zero_is_drawn_from_a_part_of_its_range():
+    delay = replace(SPACE.parameters[0], low=0.0, high=0.2, nominal=0.0, scale="linear")
+    around = Distribution.proportional(ParameterSpace([delay]), np.zeros(1), 0.5)
+    assert (around.low[0], around.high[0]) == (0, pytest.approx(0.01))

@@ -220,3 +220,18 @@ def test_smoothing_takes_noise_away_but_no_blow():
     assert rate[0, calm].mean() == pytest.approx(1 / 79, rel=0.03)
     assert found[0, 39:41, 0] == pytest.approx(values[0, 39:41, 0])
     assert (found[0, :, 1] != values[0, :, 1]).all()  # of the other reading no blow
+
+
+@pytest.mark.parametrize(
+    ("lid", "known"), [("", True), ("<joint name='lid' axis='0 1 0'/>", False)]
+)
+def test_a_lid_that_nobody_reads_is_not_known(lid: str, known: bool, tmp_path: Path):
+    body = f'<body name="door" pos="1 0 1">{lid}<geom name="door" size=".1"/></body></worldbody>'
+    (tmp_path / "pusher.xml").write_text(MJCF.replace("</worldbody>", body))
+    (tmp_path / "tune.toml").write_text(TUNE)
+    task = load_task(str(tmp_path / "tune.toml"))
+    seen = ObservationModel.of_simulator(task.sensors)
+    loop = OpenLoop.of(task.simulator(image_size=16), seen, task.parameters.nominal)
+    assert loop.unseen == ()
+    assert loop.is_loose.any()
+    assert loop.knows_all_but_objects is known

@@ -17,6 +17,7 @@ from simtune.observation import (
     JointReadings,
     JointSensor,
     ObservationModel,
+    declared_noise,
     read_later,
 )
 from simtune.randomization import Distribution
@@ -156,7 +157,13 @@ def test_a_gain_says_what_a_recorded_number_is(tmp_path):
     toml.write_text(text.replace("noise = 0.002", "gain = [0.01, -0.02]\nnoise = 1"))
     (sensor,) = load_task(str(toml)).sensors
     np.testing.assert_allclose(sensor.from_recorded(np.full((2, 2), 50.0), 0.1), [[0.5, -1]] * 2)
-    assert sensor.noise == pytest.approx(1 / 75)
+    np.testing.assert_allclose(sensor.noise, [0.01, 0.02])  # each joint's own
+    np.testing.assert_allclose(declared_noise([sensor]), [0.01, 0.02])
+    noisy = sensor.measure(np.zeros((4000, 2)), np.random.default_rng(0))
+    np.testing.assert_allclose(noisy.std(0), [0.01, 0.02], rtol=0.05)
+    evidence = sensor.evidence(np.zeros((1, 5, 2)))
+    off, _ = evidence.linearize(np.full((1, 5, 2), 0.02))
+    np.testing.assert_allclose(off[0, 0], [2, 1])
     for wrong in ("gain = [1, 2, 3]", "gain = 0", 'gain = 1\nunit = "deg"', "gain = [[1], [1, 2]]"):
         toml.write_text(text.replace("noise = 0.002", wrong))
         with pytest.raises(InputError, match=r"tune.toml:1.*gain"):
@@ -174,4 +181,35 @@ def test_shares_of_a_joints_range(tmp_path, unit, low, high):
     assert sensor.noise == pytest.approx(4 / (high - low))
     toml.write_text(toml.read_text().replace("noise = 1", 'quantity = "velocity"'))
     with pytest.raises(InputError, match=f"tune.toml:1.*: {unit} is of a joint's range"):
+        load_task(str(toml))
+
+
+def test_angles_that_begin_again_after_a_turn_are_counted_on():
+    """But not those that are counted on already, where a turn within a step is a fast wheel."""
+    true = np.stack([np.linspace(3, 8, 30), np.linspace(0, 40 * np.pi, 30)], 1)
+    recorded = np.stack([(true[:, 0] + np.pi) % (2 * np.pi) - np.pi, true[:, 1]], 1)
+    recorded[4, 0] = np.nan
+    read = sensor_of(endless=np.array([True, True])).from_recorded(recorded, 0.1)
+    np.testing.assert_allclose(np.delete(read, 4, 0), np.delete(true, 4, 0), atol=1e-12)
+    assert np.isnan(read[4, 0])
+    as_it_is = sensor_of(endless=np.array([False, True])).from_recorded(recorded, 0.1)
+    np.testing.assert_allclose(as_it_is, recorded)
+
+
+def test_only_hinges_without_limits_are_endless(tmp_path):
+    toml = write_arm(tmp_path)
+    assert load_task(str(toml)).sensors[0].endless is None
+    model = toml.parent / "arm.xml"
+    model.write_text(model.read_text().replace('range="-2 2" limited="true" ', "", 1))
+    assert load_task(str(toml)).sensors[0].endless.tolist() == [True, False]
+
+
+def test_hinges_and_slides_need_sensors_of_their_own_with_a_gain_too(tmp_path):
+    toml = write_arm(tmp_path)
+    model = toml.parent / "arm.xml"
+    model.write_text(
+        model.read_text().replace('name="elbow" axis', 'name="elbow" type="slide" axis', 1)
+    )
+    toml.write_text(toml.read_text().replace("noise = 0.002", "gain = 0.01"))
+    with pytest.raises(InputError, match="give hinges and slides sensors of their own"):
         load_task(str(toml))

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from servo_arm import write_arm
 
 from simtune import record as recording
 from simtune.algorithm import train
 from simtune.config import RecordConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.real.recorded import RecordedReal
-from simtune.record import record
+from simtune.record import _check_written, record
 from simtune.recordings import open_dataset
 from simtune.tasks import load_task
 
@@ -100,3 +101,19 @@ def test_record_refuses_a_folder_that_is_not_empty(tmp_path):
     with pytest.raises(InputError, match="exists already and is not empty"):
         record(asked(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ([{"latency_s": 0.1}], "encoders of .* has a latency_s, and what simtune films is in time"),
+        ([{}, {"name": "speeds"}], "two sensors of .* would both be written as 'shoulder'"),
+        ([{"columns": ("observation.qpos",)}], "reads all of 'observation.qpos', and simtune"),
+    ],
+)
+def test_what_would_not_be_read_back_is_not_recorded(changes, said, tmp_path):
+    task = load_task(str(write_arm(tmp_path)))
+    sensors = tuple(replace(task.sensors[0], **change) for change in changes)
+    with pytest.raises(InputError, match=said):
+        _check_written(replace(task, sensors=sensors))
+    _check_written(task)

@@ -20,8 +20,10 @@ from simtune.errors import InputError
 from simtune.footage import Footage
 from simtune.recordings import Dataset, decode, open_dataset, write_dataset, write_video
 from simtune.recordings.fingerprint import fingerprint
+from simtune.recordings.lerobot.features import _names
 from simtune.recordings.resample import step_actions, step_times, typical_step_s
 from simtune.recordings.source import Rows
+from simtune.recordings.steps import make_steps
 from simtune.trajectory import Trajectory
 
 FPS, NUM_STEPS, SIZE = 10.0, 24, 32
@@ -451,3 +453,25 @@ def test_videos_alone_are_of_what_nobody_acts_on(control_hz, tmp_path):
         InputError, match=r"takes 3 actions, .* has none; a CSV beside each video has"
     ):
         open_dataset(tmp_path / "pairs", num_actions=3)
+
+
+@pytest.mark.parametrize("own_rate", [True, False])
+def test_an_action_at_the_last_frame_may_be_missing_since_none_is_carried_out(own_rate):
+    times_s, actions = np.arange(5) * 0.1, np.array([[1.0], [2], [3], [4], [np.nan]])
+    step_s = 0.1 if own_rate else 0.05
+    steps = make_steps("it", Rows(actions, times_s, times_s[-1]), step_s, {})
+    assert steps.actions[:, 0].tolist() == np.repeat([1, 2, 3, 4], 1 if own_rate else 2).tolist()
+    with pytest.raises(InputError, match="action is not finite"):
+        make_steps("it", Rows(actions, times_s, times_s[-1] + 0.1), step_s, {})
+
+
+def test_names_by_place_are_in_their_order_though_places_are_texts():
+    names = {f"j{i}": str(i) for i in range(11)}
+    assert list(_names(names)) == [f"j{i}" for i in range(11)]
+    assert list(_names({"b": "1", "a": 0})) == ["a", "b"]
+
+
+def test_a_video_of_one_frame_is_no_recording(tmp_path):
+    write_video(tmp_path / "one.mp4", np.zeros((1, 32, 32, 3), np.uint8), 20)
+    with pytest.raises(InputError, match=r"one\.mp4: holds one frame; expected at least 2"):
+        open_dataset(tmp_path, image_size=32, num_actions=0)

@@ -16,13 +16,16 @@ from servo import cartpole_with_servo
 
 from simtune import cli
 from simtune.config import RealConfig, TuneConfig
+from simtune.cuda_graph import CALLS_BEFORE_REPLAY
 from simtune.errors import InputError, RobotError
+from simtune.lens import Lens
 from simtune.real import robot
 from simtune.real.choose import choose_real
 from simtune.real.recorded import RecordedReal
 from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.recordings import open_dataset
+from simtune.robot.lerobot import LeRobot
 from simtune.simulation import DirectActions, JointActions
 from simtune.tasks import TASKS, Task, load_task
 from simtune.tuning_run import tune
@@ -146,7 +149,7 @@ def test_a_policy_sees_the_latest_pictures_and_acts_in_its_own_units(file):
     real = make_real(file)
     (trajectory,) = real.run_policy(policy, num_stacked=3, num_episodes=1, seed=1)
     assert seen[0].shape == (1, 3, 16, 16, 3)
-    assert len(seen) == 1 + STEPS  # the first time only to get warm
+    assert len(seen) == CALLS_BEFORE_REPLAY + STEPS  # the first times only to get warm
     np.testing.assert_array_equal(seen[1][0, 0], seen[1][0, 2])
     assert (seen[-1][0, 0] > seen[-1][0, 2]).all()  # it goes back by 2 a step
     np.testing.assert_allclose(trajectory.actions, 0.5, atol=1e-5)
@@ -346,3 +349,22 @@ def test_commands_refuse_what_cannot_be(file, monkeypatch, capsys, command, argu
     assert exit_.value.code == 2
     assert re.search(message, said), said
     assert not Path(out).exists()
+
+
+def test_a_stop_needs_no_picture(file):
+    """Observations include pictures, and a camera may be what failed."""
+    fake = fake_lerobot.FakeRobot()
+    arm = LeRobot(fake, ["pan.pos", "lift.pos"])
+    with pytest.raises(RobotError, match="cannot be stopped"):
+        arm.stop()
+    arm.connect()
+    assert arm.measure().tolist() == [0, 20]
+    fake.get_observation = lambda: {}["camera"]
+    arm.stop()
+    assert fake.sent == [{"pan.pos": 0.0, "lift.pos": 20.0}]
+
+
+def test_what_a_robots_pictures_cannot_be_is_refused(file):
+    lens = Lens(64, 48, 50.0, 50.0, 31.5, 23.5)
+    with pytest.raises(InputError, match="has a lens or a region, and a robot's camera is used as"):
+        make_real(file, replace(TASK, cameras=(replace(TASK.cameras[0], lens=lens),)))

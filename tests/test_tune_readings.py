@@ -3,6 +3,8 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,15 +15,20 @@ from simtune.budget import Budget
 from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate
+from simtune.evaluate_replay import _late
 from simtune.experiment.experiment import Experiment, build_experiment
-from simtune.fit import OpenLoop, Readings
+from simtune.fit import OpenLoop, OutputErrorFit, Readings
 from simtune.fit.differences import Where, differentiate
 from simtune.fit.normal_equations import NormalEquations, jackknife
+from simtune.randomization import Distribution
 from simtune.record import record
 from simtune.replayed import Tuned, replay
+from simtune.report.data import RunData
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.readings import ReadingsSearch
+from simtune.tuning.readings_fits import Found
+from simtune.tuning.readings_verdict import conclude
 from simtune.tuning_run import tune
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
@@ -358,3 +365,40 @@ def test_a_wrong_sensor_is_told_with_its_line(line: str, complaint: str, tmp_pat
     arm = write_arm(tmp_path, TUNE[:begin] + written + "\n\n" + TUNE[end:])
     with pytest.raises(InputError, match=rf"tune\.toml:\d+: .*{complaint}"):
         build_experiment(TuneConfig(task=str(arm), out=tmp_path / "run"))
+
+
+def test_a_robot_of_which_only_velocities_are_read_is_replayed(truth: Path, tmp_path: Path):
+    text = TUNE.replace("noise = 0.002", 'quantity = "velocity"')
+    experiment = pseudo(write_arm(tmp_path, text), truth, tmp_path / "run")
+    space, seen = experiment.space, experiment.context.observation
+    tuned = Tuned(space.from_dict(TRUTH), {})
+    found = replay(experiment.simulator, seen, experiment.recordings, space.nominal, tuned)
+    assert np.isfinite(found.after).all()
+
+
+def test_a_delay_in_steps_is_one_in_seconds_at_another_rate():
+    result = {"latency_steps": 2, "readings_late_s": [0.004, 0.001]}
+    run = cast(RunData, SimpleNamespace(result=result, replay={"step_s": 0.02}))
+    assert _late(run, 0.02) == (2, 0.004)
+    steps, late_s = _late(run, 0.04)
+    assert (steps, late_s) == (1, pytest.approx(0.004))
+    steps, late_s = _late(run, 0.1)
+    assert (steps, late_s) == (0, pytest.approx(0.044))
+
+
+def test_errors_that_are_added_to_a_fits_thin_its_correlations_out(truth: Path, tmp_path: Path):
+    """Two that are told well together only: what no fit can detect is not common to them."""
+    experiment = pseudo(write_arm(tmp_path), truth, tmp_path / "run")
+    observation = replace(experiment.context.observation, is_simulated=False)
+    first, num = Distribution.first(experiment.space, experiment.space.nominal), 4
+    covariance = 1e-4 * (0.99 * np.ones((num, num)) + 0.01 * np.eye(num))
+    facts = {"covariance": covariance, "unit": np.full(num, 0.5), "late_steps": (0.0, 0.0)}
+    facts |= {"offsets": np.zeros(2), "noise": np.full(2, 0.001), "start": np.zeros(1)}
+    judged = cast(OutputErrorFit, SimpleNamespace(**facts))
+    apart = np.array([0.003, -0.003, 0.0, 0.0])
+    found = cast(Found, SimpleNamespace(apart=apart, is_sure=True, is_whole=True, num_fits=2))
+    estimate, _ = conclude(judged, found, first, observation, 0, 0.05)
+    discrepancy = observation.discrepancy_std(np.zeros(num, bool))[0]
+    total = covariance + np.outer(apart, apart) + discrepancy**2 * np.eye(num)
+    std = np.sqrt(np.diag(total))
+    np.testing.assert_allclose(estimate.correlation, total / np.outer(std, std), rtol=1e-9)

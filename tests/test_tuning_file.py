@@ -997,6 +997,13 @@ def test_a_camera_that_no_field_of_view_describes_is_refused(folder, load):
         load(FROM_FRONT + VIEW)
 
 
+def test_an_orthographic_camera_is_refused(folder, load):
+    text = DEVICE.format(".006 .006").replace("<camera ", '<camera projection="orthographic" ', 1)
+    (folder / "scene.xml").write_text(text)
+    with pytest.raises(InputError, match="orthographic, and a real camera has a perspective"):
+        load(FROM_FRONT + VIEW)
+
+
 # --- [policy] -------------------------------------------------------------------------------
 
 POLICY = MASS + "[policy]\n"

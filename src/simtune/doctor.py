@@ -39,13 +39,17 @@ def works(found: Mapping[str, str]) -> bool:
 def _devices() -> Iterator[tuple[str, str]]:
     import torch
 
+    from simtune.devices import choose_device
     from simtune.networks import has_fast_bf16
 
     cpu = torch.device("cpu")
     yield "cpu", f"{torch.get_num_threads()} threads, fast bfloat16: {has_fast_bf16(cpu)}"
     gpu = "none: all runs on the CPU"
     if torch.cuda.is_available():
-        gpu = f"{torch.cuda.get_device_name()}: draws, and trains networks"
+        does = "draws, and trains networks"
+        if choose_device("auto") == "cpu":
+            does = "not used, since Warp cannot draw with it: all runs on the CPU"
+        gpu = f"{torch.cuda.get_device_name()}: {does}"
     yield "cuda", gpu
 
 

@@ -35,12 +35,21 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     start, mean = (np.array([parameters[n][k] for n in space.names]) for k in ("initial", "mean"))
     offsets = {name: facts["offset"] for name, facts in run.result["sensors"].items()}
     simulator = task.simulator(image_size=_SMALLEST_PX, step_s=real.step_s, views=())
-    late, (late_s, _) = (run.result[key] for key in ("latency_steps", "readings_late_s"))
-    tuned = Tuned(mean, offsets, late, late_s)
+    tuned = Tuned(mean, offsets, *_late(run, real.step_s))
     scores = replay(simulator, real.observation, trajectories, start, tuned).scores()
     kept = ("unit", "rms_before", "rms")
     sensors = {name: {key: facts[key] for key in kept} for name, facts in scores.items()}
     return {"sensors": sensors, "episodes": len(trajectories)}
+
+
+def _late(run: RunData, step_s: float) -> tuple[int, float]:
+    """Whole steps of `step_s`, and seconds, of the delay that the run found at its own rate."""
+    steps, (late_s, _) = (run.result[key] for key in ("latency_steps", "readings_late_s"))
+    if (own_s := run.replay["step_s"]) == step_s:
+        return steps, late_s
+    total_s = steps * own_s + late_s
+    whole = max(0, round(total_s / step_s))
+    return whole, total_s - whole * step_s
 
 
 def _open(run: RunData, task: Task, recordings: Path) -> RecordedReal:

@@ -42,12 +42,14 @@ class Lens:
     distortion: tuple[float, ...] = (0.0,) * 5  # k1, k2, p1, p2, k3
     # left, top, right and bottom edge of the used part, in pixels from the corner; None: all
     region: tuple[float, float, float, float] | None = None
+    is_calibrated: bool = True  # False: the model's own pinhole, declared for a region alone
 
     @classmethod
     def pinhole(cls, width: int, height: int, fovy_deg: float) -> "Lens":
         """Without distortion. `fovy_deg`: vertical field of view."""
         focal = float(focal_px(height, fovy_deg))
-        return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+        middle = (width - 1) / 2, (height - 1) / 2
+        return cls(width, height, focal, focal, *middle, is_calibrated=False)
 
     @property
     def is_pinhole(self) -> bool:

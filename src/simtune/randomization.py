@@ -6,6 +6,8 @@ import numpy as np
 
 from simtune.parameters import ParameterSpace
 
+_OF_ZERO = 0.1
+
 
 @dataclass(frozen=True)
 class Distribution:
@@ -25,9 +27,12 @@ class Distribution:
         """The paper's: U[mean·(1 − range), mean·(1 + range)], clipped to the bounds.
 
         The paper's parameters are above 0. Of one that may be negative, such as an angle, the range
-        is a share of half the distance between its bounds instead of a share of its mean.
+        is a share of half the distance between its bounds instead of a share of its mean; of one
+        that is 0, such as a delay, a share of a tenth of it.
         """
-        size = np.where(space.low < 0, (space.high - space.low) / 2, np.abs(mean))
+        whole = space.high - space.low
+        size = np.where(space.low < 0, whole / 2, np.abs(mean))
+        size = np.where((space.low == 0) & (mean == 0), _OF_ZERO * whole, size)
         ends = space.clip(mean - range_ * size), space.clip(mean + range_ * size)
         return cls(space, mean, *ends, on_own_scale=False)
 
@@ -65,7 +70,7 @@ class Distribution:
         return (values - low) / (high - low)
 
     def from_range_unit(self, range_unit: np.ndarray) -> np.ndarray:
-        """The inverse of `to_range_unit`, within the bounds also for coordinates outside [0, 1]."""
+        """The inverse of `to_range_unit`; on their own scale within the bounds in any case."""
         low, high = self._spread(self.low), self._spread(self.high)
         spread = low + range_unit * (high - low)
         return self.space.from_unit(spread) if self.on_own_scale else spread

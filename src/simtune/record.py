@@ -17,7 +17,7 @@ from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import observed, read_parameters
 from simtune.recordings import write_dataset
-from simtune.recordings.lerobot.layout import IMAGES_PREFIX
+from simtune.recordings.lerobot.layout import IMAGES_PREFIX, STATE
 from simtune.simulation import (
     OPENGL_DM_CONTROL,
     Act,
@@ -41,6 +41,7 @@ def record(
     """
     config.check()
     task = load_task(config.task)
+    _check_written(task)
     parameters = read_parameters(config.parameters, task.parameters)
     trained = _trained(config.policy, task, settings)
     size = config.image_size
@@ -69,6 +70,30 @@ def record(
         widths=_widths(task, simulator),
     )
     return config.out
+
+
+def _check_written(task: Task) -> None:
+    """Raises InputError for what would not be read back as it was recorded."""
+    late = [part.name for part in (*task.cameras, *task.sensors) if part.latency_s]
+    if late:
+        raise InputError(
+            f"{late[0]} of {task.name} has a latency_s, and what simtune films is in time: record "
+            "with a copy of the tuning file without it"
+        )
+    names = [name for sensor in task.sensors for name in sensor.column_names]
+    if doubled := [name for i, name in enumerate(names) if name in names[:i]]:
+        raise InputError(
+            f"two sensors of {task.name} would both be written as {doubled[0]!r}; name their "
+            "columns one by one: columns = [...]"
+        )
+    for sensor in task.sensors:
+        first = sensor.columns[0]
+        reads_all = len(sensor.columns) == 1 and (sensor.size > 1 or first == STATE)
+        if reads_all and (first != STATE or len(task.sensors) > 1):
+            raise InputError(
+                f"sensor {sensor.name} of {task.name} reads all of {first!r}, and simtune writes "
+                f"all sensors side by side into {STATE!r}; name their columns one by one"
+            )
 
 
 def _aspect(config: RecordConfig, lens: Lens | None) -> float:

@@ -8,7 +8,9 @@ target. So
 * critics and contrast are one loss and one step for the encoder, not two in turn;
 * the actor uses the *target's* convolutions, with a head of its own. In public implementations it
   uses the critics', which takes one more encoding of next and of present frames. It lags about 20
-  of its steps behind, both when acting and when learning.
+  of its steps behind, both when acting and when learning;
+* the actor acts on the second crop, and the critics rate that action on the first, as they encoded
+  it before their own step. In public implementations both see one crop, encoded anew.
 """
 
 import copy

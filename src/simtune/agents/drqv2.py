@@ -1,8 +1,9 @@
 """DrQ-v2 (Yarats et al. 2021, arXiv:2107.09645): DDPG on pixels, with random shifts.
 
 Its noise follows a schedule, so there is no temperature; only augmentation regularises the encoder.
-Two differences from the original: targets look one step ahead, not three, since a replay gives
-single steps; pixels are scaled to 0 to 1, not to −½ to ½.
+Differences from the original: targets look one step ahead, not three, since a replay gives single
+steps; pixels are scaled to 0 to 1, not to −½ to ½; convolutions begin as CURL's, of which only the
+centres of kernels are not 0; noise falls from round to round, not from step to step.
 """
 
 import copy

@@ -133,6 +133,8 @@ def _config_of_run(
     kind: type[_Config], task: AnyTask, real: RealLike, options: dict[str, Any]
 ) -> _Config:
     """The config of a command; `real` is filmed or written once nothing else can be wrong."""
+    if real is None:
+        raise InputError("real is None; expected 'pseudo', a path, arrays, or a function")
     out = Path(options["out"])
     folder = out / FILMED
     place = real if isinstance(real, str | PathLike) else folder
@@ -191,7 +193,8 @@ def _in_python() -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        text = re.sub(r"--([a-z][a-z-]+)", lambda m: m[1].replace("-", "_"), str(error))
+        option = r"(?<![\w/.-])--([a-z][a-z-]+)"  # and no part of a path
+        text = re.sub(option, lambda m: m[1].replace("-", "_"), str(error))
         error.args = (text,)
         raise
 

@@ -20,8 +20,13 @@ _LARGEST_FOV_DEG = 170.0
 def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) -> Task:
     """The task with one camera, of which only pose and field of view are tuned.
 
-    Raises InputError if no joints are measured.
+    Raises InputError if no joints are measured, or a field of view that a lens or a region defines
+    is to be searched.
     """
+    if footage.lens and options.within_fov_deg:
+        raise InputError(
+            "--within-fov-deg goes with a camera without lens and region: they say what it sees"
+        )
     if not joints_of(task.sensors):
         raise InputError(
             "where a camera is can be told where joints are measured: declare [[sensors]] "
@@ -35,7 +40,7 @@ def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) ->
     camera = camera_pose(
         "camera", footage.camera, (x, y, z), within_m=options.within_m, within_rad=within_rad
     )
-    if footage.lens is None and options.within_fov_deg:
+    if options.within_fov_deg:
         fovy = float(given.fovy[0])
         low = max(fovy - options.within_fov_deg, fovy / 4)
         high = min(fovy + options.within_fov_deg, _LARGEST_FOV_DEG)

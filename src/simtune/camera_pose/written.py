@@ -22,8 +22,11 @@ def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
     model = task.load_model()
     ModelWriter(space, model).write(model, mean)
     given, lens = model.camera(task.cameras[0].camera), task.cameras[0].lens
-    # A lens defines the field of view, and a camera in the world needs no body.
-    where = {} if lens else {"field_of_view_deg": float(given.fovy[0])}
+    # A calibration defines the field of view, and a camera in the world needs no body.
+    where: dict[str, Any] = {}
+    if lens is None or not lens.is_calibrated:
+        fovy_deg = lens.whole_fovy_deg if lens else float(given.fovy[0])
+        where["field_of_view_deg"] = round(fovy_deg, 6)
     if given.bodyid[0]:
         where["body"] = model.body(given.bodyid[0]).name
     parameters = {

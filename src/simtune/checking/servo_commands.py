@@ -9,12 +9,11 @@ from mujoco.batch import Batch
 
 from simtune.observation import JointSensor
 from simtune.simulation import Simulator
+from simtune.simulation.servos import position_servos
 from simtune.trajectory import Trajectory
 
 _CHUNK = 256  # worlds whose controls are computed at once
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
-_AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
-_INTEGRATOR = mujoco.mjtDyn.mjDYN_INTEGRATOR.value
 
 
 class ServoOf(NamedTuple):
@@ -33,11 +32,12 @@ class ServoOf(NamedTuple):
 def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[ServoOf | None]:
     """For each reading the servo that actions command, or None."""
     model, commanded = simulator.model, simulator.action_mapping.names
-    by_joint: dict[str, ServoOf] = {}
+    are_servos, by_joint = position_servos(model), dict[str, ServoOf]()
     for i in range(model.nu):
         pull, gear = -model.actuator_biasprm[i, 1], model.actuator_gear[i, 0]
         is_commanded = (model.actuator(i).name or f"actuator {i}") in commanded
-        if not is_commanded or not _is_of_positions(model, i) or not gear:
+        moves_joint = model.actuator_trntype[i] == _JOINT
+        if not (is_commanded and are_servos[i] and moves_joint and gear):
             continue
         per_length = 1 / (pull * gear)
         limited = bool(model.actuator_ctrllimited[i])
@@ -55,31 +55,35 @@ def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[Serv
     ]
 
 
-def _is_of_positions(model: mujoco.MjModel, i: int) -> bool:
-    """Whether an actuator drives its joint to the control; not one that integrates it."""
-    is_affine = model.actuator_biastype[i] == _AFFINE and model.actuator_biasprm[i, 1] < 0
-    moves_joint = model.actuator_trntype[i] == _JOINT
-    return bool(is_affine and moves_joint and model.actuator_dyntype[i] != _INTEGRATOR)
-
-
 def commands_of(
     simulator: Simulator, sensors: Sequence[JointSensor], trajectories: Sequence[Trajectory]
 ) -> list[np.ndarray]:
     """(T, nu) controls of each episode, as the task's actions give them.
 
-    Relative actions displace joints from their measured positions.
+    Relative actions displace joints from their measured positions, missing ones interpolated.
     """
     batch, by_episode = Batch(simulator.model, _CHUNK), []
     for trajectory in trajectories:
         controls = []
+        positions = {s.name: s for s in sensors if not s.is_velocity}
+        read = {name: _without_gaps(trajectory.readings[name]) for name in positions}
         for start in range(0, len(trajectory), _CHUNK):
             actions = trajectory.actions[start : start + _CHUNK].astype(float)
-            for sensor in sensors:
-                if not sensor.is_velocity:
-                    read = trajectory.readings[sensor.name][start : start + len(actions)]
-                    batch.qpos[: len(read), sensor.places] = np.nan_to_num(read)
+            for name, sensor in positions.items():
+                here = read[name][start : start + len(actions)]
+                batch.qpos[: len(here), sensor.places] = here
             padded = np.pad(actions, ((0, _CHUNK - len(actions)), (0, 0)), mode="edge")
             applied = simulator.action_mapping.apply(batch, padded)
             controls.append(applied[: len(actions)])
         by_episode.append(np.concatenate(controls))
     return by_episode
+
+
+def _without_gaps(readings: np.ndarray) -> np.ndarray:
+    """(T, D) readings with missing ones interpolated; 0 where a column has none."""
+    filled, rows = np.zeros_like(readings), np.arange(len(readings))
+    for column, values in enumerate(readings.T):
+        known = np.isfinite(values)
+        if known.any():
+            filled[:, column] = np.interp(rows, rows[known], values[known])
+    return filled

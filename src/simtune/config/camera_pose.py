@@ -1,5 +1,6 @@
 """The options of `simtune check --camera-pose`."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,6 +38,8 @@ class CameraPoseOptions:
                 f"--camera-pose {self.camera_pose}: expected a new file NAME.toml in a folder that "
                 "is there"
             )
+        if not os.access(self.camera_pose.parent, os.W_OK):
+            raise InputError(f"--camera-pose {self.camera_pose}: its folder cannot be written into")
         if self.camera_pose.exists():
             raise InputError(f"--camera-pose {self.camera_pose}: exists already; name a new file")
         limits = {"within_m": 10.0, "within_deg": 60.0, "within_fov_deg": 60.0}

@@ -114,5 +114,7 @@ class EvaluateConfig(Prints):
 
     def check(self) -> None:
         """Raises InputError for invalid options."""
+        if self.real:
+            usual_without(self, "a run of train, and not with --real", "parameters", "seed")
         at_least(self, 1, "episodes")
         check_seed(self.seed)

@@ -118,7 +118,7 @@ def left_open(loop: OpenLoop, keypoints: Keypoints, parameters: np.ndarray) -> n
     keypoints by itself, such as a camera's pose. Fewer are learnt sooner, and better.
     """
     simulator, all_of_them = loop.physics.simulator, np.ones(len(keypoints), bool)
-    if loop.unseen or not loop.is_loose.any():
+    if loop.unseen or not loop.knows_all_but_objects:
         return all_of_them
     rng, worlds = np.random.default_rng(0), np.repeat(parameters[None], _BEGUN, 0)
     begun = simulator.begin(worlds, rng).states[:, 0]

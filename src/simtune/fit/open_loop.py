@@ -13,8 +13,9 @@ from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, Stretches, filled, velocities
 from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
+from simtune.parameters.backlash import play_of
 from simtune.simulation import AnySimulator, Simulator
-from simtune.simulation.loose_objects import loose_joints, loose_places
+from simtune.simulation.loose_objects import loose_joints, loose_places, passive_joints
 
 _VELOCITY_ERROR = 3.0  # std of an initial velocity, in position noise per step
 _FAR_AWAY = 1e3  # in units of the model's extent
@@ -56,6 +57,17 @@ class OpenLoop:
         for joint in loose_joints(model):
             place, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
             self.is_loose_position[place : place + 7] = self.is_loose[dof : dof + 6] = True
+
+    @property
+    def knows_all_but_objects(self) -> bool:
+        """Whether readings, and what is driven or tied, tell all states but loose objects'.
+
+        Not those of a door or a lid: whatever touches it moves it, and only pictures show that.
+        """
+        model = self.physics.simulator.model
+        measured = [list(model.jnt_qposadr).index(place) for place in self._places]
+        known = [*measured, *(play_of(model, joint) for joint in measured)]
+        return bool(self.is_loose.any() and np.isin(passive_joints(model), known).all())
 
     @classmethod
     def of(

@@ -75,5 +75,5 @@ def run_bootstrap(
     shape = (-1, len(unit))
     off, std = np.array(errors).reshape(shape)[kept], np.array(stds).reshape(shape)[kept]
     usual = usual_std(std, fit, np.array(rough))
-    claimed = np.hypot(believed_std(std, usual, len(std)), fit.discrepancy_std)
+    claimed = np.hypot(believed_std(std, usual, len(std)), fit.refitted_discrepancy_std)
     return Bootstrap(off / claimed, fit.is_moving, misfits, usual, fit.unfitted)

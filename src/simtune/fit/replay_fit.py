@@ -140,11 +140,12 @@ class ReplayFit:
     ) -> tuple[np.ndarray, np.ndarray]:
         """(N,) standard deviations and (N, N) correlation; held parameters keep their std."""
         std = start.std.copy()
-        std[self._setup.moving] = np.hypot(np.sqrt(np.diag(motion.covariance)), apart)
+        covariance = motion.covariance + np.outer(apart, apart)
+        std[self._setup.moving] = np.sqrt(np.diag(covariance))
         std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
         kinds = np.where(self.space.is_appearance, "appearance", "moving")
         at_least = np.maximum(std, [_SMALLEST_STD[kind] for kind in kinds])
-        blocks = (self._setup.moving, motion.covariance), (self._appearance, pictures.covariance)
+        blocks = (self._setup.moving, covariance), (self._appearance, pictures.covariance)
         return at_least, diluted(block_correlation(len(std), blocks), std / at_least)
 
     def _starts(
@@ -179,9 +180,9 @@ class ReplayFit:
     def _fit_motion(
         self, observed: Observed, states: np.ndarray, start: PointEstimate, until_s: float | None
     ) -> tuple[ShootingFit, np.ndarray, ShootingFit]:
-        """Fit from below and above the start: the middle, and (P,) its estimated error.
+        """Fit from below and above the start: the middle, and (P,) its estimated error, with signs.
 
-        The error is half the distance of the two results, or up to that distance if the middle
+        The error is half the difference of the two results, or up to that distance if the middle
         moved farther from the start than the two began. If the horizon is extended from the middle,
         that result replaces it; half of the change counts as an error, too, since longer windows
         may be as biased as the short ones were. `until_s`: see `extend_horizon`; None: no longer
@@ -199,10 +200,10 @@ class ReplayFit:
         one, other = (fit.unit for fit in fits)
         middle = replace(better, unit=(one + other) / 2)
         went = np.abs(middle.unit - unit[self._setup.moving]) / aside[self._setup.moving]
-        off = np.abs(one - other) / 2 * np.clip(went, 1, _FARTHEST)
+        off = (one - other) / 2 * np.clip(went, 1, _FARTHEST)
         if until_s is not None:
             extended = shooting.extend_horizon(observed, states, start.parameters, middle, until_s)
             if extended is not middle:
-                misled = np.abs(extended.unit - middle.unit) / 2
-                return extended, np.maximum(misled, off), middle
+                misled = (extended.unit - middle.unit) / 2
+                return extended, np.where(np.abs(misled) > np.abs(off), misled, off), middle
         return middle, off, middle

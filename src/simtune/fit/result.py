@@ -67,6 +67,11 @@ class FitResult:
         return np.hypot(self.std, self.discrepancy_std)
 
     @property
+    def refitted_discrepancy_std(self) -> np.ndarray:
+        """(N,) the part of the discrepancy that refits show: what cameras do to colours."""
+        return np.where(self.is_moving, 0.0, self.discrepancy_std)
+
+    @property
     def claimed_correlation(self) -> np.ndarray:
         """(N, N) of the same errors; the discrepancy is independent between parameters."""
         return diluted(self.correlation, self.std / self.claimed_std)

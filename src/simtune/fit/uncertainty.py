@@ -29,20 +29,23 @@ _NOT_JUDGED = (
 def judged(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitResult:
     """The fit with bias removed, and with the standard deviations that refits show.
 
-    These include the discrepancy and what fits like this usually claim; they grow if this one
-    explains the motion, or the pixels that show a parameter, worse than the refits do. Then less of
-    the bias is removed, since something else is wrong.
+    These include what fits like this usually claim; they grow if this one explains the motion, or
+    the pixels that show a parameter, worse than the refits do. Then less of the bias is removed,
+    since something else is wrong. The motion's discrepancy is added in the end: refits have none,
+    so they must not scale it down.
     """
     worse = np.full(len(fit.std), max(1.0, *bootstrap.motion_ratios(fit.misfit)))
     # A fit to pictures claims more where pixels are noisier, but `believed` takes half of it away.
     noisier = np.maximum(1.0, bootstrap.picture_ratios(fit.misfit))
     worse[~fit.is_moving] = np.sqrt(noisier)
-    claimed = np.hypot(bootstrap.believed(fit.std), fit.discrepancy_std)
-    unit = space.to_unit(fit.parameters) - bootstrap.bias() * claimed / worse
-    std = bootstrap.believed(fit.std) * worse
-    std = bootstrap.inflation() * np.hypot(std, fit.discrepancy_std)
+    believed, refitted = bootstrap.believed(fit.std), fit.refitted_discrepancy_std
+    unit = space.to_unit(fit.parameters) - bootstrap.bias() * np.hypot(believed, refitted) / worse
+    std = bootstrap.inflation() * np.hypot(believed * worse, refitted)
+    std = np.where(
+        fit.is_moving, np.hypot(std, fit.discrepancy_std), np.maximum(std, fit.discrepancy_std)
+    )
     parameters = space.clip(space.from_unit(np.clip(unit, 0, 1)))
-    return replace(fit, parameters=parameters, std=np.maximum(std, fit.discrepancy_std))
+    return replace(fit, parameters=parameters, std=std)
 
 
 def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:

@@ -35,6 +35,8 @@ def begin_whole(
     loop = loop.by_starts_alone()
     first, noise = whole.first(_FIRST), usual_noise(loop.sensors)
     start_std, states = loop.start_std(noise, first.values), first.states
+    if not len(start_std):  # only velocities are read
+        return whole, states
     shift, no_offset = np.zeros((len(states), len(start_std))), np.zeros(len(noise), bool)
     for _ in range(_ITERATIONS):
         slopes = differentiate(loop, Where(first, states, unit, start_std))

@@ -15,14 +15,19 @@ class JointReadings:
     name: str
     unit: str
     values: np.ndarray  # (..., K, D)
-    noise: float
+    noise: float | np.ndarray  # of all, or (D,)
     middle: np.ndarray  # (D,) mean and std, which scale a network's inputs to about 1
     spread: np.ndarray
     finds_offset: bool = False  # whether a constant offset is unknown
 
     @classmethod
     def of(
-        cls, name: str, unit: str, values: np.ndarray, noise: float, finds_offset: bool = False
+        cls,
+        name: str,
+        unit: str,
+        values: np.ndarray,
+        noise: float | np.ndarray,
+        finds_offset: bool = False,
     ) -> "JointReadings":
         flat = values.reshape(-1, values.shape[-1])
         middle, spread = np.nanmean(flat, 0), np.nanstd(flat, 0)

@@ -28,9 +28,11 @@ class JointSensor:
     # (D,) recorded = `shift` + `factor` · reading
     factor: np.ndarray
     shift: np.ndarray
-    noise: float | None = None  # standard deviation, in `unit`; None: unknown
+    # Standard deviation, in `unit`, of all or (D,) of each; None: unknown
+    noise: float | np.ndarray | None = None
     offset: np.ndarray | None = None  # (D,) measured − true, in `unit`; None: unknown
     latency_s: float = 0.0  # by which a reading is older than its picture
+    endless: np.ndarray | None = None  # (D,) bool: positions of hinges without limits
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -56,7 +58,7 @@ class JointSensor:
         return np.zeros(self.size) if self.offset is None else self.offset
 
     @property
-    def noise_or_usual(self) -> float:
+    def noise_or_usual(self) -> float | np.ndarray:
         return _USUAL_NOISE if self.noise is None else self.noise
 
     def from_recorded(self, recorded: np.ndarray, step_s: float) -> np.ndarray:
@@ -65,6 +67,8 @@ class JointSensor:
         `recorded`: (T + 1, D) as recorded, one per step of `step_s` seconds.
         """
         readings = (recorded - self.shift) / self.factor - self._known_offset
+        if self.endless is not None:
+            readings = np.where(self.endless, unwrapped(readings), readings)
         return read_later(readings, self.latency_s / step_s) if self.latency_s else readings
 
     def to_recorded(self, readings: np.ndarray) -> np.ndarray:
@@ -86,6 +90,19 @@ class JointSensor:
         return JointReadings.of(
             self.name, self.unit, readings, self.noise_or_usual, self.finds_offsets
         )
+
+
+def unwrapped(angles: np.ndarray) -> np.ndarray:
+    """(T, D) angles in rad without jumps by a turn, where a column lies within a turn; NaN: none.
+
+    Many encoders of endless hinges begin again after a turn, and simulated joints count on.
+    """
+    counted = angles.copy()
+    for column, values in enumerate(angles.T):
+        known = np.flatnonzero(np.isfinite(values))
+        if len(known) and np.ptp(values[known]) <= 2 * np.pi:
+            counted[known, column] = np.unwrap(values[known])
+    return counted
 
 
 def read_later(values: np.ndarray, steps: float) -> np.ndarray:
@@ -128,8 +145,9 @@ def usual_noise(sensors: Sequence[JointSensor]) -> np.ndarray:
 
 def declared_noise(sensors: Sequence[JointSensor]) -> np.ndarray:
     """(D,) standard deviations that the tuning file declares; infinite: none."""
-    known = [np.inf if sensor.noise is None else sensor.noise_or_usual for sensor in sensors]
-    return np.repeat(known, [sensor.size for sensor in sensors])
+    return np.concatenate(
+        [np.full(s.size, np.inf if s.noise is None else s.noise_or_usual) for s in sensors]
+    )
 
 
 def finds_offset(sensors: Sequence[JointSensor]) -> np.ndarray:

@@ -19,9 +19,7 @@ from simtune.real.archive import RecordingArchive, RecordingSession
 from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
 from simtune.robot.displacements import Displacements
 from simtune.simulation import (
-    DirectActions,
     PixelPolicy,
-    ScaledActions,
     random_actions,
     scale_actions,
 )
@@ -56,6 +54,12 @@ class RobotReal(RealWorld):
                 "other [[cameras]] out, or record it yourself and give the recordings"
             )
         footage = replace(task.cameras[0], key=None)  # the robot's recordings have one camera only
+        if footage.lens:
+            raise InputError(
+                f"{task.name} has a lens or a region, and a robot's camera is used as it is: the "
+                "square in the middle of its picture. Leave them out, give that square's "
+                "field_of_view_deg, or record it yourself and give the recordings"
+            )
         self.observation = ObservationModel.of_reality(films=(footage,))
         mapping = task.load_actions()
         self.step_s, self.num_actions = task.step_s, len(mapping.names)
@@ -69,7 +73,7 @@ class RobotReal(RealWorld):
                 f"{task.name} takes a step every {self.step_s:g} s; a camera needs at least "
                 f"{_SHORTEST_STEP_S:g} s"
             )
-        if isinstance(mapping, DirectActions | ScaledActions):
+        if not getattr(mapping, "is_relative", False):
             raise InputError(
                 f"an action of {task.name} is a control, and a robot's a displacement: have the "
                 'tuning file say mapping = "mocap" or "joints" (docs/tuning-file.md)'

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from simtune.config.robot import RobotConfig
+from simtune.cuda_graph import CALLS_BEFORE_REPLAY
 from simtune.errors import InputError, RobotError
 from simtune.pictures import middle_square, resize
 from simtune.robot.displacements import Displacements
@@ -63,7 +64,9 @@ class Session:
 
     def play(self, act: ActOnFrames, num_steps: int, note: Note) -> Trajectory:
         """Play one episode; its actions are those sent. `note` is called immediately per step."""
-        act(0, [self._look()[0]])  # the first call is slow, so make it before the clock runs
+        first = [self._look()[0]]
+        for _ in range(CALLS_BEFORE_REPLAY):  # slow on a GPU, so make these before the clock runs
+            act(0, first)
         frames, sent_actions = [], []
         with self._arm.moving():
             begun_s = time.monotonic()

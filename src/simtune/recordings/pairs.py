@@ -63,6 +63,8 @@ class PairsSource:
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         if not self._is_acted_on:
             seen_s = video.frame_times(self._video(episode))
+            if len(seen_s) < 2:
+                raise InputError(f"{self._video(episode)}: holds one frame; expected at least 2")
             return Rows(np.empty((len(seen_s), 0)), seen_s, float(seen_s[-1]))
         path = self._table(episode)
         header = read_header(path)

@@ -1,7 +1,7 @@
 """Resamples an episode to equal steps, and checks that this is possible."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from simtune.errors import InputError
 from simtune.recordings.resample import step_actions, step_readings, step_times, typical_step_s
 from simtune.recordings.source import MOST_ROWS, Reading, Rows, first_wrong, short
 
-_LARGEST_READING = 1e6  # larger than any joint reading in any unit
+_LARGEST_READING = 1e9  # larger than any joint reading in any unit, counts of encoders too
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,7 @@ def make_steps(
     Raises InputError, which names the episode as `where`, if actions are not finite, or the episode
     is too short or too long.
     """
+    rows = _without_last(rows)
     with np.errstate(over="ignore"):
         is_finite = np.isfinite(rows.actions.astype(np.float32))  # float32, as they are stored
     if (row := first_wrong(np.any(~is_finite, axis=1))) is not None:
@@ -49,6 +50,13 @@ def make_steps(
         )
     actions = step_actions(rows, times_s).astype(np.float32)
     return Steps(times_s, actions, _by_sensor(where, rows, times_s, sensors))
+
+
+def _without_last(rows: Rows) -> Rows:
+    """With the last but one action twice: at the last frame none is carried out, nor needed."""
+    if len(rows) < 2 or rows.times_s[-1] < rows.until_s:
+        return rows
+    return replace(rows, actions=np.concatenate([rows.actions[:-1], rows.actions[-2:-1]]))
 
 
 def check_rate(where: str, rows: Rows, step_s: float) -> None:

@@ -9,6 +9,7 @@ import importlib
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ class LeRobot:
         if missing:
             raise InputError(f"the workspace lacks {missing[0]}, which the robot's actions have")
         self.axes, self.robot = tuple(axes), robot
+        self._latest: np.ndarray | None = None  # place that was measured
 
     def connect(self) -> None:
         with blame("the robot does not connect", RobotError):
@@ -43,7 +45,10 @@ class LeRobot:
     def measure(self) -> np.ndarray:
         with blame("the robot does not tell where it is", RobotError):
             seen = self.robot.get_observation()
-            return np.array([float(seen[axis]) for axis in self.axes])
+            place = np.array([float(seen[axis]) for axis in self.axes])
+        if np.isfinite(place).all():
+            self._latest = place
+        return place
 
     def move_to(self, target: np.ndarray) -> np.ndarray:
         with blame("the robot does not move", RobotError):
@@ -52,11 +57,16 @@ class LeRobot:
             return np.array([float(sent[axis]) for axis in self.axes])
 
     def stop(self) -> None:
-        """Send the robot to its current position, since the interface cannot stop it."""
-        place = self.measure()
-        if not np.isfinite(place).all():
-            raise RobotError(f"the robot cannot be stopped: it says that it is at {place.tolist()}")
-        self.move_to(place)
+        """Send the robot to its current position, since the interface cannot stop it.
+
+        To the latest one that is known, if it does not tell: an observation includes pictures, and
+        a camera may be what failed.
+        """
+        with suppress(RobotError):
+            self.measure()
+        if self._latest is None:
+            raise RobotError("the robot cannot be stopped: it has never told where it is")
+        self.move_to(self._latest)
 
     def close(self) -> None:
         with blame("the robot does not disconnect", RobotError):

@@ -189,7 +189,7 @@ class RunFolder:
                 f"{path} is damaged ({error}), and what it showed cannot be filmed again: "
                 "give another --out to start anew"
             ) from None
-        count = sum(name.endswith(".actions") for name in tensors)
+        count = sum(name.split(".")[1:] == ["actions"] for name in tensors)
         return [_trajectory(under(f"{i}.", tensors), step_s) for i in range(count)]
 
     def _real(self, cycle: int) -> Path:

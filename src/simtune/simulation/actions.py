@@ -17,6 +17,7 @@ from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName
 from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.simulation.servos import position_servos
 
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 
@@ -132,8 +133,10 @@ class JointActions(ActionMapping):
             if kind != _JOINT or model.jnt_type[joint] not in HINGE_OR_SLIDE:
                 raise InputError(f"{name} moves no hinge and no slide, so it displaces none")
         # Its force depends on the joint's distance from the control, as of MuJoCo's <position>
-        for name, pull in zip(self.names, model.actuator_biasprm[ids, 1], strict=True):
-            if pull >= 0:
+        bias, gain = model.actuator_biasprm[ids], model.actuator_gainprm[ids, 0]
+        is_servo = position_servos(model)[ids] & (bias[:, 0] == 0) & np.isclose(gain, -bias[:, 1])
+        for name, is_one in zip(self.names, is_servo, strict=True):
+            if not is_one:
                 raise InputError(
                     f"{name} is no servo of positions (<position>), so it displaces nothing: "
                     "use another mapping"

@@ -4,9 +4,10 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from simtune.simulation.servos import position_servos
+
 _DYN = mujoco.mjtDyn
 _FILTERS = (_DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
-_AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
 
 
 class HeldControls:
@@ -17,8 +18,7 @@ class HeldControls:
     """
 
     def __init__(self, model: mujoco.MjModel):
-        is_servo = (model.actuator_biastype == _AFFINE) & (model.actuator_biasprm[:, 1] < 0)
-        is_servo &= model.actuator_ctrlnum == 1
+        is_servo = position_servos(model) & (model.actuator_ctrlnum == 1)
         is_filter = np.isin(model.actuator_dyntype, _FILTERS) & (model.actuator_actnum == 1)
         filtered = is_servo & is_filter
         self._acts = model.actuator_actadr[filtered]

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from simtune.parameters.fields import OF_JOINTS
 from simtune.simulation.states import StateSpace
 
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
@@ -19,6 +20,15 @@ def loose_joints(model: mujoco.MjModel) -> np.ndarray:
         return np.zeros(0, int)
     alone = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=model.nbody) == 1
     return np.flatnonzero((model.jnt_type == _FREE) & alone[model.jnt_bodyid])
+
+
+def passive_joints(model: mujoco.MjModel) -> np.ndarray:
+    """Joints that no actuator drives, without those of loose objects: a lid, a door.
+
+    Meant for models with loose objects, where nothing ties joints to each other.
+    """
+    driven = model.actuator_trnid[np.isin(model.actuator_trntype, OF_JOINTS), 0]
+    return np.setdiff1d(np.arange(model.njnt), np.union1d(driven, loose_joints(model)))
 
 
 def loose_places(model: mujoco.MjModel) -> list[int]:

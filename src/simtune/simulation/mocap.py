@@ -103,7 +103,7 @@ def find_held(model: mujoco.MjModel, name: str) -> Held:
             )
         raise UnknownName("mocap body", name, "the model", names)
     for equality in range(model.neq):
-        if model.eq_type[equality] in (_WELD, _CONNECT):
+        if model.eq_type[equality] in (_WELD, _CONNECT) and model.eq_active0[equality]:
             ends = _ends(model, equality)
             for (body, point), (other, other_point) in (ends, ends[::-1]):
                 if body == names[name]:

@@ -58,7 +58,7 @@ class Found(NamedTuple):
     """The best of several descents, and how far others agree."""
 
     best: Descent
-    apart: np.ndarray  # (P,) half the distance to others that are as good
+    apart: np.ndarray  # (P,) half the difference from others that are as good, at most
     is_sure: bool  # whether another one is as good
     num_fits: int
     is_whole: bool  # of whole episodes, rather than stretches of the last horizon
@@ -187,7 +187,8 @@ class ReadingsFits:
     def _found(self, fits: list[Descent], is_whole: bool) -> Found:
         best = min(fits, key=lambda descent: descent.cost)
         as_good = [descent.unit for descent in fits if descent.cost < best.cost + _CLEARLY_BETTER]
-        apart = np.abs(as_good - best.unit).max(0)[self._moving] / 2
+        differences = (as_good - best.unit)[:, self._moving] / 2
+        apart = np.take_along_axis(differences, np.abs(differences).argmax(0)[None], 0)[0]
         return Found(best, apart, is_twice(fits), len(fits), is_whole)
 
     def _aside(self, best: Descent, rng: np.random.Generator, together: bool) -> Guess:

@@ -6,7 +6,7 @@ import numpy as np
 
 from simtune.fit import OutputErrorFit
 from simtune.fit.lateness import MOST_STEPS
-from simtune.fit.result import block_correlation
+from simtune.fit.result import block_correlation, diluted
 from simtune.fit.uncertainty import latency_warning, lateness_warning, tell_apart
 from simtune.observation import ObservationModel, joints_of
 from simtune.randomization import Distribution
@@ -60,9 +60,9 @@ def conclude(
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
     space, fitted = first.space, np.flatnonzero(~first.space.is_appearance)
     std = np.full(len(space), _UNKNOWN_STD)
-    std[fitted] = np.hypot(np.sqrt(np.diag(judged.covariance)), found.apart)
-    std[fitted] *= 1.0 if found.is_sure else _UNSURE
-    discrepancy = observation.discrepancy_std(space.is_appearance)
+    covariance = judged.covariance + np.outer(found.apart, found.apart)
+    std[fitted] = np.sqrt(np.diag(covariance)) * (1.0 if found.is_sure else _UNSURE)
+    of_fit, discrepancy = std, observation.discrepancy_std(space.is_appearance)
     std = np.maximum(np.hypot(std, discrepancy), _LEAST_STD)
     ends = (judged.unit - _SEEN_WIDTH * std, judged.unit + _SEEN_WIDTH * std)
     low, high = (space.from_unit(np.clip(end, 0, 1)) for end in ends)
@@ -70,7 +70,8 @@ def conclude(
     seen = first.with_interval(mean, low, high)
     width = space.to_unit(high) - space.to_unit(low)
     curves = normal_curves(seen.to_range_unit(mean), std / width)
-    correlation = block_correlation(len(std), [(fitted, judged.covariance)])
+    correlation = block_correlation(len(std), [(fitted, covariance)])
+    correlation = diluted(correlation, of_fit / std)
     is_sure = found.is_sure and not is_too_late(judged)
     read = read_curves(curves, seen, first, RangeUpdateConfig())
     estimate = replace(

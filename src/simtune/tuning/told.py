@@ -25,6 +25,7 @@ from simtune.tuning.estimate import Estimate
 from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
 from simtune.tuning.search import SearchContext
 
+_NO_SAY = "Joint readings alone had no say in the estimates: "
 _CENTRAL = 2 * 1.645  # width of a 90 % interval in standard deviations
 
 
@@ -68,7 +69,9 @@ class Told:
         loop = OpenLoop.of(simulator, seen, context.start)
         if loop.unseen:
             return None
-        joints = JointMotion(loop, finds_offset(loop.sensors)) if loop.is_loose.any() else None
+        joints = None
+        if loop.knows_all_but_objects:
+            joints = JointMotion(loop, finds_offset(loop.sensors))
         search = ReadingsSearch(context, ReadingsConfig(precision=0.0))
         estimate = search.run_round(real, budget).estimate
         found = estimate, search.distribution, search.is_trusted
@@ -119,7 +122,9 @@ class Told:
         widths = [space.to_unit(e.high) - space.to_unit(e.low) for e in (told, estimate)]
         own = (widths[0] <= widths[1]) & ~space.is_appearance & self.counts
         mixed = _mixed(own, told, estimate)
-        doubts = told.warnings if own.any() else []
+        doubts = told.warnings
+        if not own.any():
+            doubts = [_NO_SAY + w for w in doubts if not self.counts and w not in mixed.warnings]
         together = {} if mixed.correlation is None else tell_apart(mixed.correlation, space)
         late = estimate.latency_steps + self.latency_steps
         return replace(

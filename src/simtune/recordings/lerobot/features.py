@@ -74,7 +74,8 @@ def _names(names: object, depth: int = _NESTED) -> Iterator[str]:
     """Names in [...], {"motors": [...]}, [[...]] or {name: place}: recorders differ."""
     if isinstance(names, dict):
         are_places = sorted(map(str, names.values())) == sorted(map(str, range(len(names))))
-        names = sorted(names, key=names.__getitem__) if are_places else list(names.values())
+        places = names
+        names = sorted(names, key=lambda n: int(places[n])) if are_places else [*names.values()]
     for name in names if isinstance(names, list) else ():
         if not isinstance(name, list | dict):
             yield str(name)

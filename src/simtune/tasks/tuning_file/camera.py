@@ -13,6 +13,7 @@ from simtune.tasks.tuning_file.footage import read_footage
 from simtune.tasks.tuning_file.region import own_fovy_deg, read_region, turn
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
+_ORTHOGRAPHIC = mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC
 _POSE = ("position_m", "look_at_m", "up", "quat", "field_of_view_deg", "body")
 _ADDED = "simtune_camera"  # default name of a new camera in the model
 
@@ -39,6 +40,11 @@ class FilmingCamera:
                 spec.delete(before)
             spec.body(self.body).add_camera(
                 name=name, pos=self.position_m, quat=quaternion, fovy=self.fovy_deg
+            )
+        elif spec.camera(name).proj == _ORTHOGRAPHIC:
+            raise InputError(
+                f"camera {name} of the model is orthographic, and a real camera has a perspective: "
+                "give it a fovy in degrees"
             )
         elif has_sensor(spec.camera(name)):
             raise InputError(

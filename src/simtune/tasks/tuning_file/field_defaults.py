@@ -12,6 +12,8 @@ from simtune.parameters.field_index import field_index
 from simtune.parameters.fields import KINDS, OF_JOINTS
 from simtune.parameters.model_writer import start_from_material
 
+_MUSCLE = mujoco.mjtGain.mjGAIN_MUSCLE.value
+
 
 def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
     """The model's values at the places that the parameter writes; of any shape.
@@ -55,6 +57,12 @@ def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
         rows = rows_of(model, parameter.field, name)
         if problem := parameter.field_info.object_problem(model, rows, name):
             raise InputError(problem)
+        is_gain = parameter.field == "actuator_gainprm" and not parameter.component
+        if is_gain and model.actuator_gaintype[rows].item() == _MUSCLE:
+            raise InputError(
+                f"{name} is a muscle, which has no gain: its force is component 2 of field = "
+                '"actuator_gainprm", or 3, if that is −1'
+            )
     if parameter.is_factor and parameter.field_info.form == "range":
         _without_form(model, parameter, own_values(model, parameter))
 

@@ -77,10 +77,17 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         unit=_own_unit(model, ids) + "/s" * is_velocity,
         factor=factor,
         shift=shift,
-        noise=None if noise is None else noise / float(np.abs(factor).mean()),
+        noise=None if noise is None else noise / np.abs(factor),
         offset=None if offset is None else offset / factor,
         latency_s=latency_s,
+        endless=None if is_velocity else _endless(model, ids),
     )
+
+
+def _endless(model: mujoco.MjModel, ids: np.ndarray) -> np.ndarray | None:
+    """(D,) bool: hinges without limits; None: all have some."""
+    endless = (model.jnt_type[ids] == _HINGE) & ~np.asarray(model.jnt_limited[ids], bool)
+    return endless if endless.any() else None
 
 
 def _plays(
@@ -102,6 +109,7 @@ def _recorded_per_unit(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(D,) factor and (D,) shift that turn the joints' rad or m into recorded numbers."""
     if "gain" in entry:
+        _check_kinds(entry, model, ids)
         return 1 / _gains(entry, len(ids)), np.zeros(len(ids))
     unit = entry.choice("unit", (*_UNITS, *_OF_RANGE), _own_unit(model, ids))
     if unit in _OF_RANGE:
@@ -130,6 +138,11 @@ def _gains(entry: TomlTable, num: int) -> np.ndarray:
     return np.broadcast_to(gains, num)
 
 
+def _check_kinds(entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray) -> None:
+    if len(set(model.jnt_type[ids].tolist())) > 1:
+        raise entry.error("give hinges and slides sensors of their own", "joints")
+
+
 def _joint(entry: TomlTable, model: mujoco.MjModel, name: str) -> int:
     index = model.joint(name).id
     if model.jnt_type[index] not in HINGE_OR_SLIDE:
@@ -141,8 +154,7 @@ def _of_range(
     entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, unit: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Factor and shift, as in `_recorded_per_unit`, for a unit that is relative to the range."""
-    if len(set(model.jnt_type[ids].tolist())) > 1:
-        raise entry.error("give hinges and slides sensors of their own", "joints")
+    _check_kinds(entry, model, ids)
     low, high = model.jnt_range[ids].T
     if not np.all(model.jnt_limited[ids]):
         name = model.joint(int(ids[np.argmin(model.jnt_limited[ids])])).name
