@@ -20,12 +20,14 @@ from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import OpenLoop, OutputErrorFit, Readings
 from simtune.fit.differences import Where, differentiate
 from simtune.fit.normal_equations import NormalEquations, jackknife
+from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.record import record
 from simtune.replayed import Tuned, replay
 from simtune.report.data import RunData
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.readings import ReadingsSearch
 from simtune.tuning.readings_fits import Found
 from simtune.tuning.readings_verdict import conclude
@@ -386,19 +388,44 @@ def test_a_delay_in_steps_is_one_in_seconds_at_another_rate():
     assert (steps, late_s) == (0, pytest.approx(0.044))
 
 
+def as_recorded(experiment: Experiment) -> ObservationModel:
+    return replace(experiment.context.observation, is_simulated=False)
+
+
+def concluded(experiment: Experiment, covariance: np.ndarray, apart: np.ndarray) -> Estimate:
+    """From a fit in the middle of all ranges."""
+    facts = {"covariance": covariance, "unit": np.full(len(apart), 0.5), "late_steps": (0.0, 0.0)}
+    facts |= {"offsets": np.zeros(2), "noise": np.full(2, 0.001), "start": np.zeros(1)}
+    judged = cast(OutputErrorFit, SimpleNamespace(**facts))
+    found = cast(Found, SimpleNamespace(apart=apart, is_sure=True, is_whole=True, num_fits=2))
+    first = Distribution.first(experiment.space, experiment.space.nominal)
+    return conclude(judged, found, first, as_recorded(experiment), 0, 0.05)[0]
+
+
 def test_errors_that_are_added_to_a_fits_thin_its_correlations_out(truth: Path, tmp_path: Path):
     """Two that are told well together only: what no fit can detect is not common to them."""
     experiment = pseudo(write_arm(tmp_path), truth, tmp_path / "run")
-    observation = replace(experiment.context.observation, is_simulated=False)
-    first, num = Distribution.first(experiment.space, experiment.space.nominal), 4
+    num = len(TRUTH)
     covariance = 1e-4 * (0.99 * np.ones((num, num)) + 0.01 * np.eye(num))
-    facts = {"covariance": covariance, "unit": np.full(num, 0.5), "late_steps": (0.0, 0.0)}
-    facts |= {"offsets": np.zeros(2), "noise": np.full(2, 0.001), "start": np.zeros(1)}
-    judged = cast(OutputErrorFit, SimpleNamespace(**facts))
     apart = np.array([0.003, -0.003, 0.0, 0.0])
-    found = cast(Found, SimpleNamespace(apart=apart, is_sure=True, is_whole=True, num_fits=2))
-    estimate, _ = conclude(judged, found, first, observation, 0, 0.05)
+    estimate = concluded(experiment, covariance, apart)
+    observation = as_recorded(experiment)
     discrepancy = observation.discrepancy_std(np.zeros(num, bool))[0]
     total = covariance + np.outer(apart, apart) + discrepancy**2 * np.eye(num)
     std = np.sqrt(np.diag(total))
-    np.testing.assert_allclose(estimate.correlation, total / np.outer(std, std), rtol=1e-9)
+    # Nearly: the weak prior of a fit is taken out of its standard deviations
+    np.testing.assert_allclose(estimate.correlation, total / np.outer(std, std), rtol=1e-3)
+
+
+def test_what_readings_say_nothing_of_is_as_wide_as_its_range(truth: Path, tmp_path: Path):
+    """The fit's prior, a standard deviation of .3, is no knowledge."""
+    experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
+    nothing = concluded(experiment, 0.3**2 * np.eye(num), np.zeros(num))
+    assert nothing.verdict == ["not identifiable"] * num
+    little = concluded(experiment, 0.15**2 * np.eye(num), np.zeros(num))
+    much = concluded(experiment, 0.02**2 * np.eye(num), np.zeros(num))
+    space = experiment.space
+    stds = [np.ptp([space.to_unit(e.low), space.to_unit(e.high)], 0) / 3.29 for e in (little, much)]
+    by_data = [1 / np.sqrt(std**-2 - 0.3**-2) for std in (0.15, 0.02)]
+    np.testing.assert_allclose(stds[0], by_data[0], rtol=0.03)
+    np.testing.assert_allclose(stds[1], np.hypot(by_data[1], 0.005), rtol=0.03)

@@ -13,7 +13,7 @@ from simtune.fit.readings import Stretches
 from simtune.fit.residuals import HUBER
 from simtune.fit.slopes import Slopes
 
-_PRIOR_STD = 0.3  # of parameters, in unit coordinates: weak, a factor of 3 or so
+PRIOR_STD = 0.3  # of parameters, in unit coordinates: weak, a factor of 3 or so
 _LARGEST_STEP = 0.12
 
 
@@ -65,7 +65,7 @@ class ReplayCost:
     def cost(self, point: Point, residuals: np.ndarray, noise: np.ndarray) -> float:
         size = np.abs(np.nan_to_num(residuals / noise))
         huber = np.where(size < HUBER, size**2 / 2, HUBER * (size - HUBER / 2))
-        away = (point.unit - self.prior)[self.loop.fitted] / _PRIOR_STD
+        away = (point.unit - self.prior)[self.loop.fitted] / PRIOR_STD
         return float(huber.sum() + np.square(point.shift).sum() / 2 + np.square(away).sum() / 2)
 
     def equations(self, point: Point, slopes: Slopes, noise: np.ndarray) -> NormalEquations:
@@ -78,8 +78,8 @@ class ReplayCost:
         """Information and slope of all stretches, and of the prior Π of parameters (the first)."""
         information, slope = equations.information.sum(0), equations.slope.sum(0)
         own = np.arange(len(self.loop.fitted))
-        information[own, own] += _PRIOR_STD**-2
-        slope[own] += (unit - self.prior)[self.loop.fitted] / _PRIOR_STD**2
+        information[own, own] += PRIOR_STD**-2
+        slope[own] += (unit - self.prior)[self.loop.fitted] / PRIOR_STD**2
         return information, slope
 
     def step(self, point: Point, equations: NormalEquations, damping: float) -> Point:

@@ -6,6 +6,7 @@ import numpy as np
 
 from simtune.fit import OutputErrorFit
 from simtune.fit.lateness import MOST_STEPS
+from simtune.fit.replay_cost import PRIOR_STD
 from simtune.fit.result import block_correlation, diluted
 from simtune.fit.uncertainty import latency_warning, lateness_warning, tell_apart
 from simtune.observation import ObservationModel, joints_of
@@ -61,7 +62,7 @@ def conclude(
     space, fitted = first.space, np.flatnonzero(~first.space.is_appearance)
     std = np.full(len(space), _UNKNOWN_STD)
     covariance = judged.covariance + np.outer(found.apart, found.apart)
-    std[fitted] = np.sqrt(np.diag(covariance)) * (1.0 if found.is_sure else _UNSURE)
+    std[fitted] = _by_data(np.diag(covariance)) * (1.0 if found.is_sure else _UNSURE)
     of_fit, discrepancy = std, observation.discrepancy_std(space.is_appearance)
     std = np.maximum(np.hypot(std, discrepancy), _LEAST_STD)
     ends = (judged.unit - _SEEN_WIDTH * std, judged.unit + _SEEN_WIDTH * std)
@@ -92,6 +93,15 @@ def conclude(
         offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),
     )
     return estimate, seen
+
+
+def _by_data(variance: np.ndarray) -> np.ndarray:
+    """(P,) standard deviations without the fit's prior: it is no knowledge, and keeps steps short.
+
+    At most that of parameters that nothing shows.
+    """
+    information = 1 / variance - 1 / PRIOR_STD**2
+    return 1 / np.sqrt(np.maximum(information, 1 / _UNKNOWN_STD**2))
 
 
 def is_too_late(judged: OutputErrorFit) -> bool:
