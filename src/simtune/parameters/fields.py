@@ -152,7 +152,7 @@ class Field:
                 f"{name} is no play between a motor and what it moves: declare [[backlash]] with "
                 f'joint = "{name}", and its play is "{name}_backlash"'
             )
-        if self.is_lag and model.actuator_dyntype[rows].item() not in _FOLLOWS:
+        if self.is_lag and model.actuator_dyntype[rows].item() not in FOLLOWS:
             return f"{name} has dynamics of its own (dyntype), so it can have no lag"
         return ""
 
@@ -185,7 +185,8 @@ _DYN, _JNT = mujoco.mjtDyn, mujoco.mjtJoint
 HINGE_OR_SLIDE = (_JNT.mjJNT_HINGE.value, _JNT.mjJNT_SLIDE.value)
 # Transmissions of actuators that drive a joint
 OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value)
-_FOLLOWS = (_DYN.mjDYN_NONE.value, _DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
+# Dynamics of actuators that follow their control
+FOLLOWS = (_DYN.mjDYN_NONE.value, _DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
 _SHAPED_BY_ASSETS = (mujoco.mjtGeom.mjGEOM_MESH.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _TIMESTEP = (
     "opt.timestep says how finely physics is computed, and a recording knows its own time: "

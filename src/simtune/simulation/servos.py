@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 
+from simtune.parameters.fields import FOLLOWS
+
 _AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
-_DYN = mujoco.mjtDyn
-_FOLLOWS = (_DYN.mjDYN_NONE.value, _DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
 
 
 def position_servos(model: mujoco.MjModel) -> np.ndarray:
@@ -14,4 +14,4 @@ def position_servos(model: mujoco.MjModel) -> np.ndarray:
     Not <intvelocity>, whose control is a velocity.
     """
     pulls = (model.actuator_biastype == _AFFINE) & (model.actuator_biasprm[:, 1] < 0)
-    return pulls & np.isin(model.actuator_dyntype, _FOLLOWS)
+    return pulls & np.isin(model.actuator_dyntype, FOLLOWS)
