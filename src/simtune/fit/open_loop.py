@@ -48,7 +48,9 @@ class OpenLoop:
         model, self._places = physics.simulator.model, np.array(places, int)
         no_contacts = mujoco.mjtDisableBit.mjDSBL_CONTACT.value
         self.may_touch = not model.opt.disableflags & no_contacts  # whether contacts are possible
-        self._dofs = np.array([model.jnt_dofadr[list(model.jnt_qposadr).index(p)] for p in places])
+        self._dofs = np.array(
+            [model.jnt_dofadr[list(model.jnt_qposadr).index(p)] for p in places], int
+        )
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
         self.start_tangents = tangents
@@ -60,12 +62,12 @@ class OpenLoop:
 
     @property
     def knows_all_but_objects(self) -> bool:
-        """Whether readings, and what is driven or tied, tell all states but loose objects'.
+        """Whether readings, and what is driven, tell all states but loose objects'.
 
         Not those of a door or a lid: whatever touches it moves it, and only pictures show that.
         """
         model = self.physics.simulator.model
-        measured = [list(model.jnt_qposadr).index(place) for place in self._places]
+        measured = model.dof_jntid[self._dofs].tolist()
         known = [*measured, *(play_of(model, joint) for joint in measured)]
         return bool(self.is_loose.any() and np.isin(passive_joints(model), known).all())
 

@@ -73,7 +73,7 @@ class RobotReal(RealWorld):
                 f"{task.name} takes a step every {self.step_s:g} s; a camera needs at least "
                 f"{_SHORTEST_STEP_S:g} s"
             )
-        if not getattr(mapping, "is_relative", False):
+        if not mapping.is_relative:
             raise InputError(
                 f"an action of {task.name} is a control, and a robot's a displacement: have the "
                 'tuning file say mapping = "mocap" or "joints" (docs/tuning-file.md)'

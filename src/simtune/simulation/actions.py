@@ -28,12 +28,11 @@ class ActionSpace(Protocol):
     names: tuple[str, ...]  # (A,) what each moves
     range: np.ndarray  # (A, 2) lowest and highest: for random actions and policies
     is_limited: np.ndarray  # (A,) bool: actions beyond the range are clipped
+    is_relative: bool = False  # to the present position of what they move
 
 
 class ActionMapping(ActionSpace, Protocol):
     """Maps (n, A) actions to the controls of n worlds."""
-
-    is_relative: bool = False  # to the present position of what it moves
 
     def settle(self, batch: Batch) -> None:
         """Move what actions displace to where a fresh start has it; controls need no start."""

@@ -21,6 +21,7 @@ import numpy as np
 from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
 from simtune.pictures import middle_square, resize
+from simtune.simulation.actions import ActionSpace
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 from simtune.simulation.stray_light import StrayLight
 from simtune.views import View
@@ -57,7 +58,7 @@ class Points:
         return Points(np.array(state, int), self.image_size)
 
 
-class BoxActions:
+class BoxActions(ActionSpace):
     """Actions as the environment's action space, a one-dimensional Box, takes them."""
 
     def __init__(self, space: Any):

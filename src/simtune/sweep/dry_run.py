@@ -1,13 +1,13 @@
 """`simtune sweep --dry-run`: lists the runs to do, and estimates their time by pilots."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import as_completed
 
 from simtune.config import SweepConfig
 from simtune.report.words import duration
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.estimate import Expectation, seconds_left
-from simtune.sweep.local import num_workers
+from simtune.sweep.local import at_work, num_workers
 from simtune.sweep.pilot import Pilot, Pilots, measure
 from simtune.sweep.process import Processes
 from simtune.sweep.standing import Places
@@ -61,12 +61,7 @@ def _measure(
     def pilot(run: AskedRun) -> Pilot:
         return measure(run, config.out.resolve(), processes, config.cores_per_run, limit_s)
 
-    with ThreadPoolExecutor(workers) as pool:
+    with at_work(workers, processes) as pool:
         measured = {pool.submit(pilot, run): run for run in runs}
-        try:
-            for ended in as_completed(measured):
-                pilots.add(measured[ended].kind, ended.result())
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            processes.stop()
-            raise
+        for ended in as_completed(measured):
+            pilots.add(measured[ended].kind, ended.result())

@@ -1,12 +1,14 @@
 """Carries out runs on this machine, with threads that each do one run after another."""
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 
 from simtune.errors import InputError
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.attempt import Attempts
 from simtune.sweep.lease import usable_cores
+from simtune.sweep.process import Processes
 from simtune.sweep.standing import Standing
 
 
@@ -38,17 +40,24 @@ def carry_out_here(
         on_begin(run)
         return attempts.carry_out(run)
 
-    with ThreadPoolExecutor(workers) as pool:
+    with at_work(workers, attempts.processes) as pool:
         queue = {pool.submit(work, run): run for run in runs}
+        while queue:
+            for future in wait(queue, return_when=FIRST_COMPLETED).done:
+                run, standing = queue.pop(future), future.result()
+                if standing.status == "waiting":
+                    queue[pool.submit(work, run)] = run
+                else:
+                    yield run, standing
+
+
+@contextmanager
+def at_work(workers: int, processes: Processes) -> Iterator[ThreadPoolExecutor]:
+    """Threads that wait for `processes`; an exception stops them, and what they wait for."""
+    with ThreadPoolExecutor(workers) as pool:
         try:
-            while queue:
-                for future in wait(queue, return_when=FIRST_COMPLETED).done:
-                    run, standing = queue.pop(future), future.result()
-                    if standing.status == "waiting":
-                        queue[pool.submit(work, run)] = run
-                    else:
-                        yield run, standing
+            yield pool
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            attempts.processes.stop()
+            processes.stop()
             raise

@@ -41,13 +41,17 @@ def carry_out_on_ray(
     """
     options = {"num_cpus": settings["cores_per_run"], "max_retries": -1}
     task = ray.remote(**options)(_carry_out)
-    queue = {task.remote(run, tuple(program), settings): run for run in runs}
+
+    def submit(run: AskedRun) -> Any:
+        return task.remote(run, tuple(program), settings)
+
+    queue = {submit(run): run for run in runs}
     try:
         while queue:
             (ended,), _ = ray.wait(list(queue), num_returns=1)
             run, standing = queue.pop(ended), ray.get(ended)
             if standing.status == "waiting":  # another process has it
-                queue[task.remote(run, tuple(program), settings)] = run
+                queue[submit(run)] = run
             else:
                 yield run, standing
     finally:

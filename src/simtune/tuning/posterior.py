@@ -203,7 +203,7 @@ class PosteriorSearch:
         rng = (self._learned or {}).get("rng") or self._learning.worlds.rng.bit_generator.state
         changing = {"distribution": self.distribution.state(), "rng": rng}
         changing |= {"learned": self._learned, "earlier": self._earlier.to_json()}
-        changing |= {"num_told": self._num_told}
+        changing["num_told"] = self._num_told
         return self._rounds.state() | changing
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
