@@ -13,6 +13,7 @@ from simtune.parameters import Parameter, ParameterSpace
 from simtune.pictures import middle_square, resize
 from simtune.recordings import Dataset, write_dataset
 from simtune.recordings.open import open_dataset
+from simtune.rectify import rectify
 from simtune.simulation.renderer import Renderer, make_renderer
 from simtune.trajectory import Trajectory
 
@@ -67,9 +68,9 @@ def test_lens_without_distortion_is_a_pinhole():
     assert lens.fovy_deg == pytest.approx(np.degrees(2 * np.arctan(32 / 80)))
     assert lens.aspect == pytest.approx(1.5)
     picture = np.random.default_rng(1).integers(0, 256, (64, 96, 3)).astype(np.uint8)
-    np.testing.assert_array_equal(lens.rectify(picture, (16, 24)), resize(picture, (16, 24)))
+    np.testing.assert_array_equal(rectify(picture, lens, (16, 24)), resize(picture, (16, 24)))
     middle = resize(middle_square(picture), (16, 16))
-    np.testing.assert_array_equal(lens.rectify(picture, (16, 16)), middle)
+    np.testing.assert_array_equal(rectify(picture, lens, (16, 16)), middle)
 
 
 def test_lens_brings_directions_back_to_where_a_pinhole_sees_them():
@@ -80,18 +81,36 @@ def test_lens_brings_directions_back_to_where_a_pinhole_sees_them():
     picture = np.rint(128 + 150 * np.concatenate([shown, shown[..., :1]], -1)).astype(np.uint8)
     at = ((np.arange(32) + 0.5) / 16 - 1) * lens.half_sides[1]
     expected = 128 + 150 * np.stack(np.meshgrid(at, at), -1)
-    found = lens.rectify(picture, (32, 32))[..., :2]
+    found = rectify(picture, lens, (32, 32))[..., :2]
     assert np.abs(found - expected).max() <= 1.5
     assert np.abs(resize(middle_square(picture), (32, 32))[..., :2] - expected).max() > 3
+
+
+def test_a_pincushions_corners_bound_what_is_used():
+    lens = Lens(fx=80.0, fy=80.0, **CENTRED, distortion=(0.3, 0.0, 0.0, 0.0, 0.0))
+    x, y = lens.half_sides
+    assert y * (1 + 0.3 * y**2) < 32 / 80 / 1.02  # less than up to the upper and lower edge
+    seen = 80 * (1 + 0.3 * (x**2 + y**2)) * np.array([x, y])
+    assert (seen <= [48.01, 32.01]).all()
+    assert (1.003 * seen > [48, 32]).any()
+
+
+def test_a_region_in_a_corner_shows_nothing_from_beyond_the_picture():
+    lens = Lens(fx=80.0, fy=80.0, **CENTRED, region=(48, 32, 96, 64))
+    picture = np.full((64, 96, 3), 100, np.uint8)
+    picture[-1], picture[:, -1] = 200, 200  # the last pixels, which would be smeared
+    corner = rectify(picture, lens, (32, 48))[-3:, -3:, 0]
+    assert corner[-1, -1] > 100
+    assert (corner[:-2, :-2] == 100).all()
 
 
 def test_lens_of_larger_pictures_holds_for_smaller_ones():
     large = smooth_picture(480, 640)
     half = resize(large, (240, 320))
-    difference = WIDE.rectify(large, (32, 40)).astype(int) - WIDE.rectify(half, (32, 40))
+    difference = rectify(large, WIDE, (32, 40)).astype(int) - rectify(half, WIDE, (32, 40))
     assert np.abs(difference).max() <= 3
     with pytest.raises(InputError, match=r"640×360 pixels, the lens was calibrated with 640×480"):
-        WIDE.rectify(large[:360], (32, 40))
+        rectify(large[:360], WIDE, (32, 40))
 
 
 def test_lens_that_sees_no_whole_picture_is_refused():
@@ -181,7 +200,7 @@ def test_recordings_come_through_the_lens(tmp_path):
     dataset = dataset_of(tmp_path / "data", frames, image_size=16, cameras=[Footage(lens=lens)])
     read = dataset.read(0).frames
     assert read.shape == (25, 16, int(16 * lens.aspect), 3)
-    expected = lens.rectify(frames[0], read.shape[1:3]).astype(int)
+    expected = rectify(frames[0], lens, read.shape[1:3]).astype(int)
     assert np.abs(read - expected).max() <= 12  # of the video's compression
     plain = Footage().fit(frames[0], read.shape[1:3]).astype(int)
     assert np.abs(read - plain).max() > 30

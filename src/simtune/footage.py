@@ -12,6 +12,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.lens import Lens
 from simtune.pictures import resize
+from simtune.rectify import rectify
 
 _FRAMES = 200  # used, evenly spread: a median of more is no better
 _NARROWER = 0.02  # relative difference of the ratio of width and height
@@ -59,7 +60,7 @@ class Footage:
         picture that the lens was not calibrated with.
         """
         if self.lens:
-            return self.lens.rectify(picture, size)
+            return rectify(picture, self.lens, size)
         rows = picture.shape[0]
         return resize(picture, size, (rows, min(rows * size[1] / size[0], picture.shape[1])))
 

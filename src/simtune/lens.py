@@ -1,4 +1,4 @@
-"""A camera's lens, and the conversion of its pictures to a pinhole's.
+"""A camera's lens, and the pinhole to which its pictures are converted.
 
 For a region of interest, the pinhole looks at its middle, turned about the camera's position.
 """
@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from simtune.errors import InputError
@@ -18,7 +17,9 @@ _OPENCV = np.diag([1.0, -1.0, -1.0])  # axes of OpenCV in those of MuJoCo's came
 _NEAR_ENOUGH = 1e-9  # of a direction, when iterating
 _ITERATIONS = 200
 _SQUARE, _MIDDLE_PX = 1e-3, 0.5  # tolerances for square pixels (relative) and for the centre
-_FEWEST_POINTS, _POINTS_PER_PIXEL = 2, 2  # per new pixel; per old one, along an axis
+_BORDER = np.linspace(-1, 1, 65)  # places along each side that have to be within the picture
+_BEYOND_PX = 0.01  # that a border may leave it, for rounding
+_SHARES = np.linspace(1, 0, 1001)  # of a rectified picture's sides, that are tried
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class Lens:
 
     @functools.cached_property
     def turn(self) -> Rotation:
-        """Rotation from directions before the pinhole of `rectify` to those before the lens.
+        """Rotation from directions before the pinhole to those before the lens.
 
         In OpenCV's axes: x to the right, y down, z ahead. It does not roll.
         """
@@ -125,9 +126,26 @@ class Lens:
     def half_sides(self) -> tuple[float, float]:
         """Half the width and half the height of the rectified picture, at unit distance.
 
-        The axis of `turn` is in its middle. Raises InputError if there is no picture.
+        The axis of `turn` is in its middle, and it shows nothing from beyond the lens's picture.
+        Raises InputError if there is no picture.
         """
-        return self._around_the_axis() if self.region is None else self._around_the_region()
+        whole = self._around_the_axis() if self.region is None else self._around_the_region()
+        return self._within_the_picture(whole)
+
+    def _within_the_picture(self, half_sides: tuple[float, float]) -> tuple[float, float]:
+        """The largest of the same shape, whose corners are in the lens's picture as well.
+
+        They may not be if the lens is a pincushion, or the region at the picture's edge.
+        """
+        side = np.stack([_BORDER, np.ones_like(_BORDER)], -1)
+        border = np.concatenate([side, -side, side[:, ::-1], -side[:, ::-1]]) * half_sides
+        share = next(share for share in _SHARES if self._sees(share * border))
+        return float(share * half_sides[0]), float(share * half_sides[1])
+
+    def _sees(self, points: np.ndarray) -> bool:
+        """Whether the picture shows all of these (N, 2) points of the rectified one."""
+        seen, size = self.seen_px(points), np.array([self.width, self.height])
+        return bool(((seen >= -_BEYOND_PX) & (seen <= size + _BEYOND_PX)).all())
 
     def _around_the_region(self) -> tuple[float, float]:
         assert self.region is not None
@@ -167,22 +185,18 @@ class Lens:
 
     @property
     def fovy_deg(self) -> float:
-        """Vertical field of view of the pinhole of `rectify`."""
+        """Vertical field of view of rectified pictures."""
         return math.degrees(2 * math.atan(self.half_sides[1]))
 
-    def rectify(self, picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """As a pinhole would see it: (H, W, 3) uint8 to (height, width, 3), by area averaging.
+    def seen_px(self, points: np.ndarray) -> np.ndarray:
+        """(..., 2) points of the rectified picture, at unit distance, to where the lens shows them.
 
-        Raises InputError for pictures of another shape than those of the calibration.
+        In pixels from the corner of the calibration's pictures.
         """
-        height, width = picture.shape[:2]
-        if abs(width / height - self.width / self.height) > 0.01:
-            raise InputError(
-                f"pictures of {width}×{height} pixels, the lens was calibrated with "
-                f"{self.width}×{self.height}; give the calibration of these pictures"
-            )
-        seen = _areas(self, height, width, size) @ picture.reshape(-1, 3).astype(np.float32)
-        return np.rint(seen).astype(np.uint8).reshape(*size, 3)
+        ahead = np.concatenate([points, np.ones_like(points[..., :1])], -1)
+        ahead = self.turn.apply(ahead.reshape(-1, 3)).reshape(ahead.shape)
+        seen = self.distort(ahead[..., :2] / ahead[..., 2:])
+        return seen * [self.fx, self.fy] + [self.cx + 0.5, self.cy + 0.5]
 
     @property
     def _axes(self) -> tuple[tuple[int, float, float], tuple[int, float, float]]:
@@ -193,29 +207,6 @@ class Lens:
 def focal_px(height: int, fovy_deg: float | np.ndarray) -> np.ndarray:
     """A pinhole's focal length in pixels, for pictures of this height; of `fovy_deg`'s shape."""
     return height / 2 / np.tan(np.radians(fovy_deg) / 2)
-
-
-@functools.lru_cache(8)
-def _areas(lens: Lens, height: int, width: int, size: tuple[int, int]) -> csr_array:
-    """(new pixels, old pixels) share of each old pixel in each new one."""
-    rows, columns = size
-    scale = np.array([width / lens.width, height / lens.height])  # of the calibration's pictures
-    times = max(_FEWEST_POINTS, math.ceil(_POINTS_PER_PIXEL * height / rows))
-    _, half = lens.half_sides
-    at_x, at_y = (
-        ((np.arange(n * times) + 0.5) * 2 / times - n) * half / rows for n in (columns, rows)
-    )
-    x, y = np.meshgrid(at_x, at_y)
-    ahead = lens.turn.apply(np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3))
-    seen = lens.distort((ahead[:, :2] / ahead[:, 2:]).reshape(*x.shape, 2))
-    focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
-    column, row = np.moveaxis((seen * focal + middle + 0.5) * scale - 0.5, -1, 0)
-    column, row = np.rint(column).clip(0, width - 1), np.rint(row).clip(0, height - 1)
-    old = (row * width + column).astype(int).ravel()
-    new_row, new_column = (np.arange(n * times) // times for n in (rows, columns))
-    new = (new_row[:, None] * columns + new_column).ravel()
-    shares = np.full(len(old), times**-2, np.float32)
-    return csr_array((shares, (new, old)), shape=(rows * columns, height * width))
 
 
 def _times(quaternion: Sequence[float], turn: Rotation) -> list[float]:
