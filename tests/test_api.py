@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import simtune
+from simtune.config import TuneConfig
+from simtune.outcome import asked
 from simtune.run import write_json
 from simtune.tasks import cartpole
 from simtune.tuning_run import tune as tune_from_options
@@ -236,6 +238,25 @@ def test_train_takes_the_options_of_its_command(tmp_path, monkeypatch):
     assert (config.task, config.out, config.real) == ("cartpole", tmp_path / "run", "pseudo")
     assert (config.method, config.range_dr, config.policy_steps) == ("dr", 0.3, 50)
     assert config.real_parameters == Path("truth.json")
+
+
+def test_a_robot_films_nothing_for_a_run_that_will_be_refused(tmp_path):
+    config = TuneConfig(task="cartpole", out=tmp_path)
+    stored = asked(config, simtune.load_task("cartpole"))
+    write_json(tmp_path / "config.json", {"config": stored | {"real": "pseudo"}})
+    tune = partial(simtune.tune, "cartpole", real=lambda i: pytest.fail("filmed"), out=tmp_path)
+    with pytest.raises(ValueError, match="holds a run with seed = 0, now = 1"):
+        tune(seed=1)
+    with pytest.raises(ValueError, match="a run that was not filmed by a function"):
+        tune()
+
+
+def test_check_finds_a_camera_pose(tmp_path, monkeypatch):
+    camera = {"camera": "top", "frames": 9, "warnings": ["far off"], "parameters": {}}
+    monkeypatch.setattr("simtune.api.commands.find_camera_pose", lambda *a: camera)
+    found = simtune.check("cartpole", real=tmp_path, camera_pose=str(tmp_path / "camera.toml"))
+    assert found == camera
+    assert repr(found).splitlines()[:2] == ["camera top, by 9 frames", "warning: far off"]
 
 
 def test_a_result_without_a_search_has_no_samples_and_no_verdicts(tmp_path):

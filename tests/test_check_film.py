@@ -247,6 +247,10 @@ def test_where_pictures_cannot_go(tmp_path):
         ({"pictures": tmp_path / "a.png"}, "goes with recordings only"),
         ({"real": recorded, "pictures": tmp_path / "a.jpg"}, "ends in .png"),
         ({"real": recorded, "pictures": tmp_path / "b" / "a.png"}, "there is no folder"),
+        (
+            {"real": recorded, "camera_pose": tmp_path / "c.toml", "pictures": tmp_path / "a.png"},
+            "goes with a check without --camera-pose",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             CheckConfig(task="pendulum", **options).check()

@@ -1,5 +1,6 @@
 """The run folder: refusals, resuming, and what a crash may leave behind."""
 
+import errno
 import json
 import math
 import os
@@ -347,6 +348,16 @@ def test_write_atomically_replaces(tmp_path):
     for content in ("old", b"new"):
         write_atomically(tmp_path / "x", content)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("x", "new")]
+
+
+def test_a_full_disk_leaves_no_part_of_a_file(tmp_path, monkeypatch):
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match=r"No space left on device: '.*x'"):
+        write_atomically(tmp_path / "x", "new")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_damaged_film_of_the_real_world_is_refused_as_damaged(tmp_path):

@@ -200,9 +200,9 @@ def test_a_lease_is_one_holders_until_it_is_given_back(tmp_path):
 def test_cores_are_nobody_elses_meanwhile(beside, monkeypatch):
     said: list[str] = []
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {3, 5, 8})
-    with cores_taken(2) as first, cores_taken(1) as second:
+    with cores_taken(2, said.append) as first, cores_taken(1, said.append) as second:
         assert (first, second) == ([3, 5], [8])
-    with cores_taken(3) as all_of_them:
+    with cores_taken(3, said.append) as all_of_them:
         assert all_of_them == [3, 5, 8]
         # What waits for them ends when the sweep does.
         asked = iter([False, True])
@@ -285,6 +285,12 @@ def test_a_name_stands_for_one_run_for_ever(beside):
     sweep(config, STAND_IN)
     grid(beside, [0], GRID.replace("budget_minutes = 2", "budget_minutes = 3"))
     with pytest.raises(InputError, match="has a run cartpole-tune-s0 of another budget_minutes"):
+        sweep(config, STAND_IN)
+
+
+def test_minutes_of_pilots_go_with_a_dry_run(beside):
+    config = SweepConfig(grid=grid(beside, [0]), out=beside / "out", pilot_minutes=5)
+    with pytest.raises(InputError, match="--pilot-minutes goes with --dry-run only"):
         sweep(config, STAND_IN)
 
 
@@ -464,7 +470,11 @@ def test_a_dry_run_measures_a_pilot_of_each_kind_once_and_starts_no_run(beside):
 def test_a_pilot_that_was_cut_short_says_what_its_number_rests_on(beside):
     text = GRID.replace('"cartpole"', '"cartpole"\nbudget_minutes = 5')
     config = SweepConfig(
-        grid=grid(beside, [0], text), out=beside / "out", workers=1, pilot_minutes=0.05 / 60
+        grid=grid(beside, [0], text),
+        out=beside / "out",
+        workers=1,
+        dry_run=True,
+        pilot_minutes=0.05 / 60,
     )
     said: list[str] = []
     assert dry_run(config, said.append, STAND_IN) == 300

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from tempfile import mkdtemp
@@ -12,9 +13,11 @@ from numpy.typing import ArrayLike
 
 from simtune.errors import InputError
 from simtune.recordings import check_episode
+from simtune.run.files import sync_folder, write_atomically
 
 Episode = Mapping[str, ArrayLike]
 Record = Callable[[int], Episode]  # films an episode, counted from 0
+EPISODES = "episodes"  # name of the folder that filmed ones are in
 RealLike = str | PathLike[str] | Sequence[Episode] | Record
 
 
@@ -42,28 +45,37 @@ def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         unfinished = Path(mkdtemp(dir=folder, prefix=".", suffix=".tmp"))
         for i, episode in enumerate(arrays):
-            np.savez(unfinished / f"episode_{i}.npz", **episode)
+            _write(unfinished / f"episode_{i}.npz", episode)
         unfinished.rename(out)
+        sync_folder(folder)
     return out
 
 
 def film_once(record: Record, num: int, folder: Path) -> Path:
-    """Film `num` episodes, e.g. of a robot, into FOLDER/episodes; returns the path.
+    """Film `num` episodes, e.g. of a robot, into FOLDER/episodes; returns that path.
 
     Each is written before the next one is filmed. If all are there, nothing is filmed, and what was
     interrupted goes on: a resumed run uses its own recordings. Raises InputError like
     `write_arrays`.
     """
-    unfinished, out = folder / ".unfinished", folder / "episodes"
+    unfinished, out = folder / ".unfinished", folder / EPISODES
     if out.exists():
         return out
     unfinished.mkdir(parents=True, exist_ok=True)
     for i in range(num):
-        path, partial = unfinished / f"episode_{i}.npz", unfinished / "partial.npz"
+        path = unfinished / f"episode_{i}.npz"
         if not path.exists():
-            np.savez(partial, **_arrays(i, record(i)))
-            partial.rename(path)
-    return unfinished.rename(out)
+            _write(path, _arrays(i, record(i)))
+    unfinished.rename(out)
+    sync_folder(folder)
+    return out
+
+
+def _write(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write an episode that may not be filmed again: whole, and on the disk."""
+    content = BytesIO()
+    np.savez(content, **arrays)
+    write_atomically(path, content.getvalue())
 
 
 def _arrays(i: int, episode: Episode) -> dict[str, Any]:

@@ -17,22 +17,27 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from simtune.algorithm import train as carry_out_training
-from simtune.api.arrays import RealLike, Record, film_once, write_arrays
+from simtune.api.arrays import EPISODES, RealLike, Record, film_once, write_arrays
 from simtune.api.declared import declare
 from simtune.api.result import CheckResult, Result
+from simtune.camera_pose import find_camera_pose
+from simtune.camera_pose import lines as camera_lines
 from simtune.checking import check as carry_out_check
+from simtune.checking import table as check_lines
 from simtune.config import CheckConfig, TrainConfig, TuneConfig, check_types
 from simtune.errors import InputError, UnknownName
+from simtune.outcome import asked
 from simtune.progress import ProgressBar, ReportProgress, silent
 from simtune.report.data import read_finished
-from simtune.run.config import FILMED, stored_config
+from simtune.run.config import FILMED, check_asked, stored_config
 from simtune.tasks import IN_PYTHON, AnyTask, load_any_task, with_model
 from simtune.tuning_run import tune as carry_out_tuning
 
 TaskLike = str | PathLike[str] | Mapping[str, Any] | AnyTask
 _Config = TypeVar("_Config", CheckConfig, TuneConfig, TrainConfig)
+_RunConfig = TypeVar("_RunConfig", TuneConfig, TrainConfig)
 _FILMED = 5  # episodes filmed if no number is given
-_PATHS = ("out", "pictures", "real_parameters", "robot")
+_PATHS = ("out", "pictures", "camera_pose", "real_parameters", "robot")
 
 
 def load_task(task: str | PathLike[str] | Mapping[str, Any]) -> AnyTask:
@@ -67,7 +72,11 @@ def check(
         task = _known(task)
         recordings = _recordings(real, Path(folder), options.get("episodes"))
         config = _config(CheckConfig, with_model(task), options | {"real": recordings})
-        return CheckResult(carry_out_check(config, report))
+        if config.camera_pose:
+            camera = find_camera_pose(config, report)
+            return CheckResult(camera, camera_lines(camera, config.camera_pose))
+        found = carry_out_check(config, report)
+        return CheckResult(found, check_lines(found))
 
 
 def tune(
@@ -130,8 +139,8 @@ def load(run: str | PathLike[str]) -> Result:
 
 
 def _config_of_run(
-    kind: type[_Config], task: AnyTask, real: RealLike, options: dict[str, Any]
-) -> _Config:
+    kind: type[_RunConfig], task: AnyTask, real: RealLike, options: dict[str, Any]
+) -> _RunConfig:
     """The config of a command; `real` is filmed or written once nothing else can be wrong."""
     if real is None:
         raise InputError("real is None; expected 'pseudo', a path, arrays, or a function")
@@ -139,7 +148,9 @@ def _config_of_run(
     folder = out / FILMED
     place = real if isinstance(real, str | PathLike) else folder
     config = _config(kind, task, options | {"real": place})
-    stored_config(out)  # refuses a folder that cannot be a run's
+    check_asked(out, asked(config, task))
+    if callable(real) and stored_config(out) and not (folder / EPISODES).exists():
+        raise InputError(f"{out} holds a run that was not filmed by a function; give another out")
     return replace(config, real=fspath(_recordings(real, folder, options.get("real_episodes"))))
 
 

@@ -1,6 +1,6 @@
 """A run's result as an object."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from numbers import Integral
@@ -14,7 +14,6 @@ import numpy as np
 from simtune.api import table
 from simtune.api.estimate import Estimate
 from simtune.api.plot import plot_curves, plot_estimates, plot_pairs
-from simtune.checking import table as check_lines
 from simtune.config import ExportConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.export import draw_samples, export, tuned_model
@@ -31,10 +30,14 @@ _PLOTTED_DRAWS = 500  # more would only fill the plot
 
 
 class CheckResult(dict[str, Any]):
-    """Result of `simtune.check`: a dict of JSON whose repr is a table."""
+    """Result of `simtune.check`: a dict of JSON whose repr is the command's output."""
+
+    def __init__(self, content: Mapping[str, Any], lines: Sequence[str]):
+        super().__init__(content)
+        self._text = "\n".join(lines)
 
     def __repr__(self) -> str:
-        return "\n".join(check_lines(self))
+        return self._text
 
 
 class Result:

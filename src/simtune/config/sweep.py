@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from simtune.config.checks import at_least
+from simtune.config.checks import at_least, usual_without
 from simtune.config.prints import Prints
 from simtune.errors import InputError
 
@@ -43,6 +43,8 @@ class SweepConfig(Prints):
         at_least(self, 0, "retries")
         if not self.pilot_minutes > 0:
             raise InputError(f"--pilot-minutes must be above 0, got {self.pilot_minutes:g}")
+        if not self.dry_run:
+            usual_without(self, "--dry-run only", "pilot_minutes")
         if self.ray is not None and self.workers is not None:
             raise InputError("--workers are of this machine: Ray decides how many runs go at once")
 

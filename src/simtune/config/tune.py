@@ -97,6 +97,8 @@ class CheckConfig(Prints, ObservesSized, CameraPoseOptions, RecordingsConfig):
     def _check_pictures(self, path: Path) -> None:
         if self.real is None:
             raise InputError("--pictures goes with recordings only")
+        if self.camera_pose is not None:
+            raise InputError("--pictures goes with a check without --camera-pose only")
         if path.suffix.lower() != ".png":
             raise InputError(f"--pictures must be a file that ends in .png, got {path}")
         if not path.parent.is_dir():

@@ -18,6 +18,7 @@ def write_atomically(path: Path, content: str | bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:  # the error of a full disk does not name the file
+        temporary.unlink(missing_ok=True)  # it would take the room that is waited for
         raise type(error)(error.errno, error.strerror, str(path)) from None
     os.replace(temporary, path)
     sync_folder(path.parent)

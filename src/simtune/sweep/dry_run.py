@@ -59,7 +59,7 @@ def _measure(
     say(f"pilots of {len(runs)} kinds, {each}: {longest} at most, and the next time they are known")
 
     def pilot(run: AskedRun) -> Pilot:
-        return measure(run, config.out.resolve(), processes, config.cores_per_run, limit_s)
+        return measure(run, config.out.resolve(), processes, config.cores_per_run, limit_s, say)
 
     with at_work(workers, processes) as pool:
         measured = {pool.submit(pilot, run): run for run in runs}

@@ -61,7 +61,7 @@ def usable_cores() -> list[int]:
 
 @contextmanager
 def cores_taken(
-    count: int, say: Callable[[str], None] = print, is_over: Callable[[], bool] = lambda: False
+    count: int, say: Callable[[str], None], is_over: Callable[[], bool] = lambda: False
 ) -> Iterator[list[int]]:
     """Wait for `count` cores that no other run of any sweep on this machine uses, and lease them.
 

@@ -1,7 +1,7 @@
 """Pilots, which measure how long a run of each kind takes: done once, kept in pilots.json."""
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,12 @@ class Pilots:
 
 
 def measure(
-    run: AskedRun, folder: Path, processes: Processes, cores_per_run: int, limit_s: float
+    run: AskedRun,
+    folder: Path,
+    processes: Processes,
+    cores_per_run: int,
+    limit_s: float,
+    say: Callable[[str], None],
 ) -> Pilot:
     """Carry out a run for at most `limit_s` seconds, in the sweep's folder of pilots.
 
@@ -62,7 +67,7 @@ def measure(
     if not (lease := Lease.take(places.lease)):
         return Pilot(None, "another process measures it", limit_s=0.0)
     try:
-        with cores_taken(cores_per_run, is_over=lambda: processes.is_stopped) as cores:
+        with cores_taken(cores_per_run, say, is_over=lambda: processes.is_stopped) as cores:
             began_s, arguments = time.monotonic(), run.arguments(places.run)
             _, lines = processes.run(arguments, places.log, lease, cores, limit_s)
     finally:
