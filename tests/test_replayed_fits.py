@@ -11,11 +11,12 @@ from servo_arm import write_arm
 from simtune.budget import Budget
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import build_experiment
-from simtune.fit import Guess, Lateness, OpenLoop, OutputError, Readings
+from simtune.fit import Guess, Lateness, OpenLoop, OutputError, Readings, ReplayStage
 from simtune.fit.differences import Where, differentiate, refresh
 from simtune.fit.slopes import Groups
-from simtune.observation import JointSensor, finds_offset
+from simtune.observation import JointSensor, ObservationModel, finds_offset
 from simtune.simulation import Simulator
+from simtune.tasks import load_task
 from simtune.tuning.readings_fits import Horizon, Horizons, ReadingsFits, is_twice
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
@@ -72,6 +73,65 @@ def test_growing_horizons_end_at_the_truth(arm: SimpleNamespace):
     # Readings have a noise of .002 rad
     assert ended[0].cost < np.log(0.0026)
     assert np.abs(ended[0].unit - arm.truth).max() < 0.03
+
+
+HORIZONTAL = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option timestep=".01" integrator="implicitfast"/>
+  <worldbody>
+    <body name="upper">
+      <joint name="shoulder" axis="0 1 0" range="-2 2" armature=".01"/>
+      <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass="1"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="shoulder" joint="shoulder" kp="40" kv="12" ctrlrange="-1 1"/>
+  </actuator>
+</mujoco>
+"""
+SERVO = """
+model = "arm.xml"
+control_timestep_s = 0.05
+episode_steps = 60
+[[sensors]]
+name = "encoders"
+joints = ["shoulder"]
+noise = 0.001
+[[parameters]]
+name = "kp"
+kind = "gain"
+objects = "shoulder"
+[[parameters]]
+name = "kv"
+kind = "gain_damping"
+objects = "shoulder"
+"""
+
+
+def test_an_unknown_offset_makes_a_servo_that_sags_uncertain(tmp_path):
+    """An encoder's offset looks like sag, the load over kp, if the arm hardly moves."""
+    (tmp_path / "arm.xml").write_text(HORIZONTAL)
+    (tmp_path / "tune.toml").write_text(SERVO)
+    task = load_task(str(tmp_path / "tune.toml"))
+    simulator, seen = task.simulator(image_size=32), ObservationModel.of_simulator(task.sensors)
+    truth = task.parameters.from_dict({"kp": 48.0, "kv": 14.4})
+    rng = np.random.default_rng(0)
+    commands = np.repeat(rng.uniform(-0.08, 0.08, (4, 10, 1)), 6, 1)
+    worlds = np.repeat(truth[None], 4, 0)
+    played = simulator.roll_out(worlds, commands, rng, seen.observe_beside())
+    readings = Readings(commands, seen.readings(played.observed, rng)["encoders"] + 0.03)
+    loop = OpenLoop.of(simulator, seen, task.parameters.nominal)
+    fit = OutputError(loop, np.array([True]), task.parameters.to_unit(task.parameters.nominal))
+    horizons = Horizons(growing=(Horizon(0.25, 1, 48), Horizon(1.0, 1, 24)))
+    fits = ReadingsFits(fit, readings, 0.05, (np.zeros(2), np.ones(2)), horizons, 0)
+    (ended,) = fits.grow(fits.begin(fit.prior), Budget())
+    ended = fit.descend(readings, ended.guess, ReplayStage(0, 15, 10**9), Budget())
+    found = fit.judge(ended, Budget())
+    error, std = found.unit - task.parameters.to_unit(truth), np.sqrt(np.diag(found.covariance))
+    assert (np.abs(error) < 3 * std).all()
+    assert (std > 0.03).all()  # 0.002 if the offset were known
+    assert found.offsets[0] == pytest.approx(0.03, abs=0.02)
 
 
 def test_horizons_of_equal_steps_may_differ_in_stretches(arm: SimpleNamespace):

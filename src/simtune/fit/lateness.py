@@ -46,6 +46,11 @@ class Lateness:
         """Lateness in steps, from the unit coordinate in which it is fitted."""
         return (2 * unit - 1) * MOST_STEPS
 
+    @classmethod
+    def steps_per_unit(cls) -> float:
+        """The derivative of `steps`."""
+        return float(cls.steps(np.array(1.0)) - cls.steps(np.array(0.0)))
+
     @staticmethod
     def unit(steps: float) -> float:
         """The inverse of `steps`."""

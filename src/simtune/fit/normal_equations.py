@@ -27,31 +27,48 @@ class NormalEquations(NamedTuple):
         return float(of_shared + (self.gradient * own).sum()) / 2
 
 
+def by_shared(slopes: Slopes, finds_offset: np.ndarray, starts_by_shared: np.ndarray) -> np.ndarray:
+    """(W, P + offsets, K + 1, D) derivatives of residuals by parameters and offsets, A_(θ, b).
+
+    An offset shifts predictions. Initial states x̄(θ, b) that readings give follow an offset and a
+    lateness; if they did not, their prior would tell of both what nothing shows:
+
+        dr/d(θ, b) = ∂r/∂(θ, b) + ∂r/∂x · dx̄/d(θ, b)
+
+    `finds_offset`: (D,) bool; `starts_by_shared`: (W, P + offsets, S), see `OpenLoop`, in units of
+    the start's prior std.
+    """
+    shape, offsets = slopes.predicted.shape, np.eye(len(finds_offset))[finds_offset, None]
+    by_offset = np.broadcast_to(offsets, (shape[0], len(offsets), *shape[1:]))
+    direct = np.concatenate([slopes.by_parameter, by_offset], 1)
+    return direct + np.einsum("wps,wskd->wpkd", starts_by_shared, slopes.by_start)
+
+
 def normal_equations(
-    slopes: Slopes,
+    by_start: np.ndarray,
+    by_shared: np.ndarray,
     residuals: np.ndarray,
     noise: np.ndarray,
-    finds_offset: np.ndarray,
     shift: np.ndarray | float = 0.0,
 ) -> NormalEquations:
     """From (W, K + 1, D) residuals, NaN where nothing was read, with noise (D,).
 
-    With A_x, A_θ the derivatives of r / σ by initial states and by (θ, b), V Huber's weights, and
-    initial states `shift` (W, S) away from those that the readings give:
+    With A_x, A_θ the derivatives of r / σ by initial states (W, S, K + 1, D) and by what is shared
+    (W, P + offsets, K + 1, D), V Huber's weights, and initial states `shift` (W, S) away from those
+    that the readings give:
 
         H = A_x V A_xᵀ + 1    C = A_x V A_θᵀ    B = A_θ V A_θᵀ
 
-    and the information is the Schur complement B − Cᵀ H⁻¹ C. `finds_offset`: (D,) bool.
+    and the information is the Schur complement B − Cᵀ H⁻¹ C.
     """
     num = len(residuals)
     r = (residuals / noise).reshape(num, -1)
     known, r = np.isfinite(r), np.nan_to_num(r)
     weights = known * np.minimum(1, HUBER / np.maximum(np.abs(r), 1e-12))
-    by_offset = (np.eye(len(noise)) / noise)[finds_offset, None]  # (offsets, 1, D)
-    by_offset = np.broadcast_to(by_offset, (num, len(by_offset), *residuals.shape[1:]))
-    by_start = (slopes.by_start / noise).reshape(num, -1, r.shape[1])
-    by_shared = np.concatenate([slopes.by_parameter / noise, by_offset], 1)
-    by_shared = by_shared.reshape(num, -1, r.shape[1])
+    by_start, by_shared = (
+        (derived / noise).reshape(num, derived.shape[1], r.shape[1])
+        for derived in (by_start, by_shared)
+    )
     weighted, shared = by_start * weights[:, None], by_shared * weights[:, None]
     hessian = weighted @ by_start.swapaxes(1, 2) + np.eye(by_start.shape[1])
     cross = weighted @ by_shared.swapaxes(1, 2)

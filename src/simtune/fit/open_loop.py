@@ -123,11 +123,10 @@ class OpenLoop:
         step_s = self.physics.simulator.step_s
         return np.concatenate([std, np.hypot(_VELOCITY_ERROR * std, bends) / step_s])
 
-    def states(self, values: np.ndarray, offsets: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    def _as_read(self, values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) states from (E, T + 1, D) readings with offsets (D,).
 
-        `unit`: (N,), of which only a lateness is used. Unmeasured positions are those at the start
-        of a simulated episode.
+        Unmeasured positions are those at the start of a simulated episode.
         """
         states = np.tile(self.physics.some_state, (*values.shape[:2], 1))
         read, nq = filled(values) - offsets, self.physics.space.nq
@@ -140,7 +139,7 @@ class OpenLoop:
                 continue
             states[..., sensor.places] = joint_values
             states[..., self._velocities_of(sensor)] = velocities(joint_values) / step_s
-        return states if self.lateness is None else self._go_on(states, unit[-1:])
+        return states
 
     def _velocities_of(self, sensor: JointSensor) -> np.ndarray:
         """(J,) indices, in a state, of the velocities of the positions that a sensor reads."""
@@ -159,19 +158,43 @@ class OpenLoop:
                 states[..., self._velocities_of(sensor)] += rate[..., columns] / step_s
         return states
 
-    def _go_on(self, states: np.ndarray, late: np.ndarray) -> np.ndarray:
-        """(E, T + 1, nq + nv) states that were read late by (1,) `late`, extrapolated."""
-        space, steps = self.physics.space, Lateness.steps(late)
-        velocities, ahead = states[..., space.nq :], np.zeros((*states.shape[:-1], 2 * space.nv))
-        ahead[..., : space.nv] = steps * self.physics.simulator.step_s * velocities
-        ahead[..., space.nv :] = steps * np.gradient(velocities, axis=1)
-        return space.move(states, ahead)
+    def _per_step(self, states: np.ndarray) -> np.ndarray:
+        """(E, T + 1, 2 nv) by how much states have moved on, per step by which they are read late.
+
+        Extrapolated from (E, T + 1, nq + nv) states as read.
+        """
+        velocities = states[..., self.physics.space.nq :]
+        moved = self.physics.simulator.step_s * velocities
+        return np.concatenate([moved, np.gradient(velocities, axis=1)], -1)
+
+    def starts_by_shared(self, stretches: Stretches, finds_offset: np.ndarray) -> np.ndarray:
+        """(W, P + offsets, S) derivatives of initial states x̄ that readings give.
+
+        By parameters, of which only a lateness matters, and by the offsets of `finds_offset`, (D,)
+        bool: x̄ is what was read less the offset.
+        """
+        num, num_places = len(self.fitted), len(self._places)
+        by_offset = np.zeros((self.num_readings, 2 * num_places))
+        for sensor, columns in self._columns:
+            if not sensor.is_velocity:
+                places = np.searchsorted(self._places, sensor.places)
+                by_offset[:, places] = 0.0  # of two sensors of a joint, the last one counts
+                by_offset[np.arange(columns.start, columns.stop), places] = -1.0
+        derived = np.zeros((len(stretches.states), num + finds_offset.sum(), 2 * num_places))
+        derived[:, num:] = by_offset[finds_offset]
+        if stretches.drift is not None:  # the lateness is the last of the parameters
+            derived[:, num - 1] = stretches.drift @ self.start_tangents.T
+        return derived
 
     def cut(
         self, readings: Readings, unit: np.ndarray, offsets: np.ndarray, steps: int, at_most: int
     ) -> Stretches:
         """At most `at_most` stretches of `steps` steps, spread evenly; `unit`: (N,)."""
-        states = self.states(readings.values, offsets, unit)
+        states, drift = self._as_read(readings.values, offsets), None
+        if self.lateness is not None:
+            by_step = self._per_step(states)
+            states = self.physics.space.move(states, Lateness.steps(unit[-1]) * by_step)
+            drift = Lateness.steps_per_unit() * by_step
         left = self.physics.replay_actuators(readings.actions, states, self._parameters(unit))
         num_steps = readings.actions.shape[1]
         length = min(steps, num_steps)
@@ -189,6 +212,7 @@ class OpenLoop:
             readings.values[episode[:, None], frames],
             states[episode, step],
             left[episode, step],
+            None if drift is None else drift[episode, step],
         )
 
     def play(

@@ -4,10 +4,11 @@ Later readings never correct the replay (Ljung 1999, System Identification, Sec.
 the fit minimises what open-loop replay is judged by. Over parameters θ, offsets b of the sensors
 and the initial states x_w of W stretches, the cost is
 
-    Σ_w Σ_t Σ_d ρ(r_wtd / σ_d) + ½ Σ_w ‖x_w ⊖ x̄_w‖²_S + ½ ‖θ − θ̄‖²_Π
+    Σ_w Σ_t Σ_d ρ(r_wtd / σ_d) + ½ Σ_w ‖x_w ⊖ x̄_w(b)‖²_S + ½ ‖θ − θ̄‖²_Π + ½ ‖b‖²_B
     r_wtd = h_d(x_w(t; θ)) + b_d − y_wtd
 
-with Huber's ρ, initial states x̄_w from the readings, and a weak prior Π around the first guess.
+with Huber's ρ, initial states x̄_w(b) from the readings less their offsets, and weak priors of
+parameters, Π around the first guess, and of offsets, B. A lateness of the readings moves x̄_w, too.
 σ_d is the rms residual of each reading, re-estimated in each step: a joint counts by how well it
 can be explained. Gauss-Newton, with Levenberg's damping and initial states eliminated (Schur).
 
@@ -110,7 +111,7 @@ class OutputError:
         derived_s = self.num_worlds * (time.monotonic() - began_s)
         noise = spread(played[0] + begin.offsets - stretches.values)
         start_std = near.objective.start_std if near else loop.start_std(noise, stretches.values)
-        objective = ReplayCost(loop, stretches, start_std, self._finds_offset, self.prior)
+        objective = ReplayCost(loop, stretches, begin, start_std, self._finds_offset, self.prior)
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
         return self._go_on(begun, stage.iterations, budget, derived_s if near is None else 0.0)
 
@@ -167,7 +168,7 @@ class OutputError:
         spent = self._finds_offset + num / len(noise)
         unsure = np.sqrt(times * count / np.maximum(count - spent, count / 4))
         equations = objective.equations(point, slopes, noise * unsure)
-        information, _ = objective.with_prior(equations, point.unit)
+        information, _ = objective.with_prior(equations, point)
         covariance = np.linalg.inv(information)
         scatter = jackknife(equations, information)[:num]
         std = np.sqrt(np.diag(covariance))[:num]
@@ -189,7 +190,7 @@ def _stepped(start: Descent, damping: float) -> tuple[Descent, float, bool]:
     objective, slopes, noise = start.objective, start.slopes, start.noise
     assert slopes is not None
     equations = objective.equations(start.point, slopes, noise)
-    shared = objective.with_prior(equations, start.point.unit)
+    shared = objective.with_prior(equations, start.point)
     before = objective.cost(start.point, objective.residuals(start.point, slopes.predicted), noise)
     if equations.promised(*shared) < _ENOUGH * before:
         return start, damping, True

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.fit.differences import Where, differentiate
-from simtune.fit.normal_equations import normal_equations
+from simtune.fit.normal_equations import by_shared, normal_equations
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, Stretches
@@ -108,7 +108,10 @@ class ReplayedReadings:
         where = Where(stretches, stretches.states, self._unit, start_std)
         slopes = differentiate(loop, where)
         nothing_left = 0 * stretches.values  # NaN where nothing was read
-        equations = normal_equations(slopes, nothing_left, noise, finds_offset(loop.sensors))
+        offsets = finds_offset(loop.sensors)
+        by_start = loop.starts_by_shared(stretches, offsets) / start_std
+        shared = by_shared(slopes, offsets, by_start)
+        equations = normal_equations(slopes.by_start, shared, nothing_left, noise)
         num_frames = np.isfinite(stretches.values).any(-1).sum()
         total = equations.information.sum(0) * self._num_frames / num_frames
         mixed, offsets = total[:num, num:], total[num:, num:]

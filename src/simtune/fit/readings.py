@@ -45,6 +45,8 @@ class Stretches(NamedTuple):
     values: np.ndarray  # (W, K + 1, D)
     states: np.ndarray  # (W, nq + nv) initial states, as far as readings say
     actuator_states: np.ndarray  # (W, S) with what earlier actions left behind
+    # (W, 2 nv) derivative of `states` by a lateness's unit coordinate; None: there is no lateness
+    drift: np.ndarray | None = None
 
     def first(self, steps: int) -> "Stretches":
         """The first `steps` steps of each."""

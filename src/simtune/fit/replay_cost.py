@@ -1,19 +1,21 @@
 """The objective of `fit.output_error`: residuals, cost, and a step that lowers it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from simtune.fit.combine import step_within_bounds
 from simtune.fit.differences import Where
-from simtune.fit.normal_equations import NormalEquations, normal_equations
+from simtune.fit.normal_equations import NormalEquations, by_shared, normal_equations
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.readings import Stretches
 from simtune.fit.residuals import HUBER
 from simtune.fit.slopes import Slopes
 
 PRIOR_STD = 0.3  # of parameters, in unit coordinates: weak, a factor of 3 or so
+_OFFSET_STD = 1.0  # rad or m, of offsets: as good as unknown
 _LARGEST_STEP = 0.12
 
 
@@ -35,10 +37,15 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class ReplayCost:
-    """Of W stretches, D readings and S unknowns of each initial state."""
+    """Of W stretches, D readings and S unknowns of each initial state.
+
+    A guess's `shift` is that of initial states from those that readings give, with the guess's
+    offsets and lateness.
+    """
 
     loop: OpenLoop
     stretches: Stretches
+    cut_at: Guess  # with whose offsets and lateness the stretches' states were read
     start_std: np.ndarray  # (S,) prior std of an initial state
     finds_offset: np.ndarray  # (D,) bool
     prior: np.ndarray  # (N,) first guess, in unit coordinates
@@ -65,27 +72,36 @@ class ReplayCost:
     def cost(self, point: Point, residuals: np.ndarray, noise: np.ndarray) -> float:
         size = np.abs(np.nan_to_num(residuals / noise))
         huber = np.where(size < HUBER, size**2 / 2, HUBER * (size - HUBER / 2))
-        away = (point.unit - self.prior)[self.loop.fitted] / PRIOR_STD
-        return float(huber.sum() + np.square(point.shift).sum() / 2 + np.square(away).sum() / 2)
+        precision, away = self._prior(point)
+        of_prior = (precision * np.square(away)).sum() / 2
+        return float(huber.sum() + np.square(point.shift).sum() / 2 + of_prior)
+
+    def _prior(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        """(P + offsets,) precisions of the priors of parameters and offsets, and deviations."""
+        away = (point.unit - self.prior)[self.loop.fitted], point.offsets[self.finds_offset]
+        std = np.repeat([PRIOR_STD, _OFFSET_STD], [len(part) for part in away])
+        return std**-2, np.concatenate(away)
 
     def equations(self, point: Point, slopes: Slopes, noise: np.ndarray) -> NormalEquations:
         residuals = self.residuals(point, slopes.predicted)
-        return normal_equations(slopes, residuals, noise, self.finds_offset, point.shift)
+        shared = by_shared(slopes, self.finds_offset, self._by_shared)
+        return normal_equations(slopes.by_start, shared, residuals, noise, point.shift)
 
-    def with_prior(
-        self, equations: NormalEquations, unit: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Information and slope of all stretches, and of the prior Π of parameters (the first)."""
+    @cached_property
+    def _by_shared(self) -> np.ndarray:
+        """(W, P + offsets, S) of initial states that readings give, in units of `start_std`."""
+        return self.loop.starts_by_shared(self.stretches, self.finds_offset) / self.start_std
+
+    def with_prior(self, equations: NormalEquations, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        """Information and slope of all stretches, and of the priors of parameters and offsets."""
         information, slope = equations.information.sum(0), equations.slope.sum(0)
-        own = np.arange(len(self.loop.fitted))
-        information[own, own] += PRIOR_STD**-2
-        slope[own] += (unit - self.prior)[self.loop.fitted] / PRIOR_STD**2
-        return information, slope
+        precision, away = self._prior(point)
+        return information + np.diag(precision), slope + precision * away
 
     def step(self, point: Point, equations: NormalEquations, damping: float) -> Point:
         """Result of a Newton step with Levenberg's damping."""
         fitted, num = self.loop.fitted, len(self.loop.fitted)
-        information, slope = self.with_prior(equations, point.unit)
+        information, slope = self.with_prior(equations, point)
         damped = information + damping * np.diag(np.diag(information))
         change = step_within_bounds(damped, slope, point.unit[fitted], _LARGEST_STEP)
         unit, offsets = point.unit.copy(), point.offsets.copy()
@@ -93,6 +109,11 @@ class ReplayCost:
         offsets[self.finds_offset] += change[num:]
         gradient = equations.gradient + equations.cross @ change
         shift = point.shift - np.linalg.solve(equations.hessian, gradient[..., None])[..., 0]
-        return Point(
-            unit, offsets, self.loop.moved(self.stretches.states, shift, self.start_std), shift
-        )
+        return Point(unit, offsets, self._states(unit, offsets, shift), shift)
+
+    def _states(self, unit: np.ndarray, offsets: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        """(W, nq + nv) initial states: those that readings give, moved by (W, S) `shift`."""
+        moved = (unit - self.cut_at.unit)[self.loop.fitted]
+        moved = np.append(moved, (offsets - self.cut_at.offsets)[self.finds_offset])
+        given = np.einsum("wps,p->ws", self._by_shared, moved)
+        return self.loop.moved(self.stretches.states, given + shift, self.start_std)

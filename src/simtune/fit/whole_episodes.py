@@ -37,11 +37,11 @@ def begin_whole(
     start_std, states = loop.start_std(noise, first.values), first.states
     if not len(start_std):  # only velocities are read
         return whole, states
-    shift, no_offset = np.zeros((len(states), len(start_std))), np.zeros(len(noise), bool)
+    shift = np.zeros((len(states), len(start_std)))
     for _ in range(_ITERATIONS):
         slopes = differentiate(loop, Where(first, states, unit, start_std))
         residuals = slopes.predicted + offsets - first.values
-        equations = normal_equations(slopes, residuals, noise, no_offset, shift)
+        equations = normal_equations(slopes.by_start, slopes.by_parameter, residuals, noise, shift)
         step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]
         shift = shift - step
         states = loop.moved(first.states, shift, start_std)
