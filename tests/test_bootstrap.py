@@ -12,14 +12,17 @@ from simtune.fit import (
     FitResult,
     Observed,
     PointEstimate,
-    correlations,
+    bound_warnings,
     held_out_misfit,
     judged,
     model_checks,
     run_bootstrap,
+    tell_apart,
 )
+from simtune.fit.lateness import is_too_late
 from simtune.fit.result import Misfit, block_correlation
 from simtune.observation import AllEvidence, ObservationModel
+from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
 from simtune.simulation import Rollouts
@@ -174,7 +177,10 @@ def test_astray_refits_are_left_out_unless_all_are():
 
     made = bootstrap(3)
     assert made.errors.shape == (2, len(SPACE))
-    assert [misfit.motion[0] for misfit in made.misfits] == distances
+    assert [misfit.motion[0] for misfit in made.misfits] == [0.3, 0.4]
+    assert made.motion_ratios(a_misfit(0.6)) == pytest.approx(
+        [1.5]
+    )  # not of the worst, which tells nothing
     distances[:] = [0.6, 0.7, 0.8]  # where all of them went astray, so may the real one
     assert bootstrap(3).errors.shape == (3, len(SPACE))
     assert bootstrap(0).errors.shape == (0, len(SPACE))
@@ -515,17 +521,45 @@ def test_model_checks_warn_of_misfit_and_of_latency():
 
 
 def test_pairs_of_any_kind_are_told_where_their_errors_go_together():
-    assert correlations(a_fit(), SPACE) == {"pole_mass, actuator_gain": 0.9}
-    colours = replace(a_fit(), correlation=correlated("body_r", "ground_r", -0.7))
-    assert correlations(colours, SPACE) == {"body_r, ground_r": -0.7}
-    channels = replace(a_fit(), correlation=correlated("body_r", "ground_g", 0.9))
-    assert correlations(channels, SPACE) == {}  # red over green: nobody asks
-    weak = replace(a_fit(), correlation=correlated("body_r", "ground_r", -0.5))
-    assert correlations(weak, SPACE) == {}
-    # What no fit can see goes with nothing: of twice the variance, half the correlation.
-    unseen = replace(a_fit(), discrepancy_std=np.full(len(SPACE), 0.01))
-    assert unseen.claimed_correlation[0, 1] == pytest.approx(0.45)
-    assert correlations(unseen, SPACE) == {}
+    assert tell_apart(a_fit().correlation, SPACE) == {"pole_mass, actuator_gain": 0.9}
+    assert tell_apart(correlated("body_r", "ground_r", -0.7), SPACE) == {"body_r, ground_r": -0.7}
+    assert tell_apart(correlated("body_r", "ground_g", 0.9), SPACE) == {}  # nobody asks for that
+    assert tell_apart(correlated("body_r", "ground_r", -0.5), SPACE) == {}
+
+
+def test_correlations_are_those_of_the_intervals_once_refits_have_judged_them():
+    """What no fit can see goes with nothing: of twice the variance, half the correlation."""
+    known = bootstrap_of(np.zeros((8, len(SPACE))))
+    factor = known.inflation()[0]
+    for worse in (1.0, 3.0):  # the real fit explains less than refits do: its own part grows
+        unseen = replace(
+            a_fit(motion=0.3 * worse),
+            discrepancy_std=np.where(a_fit().is_moving, 0.01 * factor, 0.0),
+        )
+        found = judged(unseen, known, SPACE)
+        expected = 0.9 * worse**2 / (worse**2 + 1)
+        assert found.correlation[0, 1] == pytest.approx(expected)
+    assert judged(a_fit(), known, SPACE).correlation[0, 1] == pytest.approx(0.9)
+
+
+def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():
+    late = replace(a_fit(), late_s=np.array([0.0375, 0.0001]), is_too_late=True)
+    (warning,) = model_checks(late, bootstrap_of(np.zeros((8, len(SPACE)))))
+    assert "Pictures come 38 ms late, the most that is fitted" in warning
+    assert [is_too_late(steps) for steps in (0.6, 0.72, -0.75)] == [False, True, True]
+
+
+def test_what_ends_at_a_bound_is_told_but_nothing_lies_beyond_zero_or_a_colour():
+    unit = np.full(len(SPACE), 0.5)
+    everything = np.ones(len(SPACE), bool)
+    assert bound_warnings(SPACE, unit, everything) == {}
+    unit[:] = 1.0
+    told = bound_warnings(SPACE, unit, everything)
+    assert list(told) == [SPACE.names[i] for i in MOVING]
+    assert "pole_mass ended at a bound of its range" in told["pole_mass"]
+    assert bound_warnings(SPACE, unit, ~everything) == {}
+    friction = replace(SPACE.parameters[0], name="friction", low=0.0, scale="linear", nominal=0.1)
+    assert bound_warnings(ParameterSpace([friction]), np.zeros(1), np.ones(1, bool)) == {}
 
 
 def test_blocks_of_covariances_become_one_correlation():
@@ -552,3 +586,17 @@ def test_without_a_refit_nothing_is_called_identified_and_that_is_said():
     lost, _ = conclude(curves, a_fit(motion=3.0), judged, first, first, config)
     assert "identified" not in lost.verdict
     assert any("trust no number" in warning for warning in lost.warnings)
+
+
+def test_what_a_fit_leaves_at_a_bound_is_not_called_identified():
+    first = Distribution.first(SPACE, SPACE.nominal)
+    curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
+    known, mass = bootstrap_of(np.zeros((3, len(SPACE)))), SPACE.index("pole_mass")
+    at_bound = replace(a_fit(), parameters=SPACE.nominal.copy())
+    at_bound.parameters[mass] = SPACE.high[mass]
+    found, _ = conclude(curves, at_bound, known, first, first, RangeUpdateConfig())
+    others = np.arange(len(SPACE)) != mass
+    assert found.verdict[mass] == "weak"
+    assert (np.array(found.verdict)[others] == "identified").all()
+    (warning,) = found.warnings
+    assert warning.startswith("pole_mass ended at a bound of its range")

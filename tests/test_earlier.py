@@ -41,6 +41,13 @@ def test_the_first_round_judges_by_its_own():
     assert Earlier().known(new := refits(0)) is new
 
 
+def test_doubts_of_a_round_are_kept_for_one_without_a_fit():
+    estimate = Estimate(*np.arange(9.0).reshape(3, 3), ["identified"] * 3)
+    doubted = replace(estimate, verdict=["weak"] * 3)
+    assert Earlier(refits(1), estimate).with_doubts(doubted).estimate is doubted
+    assert Earlier().with_doubts(doubted).estimate is None  # no fit: guesses are not kept
+
+
 def test_it_survives_json():
     """Of a checkpoint, which may hold NaN: a misfit that is unknown."""
     estimate = Estimate(*np.arange(9.0).reshape(3, 3), ["weak"] * 3, correlation=np.eye(3))

@@ -116,6 +116,7 @@ def test_nothing_is_identified_by_strange_videos(strange, distance, is_doubted):
     told = doubted(Estimate(*np.zeros((3, 3)), verdict, held_out=held_out), strange)
     assert told.verdict == (["weak", *verdict[1:]] if is_doubted else verdict)
     assert told.warnings == [STRANGE] * is_doubted
+    assert doubted(told, strange) == told
 
 
 def test_without_known_worlds_only_clearly_strange_videos_are_doubted():

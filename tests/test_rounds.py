@@ -27,7 +27,7 @@ from simtune.tuning.judging import Judging
 from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.rounds import gains_nothing, half_widths, is_precise, plan_round
+from simtune.tuning.rounds import Rounds, gains_nothing, half_widths, is_precise, plan_round
 from simtune.vision.image_noise import ImageNoise
 
 # --- when to begin and to end -------------------------------------------------------------
@@ -75,6 +75,19 @@ def test_a_round_gains_nothing_if_no_wide_interval_becomes_a_fifth_narrower():
     assert not gains_nothing(before, np.array([0.079, 0.02]), 0.01)
     assert not gains_nothing(before, np.array([0.1, 0.015]), 0.01)
     assert gains_nothing(before, np.array([0.1, 0.009]), 0.01), "narrow enough: does not count"
+
+
+def test_rounds_that_no_known_world_judged_end_no_search():
+    """They ask for more minutes, and the same command must be able to use them."""
+    for widths in ([0.30, 0.25], [0.005, 0.004]):
+        rounds = Rounds(4, 0.01)
+        for width in widths:
+            rounds.end(np.array([width]), is_judged=False)
+        assert rounds.stop_reason == ""
+        rounds.end(np.array([0.24]))
+        assert rounds.stop_reason == ""  # nothing to compare with
+        rounds.end(np.array([0.23]))
+        assert rounds.stop_reason == "another round would tell hardly more"
 
 
 @pytest.fixture(scope="module")

@@ -60,6 +60,14 @@ def test_each_parameter_is_as_the_better_of_both_says():
     assert mixed.latency_steps == 2
 
 
+def test_without_a_fit_to_videos_errors_that_readings_know_still_go_together():
+    both = estimate((1.0, 0.4), (3.0, 2.1), "weak", "weak")
+    mixed = Told(READ, SEEN, is_trusted=True).better(both)
+    assert mixed.mean == pytest.approx(READ.mean)
+    assert mixed.correlation == pytest.approx(READ.correlation)
+    assert mixed.correlations == {"servo, box": 0.9}
+
+
 def test_readings_that_no_simulator_explains_twice_have_no_say():
     told = Told(READ, SEEN, is_trusted=False)
     both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "identified")

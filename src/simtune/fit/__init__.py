@@ -19,13 +19,14 @@ from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.sizing import FitConfig, FitWork, count_fit_steps, fit_to_budget
 from simtune.fit.uncertainty import (
-    correlations,
+    bound_warnings,
     held_out_misfit,
     in_range,
     judged,
     model_checks,
     moves_otherwise,
     ranks,
+    tell_apart,
 )
 from simtune.fit.whole_episodes import replay_whole
 
@@ -56,7 +57,7 @@ __all__ = [
     "Stage",
     "StateEstimator",
     "as_seen",
-    "correlations",
+    "bound_warnings",
     "count_fit_steps",
     "fit_to_budget",
     "held_out_misfit",
@@ -69,4 +70,5 @@ __all__ = [
     "ranks",
     "replay_whole",
     "run_bootstrap",
+    "tell_apart",
 ]

@@ -28,11 +28,11 @@ _FARTHEST = 3.0  # standard deviations at which errors are clipped: an outlier p
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Results of K refits of known worlds."""
+    """Results of K refits of known worlds that converged, or of all if none did."""
 
     errors: np.ndarray  # (K, N) divided by the standard deviations that each fit claims
     is_moving: np.ndarray  # (N,) bool; the others are appearance, which is easier to find
-    misfits: list[Misfit] = field(default_factory=list)  # failed fits included
+    misfits: list[Misfit] = field(default_factory=list)
     # (N,) standard deviations that fits like these usually claim; None: use those asked about
     usual_std: np.ndarray | None = None
     # (K,) indices of parameters that are known or held: their errors say nothing of these fits

@@ -98,7 +98,7 @@ def of_unknowns(
     """Only the evidence of keypoints that something unknown moves.
 
     Those of a robot whose motion is known tell nothing, but how badly they are found would count.
-    `states`: (E, nq + nv) some; `state_std`: (2 nv,) 0 where states are known; `unit`: (N,)
+    `states`: (n, nq + nv) some; `state_std`: (2 nv,) 0 where states are known; `unit`: (N,)
     parameters in unit coordinates, of which those `fitted`, (P,) indices, are unknown.
     """
     here, changes = physics.predict(states, unit), _by_parameters(physics, states, unit, fitted)

@@ -13,6 +13,7 @@ from simtune.observation import AllEvidence, JointReadings
 from simtune.simulation import Simulator
 
 MOST_STEPS = 0.75  # largest lateness, either way
+_NEARLY_ALL = 0.05  # steps to the end of that range, where it is no longer free
 _PREDICTIONS_PER_STEP = 4  # if there are as many substeps: a wheel may turn far in a step
 
 
@@ -102,6 +103,11 @@ class Lateness:
                 for left, right, one, other in ends
             ]
         return values[0]
+
+
+def is_too_late(late_steps: float) -> bool:
+    """Whether a lateness ended at the end of its range, and hides the rest of a delay."""
+    return abs(late_steps) > MOST_STEPS - _NEARLY_ALL
 
 
 def _shares(num_substeps: int) -> np.ndarray:

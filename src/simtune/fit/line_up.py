@@ -18,6 +18,7 @@ from simtune.fit.shooting_config import ShootingConfig, Stage
 _PARTICLE_STD = (0.02, 0.1)  # bounds of the particles' parameter spread, in unit coordinates
 _QUICK_STAGES = Stage(4, 3, 3.0), Stage(12, 4)
 _QUICK_WINDOWS = (12, 30)  # bounds
+_LOOKED_AT = 8  # steps, at one of which it is looked which keypoints something unknown moves
 
 
 class Followed(NamedTuple):
@@ -73,7 +74,8 @@ def _by_readings(
     observed = observed.delayed(latency_steps)
     states, offsets = joints.find(observed, setup.estimator(observed), start.parameters)
     given = setup.prior_std, setup.space.to_unit(start.parameters), setup.moving
-    observed = of_unknowns(without_readings(observed), setup.physics, states[:, 0], *given)
+    some = states[:, ::_LOOKED_AT].reshape(-1, states.shape[-1])  # a thing may come into view late
+    observed = of_unknowns(without_readings(observed), setup.physics, some, *given)
     followed = _follow(setup, observed, states, fitted, start)
     return LinedUp(observed, latency_steps, offsets, *followed)
 

@@ -70,10 +70,12 @@ def run_bootstrap(
         # Either may be NaN.
         pairs = zip(refit.misfit.motion, fit.misfit.motion, strict=True)
         astray.append(any(refitted > _ASTRAY * real for refitted, real in pairs))
-    # If all failed to converge, the real fit may have as well: keep them.
+    # If all failed to converge, the real fit may have as well: keep them. Else neither errors nor
+    # misfits of those that failed count: beside theirs, any misfit would look usual.
     kept = ~np.array(astray, bool) | np.all(astray)
     shape = (-1, len(unit))
     off, std = np.array(errors).reshape(shape)[kept], np.array(stds).reshape(shape)[kept]
     usual = usual_std(std, fit, np.array(rough))
     claimed = np.hypot(believed_std(std, usual, len(std)), fit.refitted_discrepancy_std)
-    return Bootstrap(off / claimed, fit.is_moving, misfits, usual, fit.unfitted)
+    compared = [misfit for misfit, is_kept in zip(misfits, kept, strict=True) if is_kept]
+    return Bootstrap(off / claimed, fit.is_moving, compared, usual, fit.unfitted)

@@ -12,7 +12,7 @@ from simtune.budget import Budget
 from simtune.fit.estimator import StateEstimator
 from simtune.fit.fit_setup import FitSetup
 from simtune.fit.joint_motion import JointMotion
-from simtune.fit.lateness import as_seen
+from simtune.fit.lateness import as_seen, is_too_late
 from simtune.fit.line_up import line_up
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
@@ -132,6 +132,7 @@ class ReplayFit:
             pictures.responses,
             kept if kept < num else None,
             setup.physics.simulator.step_s * np.array([motion.late_steps, motion.late_std]),
+            is_too_late(motion.late_steps),
             np.array(setup.config.held, int),
         )
 

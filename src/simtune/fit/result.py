@@ -48,6 +48,7 @@ class FitResult:
     held_out: int | None = None  # the episode that only the misfit was computed from
     # (2,) seconds by which pictures are also late, and their std; 0 if lateness is known
     late_s: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    is_too_late: bool = False  # whether that is the most that is fitted, and hides the rest
     # (K,) indices of held parameters, which stay where the fit began
     held: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
@@ -62,19 +63,9 @@ class FitResult:
         return np.isin(np.arange(len(self.std)), self.moving)
 
     @property
-    def claimed_std(self) -> np.ndarray:
-        """(N,) of the fit and of the discrepancy, together."""
-        return np.hypot(self.std, self.discrepancy_std)
-
-    @property
     def refitted_discrepancy_std(self) -> np.ndarray:
         """(N,) the part of the discrepancy that refits show: what cameras do to colours."""
         return np.where(self.is_moving, 0.0, self.discrepancy_std)
-
-    @property
-    def claimed_correlation(self) -> np.ndarray:
-        """(N, N) of the same errors; the discrepancy is independent between parameters."""
-        return diluted(self.correlation, self.std / self.claimed_std)
 
 
 def block_correlation(count: int, blocks: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from simtune.fit.bootstrap import Bootstrap
-from simtune.fit.result import FitResult
+from simtune.fit.result import FitResult, diluted
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 
@@ -15,6 +15,13 @@ _WORTH_TELLING = 0.6  # correlation from which a pair is reported
 _DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
 _CLEARLY_LATE_STDS, _CLEARLY_LATE_S = 4.0, 1e-3  # both exceeded: pictures are reported as late
 
+_AT_BOUND = 1e-3  # in unit coordinates
+
+_TOO_LATE = (
+    "Pictures come {:.0f} ms late, the most that is fitted: the rest of a delay may pass for "
+    "damping, so nothing is called identified. Correct the times of the frames, or declare a "
+    "parameter of kind delay."
+)
 _GO_ON = "Give it more minutes: the same command with a larger budget goes on from here."
 _HARDLY_JUDGED = (
     "A single known world was fitted for comparison, so intervals lean on how far fits usually "
@@ -32,7 +39,7 @@ def judged(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitRe
     These include what fits like this usually claim; they grow if this one explains the motion, or
     the pixels that show a parameter, worse than the refits do. Then less of the bias is removed,
     since something else is wrong. The motion's discrepancy is added in the end: refits have none,
-    so they must not scale it down.
+    so they must not scale it down; it is independent between parameters, and dilutes correlations.
     """
     worse = np.full(len(fit.std), max(1.0, *bootstrap.motion_ratios(fit.misfit)))
     # A fit to pictures claims more where pixels are noisier, but `believed` takes half of it away.
@@ -40,12 +47,16 @@ def judged(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitRe
     worse[~fit.is_moving] = np.sqrt(noisier)
     believed, refitted = bootstrap.believed(fit.std), fit.refitted_discrepancy_std
     unit = space.to_unit(fit.parameters) - bootstrap.bias() * np.hypot(believed, refitted) / worse
-    std = bootstrap.inflation() * np.hypot(believed * worse, refitted)
+    inflation = bootstrap.inflation()
+    std = inflation * np.hypot(believed * worse, refitted)
     std = np.where(
         fit.is_moving, np.hypot(std, fit.discrepancy_std), np.maximum(std, fit.discrepancy_std)
     )
+    own, share = inflation * believed * worse, np.ones(len(std))
+    np.divide(own, std, out=share, where=np.isfinite(std))
+    correlation = diluted(fit.correlation, share)
     parameters = space.clip(space.from_unit(np.clip(unit, 0, 1)))
-    return replace(fit, parameters=parameters, std=std)
+    return replace(fit, parameters=parameters, std=std, correlation=correlation)
 
 
 def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
@@ -55,13 +66,11 @@ def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np
     return distribution.to_range_unit(fit.parameters), fit.std / width
 
 
-def correlations(fit: FitResult, space: ParameterSpace) -> dict[str, float]:
-    """{"a, b": correlation} of the pairs that the videos can hardly separate."""
-    return tell_apart(fit.claimed_correlation, space)
-
-
 def tell_apart(correlation: np.ndarray, space: ParameterSpace) -> dict[str, float]:
-    """The same for (N, N) correlations, without pairs of colours of two channels."""
+    """{"a, b": correlation} of the pairs that can hardly be separated, of (N, N) correlations.
+
+    Without pairs of colours of two channels.
+    """
     found = {}
     for i, j in zip(*np.triu_indices(len(space), 1), strict=True):
         value, (a, b) = float(correlation[i, j]), (space.parameters[i], space.parameters[j])
@@ -135,7 +144,25 @@ def _or_none(distance: float) -> float | None:
 
 def _late(fit: FitResult) -> list[str]:
     """Warnings of a latency of actions, and of late pictures where that is clear."""
-    return latency_warning(fit.latency_steps) + lateness_warning("pictures", *fit.late_s)
+    too_late = [_TOO_LATE.format(1e3 * fit.late_s[0])] if fit.is_too_late else []
+    late = too_late or lateness_warning("pictures", *fit.late_s)
+    return latency_warning(fit.latency_steps) + late
+
+
+def bound_warnings(space: ParameterSpace, unit: np.ndarray, fitted: np.ndarray) -> dict[str, str]:
+    """{name: warning} of parameters that ended at a bound beyond which the truth may lie.
+
+    `unit`: (N,) in unit coordinates; `fitted`: (N,) bool. Nothing lies beyond a low bound of 0, or
+    beyond the bounds of a colour.
+    """
+    at_bound = (unit < _AT_BOUND) & (space.low != 0) | (unit > 1 - _AT_BOUND)
+    counts = at_bound & fitted & ~space.is_appearance
+    return {
+        name: f"{name} ended at a bound of its range: the truth may lie beyond, or the model lacks "
+        "something; give it a wider low and high to see"
+        for name, is_there in zip(space.names, counts, strict=True)
+        if is_there
+    }
 
 
 def latency_warning(latency_steps: int) -> list[str]:

@@ -1,7 +1,7 @@
 """What earlier rounds concluded, for a round that has little time."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from simtune.fit import Bootstrap
@@ -23,6 +23,10 @@ class Earlier:
         if before is None or len(made.misfits) >= min(_FEW, len(before.misfits)):
             return made
         return before
+
+    def with_doubts(self, estimate: Estimate) -> "Earlier":
+        """With the last round's estimate as it was doubted in the end, if something was fitted."""
+        return self if self.estimate is None else replace(self, estimate=estimate)
 
     def to_json(self) -> dict[str, Any]:
         """As a checkpoint holds it."""

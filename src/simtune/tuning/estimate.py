@@ -58,9 +58,13 @@ class Estimate:
         return cls(**{**saved, **arrays, "curves": curves, "correlation": correlation})
 
 
-def at_most_weak(verdicts: list[Verdict]) -> list[Verdict]:
-    """The verdicts, with "identified" replaced by "weak"."""
-    return ["weak" if verdict == "identified" else verdict for verdict in verdicts]
+def at_most_weak(verdicts: list[Verdict], doubtful: np.ndarray | None = None) -> list[Verdict]:
+    """The verdicts, with "identified" replaced by "weak"; `doubtful`: (N,) bool, by default all."""
+    doubts = [True] * len(verdicts) if doubtful is None else doubtful
+    return [
+        "weak" if is_doubtful and verdict == "identified" else verdict
+        for verdict, is_doubtful in zip(verdicts, doubts, strict=True)
+    ]
 
 
 def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:

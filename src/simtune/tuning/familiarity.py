@@ -52,7 +52,8 @@ NOT_STRANGE = Strange(False, False)
 
 def doubted(estimate: Estimate, strange: Strange) -> Estimate:
     """The estimate; if its videos are strange, nothing is identified, and why."""
-    if not (strange.clearly or (strange.perhaps and _is_worse(estimate))):
+    is_strange = strange.clearly or (strange.perhaps and _is_worse(estimate))
+    if not is_strange or STRANGE in estimate.warnings:
         return estimate
     warnings = [*estimate.warnings, STRANGE]
     return replace(estimate, verdict=at_most_weak(estimate.verdict), warnings=warnings)

@@ -13,13 +13,14 @@ from simtune.fit import (
     FitResult,
     Observed,
     PointEstimate,
-    correlations,
+    bound_warnings,
     held_out_misfit,
     in_range,
     judged,
     model_checks,
     moves_otherwise,
     ranks,
+    tell_apart,
 )
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
@@ -202,19 +203,22 @@ def conclude(
     config: RangeUpdateConfig,
 ) -> tuple[Estimate, np.ndarray]:
     """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
-    names = searched.space.names
-    mean, std = in_range(judged(fit, bootstrap, searched.space), searched)
+    space, known = searched.space, judged(fit, bootstrap, searched.space)
+    mean, std = in_range(known, searched)
     curves = with_fit(prob_higher, mean, std, config)
     read = read_curves(curves, searched, first, config)
+    is_fitted = ~np.isin(np.arange(len(space)), fit.unfitted)
+    at_bounds = bound_warnings(space, space.to_unit(fit.parameters), is_fitted)
     # If the model lacks something else, none of its numbers is identified.
-    is_sound = bootstrap.misfits and not moves_otherwise(fit, bootstrap)
+    is_sound = bootstrap.misfits and not (moves_otherwise(fit, bootstrap) or fit.is_too_late)
+    doubtful = np.array([not is_sound or name in at_bounds for name in space.names])
     estimate = replace(
         read,
-        verdict=read.verdict if is_sound else at_most_weak(read.verdict),
-        correlation=fit.claimed_correlation,
-        correlations=correlations(fit, searched.space),
-        ranks=ranks(bootstrap, names),
-        warnings=model_checks(fit, bootstrap),
+        verdict=at_most_weak(read.verdict, doubtful),
+        correlation=known.correlation,
+        correlations=tell_apart(known.correlation, space),
+        ranks=ranks(bootstrap, space.names),
+        warnings=[*model_checks(fit, bootstrap), *at_bounds.values()],
         held_out=held_out_misfit(fit, bootstrap),
         start=fit.starts[0].tolist(),
         latency_steps=fit.latency_steps,

@@ -156,16 +156,17 @@ class PosteriorSearch:
         detected = learning.detect(real)
         prob_higher = learning.curves(detected, searched)
         estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget, tell_early)
-        self._earlier = judging.earlier
         if told is None:
             estimate = doubted(estimate, how_strange(worlds.keypoints, held_out, detected))
+        self._earlier = judging.earlier.with_doubts(estimate)
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
         widths = half_widths(estimate, self.first)[self._counted]
         # A user reads the verdicts; a policy does not.
         are_identified = all(estimate.verdict[i] == "identified" for i in self._counted)
-        self._rounds.end(widths, are_identified or not self.config.for_policy)
+        is_judged = bool(estimate.ranks) or not self._can_fit
+        self._rounds.end(widths, are_identified or not self.config.for_policy, is_judged)
         self._learned = None
         return Round(estimate, events, metrics)
 

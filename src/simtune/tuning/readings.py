@@ -22,6 +22,7 @@ import torch
 from simtune.budget import Budget
 from simtune.errors import InputError
 from simtune.fit import MOST_EPISODES, Lateness, OpenLoop, OutputError, Readings
+from simtune.fit.lateness import is_too_late
 from simtune.observation import finds_offset
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
@@ -29,7 +30,7 @@ from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import at_most_weak
 from simtune.tuning.pace import slow_steps
 from simtune.tuning.readings_fits import FEWEST_STEPS, Found, Horizons, ReadingsFits, unexplained
-from simtune.tuning.readings_verdict import conclude, is_too_late
+from simtune.tuning.readings_verdict import conclude
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (
     Event,
@@ -123,7 +124,7 @@ class ReadingsSearch:
         budget.report("judging how sure that is", 0.9)
         judged = fit.judge(found.best, budget)
         is_explained = not unexplained(judged.noise, loop.sensors).any()
-        self.is_in_time = not is_too_late(judged)
+        self.is_in_time = not is_too_late(judged.late_steps[0])
         is_explained = bool(is_explained) and self.is_in_time
         self.is_trusted = found.is_sure and is_explained and not loop.unseen
         estimate, self.distribution = conclude(
@@ -137,8 +138,8 @@ class ReadingsSearch:
                 warnings=[*estimate.warnings, warning],
             )
         precision = self.config.precision
-        is_known = precision and is_precise(half_widths(estimate, self.first), precision)
-        if is_known:
+        is_known = is_precise(half_widths(estimate, self.first), precision) and found.is_sure
+        if precision and is_known:
             self.stop_reason = f"every parameter is known to {100 * precision:g} %"
         elif found.is_sure or found.num_fits >= self.config.horizons.most_fits:
             self.stop_reason = "another round would tell hardly more"  # else more fits may agree

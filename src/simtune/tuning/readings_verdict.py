@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.fit import OutputErrorFit
-from simtune.fit.lateness import MOST_STEPS
+from simtune.fit.lateness import is_too_late
 from simtune.fit.replay_cost import PRIOR_STD
 from simtune.fit.result import block_correlation, diluted
-from simtune.fit.uncertainty import latency_warning, lateness_warning, tell_apart
+from simtune.fit.uncertainty import bound_warnings, latency_warning, lateness_warning, tell_apart
 from simtune.observation import ObservationModel, joints_of
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
@@ -18,8 +18,6 @@ from simtune.tuning.readings_fits import Found, unexplained
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
 _LEAST_STD = 1e-3  # in unit coordinates
 _UNKNOWN_STD = 1.0  # of parameters that only pictures show
-_AT_BOUND = 1e-3
-_NEARLY_ALL = 0.05  # steps to the end of a lateness's range, where it is no longer free
 _UNSURE = 3.0  # factor on errors if no second fit says whether there are several minima
 _NOT_FOUND_TWICE = (
     "Fits to whole episodes ended at no answer twice ({} tried, from as many starts), so how sure "
@@ -73,19 +71,23 @@ def conclude(
     curves = normal_curves(seen.to_range_unit(mean), std / width)
     correlation = block_correlation(len(std), [(fitted, covariance)])
     correlation = diluted(correlation, of_fit / std)
-    is_sure = found.is_sure and not is_too_late(judged)
+    is_late = is_too_late(judged.late_steps[0])
+    is_sure = found.is_sure and not is_late
+    at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
+    doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
     read = read_curves(curves, seen, first, RangeUpdateConfig())
     estimate = replace(
         read,
         mean=mean,
-        verdict=read.verdict if is_sure else at_most_weak(read.verdict),
+        verdict=at_most_weak(read.verdict, doubtful),
         correlation=correlation,
         correlations=tell_apart(correlation, space),
         warnings=[
             *latency_warning(late),
             *lateness_warning("readings", *late_s),
-            *([_TOO_LATE.format(1e3 * late_s[0])] if is_too_late(judged) else []),
-            *_warnings(judged, found, first, observation),
+            *([_TOO_LATE.format(1e3 * late_s[0])] if is_late else []),
+            *_warnings(judged, found, observation),
+            *at_bounds.values(),
         ],
         start=judged.start.tolist(),
         latency_steps=late,
@@ -104,17 +106,7 @@ def _by_data(variance: np.ndarray) -> np.ndarray:
     return 1 / np.sqrt(np.maximum(information, 1 / _UNKNOWN_STD**2))
 
 
-def is_too_late(judged: OutputErrorFit) -> bool:
-    """Whether a lateness ended at the end of its range, and hides the rest of a delay."""
-    return abs(judged.late_steps[0]) > MOST_STEPS - _NEARLY_ALL
-
-
-def _warnings(
-    judged: OutputErrorFit,
-    found: Found,
-    first: Distribution,
-    observation: ObservationModel,
-) -> list[str]:
+def _warnings(judged: OutputErrorFit, found: Found, observation: ObservationModel) -> list[str]:
     warnings = []
     if not found.is_whole:
         warnings.append(_BY_STRETCHES)
@@ -125,10 +117,4 @@ def _warnings(
     if off.any():
         labels = [n for n, is_off in zip(observation.reading_labels, off, strict=True) if is_off]
         warnings.append(_UNEXPLAINED.format(", ".join(labels)))
-    for parameter, unit in zip(first.space, judged.unit, strict=True):
-        if min(unit, 1 - unit) < _AT_BOUND and not parameter.is_appearance:
-            warnings.append(
-                f"{parameter.name} ended at a bound of its range: the truth may lie beyond, "
-                "or the model lacks something; give it a wider low and high to see"
-            )
     return warnings

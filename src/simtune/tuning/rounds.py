@@ -68,12 +68,16 @@ class Rounds:
         seconds = plan_round(budget.seconds_left, full_s, is_last)
         return budget.part(seconds, span, name), True
 
-    def end(self, widths: np.ndarray, may_be_known: bool = True) -> None:
+    def end(self, widths: np.ndarray, may_be_known: bool = True, is_judged: bool = True) -> None:
         """End a round with `half_widths` of what counts.
 
         `may_be_known`: narrow intervals of a simulator that misses something are no knowledge.
+        `is_judged`: intervals that no known world has judged, for lack of time, say nothing yet.
         """
         self.num_done += 1
+        if not is_judged:
+            self.stop_reason = "all rounds are done" if self.num_done >= self._most else ""
+            return
         precision, before = self._precision, self._widths
         # A round without a fit repeats the widths, and says nothing.
         may_say = bool(precision and before) and before != widths.tolist()

@@ -144,9 +144,10 @@ def _mixed(own: np.ndarray, fit: Estimate, other: Estimate) -> Estimate:
         for (name, curve), mine in zip(other.curves.items(), own, strict=True)
     }
     correlation = other.correlation
-    if correlation is not None and fit.correlation is not None:
-        mine, both = np.outer(own, own), np.outer(~own, ~own)
-        correlation = np.where(mine, fit.correlation, np.where(both, correlation, np.eye(len(own))))
+    if own.any() and fit.correlation is not None:
+        mine, both, none = np.outer(own, own), np.outer(~own, ~own), np.eye(len(own))
+        rest = none if correlation is None else np.where(both, correlation, none)
+        correlation = np.where(mine, fit.correlation, rest)
     picked = zip(own, fit.verdict, other.verdict, strict=True)
     return replace(
         other,
