@@ -349,6 +349,17 @@ def test_warnings():
     assert "up to 40 ms away from their steps of 80 ms" in warned(0.08, (30, 30), 1.0, 40)[0]
 
 
+def test_rows_that_a_log_lacks_are_warned_of_in_one_line():
+    facts = {"control_hz": 12.5, "cameras": [], "gaps": {"swing1": [[2.9, 6.0]]}}
+    (said,) = warnings(pendulum(), facts, [np.eye(2)], 1)
+    assert said == (
+        "swing1: no row between 2.9 and 6 s: the action before is held; was the log cut?"
+    )
+    facts["gaps"] |= {"swing2": [[1.0, 1.5], [3.0, 9.0]]}
+    (said,) = warnings(pendulum(), facts, [np.eye(2)], 1)
+    assert said.startswith("swing2: no row between 3 and 9 s, the longest of 3 gaps: the action")
+
+
 # --- the command --------------------------------------------------------------------------
 
 

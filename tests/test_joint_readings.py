@@ -1,5 +1,7 @@
 """Joint readings as evidence, and what encoders show more than the truth beside pictures."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from servo_arm import write_arm
@@ -21,6 +23,9 @@ from simtune.observation import (
     read_later,
 )
 from simtune.randomization import Distribution
+from simtune.real.recorded import RecordedReal, read_episode
+from simtune.recordings import Dataset, open_dataset
+from simtune.recordings.resample import counted_on
 from simtune.simulation import random_actions
 from simtune.tasks import load_task
 from simtune.vision.keypoints import find_keypoints
@@ -189,11 +194,57 @@ def test_angles_that_begin_again_after_a_turn_are_counted_on():
     true = np.stack([np.linspace(3, 8, 30), np.linspace(0, 40 * np.pi, 30)], 1)
     recorded = np.stack([(true[:, 0] + np.pi) % (2 * np.pi) - np.pi, true[:, 1]], 1)
     recorded[4, 0] = np.nan
-    read = sensor_of(endless=np.array([True, True])).from_recorded(recorded, 0.1)
+    read = counted_on(recorded, sensor_of(endless=np.array([True, True])).periods)
     np.testing.assert_allclose(np.delete(read, 4, 0), np.delete(true, 4, 0), atol=1e-12)
     assert np.isnan(read[4, 0])
-    as_it_is = sensor_of(endless=np.array([False, True])).from_recorded(recorded, 0.1)
+    as_it_is = counted_on(recorded, sensor_of(endless=np.array([False, True])).periods)
     np.testing.assert_allclose(as_it_is, recorded)
+    np.testing.assert_array_equal(counted_on(recorded, sensor_of().periods), recorded)
+
+
+def recorded_at_50_hz(folder: Path, values: np.ndarray, control_hz: float) -> Dataset:
+    """An episode of (T, 2) recorded numbers, to be read at another rate."""
+    actions = np.zeros((len(values) - 1, 1))
+    np.savez(folder / "turns.npz", hz=50, actions=actions, encoders=values)
+    columns = {"encoders": ["encoders"]}
+    return open_dataset(folder, cameras=(), readings=columns, control_hz=control_hz)
+
+
+def test_encoders_that_begin_again_are_counted_on_before_they_are_read_at_another_rate(tmp_path):
+    """One in degrees from 0 to 360, the other way round, and a limited joint that jumps."""
+    times_s = np.arange(201) / 50
+    turned = np.stack([0.3 + 12 * times_s + 0.5 * np.sin(2 * times_s)] * 2, 1)
+    turned[:, 1] = 2.5 * np.sign(np.sin(3 * times_s + 0.1))
+    sensor = sensor_of(
+        endless=np.array([True, False]),
+        factor=np.array([-180 / np.pi, 1.0]),
+        offset=np.array([0.2, 0.0]),
+    )
+    recorded = sensor.to_recorded(turned)
+    recorded[:, 0] %= 360
+    recorded[60:63, 0] = np.nan
+    dataset = recorded_at_50_hz(tmp_path, recorded, 20)
+    seen = ObservationModel.of_reality((sensor,), films=())
+    read = RecordedReal(dataset, seen).collect()[0].readings["encoders"]
+    at_s = np.arange(len(read)) / 20
+    straight = np.stack([np.interp(at_s, times_s, column) for column in turned.T], 1)
+    np.testing.assert_allclose(read[:, 1], straight[:, 1], atol=1e-9)
+    assert np.flatnonzero(np.isnan(read[:, 0])).tolist() == [24, 25]
+    off = read[:, 0] - straight[:, 0]
+    np.testing.assert_allclose(np.delete(off, [24, 25]), off[0], atol=1e-9)
+    assert abs(off[0] / (2 * np.pi) - round(off[0] / (2 * np.pi))) < 1e-9
+    without = read_episode(dataset, 0, seen, pictures=False)
+    np.testing.assert_array_equal(without.readings["encoders"], read)
+
+
+def test_a_fast_swing_within_a_turn_stays_so_at_a_slower_rate(tmp_path):
+    """It turns by more than half a turn in a step, but not from one row to the next."""
+    swing = 2.5 * np.sin(2.4 * 2 * np.pi * np.arange(201) / 50)
+    dataset = recorded_at_50_hz(tmp_path, np.stack([swing, swing], 1), 5)
+    seen = ObservationModel.of_reality((sensor_of(endless=np.array([True, True])),), films=())
+    read = RecordedReal(dataset, seen).collect()[0].readings["encoders"]
+    assert np.abs(np.diff(read[:, 0])).max() > np.pi
+    np.testing.assert_allclose(read[:, 0], swing[::10], atol=1e-9)
 
 
 def test_only_hinges_without_limits_are_endless(tmp_path):

@@ -121,6 +121,19 @@ def test_what_is_no_episode_is_left_alone(tmp_path):
     assert_whole(open_dataset(folder, num_actions=3))
 
 
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [
+        ((NUM_STEPS + 1, 2048), "as (T, D) with T up to 100000 and D up to 1000, got (25, 2048)"),
+        ((200_000,), "got 24 actions and rows {'embedding': 200000, 'frames': 25}"),
+    ],
+)
+def test_an_array_beyond_any_reading_matters_only_to_who_asks_for_it(tmp_path, shape, said):
+    folder = write(tmp_path / "a", episode(embedding=np.zeros(shape, np.float32)))
+    assert_whole(open_dataset(folder, num_actions=3))
+    assert said in message(folder, readings={"arm": ["embedding"]})
+
+
 def test_arrays_in_memory_are_written_once_by_what_they_hold(tmp_path):
     one, again = (write_arrays([episode(), episode()], tmp_path) for _ in range(2))
     assert one == again

@@ -168,6 +168,41 @@ def test_a_phone_that_was_turned_films_upright_all_the_same(tmp_path, turned):
         )
 
 
+def write_of_pixels(path: Path, aspect: Fraction) -> None:
+    """A video of 64×32 pixels of this width over height; the picture's right half is bright."""
+    picture = np.zeros((32, 64, 3), np.uint8)
+    picture[:, 32:] = 200
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=10, options={"crf": "0"})
+        stream.width, stream.height, stream.pix_fmt = 64, 32, "yuv420p"
+        stream.codec_context.sample_aspect_ratio = aspect
+        for _ in range(3):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode(None))
+
+
+@pytest.mark.parametrize(
+    ("aspect", "width"), [((4, 3), 85), ((10, 11), 58), ((1, 1), 64), ((0, 1), 64)]
+)
+def test_pixels_that_are_not_square_are_widened_as_a_player_does(tmp_path, aspect, width):
+    write_of_pixels(tmp_path / "swing.mp4", Fraction(*aspect))
+    for _, picture in decode(tmp_path / "swing.mp4"):
+        assert picture.shape == (32, width, 3)
+        bright = picture.mean((0, 2)) > 100
+        assert bright.argmax() == pytest.approx(width / 2, abs=1)
+    dataset = open_dataset(tmp_path)
+    assert dataset.aspects == [width / 32]
+    assert dataset.read(0).frames.shape == (3, 32, width, 3)
+
+
+def test_pictures_are_too_large_as_they_are_shown(tmp_path, monkeypatch):
+    monkeypatch.setattr("simtune.recordings.video.MOST_PIXELS", 100 * 32)
+    write_of_pixels(tmp_path / "swing.mp4", Fraction(1, 1))
+    assert open_dataset(tmp_path).aspects == [2]
+    write_of_pixels(tmp_path / "swing.mp4", Fraction(2, 1))
+    assert "pictures of 128×32 pixels; expected at most" in message(tmp_path)
+
+
 def test_the_camera_began_before_the_robot_and_ran_faster(tmp_path):
     times_s = [0.4 + t / FPS for t in range(8)]
     write_pair(tmp_path / "pairs", "swing", actions(8), times_s, fps=2 * FPS)
@@ -400,6 +435,52 @@ def test_all_kinds_give_the_same(tmp_path):
         for got in read.values():
             np.testing.assert_allclose(got.actions, expected.actions, atol=1e-6)
             assert np.abs(np.subtract(shown(got.frames), shown(expected.frames))).max() <= 1
+
+
+# --- gaps between rows --------------------------------------------------------------------
+
+
+def write_log(folder: Path, name: str, times_s: np.ndarray) -> None:
+    folder.mkdir(exist_ok=True)
+    lines = [f"{time_s:.3f},{np.sin(time_s):.3f}" for time_s in times_s]
+    (folder / f"{name}.csv").write_text("\n".join(["time,force", *lines]))
+
+
+def gaps(folder: Path) -> dict[str, list]:
+    dataset = open_dataset(folder, cameras=(), control_hz=10)
+    for episode in range(dataset.num_episodes):
+        dataset.skim(episode)
+    return json.loads(json.dumps(dataset.facts(dataset.num_episodes)["gaps"]))
+
+
+def test_rows_that_a_regular_log_lacks_are_among_the_facts(tmp_path):
+    times_s = np.arange(100) / 10
+    write_log(tmp_path / "logs", "whole", times_s)
+    write_log(tmp_path / "logs", "two_lost", np.delete(times_s, [7, 8]))
+    write_log(tmp_path / "logs", "cut", times_s[(times_s < 2.95) | (times_s > 5.95)])
+    jitter_s = np.random.default_rng(0).uniform(-0.03, 0.03, 100)
+    write_log(tmp_path / "logs", "uneven", np.delete(times_s + 1 + jitter_s, range(20, 24)))
+    found = gaps(tmp_path / "logs")
+    assert found["cut"] == [[2.9, 6.0]]
+    assert found["uneven"] == [[pytest.approx(2.9, abs=0.03), pytest.approx(3.4, abs=0.03)]]
+    assert set(found) == {"cut", "uneven"}
+
+
+def test_a_log_of_changes_alone_has_no_gaps(tmp_path):
+    """A command that is held for a while, and one that moves now and then."""
+    rng = np.random.default_rng(0)
+    write_log(tmp_path / "logs", "held", np.cumsum(rng.geometric(0.3, 60)) / 20)
+    moves_s = [start_s + np.arange(15) / 50 for start_s in np.arange(0, 20, 1.3)]
+    write_log(tmp_path / "logs", "moves", np.concatenate(moves_s))
+    write_log(tmp_path / "logs", "a few", np.array([0.0, 1, 2, 3, 9, 10]))
+    assert gaps(tmp_path / "logs") == {}
+
+
+def test_where_nobody_acts_nothing_is_held(tmp_path):
+    (tmp_path / "pairs").mkdir()
+    times_s = [t / FPS for t in range(NUM_STEPS + 1) if t not in (6, 7, 8)]
+    (tmp_path / "pairs" / "swing.csv").write_text("time\n" + "\n".join(map(str, times_s)))
+    assert gaps(tmp_path / "pairs") == {}
 
 
 # --- where files lie, and whether they are the same ---------------------------------------

@@ -168,6 +168,7 @@ def test_facts(written: Path):
                 strict=True,
             )
         },
+        "gaps": {},
         "readings": {},
         "episodes": 2,
         "episodes_in_dataset": 3,
@@ -234,6 +235,23 @@ def test_second_camera(dataset: Path):
         read_dataset(dataset)
     for name in ("wrist", second):
         assert facts_of(dataset, name)["key"] == second
+
+
+def cut_off(rows: list[dict], episode: int, num: int) -> list[dict]:
+    """Without an episode's first rows; the others keep their moments in its video."""
+    ours = [row for row in rows if row["episode_index"] == episode]
+    kept = [row | {key: row[key] - num for key in ("frame_index", "index")} for row in ours[num:]]
+    return [row for row in rows if row["episode_index"] != episode] + kept
+
+
+def test_an_episode_without_its_first_rows_shows_the_frames_of_those_that_are_left(dataset: Path):
+    edit_table(dataset / DATA, lambda rows: cut_off(rows, episode=1, num=3))
+    edit_table(dataset / EPISODES, lambda rows: [rows[0], rows[1] | {"length": 5}, rows[2]])
+    whole = make_trajectories()[1]
+    recording = read_dataset(dataset)
+    np.testing.assert_array_equal(recording.trajectories[1].actions, whole.actions[3:])
+    assert [number(frame) for frame in recording.trajectories[1].frames] == list(range(15, 20))
+    assert recording.facts["cameras"][0]["time_error_ms"]["largest"] < 0.01
 
 
 def test_unread_columns_do_not_matter(dataset: Path):
@@ -631,6 +649,23 @@ def test_timestamps_of_another_rate(dataset: Path):
         "HERE: episode 0, row 1: expected timestamp 0.05 s at 20 frames/s, got 0.1 s; "
         "is fps in meta/info.json right?"
     )
+
+
+@pytest.mark.parametrize(("later_s", "lasts_s"), [(1.2, 0.8), (1e9, 0.8)])
+def test_timestamps_that_are_not_of_an_episodes_own_part_of_a_video(
+    dataset: Path, later_s: float, lasts_s: float
+):
+    """Of the whole file, or of the day: frames of the next episode would be shown."""
+    edit_table(
+        dataset / DATA,
+        lambda rows: [
+            row | {"timestamp": row["timestamp"] + later_s * (row["episode_index"] == 1)}
+            for row in rows
+        ],
+    )
+    text = message(dataset)
+    assert text.startswith("HERE: episode 1: timestamps from 1")
+    assert f"expected seconds since its first frame, of {lasts_s:g} s of video" in text
 
 
 def test_short_episode(dataset: Path):

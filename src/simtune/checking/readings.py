@@ -15,6 +15,7 @@ from simtune.fit import Readings
 from simtune.fit.reading_sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one, where_analyzed
 from simtune.observation import ObservationModel, joints_of, units_of, usual_noise
+from simtune.real.recorded import read_episode
 from simtune.recordings import Dataset
 from simtune.run.files import plain
 from simtune.simulation import Simulator
@@ -44,7 +45,9 @@ def read_episodes(
     dataset: Dataset, num: int, simulator: Simulator, observation: ObservationModel
 ) -> ReadEpisodes:
     """The first `num` episodes. Raises InputError if one is unsound."""
-    trajectories = [_trajectory(dataset, episode, observation) for episode in range(num)]
+    trajectories = [
+        read_episode(dataset, episode, observation, pictures=False) for episode in range(num)
+    ]
     return look_at_servos(trajectories, simulator, observation)
 
 
@@ -104,11 +107,3 @@ def _left(values: np.ndarray, servos: Mapping[str, Servo], labels: Sequence[str]
     usual = _LEFT * np.ptp(np.nanpercentile(flat, (1, 99), axis=0), axis=0)
     known = np.array([servos[n].filtered_rms if n in servos else np.nan for n in labels])
     return np.where(np.isfinite(known), known, usual)
-
-
-def _trajectory(dataset: Dataset, episode: int, observation: ObservationModel) -> Trajectory:
-    """Readings in their sensors' units, without pictures."""
-    actions, recorded = dataset.measured(episode)
-    readings = observation.in_units(recorded, dataset.step_s, dataset.where)
-    frames = np.empty((len(actions) + 1, 0, 0, 3), np.uint8)
-    return Trajectory(frames, actions, dataset.step_s, readings)

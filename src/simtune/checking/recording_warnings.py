@@ -40,6 +40,7 @@ def warnings(
             "motion will seem to stand still and jump. If each video lasts as long as its actions, "
             "take a smaller --control-hz"
         )
+    found += _of_gaps(facts.get("gaps", {}))
     if search == "posterior" and facts["cameras"]:  # readings use all steps
         found += _of_lengths([len(actions) for actions in recorded[:num_replayed]])
     found += _of_order(facts.get("action_names", ()), task.load_actions().names)
@@ -56,6 +57,19 @@ def warnings_of(
     if "cameras" not in facts:
         return []
     return warnings(task, facts, [t.actions for t in trajectories], len(trajectories), search)
+
+
+def _of_gaps(gaps: Mapping[str, Sequence[tuple[float, float]]]) -> list[str]:
+    """On gaps between rows, {episode: (start, end) of each, seconds}; one line for all."""
+    lasts = [(end - start, name, start, end) for name in gaps for start, end in gaps[name]]
+    if not lasts:
+        return []
+    _, name, start, end = max(lasts)
+    of_several = f", the longest of {len(lasts)} gaps" if len(lasts) > 1 else ""
+    return [
+        f"{name}: no row between {start:.4g} and {end:.4g} s{of_several}: the action before is "
+        "held; was the log cut?"
+    ]
 
 
 def _of_lengths(lengths: list[int]) -> list[str]:

@@ -61,14 +61,22 @@ class JointSensor:
     def noise_or_usual(self) -> float | np.ndarray:
         return _USUAL_NOISE if self.noise is None else self.noise
 
+    @property
+    def periods(self) -> np.ndarray:
+        """(D,) a turn, as recorded, of endless hinges: many encoders begin again after it.
+
+        Infinite for other joints. Simulated joints count on.
+        """
+        is_endless = np.zeros(self.size, bool) if self.endless is None else self.endless
+        return np.where(is_endless, 2 * np.pi * np.abs(self.factor), np.inf)
+
     def from_recorded(self, recorded: np.ndarray, step_s: float) -> np.ndarray:
         """(T + 1, D) readings in `unit`, at the times of the frames; NaN: unknown.
 
-        `recorded`: (T + 1, D) as recorded, one per step of `step_s` seconds.
+        `recorded`: (T + 1, D) as recorded, one per step of `step_s` seconds, and counted on where
+        an encoder began again after one of its `periods`.
         """
         readings = (recorded - self.shift) / self.factor - self._known_offset
-        if self.endless is not None:
-            readings = np.where(self.endless, unwrapped(readings), readings)
         return read_later(readings, self.latency_s / step_s) if self.latency_s else readings
 
     def to_recorded(self, readings: np.ndarray) -> np.ndarray:
@@ -90,19 +98,6 @@ class JointSensor:
         return JointReadings.of(
             self.name, self.unit, readings, self.noise_or_usual, self.finds_offsets
         )
-
-
-def unwrapped(angles: np.ndarray) -> np.ndarray:
-    """(T, D) angles in rad without jumps by a turn, where a column lies within a turn; NaN: none.
-
-    Many encoders of endless hinges begin again after a turn, and simulated joints count on.
-    """
-    counted = angles.copy()
-    for column, values in enumerate(angles.T):
-        known = np.flatnonzero(np.isfinite(values))
-        if len(known) and np.ptp(values[known]) <= 2 * np.pi:
-            counted[known, column] = np.unwrap(values[known])
-    return counted
 
 
 def read_later(values: np.ndarray, steps: float) -> np.ndarray:

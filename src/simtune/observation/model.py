@@ -7,7 +7,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from simtune.errors import InputError
 from simtune.footage import PLAIN, Footage
 from simtune.observation.evidence import AllEvidence, Evidence
 from simtune.simulation import AnySimulator, Rollouts, StrayLight
@@ -50,8 +49,16 @@ class Sensor(Protocol):
         """Columns of recordings that hold its readings."""
         ...
 
+    @property
+    def periods(self) -> np.ndarray:
+        """(D,) after which recorded readings may begin again, in their units; infinite: never."""
+        ...
+
     def from_recorded(self, recorded: np.ndarray, step_s: float) -> np.ndarray:
-        """(T + 1, D) readings, at the times of the frames; `recorded`: as they were written."""
+        """(T + 1, D) readings, at the times of the frames.
+
+        `recorded`: as they were written, but counted on where they begin again.
+        """
         ...
 
     def to_recorded(self, readings: np.ndarray) -> np.ndarray:
@@ -184,19 +191,13 @@ class ObservationModel:
         motion, appearance = _DISCREPANCY_STD
         return np.where(is_appearance, appearance, motion) * (not self.is_simulated)
 
-    def in_units(
-        self, recorded: Mapping[str, np.ndarray], step_s: float, where: str
-    ) -> dict[str, np.ndarray]:
-        """{sensor: (T + 1, D)} readings of a recorded episode; see `Sensor.from_recorded`.
+    @property
+    def periods(self) -> dict[str, np.ndarray]:
+        """{sensor: (D,)}; see `Sensor.periods`."""
+        return {sensor.name: sensor.periods for sensor in self.sensors}
 
-        Raises InputError, naming `where` they lie, if their number differs from the sensor's.
-        """
-        for sensor in self.sensors:
-            if (count := recorded[sensor.name].shape[1]) != sensor.size:
-                raise InputError(
-                    f"{where}: {', '.join(sensor.columns)} holds {count} numbers, sensor "
-                    f"{sensor.name} has {sensor.size} joints; name a column for each joint"
-                )
+    def in_units(self, recorded: Mapping[str, np.ndarray], step_s: float) -> dict[str, np.ndarray]:
+        """{sensor: (T + 1, D)} readings of a recorded episode; see `Sensor.from_recorded`."""
         return {s.name: s.from_recorded(recorded[s.name], step_s) for s in self.sensors}
 
     def observe_beside(self, *others: Callable[[Any], np.ndarray]) -> Callable[[Any], np.ndarray]:

@@ -39,9 +39,7 @@ class RecordedReal(RealWorld):
         """
         num_episodes = how_many(self._dataset, num_episodes)
         for episode in range(len(self._collected), num_episodes):
-            read = self._dataset.read(episode)
-            readings = self.observation.in_units(read.readings, self.step_s, self._dataset.where)
-            self._collected.append(replace(read, readings=readings))
+            self._collected.append(read_episode(self._dataset, episode, self.observation))
         return self._collected[:num_episodes]
 
 
@@ -54,6 +52,18 @@ class ClosedReal(RealWorld):
     def collect(self, num_episodes: int | None = None) -> list[Trajectory]:
         """An empty list: recordings may be gone, and no robot moves."""
         return []
+
+
+def read_episode(
+    dataset: Dataset, episode: int, observation: ObservationModel, *, pictures: bool = True
+) -> Trajectory:
+    """An episode, with readings in the units of the sensors that the dataset was opened with.
+
+    Without `pictures`, none is decoded, and frames are empty. Raises InputError if the episode is
+    unsound, or a sensor has another number of joints.
+    """
+    read = dataset.read(episode, observation.periods, pictures=pictures)
+    return replace(read, readings=observation.in_units(read.readings, dataset.step_s))
 
 
 def how_many(dataset: Dataset, asked: int | None) -> int:

@@ -52,8 +52,8 @@ class ArraysSource:
         self.readings: Sequence[Reading] = [
             reading
             for key in sorted(first.arrays)
-            if key not in _OF_ACTIONS and not _is_camera(key) and first.is_table(key)
-            for reading in readings_of(key, (), first.table(key).shape[1])
+            if key not in _OF_ACTIONS and not _is_camera(key)
+            for reading in readings_of(key, (), first.width(key))
         ]
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
@@ -65,7 +65,7 @@ class ArraysSource:
                 f"({short(self.action_names)}), got {short(names)}"
             )
         keys = {reading.key for reading in readings} | ({self.camera} if self.camera else set())
-        lengths = {key: len(stored.numbers(key)) for key in keys}
+        lengths = {key: len(stored.numbers(key)) for key in sorted(keys)}
         if len(actions) < 2 or set(lengths.values()) - {len(actions), len(actions) + 1}:
             raise InputError(
                 f"{stored.path}: expected at least 2 actions, and a row before each, perhaps one "
@@ -130,16 +130,21 @@ class _Episode:
             raise InputError(f"{self.path}: expected hz as rows a second, got {hz:g}")
         return hz
 
-    def is_table(self, key: str) -> bool:
-        """Whether an array holds numbers in rows; others cannot be readings."""
+    def width(self, key: str) -> int:
+        """Readings in a row of an array; 0: it cannot hold any.
+
+        1 if it is beyond the limits of a table: who asks for it is told so, and nobody else.
+        """
         array = self.arrays[key]
-        return array.dtype.kind in "fiu" and array.ndim in (1, 2)
+        if array.dtype.kind not in "fiu" or array.ndim not in (1, 2):
+            return 0
+        return math.prod(array.shape[1:]) if _is_table(array) else 1
 
     def table(self, key: str) -> np.ndarray:
-        """(T, D) float64, from an array (T, D) or (T,)."""
+        """(T, D) float64, from an array (T, D) or (T,). Raises InputError for any other."""
         found = self.numbers(key)
         width = math.prod(found.shape[1:])
-        if found.ndim not in (1, 2) or len(found) > MOST_ROWS or width > MOST_ACTIONS:
+        if not _is_table(found):
             raise InputError(
                 f"{self.path}: expected {key} as (T, D) with T up to {MOST_ROWS} and D up to "
                 f"{MOST_ACTIONS}, got {found.shape}"
@@ -163,6 +168,13 @@ class _Episode:
         if names.shape != (num,) or names.dtype.kind not in "U" + "f" * (num == 0):
             raise InputError(f"{self.path}: expected action_names as {num} texts, got {names}")
         return tuple(map(str, names.tolist()))
+
+
+def _is_table(array: np.ndarray) -> bool:
+    """Whether it has rows of numbers, no more than an episode may have."""
+    if array.ndim not in (1, 2):
+        return False
+    return len(array) <= MOST_ROWS and math.prod(array.shape[1:]) <= MOST_ACTIONS
 
 
 def check_episode(name: str, arrays: Mapping[str, np.ndarray]) -> None:

@@ -11,7 +11,8 @@ from simtune.errors import InputError
 from simtune.recordings.facts import Seen, SeenPictures, action_ranges
 from simtune.recordings.film import Film
 from simtune.recordings.fingerprint import fingerprint
-from simtune.recordings.readings import NO_READINGS, choose_readings
+from simtune.recordings.readings import NO_PERIODS, NO_READINGS, choose_readings
+from simtune.recordings.resample import counted_on
 from simtune.recordings.source import Source, choose_actions
 from simtune.recordings.steps import Steps, check_rate, make_steps
 from simtune.trajectory import Trajectory
@@ -54,6 +55,7 @@ class Dataset:
         self._source, self._film, self._image_size = source, film, image_size
         self._columns = choose_actions(source, actions, num_actions)
         self._sensors = choose_readings(source.path, source.readings, readings)
+        self._asked = readings
         self._own_rate = control_hz is None
         self.step_s = 1 / (control_hz or source.fps)
         self._seen: dict[int, Seen] = {}
@@ -79,16 +81,26 @@ class Dataset:
         path, files = self._source.path, self._film.files if self._film else self._source.files
         return fingerprint(path if path.is_dir() else path.parent, files)
 
-    def read(self, episode: int) -> Trajectory:
-        """Read a whole episode. Raises InputError if it is unsound."""
-        steps = self._steps(episode)
-        frames: np.ndarray | None = None
-        for step, picture in enumerate(self._frames(episode, steps, self._image_size)):
-            if frames is None:
+    def read(
+        self,
+        episode: int,
+        periods: Mapping[str, np.ndarray] = NO_PERIODS,
+        *,
+        pictures: bool = True,
+    ) -> Trajectory:
+        """Read a whole episode; without `pictures`, none is decoded, and frames are empty.
+
+        Readings are as recorded, and counted on where `periods`, {sensor: (D,)}, say that they
+        begin again (`counted_on`). Raises InputError if it is unsound, or a sensor has another
+        number of readings.
+        """
+        steps = self._steps(episode, periods)
+        frames = np.empty((len(steps.times_s), 0, 0, 3), np.uint8)
+        shown = self._frames(episode, steps, self._image_size) if pictures else ()
+        for step, picture in enumerate(shown):
+            if step == 0:
                 frames = np.empty((len(steps.times_s), *picture.shape), np.uint8)
             frames[step] = picture
-        if frames is None:
-            frames = np.empty((len(steps.times_s), 0, 0, 3), np.uint8)
         return Trajectory(frames, steps.actions, self.step_s, steps.readings)
 
     def skim(
@@ -111,11 +123,6 @@ class Dataset:
         frames = [kept[step] for step in kept_steps] if kept else []
         return steps.actions, np.stack(frames) if frames else np.empty((0, 0, 0, 3), np.uint8)
 
-    def measured(self, episode: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """An episode's actions (T, A), and {sensor: (T + 1, D)} readings; no picture is decoded."""
-        steps = self._steps(episode)
-        return steps.actions, dict(steps.readings)
-
     def facts(self, num_episodes: int) -> dict[str, Any]:
         """Facts on the first episodes, which must have been read or skimmed; JSON."""
         seen = [self._seen[episode] for episode in range(num_episodes)]
@@ -129,6 +136,11 @@ class Dataset:
             "control_hz": 1 / self.step_s,
             "action_names": list(self.action_names),
             "action_ranges": action_ranges(seen, self.action_names),
+            "gaps": {
+                name: [list(gap) for gap in its.gaps_s]
+                for name, its in zip(self.episodes, seen, strict=False)
+                if its.gaps_s
+            },
             "readings": {
                 sensor: [reading.full_name for reading in readings]
                 for sensor, readings in self._sensors.items()
@@ -138,7 +150,7 @@ class Dataset:
             "steps": sum(s.num_steps for s in seen),
         }
 
-    def _steps(self, episode: int) -> Steps:
+    def _steps(self, episode: int, periods: Mapping[str, np.ndarray] = NO_PERIODS) -> Steps:
         """An episode without its pictures."""
         where = f"{self.where}: {self.episodes[episode]}"
         asked = [reading for readings in self._sensors.values() for reading in readings]
@@ -146,8 +158,27 @@ class Dataset:
         if self._own_rate:
             check_rate(where, rows, self.step_s)
         late_s = self._film.latency_s if self._film else 0.0  # the end of the episode is not seen
-        rows = replace(rows, actions=rows.actions[:, self._columns], until_s=rows.until_s - late_s)
+        rows = replace(
+            rows,
+            actions=rows.actions[:, self._columns],
+            until_s=rows.until_s - late_s,
+            # Before resampling: on a line across the jump, an encoder would turn back.
+            readings=counted_on(rows.readings, self._of_all(periods)),
+        )
         return make_steps(where, rows, self.step_s, self._sensors)
+
+    def _of_all(self, periods: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(D,) of all sensors' readings. Raises InputError if a sensor has another number."""
+        found = [np.empty(0)]
+        for sensor, readings in self._sensors.items():
+            its = periods.get(sensor, np.full(len(readings), np.inf))
+            if len(its) != len(readings):
+                raise InputError(
+                    f"{self.where}: {', '.join(self._asked[sensor])} holds {len(readings)} "
+                    f"numbers, sensor {sensor} has {len(its)} joints; name a column for each joint"
+                )
+            found.append(its)
+        return np.concatenate(found)
 
     @property
     def _kept_px(self) -> int | None:
@@ -163,4 +194,5 @@ class Dataset:
             lowest=steps.actions.min(0),
             highest=steps.actions.max(0),
             pictures=pictures,
+            gaps_s=steps.gaps_s,
         )

@@ -21,6 +21,7 @@ class Seen:
     lowest: np.ndarray  # (A,) actions
     highest: np.ndarray  # (A,) actions
     pictures: Sequence[SeenPictures]  # of each camera; empty if no pictures were read
+    gaps_s: Sequence[tuple[float, float]]  # start and end of each, see `find_gaps`
 
 
 def action_ranges(seen: Sequence[Seen], names: Sequence[str]) -> dict[str, list[float]]:

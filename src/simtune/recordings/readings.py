@@ -10,6 +10,7 @@ from simtune.errors import InputError
 from simtune.recordings.source import Reading, short
 
 NO_READINGS: Mapping[str, Sequence[str]] = {}
+NO_PERIODS: Mapping[str, np.ndarray] = {}
 
 
 def readings_of(key: str, names: Sequence[str], num: int) -> list[Reading]:

@@ -7,6 +7,10 @@ from simtune.recordings.source import Rows
 _ON_TIME = 0.02  # of a step: rows this near to a step's start are not resampled
 _ROUNDED = 0.25  # of a step: the same, of rows at the steps' own rate, whose clock rounds
 _BRIDGED = 3.5  # of the rows' steps: gaps of up to two missing rows are interpolated
+_FEWEST = 20  # rows that show whether a log is regular
+_IN_TIME = 0.9  # share of a regular log's other rows that come within half a step of their time
+_OFTEN = 0.01  # share of gaps: more are of a log of a command that rests now and then
+_ROUNDED_TURN = 1e-3  # of a turn, by which readings that were rounded may exceed it
 
 
 def typical_step_s(times_s: np.ndarray) -> float:
@@ -15,6 +19,21 @@ def typical_step_s(times_s: np.ndarray) -> float:
     # Not just the median, which has the error of clocks that round.
     counts = np.rint(gaps / np.median(gaps)).clip(1)
     return float((times_s[-1] - times_s[0]) / counts.sum())
+
+
+def find_gaps(times_s: np.ndarray) -> list[tuple[float, float]]:
+    """(start, end), in seconds, of gaps of more than two rows in an otherwise regular log.
+
+    `times_s`: (T,) rising. A log of changes alone has none: it is irregular, or rests often.
+    """
+    if len(times_s) < _FEWEST:
+        return []
+    lasts = np.diff(times_s) / typical_step_s(times_s)
+    is_gap = lasts > _BRIDGED
+    is_regular = np.mean(np.abs(lasts[~is_gap] - 1) < 0.5) >= _IN_TIME
+    if not is_regular or is_gap.sum() > max(1, _OFTEN * len(lasts)):
+        return []
+    return [(float(times_s[row]), float(times_s[row + 1])) for row in np.flatnonzero(is_gap)]
 
 
 def step_times(rows: Rows, step_s: float) -> np.ndarray:
@@ -44,6 +63,21 @@ def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:
     summed = np.concatenate([np.zeros_like(summed[:1]), summed])
     at_times = [np.interp(times_s, edges_s, column) for column in summed.T]
     return (np.diff(at_times) / step_s).T
+
+
+def counted_on(readings: np.ndarray, periods: np.ndarray) -> np.ndarray:
+    """(T, D) readings without the jumps of encoders that begin again after their (D,) period.
+
+    Only in columns that lie within their period: others count on already, and a jump is a fast
+    wheel. Periods are in the readings' units, infinite where nothing begins again. NaN: no reading.
+    """
+    counted = readings.copy()
+    for column in np.flatnonzero(np.isfinite(periods)):
+        known = np.isfinite(readings[:, column])
+        values, period = readings[known, column], float(periods[column])
+        if len(values) and np.ptp(values) <= (1 + _ROUNDED_TURN) * period:
+            counted[known, column] = np.unwrap(values, period=period)
+    return counted
 
 
 def step_readings(rows: Rows, times_s: np.ndarray) -> np.ndarray:

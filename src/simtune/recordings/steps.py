@@ -6,7 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.recordings.resample import step_actions, step_readings, step_times, typical_step_s
+from simtune.recordings.resample import (
+    find_gaps,
+    step_actions,
+    step_readings,
+    step_times,
+    typical_step_s,
+)
 from simtune.recordings.source import MOST_ROWS, Reading, Rows, first_wrong, short
 
 _LARGEST_READING = 1e9  # larger than any joint reading in any unit, counts of encoders too
@@ -19,6 +25,7 @@ class Steps:
     times_s: np.ndarray  # (K + 1,)
     actions: np.ndarray  # (K, A) float32
     readings: Mapping[str, np.ndarray]  # {sensor: (K + 1, D) float64}
+    gaps_s: Sequence[tuple[float, float]]  # in which an action is held since rows are missing
 
 
 def make_steps(
@@ -49,7 +56,8 @@ def make_steps(
             f"{step_s:.3g} s, a frame before and a frame after an action"
         )
     actions = step_actions(rows, times_s).astype(np.float32)
-    return Steps(times_s, actions, _by_sensor(where, rows, times_s, sensors))
+    gaps_s = find_gaps(rows.times_s) if actions.shape[1] else []
+    return Steps(times_s, actions, _by_sensor(where, rows, times_s, sensors), gaps_s)
 
 
 def _without_last(rows: Rows) -> Rows:

@@ -4,8 +4,9 @@ import contextlib
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import av
 import av.container
@@ -33,7 +34,7 @@ _HDR = (16, 18)  # transfer functions PQ and HLG, as H.273 numbers them
 @dataclass(frozen=True, kw_only=True)
 class VideoFacts:
     codec: str  # e.g. "h264"
-    height: int  # pixels, as stored: a player may rotate the picture
+    height: int  # pixels, as stored: a player may turn or widen the picture
     width: int  # pixels
 
 
@@ -55,8 +56,8 @@ def decode(path: str | Path) -> Iterator[tuple[float, np.ndarray]]:
     Raises:
         InputError: the file is missing or is no video, or its content is damaged.
     """
-    for time_s, frame in _decode(path):
-        yield time_s, _to_rgb(frame)
+    for shown in _decode(path):
+        yield shown.time_s, shown.to_rgb()
 
 
 def frame_times(path: str | Path) -> np.ndarray:
@@ -93,20 +94,46 @@ def frames_at(
     nearest, following = next(frames, None), next(frames, None)
     for time_s in times_s:
         # Presentation times rise, so a frame is the nearest once the following one is farther away.
-        while nearest and following and abs(following[0] - time_s) < abs(nearest[0] - time_s):
+        while (
+            nearest and following and abs(following.time_s - time_s) < abs(nearest.time_s - time_s)
+        ):
             nearest, following = following, next(frames, None)
-        if nearest is None or abs(nearest[0] - time_s) >= tolerance_s:
+        if nearest is None or abs(nearest.time_s - time_s) >= tolerance_s:
             raise InputError(
                 f"{path}: no frame is shown within {tolerance_s:.3g} s of {time_s:g} s; "
                 "the video is truncated or lacks frames, copy the file again"
             )
-        yield nearest[0], _to_rgb(nearest[1])
+        yield nearest.time_s, nearest.to_rgb()
 
 
-def _decode(path: str | Path, from_s: float = 0.0) -> Iterator[tuple[float, av.VideoFrame]]:
-    """(seconds since the first frame, frame) in presentation order.
+class _Shown(NamedTuple):
+    """A decoded frame."""
 
-    Frames before `from_s` are skipped as far as the file's keyframes allow.
+    time_s: float  # seconds since the first frame
+    frame: av.VideoFrame
+    pixel_aspect: Fraction  # width over height of a stored pixel
+
+    def to_rgb(self) -> np.ndarray:
+        """(H, W, 3) uint8 as a player shows it: square pixels, turned as a phone was held."""
+        width = _square(self.frame.width, self.pixel_aspect)
+        # One thread: otherwise swscale starts new ones for each frame, and takes ten times longer.
+        pixels = self.frame.to_ndarray(width=width, **_TO_RGB)
+        return np.rot90(pixels, round(self.frame.rotation / 90))  # both count counterclockwise
+
+
+def _square(width: int, pixel_aspect: Fraction) -> int:
+    """The width in square pixels of a row of `width` pixels, whose height is kept."""
+    return max(1, round(width * pixel_aspect))
+
+
+def _pixel_aspect(stream: av.video.stream.VideoStream) -> Fraction:
+    return stream.sample_aspect_ratio or Fraction(1)  # 0: not said
+
+
+def _decode(path: str | Path, from_s: float = 0.0) -> Iterator[_Shown]:
+    """Frames in presentation order.
+
+    Those before `from_s` are skipped as far as the file's keyframes allow.
     """
     reached_s = 0.0
     with _open(path) as (container, stream):
@@ -128,7 +155,7 @@ def _decode(path: str | Path, from_s: float = 0.0) -> Iterator[tuple[float, av.V
                         f"{path}: the frame after {reached_s:g} s is damaged; copy the file again"
                     )
                 reached_s = frame.time - start_s
-                yield reached_s, frame
+                yield _Shown(reached_s, frame, _pixel_aspect(stream))
         except av.error.FFmpegError as error:
             raise InputError(
                 f"{path}: cannot be decoded beyond {reached_s:g} s ({error.strerror}); "
@@ -151,13 +178,6 @@ def _seek(
     return container.decode(stream)
 
 
-def _to_rgb(frame: av.VideoFrame) -> np.ndarray:
-    """(H, W, 3) uint8, rotated as a player shows it: a phone stores how it was held."""
-    # One thread: otherwise swscale starts new threads for each frame, which takes ten times longer.
-    pixels = frame.to_ndarray(**_TO_RGB)
-    return np.rot90(pixels, round(frame.rotation / 90))  # both count counterclockwise
-
-
 @contextlib.contextmanager
 def _open(
     path: str | Path,
@@ -176,7 +196,8 @@ def _open(
         if not container.streams.video:
             raise InputError(f"{path}: holds no video stream")
         stream = container.streams.video[0]
-        width, height = stream.codec_context.width, stream.codec_context.height
+        width = _square(stream.codec_context.width, _pixel_aspect(stream))
+        height = stream.codec_context.height
         if width * height > MOST_PIXELS:
             raise InputError(
                 f"{path}: pictures of {width}×{height} pixels; expected at most 7680×4320, "

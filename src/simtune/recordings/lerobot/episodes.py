@@ -1,9 +1,10 @@
 """Locations of a LeRobotDataset's episodes, as listed in meta/, with checks."""
 
 import itertools
+import math
 import reprlib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -23,6 +24,7 @@ class Episode:
     data_file: Path
     video_file: Path | None  # None: no camera was chosen
     from_s: float  # its start in the video file, seconds
+    until_s: float = math.inf  # the next episode's; infinite: the file has no further one
 
 
 def read_episodes(
@@ -57,7 +59,7 @@ def read_episodes(
             f"{layout.episodes} lists {len(episodes)}; copy the dataset again"
         )
     if camera:
-        _check_overlaps(episodes.values(), info["fps"])
+        _set_ends(episodes, info["fps"])
     return tuple(episodes[index] for index in sorted(episodes))
 
 
@@ -76,16 +78,18 @@ def _check(folder: Path, listed: Listed) -> None:
         )
 
 
-def _check_overlaps(episodes: Iterable[Episode], fps: float) -> None:
-    """Raise InputError if a frame of a video belongs to two episodes."""
-    in_order = sorted(episodes, key=lambda episode: (str(episode.video_file), episode.from_s))
+def _set_ends(episodes: dict[int, Episode], fps: float) -> None:
+    """Set `until_s`. Raises InputError if a frame of a video belongs to two episodes."""
+    in_order = sorted(episodes.values(), key=lambda its: (str(its.video_file), its.from_s))
     for before, after in itertools.pairwise(in_order):
-        ends_s = before.from_s + (before.num_rows - 0.5) / fps
-        if before.video_file == after.video_file and after.from_s < ends_s:
+        if before.video_file != after.video_file:
+            continue
+        if after.from_s < before.from_s + (before.num_rows - 0.5) / fps:
             raise InputError(
                 f"{after.video_file}: episode {after.index} starts at {after.from_s:g} s, before "
                 f"episode {before.index} ends; the timestamps in meta/episodes are wrong"
             )
+        episodes[before.index] = replace(before, until_s=after.from_s)
 
 
 def _template(folder: Path, info: dict[str, Any], key: str, layout: Layout) -> str:

@@ -49,8 +49,7 @@ class LeRobotSource:
             )
         rows = rows.sort_by("frame_index")
         self._check_order(rows, where)
-        self._check_times(rows["timestamp"].to_numpy(), where)
-        times_s = np.arange(len(rows)) / self.fps
+        times_s = self._times(rows["timestamp"].to_numpy(), where)
         actions = self._lists(rows["action"], len(self.action_names), "actions", where)
 
         def read(key: str) -> np.ndarray:
@@ -91,16 +90,28 @@ class LeRobotSource:
                 "episodes are mixed up, copy the dataset again"
             )
 
-    def _check_times(self, timestamp_s: np.ndarray, where: Episode) -> None:
-        """Raise InputError unless the rows are 1/fps seconds apart."""
-        expected_s = np.arange(len(timestamp_s)) / self.fps
-        is_late = ~(np.abs(timestamp_s - timestamp_s[0] - expected_s) < 0.5 / self.fps)
+    def _times(self, timestamp_s: np.ndarray, where: Episode) -> np.ndarray:
+        """(T,) seconds since the episode's start in its video, exactly 1/fps apart.
+
+        As in lerobot, they need not begin at 0: rows may have been cut off. Raises InputError
+        unless timestamps are 1/fps apart and lie within the episode's part of the video.
+        """
+        start_s = float(np.nan_to_num(timestamp_s[0]))
+        times_s = start_s + np.arange(len(timestamp_s)) / self.fps
+        is_late = ~(np.abs(timestamp_s - times_s) < 0.5 / self.fps)
         if (row := first_wrong(is_late)) is not None:
             raise InputError(
                 f"{self.path}: episode {where.index}, row {row}: expected timestamp "
-                f"{expected_s[row]:g} s at {self.fps:g} frames/s, got {timestamp_s[row]:g} s; "
+                f"{times_s[row]:g} s at {self.fps:g} frames/s, got {timestamp_s[row]:g} s; "
                 "is fps in meta/info.json right?"
             )
+        if where.from_s + times_s[-1] > where.until_s - 0.5 / self.fps:
+            raise InputError(
+                f"{self.path}: episode {where.index}: timestamps from {start_s:g} s to "
+                f"{times_s[-1]:g} s; expected seconds since its first frame, of "
+                f"{where.until_s - where.from_s:g} s of video; mend them in {where.data_file}"
+            )
+        return times_s
 
     def _lists(self, column: pa.ChunkedArray, num: int, what: str, where: Episode) -> np.ndarray:
         """(T, num) numbers; NaN if a number or a whole list is missing."""
