@@ -2,7 +2,9 @@
 
 import dataclasses
 import itertools
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +17,13 @@ from simtune.config import EvaluateConfig, RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.experiment.experiment import build_experiment
-from simtune.experiment.training_experiment import build_training
+from simtune.experiment.training_experiment import (
+    TrainingExperiment,
+    _most_late,
+    build_training,
+)
 from simtune.observation import ObservationModel
+from simtune.parameters import ParameterSpace, delay
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
@@ -248,6 +255,38 @@ def test_a_delay_moves_what_happens_by_its_steps():
 
     for delay_steps in (0, 1, 2):
         assert np.argmax(accelerations(delay_steps) > 0.5) == 1 + delay_steps
+
+
+def test_delays_of_simulated_episodes_are_about_what_was_found():
+    rng, any_real = np.random.default_rng(0), SimpleNamespace(max_latency_steps=2)
+    training = SimpleNamespace(
+        config=SimpleNamespace(method="autotune"),
+        scored_in=SimpleNamespace(gap=None),
+        environment=SimpleNamespace(most_late=2),
+        space=SPACE,
+        real=SimpleNamespace(observation=any_real),
+    )
+    drawn = partial(TrainingExperiment.delay_steps, training, rng=rng)
+    assert {drawn(1.0) for _ in range(20)} == {1}
+    assert {drawn(-0.2) for _ in range(20)} == {0}
+    assert {drawn(2.4) for _ in range(20)} == {2}  # a policy remembers no more actions
+    later = [drawn(0.6) for _ in range(400)]
+    assert set(later) == {0, 1}
+    assert np.mean(later) == pytest.approx(0.6, abs=0.08)
+    training.space = ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)])
+    assert drawn(1.0) == 0  # the parameter is all there is
+
+
+def test_actions_on_their_way_belong_to_the_state_where_a_delay_is_a_parameter():
+    observation = SimpleNamespace(max_latency_steps=0, sensors=())
+    world = SimpleNamespace(
+        real=SimpleNamespace(observation=observation),
+        simulator=SimpleNamespace(step_s=0.02),
+        space=ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)]),
+    )
+    assert _most_late(world) == 3
+    world.space = SPACE
+    assert _most_late(world) == 0
 
 
 def test_noisy_cameras_do_to_tensors_what_the_noise_says():

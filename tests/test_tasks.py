@@ -15,7 +15,7 @@ from mujoco.batch import MODEL_FIELDS, Batch
 
 from simtune.errors import UnknownName
 from simtune.parameters import ModelWriter
-from simtune.rollout import Environment
+from simtune.rollout import Environment, _charge_failures
 from simtune.simulation import scale_actions
 from simtune.tasks import TASKS, load_task
 
@@ -412,6 +412,10 @@ def test_a_world_that_is_dead_earns_nothing_and_no_policy_may_lose_its_mind():
         episodes = environment.play(lambda seen: np.ones((2, 6)), worlds, rng, film=False)
     assert (episodes.rewards[0, 3:] == 0).all()
     assert (episodes.rewards[1, 3:] > 0).any()
+    costs = np.array([[-1.0, -2.0, -9.0, -9.0], [-3.0, -1.0, -1.0, -1.0]])
+    _charge_failures(costs, np.arange(4) >= np.array([[2], [4]]))
+    # To the end, as badly as the worst step; to diverge would pay, else.
+    np.testing.assert_array_equal(costs, [[-1, -2 - 2 * 3, 0, 0], [-3, -1, -1, -1]])
     assert (episodes.terminated == [True, False]).all()  # time is up for the other: no end
     environment._reward = lambda batch: np.full(2, np.inf)
     with pytest.raises(RuntimeError, match="the reward of cheetah is no finite number"):

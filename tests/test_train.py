@@ -567,6 +567,8 @@ def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quic
     assert trained.simulator.step_s == TASK.step_s
     assert trained.simulator.supersampling == 2  # as for what a camera films
     assert trained.truth is None
+    _, state = load(newest(out / "checkpoints"))
+    assert trained.late_steps == state["estimate"]["latency_steps"]
     with pytest.raises(InputError, match="is of the real world, where no return is known"):
         evaluate(EvaluateConfig(run_folder=out), settings=settings)
     (tmp_path / "world.json").write_text("{}")

@@ -152,10 +152,14 @@ class Training:
         self._save()
 
     def _delay_steps(self) -> int:
-        """Delay of actions: the estimate's, once a search has looked for it."""
+        """Delay of actions: the estimate's, once a search has looked for it.
+
+        Late pictures are the same to a policy.
+        """
         is_known = self.run.num_rounds and self.experiment.search_name == "posterior"
-        estimated = self.run.estimate.latency_steps if is_known else None
-        return self.experiment.delay_steps(estimated, self.rng)
+        found, step_s = self.run.estimate, self.experiment.real.step_s
+        late = found.latency_steps + found.pictures_late_s[0] / step_s if is_known else None
+        return self.experiment.delay_steps(late, self.rng)
 
     @property
     def distribution_policy(self) -> Distribution:

@@ -1,6 +1,6 @@
 """`simtune evaluate`: score a run once more, on other episodes."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +65,8 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
     trained = build_training(TrainConfig(**options), settings=settings, trained=state)
     _check_unchanged(trained, run_config, run_folder)
     trained.load_agent(tensors, state)
+    if run_config["real"] != "pseudo":
+        trained = replace(trained, found_late=state["estimate"]["latency_steps"])
     if not trained.agent.can_act:
         raise InputError(
             f"{run_folder} has no policy yet, which begins to learn late in a training: go on with "

@@ -70,6 +70,18 @@ def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | N
     return schedule
 
 
+def _search_of_training(config: TrainConfig, task: Task) -> PosteriorSearchConfig:
+    if config.preset == "fast":
+        return replace(
+            _FAST_SEARCH,
+            precision=config.range_policy / WIDER,  # of wider ones, Ξ_policy would hold less
+            bears_brightness=choose_agent(config) == "teacher_student",
+        )
+    # The last round is judged by known worlds, so none may be planned that does not come.
+    come = sum(choose_schedule(config, task, "posterior").searches)
+    return PosteriorSearchConfig(num_rounds=min(PosteriorSearchConfig.num_rounds, come))
+
+
 def choose_search_settings(
     config: TuneConfig | TrainConfig,
     search_name: SearchName,
@@ -81,8 +93,8 @@ def choose_search_settings(
     if search_name == "posterior":
         if isinstance(config, TuneConfig):
             return PosteriorSearchConfig(precision=config.relative_precision)
-        enough = config.range_policy / WIDER  # of wider ones, Ξ_policy would hold less than that
-        return replace(_FAST_SEARCH, precision=enough) if config.preset == "fast" else None
+        assert isinstance(task, Task), "a policy needs a reward"
+        return _search_of_training(config, task)
     # Simulated episodes need not be longer than recorded ones.
     longest = task.episode_steps if is_training else PaperConfig.episode_steps
     episode_steps = min([longest, *map(len, recordings)])

@@ -24,6 +24,7 @@ from simtune.simulation import (
     FrameStacker,
     Rollouts,
     Simulator,
+    acting_late,
     on_pictures,
     random_actions,
 )
@@ -188,7 +189,7 @@ def _actor(
 ) -> Act:
     """The next episode's actions in a (1, N) world: random, the script's, or a policy's.
 
-    A policy sees pictures of its own.
+    A policy sees pictures of its own, and acts as late as in the world that it was trained for.
     """
     if policy == "scripted":
         return simulator.follow_script(1)
@@ -197,4 +198,4 @@ def _actor(
         return lambda t, _: actions[:, t]
     own = trained.environment.simulator
     stacker = FrameStacker(own, world, num_steps, trained.schedule.num_stacked)
-    return on_pictures(simulator, stacker, trained.agent.act)
+    return acting_late(on_pictures(simulator, stacker, trained.agent.act), trained.late_steps)

@@ -155,9 +155,9 @@ class Environment:
         repeat, num_goals = self.task.action_repeat, len(self.task.goals)
         rewards = rollouts.observed[:, 1:, 0].reshape(n, num_steps, repeat).sum(2)
         is_over = np.arange(num_steps) >= rollouts.lengths[:, None]
-        rewards[is_over] = 0  # a diverged world earns nothing
-        if not np.isfinite(rewards).all():
+        if not np.isfinite(rewards[~is_over]).all():
             raise RuntimeError(f"the reward of {self.task.name} is no finite number everywhere")
+        _charge_failures(rewards, is_over)
         is_whole = rollouts.lengths == num_steps
         seen = rollouts.observed[:, ::repeat, 1 + num_goals :].astype(np.float32)
         since = min(self.task.goal_steps or num_steps, num_steps) * repeat
@@ -181,3 +181,16 @@ class Environment:
             stray=stray and stray.to_rows(),
             reached=is_kept & is_whole[:, None],
         )
+
+
+def _charge_failures(rewards: np.ndarray, is_over: np.ndarray) -> None:
+    """Set rewards (n, T) of steps after a world diverged, `is_over`, in place.
+
+    It earns nothing, or, where rewards may be negative, the lowest of all for each step that is
+    left: else to diverge would be the best that a policy can do. Its last live step is charged.
+    """
+    lowest = min(0.0, rewards[~is_over].min(initial=0.0))
+    rewards[is_over] = 0.0
+    num_left = is_over.sum(1)
+    last = np.maximum(is_over.shape[1] - num_left - 1, 0)
+    rewards[np.arange(len(rewards)), last] += lowest * num_left

@@ -1,5 +1,6 @@
 """Additional parts of a training: the schedule, the environment, the agent, its replay."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,6 +28,8 @@ from simtune.tuning import FixedRange
 from simtune.tuning.readings_fits import most_delayed
 from simtune.vision.keypoints import Keypoints
 
+_ROUNDED = 1e-6  # steps
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingExperiment(Experiment):
@@ -39,13 +42,22 @@ class TrainingExperiment(Experiment):
     scored_in: Environment  # with the reality gap, if there is one
     agent: Agent
     replay: Replay
+    # By which actions are late in the robot's world that a loaded policy was trained for
+    found_late: int = 0
+
+    @property
+    def late_steps(self) -> int:
+        """Steps by which actions are late where the policy is scored."""
+        gap = self.scored_in.gap
+        return gap.delay_steps if gap else self.found_late
 
     def score(
         self, world: np.ndarray, num_episodes: int, seed: int
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """(num_episodes,) of "return" and of goals reached, acting on pixels alone; and a film.
 
-        In a world of (N,) parameters, with the reality gap if there is one.
+        In a world of (N,) parameters, with the reality gap if there is one, and with actions as
+        late as in the real world.
         """
         rng = np.random.default_rng((seed, 3))  # not used in training
         worlds = np.tile(world, (num_episodes, 1))
@@ -54,25 +66,29 @@ class TrainingExperiment(Experiment):
             assert observation.frames is not None
             return self.agent.act(observation.frames)
 
-        played = self.scored_in.play(act, worlds, rng)
+        played = self.scored_in.play(act, worlds, rng, True, self.late_steps)
         assert played.frames is not None
         assert played.reached is not None
         scores = dict(zip(self.task.goals, played.reached.T, strict=True))
         return {"return": played.rewards.sum(1), **scores}, played.frames[0]
 
-    def delay_steps(self, estimated: int | None, rng: np.random.Generator) -> int:
-        """Delay of actions in simulated episodes: `estimated`, or random if None.
+    def delay_steps(self, estimated: float | None, rng: np.random.Generator) -> int:
+        """Delay of actions in simulated episodes: about `estimated` steps, or random if None.
 
-        An oracle knows the reality gap's; a simulator as it starts has none.
+        Of 1.3 steps, it is one or two, 30 % of the time. An oracle knows the reality gap's; a
+        simulator as it starts has none, and one with a parameter for the delay no other.
         """
         if self.config.method == "untuned":
             return 0
         if self.config.method == "oracle" and self.scored_in.gap:
             return self.scored_in.gap.delay_steps
-        if not self.environment.most_late:
+        if self.space.is_delay.any() or not self.environment.most_late:
             return 0
         any_number = int(rng.integers(self.real.observation.max_latency_steps + 1))
-        return any_number if estimated is None else estimated
+        if estimated is None:
+            return any_number
+        whole, part = divmod(max(0.0, estimated), 1)
+        return min(int(whole) + int(rng.random() < part), self.environment.most_late)
 
     def policy_warnings(self, num_skipped: int) -> list[str]:
         """Possible problems of the policy, which was too late for `num_skipped` real trials."""
@@ -157,11 +173,13 @@ def build_training(
 
 
 def _most_late(world: World) -> int:
-    """Steps by which a search may find actions to be late, if no parameter describes it."""
-    seen = world.real.observation
-    if world.space.is_delay.any() or not seen.max_latency_steps:
+    """Steps by which actions may be late: by a parameter, or as a search may find them to be."""
+    seen, step_s, space = world.real.observation, world.simulator.step_s, world.space
+    if space.is_delay.any():
+        return math.ceil(space.high[space.is_delay].max() / step_s - _ROUNDED)
+    if not seen.max_latency_steps:
         return 0
-    by_readings = most_delayed(world.simulator.step_s) if seen.sensors else 0
+    by_readings = most_delayed(step_s) if seen.sensors else 0
     return by_readings + seen.max_latency_steps
 
 

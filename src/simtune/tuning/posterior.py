@@ -66,8 +66,7 @@ class PosteriorSearch:
         self.context, self._can_fit = context, can_fit(context)
         self.first = self.distribution = Distribution.first(space, context.start)
         every, moving = np.arange(len(space)), np.flatnonzero(~space.is_appearance)
-        # Before a real camera, whose brightness nobody knows, a policy learns in any brightness.
-        is_dimmed = config.for_policy and context.observation.image_noise is not None
+        is_dimmed = config.bears_brightness and context.observation.image_noise is not None
         is_of_motion = is_dimmed and len(moving) > 0
         self._counted = moving if is_of_motion else every  # parameters that must be precise
         counted = "parameter of the motion" if is_of_motion else "parameter"
