@@ -601,8 +601,9 @@ def test_every_example_can_be_copied_once(simtune, tmp_path, name):
     assert name in inspect.getsource(commands)
     status, said, _ = simtune("example", name, "--out", tmp_path / "new")
     assert status == 0
-    assert f"{tmp_path / 'new' / name}; next: simtune check" in said
-    root = Path(__file__).parents[1] / "examples" / name
+    root, made = Path(__file__).parents[1] / "examples" / name, tmp_path / "new" / name
+    first = f"{made / 'prepare.sh'}, then " if (root / "prepare.sh").exists() else ""
+    assert f"{made}; next: {first}simtune check {made / 'tune.toml'}" in said
     for path in (p for p in root.iterdir() if p.is_file() and not p.name.startswith(".")):
         assert (tmp_path / "new" / name / path.name).read_bytes() == path.read_bytes()
     assert not (tmp_path / "new" / name / "model").exists()

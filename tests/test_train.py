@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ import torch
 from other_keypoints import find_others
 from short_training import STEPS, WORLDS, by_few_windows, config_of, train_slowly
 
+import simtune
 from simtune.agents import Agent, AgentSpec, Observation, make_agent
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.agents.drqv2 import DrqV2, DrqV2Config
@@ -36,6 +38,7 @@ from simtune.replay import Replay
 from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
 from simtune.schedule import Schedule, fast, paper
+from simtune.simulation import scale_actions
 from simtune.tasks import load_task
 from simtune.tuning.estimate import Estimate, Verdict, unsure
 from simtune.tuning.search import Round
@@ -574,6 +577,35 @@ def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quic
     (tmp_path / "world.json").write_text("{}")
     world = EvaluateConfig(run_folder=out, parameters=tmp_path / "world.json", episodes=2, seed=0)
     assert evaluate(world, settings=settings)["mean"] > 0
+
+
+@pytest.mark.thorough
+def test_a_policy_acts_in_a_loop_of_ones_own_as_where_it_was_scored(autotuned, quick, monkeypatch):
+    out, _ = autotuned
+    monkeypatch.setattr("simtune.api.policy.load_trained", partial(load_trained, settings=quick))
+    policy, trained = simtune.load(out).policy(), load_trained(out, settings=quick)
+    seen, actions, act = [], [], trained.agent.act
+
+    def spy(frames: np.ndarray) -> np.ndarray:
+        seen.append(frames[0, -1])
+        actions.append(act(frames))
+        return actions[-1]
+
+    trained.agent.act = spy
+    assert trained.truth is not None
+    trained.score(trained.truth.for_oracle(), 1, seed=0)
+    for _ in range(2):
+        policy.reset()
+        wide = [np.pad(picture, ((0, 0), (9, 9), (0, 0))) for picture in seen]
+        acted = [policy.act(picture) for picture in wide]
+        expected = scale_actions(TASK.load_actions(), np.concatenate(actions))
+        np.testing.assert_allclose(acted, expected, rtol=1e-5)
+    assert policy.step_s == TASK.step_s
+    assert policy.action_names == ("slide",)
+    with pytest.raises(ValueError, match=r"expected a picture \(H, W, 3\) uint8, got \(8, 8\)"):
+        policy.act(np.zeros((8, 8), np.uint8))
+    with pytest.raises(ValueError, match="the picture is upright"):
+        policy.act(np.zeros((9, 8, 3), np.uint8))
 
 
 def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, quick, monkeypatch):

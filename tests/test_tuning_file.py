@@ -191,6 +191,7 @@ def test_a_long_file_says_it_all(load, tmp_path):
         ("a = 1\nb = 'x\n\n", 2, "not valid TOML"),
         ("a = 1\na = 2\n", 2, "not valid TOML: Cannot overwrite"),
         (HEAD + "modl = 3\n" + MASS, 3, "no key 'modl' in the file; did you mean 'model'?"),
+        (HEAD + MASS.replace("parameters", "parameter"), 3, "no key 'parameter' in the file"),
         ("control_timestep_s = 1\n" + MASS, 1, "the file has no model: expected a text"),
         ("model = 'scene.xml'\n" + MASS, 1, "no control_timestep_s: expected a finite number"),
         ("\nmodel = 'no.xml'\n", 2, r"there is no model file .*no\.xml"),
@@ -694,6 +695,18 @@ def test_a_delay_is_remembered(load):
             6,
             "pair_margin cannot be written",
         ),
+        ("name = 'p'\nfield = 'geom_rbound'\nobjects = 'bob'\n", 5, "MuJoCo derives geom_rbound"),
+        (
+            "name = 'p'\nfield = 'dof_M0'\nobjects = 'elbow'\n",
+            5,
+            "derives dof_M0 .*as geom_size, b",
+        ),
+        ("name = 'p'\nfield = 'cam_intrinsic'\nobjects = 'front'\n", 5, "own: tune its cam_fovy"),
+        (
+            "name = 'p'\nfield = 'jnt_axis'\nobjects = 'elbow'\n",
+            6,
+            "tuned by components 0 to 2, go",
+        ),
         ("name = 'p'\nfield = 'body_mass'\n", 3, "body_mass needs the names of its objects"),
         ("name = 'p'\nfield = 'opt.wind'\nobjects = 'bob'\n", 6, "opt.wind has no objects"),
         ("name = 'p'\nfield = 'geom_friction'\nobjects = 'bob'\n", 3, "3 numbers: say which by"),
@@ -888,6 +901,21 @@ def test_all_files_of_a_task_are_known(tmp_path):
         (tmp_path / name).write_text(text)
     found = {str(p.relative_to(tmp_path)) for p in named_files(tmp_path / "robots/arm/tune.toml")}
     assert found == {name for name in texts if "unused" not in name}
+
+
+def test_meshes_whose_folder_an_included_file_names_are_known(tmp_path):
+    """MuJoCo sees a meshdir from the folder of the main model, whichever file says it."""
+    texts = {
+        "tune.toml": 'model = "scene.xml"',
+        "scene.xml": '<include file="robot/parts/arm.xml"/>',
+        "robot/parts/arm.xml": """<compiler meshdir="robot/assets"/><mesh file="x.obj"/>""",
+        "robot/assets/x.obj": "",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    found = named_files(tmp_path / "tune.toml")
+    assert [str(file.relative_to(tmp_path)) for file in found] == list(texts)
 
 
 def test_a_task_that_was_edited_is_another_one(tmp_path):

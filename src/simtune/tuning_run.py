@@ -93,10 +93,11 @@ def _refuse_if_too_short(minutes: float, beside_s: float, needed: Needed) -> Non
     least_s, whole_s = needed.least_s, needed.whole_s
     if 60 * minutes < _SURELY * least_s + beside_s:
         enough = math.ceil((2 * least_s + beside_s) / 6) / 10
+        whole_minutes = max(math.ceil((whole_s + beside_s) / 60), math.ceil(enough))
         raise InputError(
             f"--budget-minutes {minutes:g} is too short: the smallest round takes about "
-            f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; for a sound answer "
-            f"give it --budget-minutes {enough:g} or more"
+            f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; give it "
+            f"--budget-minutes {enough:g} or more for an answer, and {whole_minutes} for verdicts"
             + (f". {needed.mostly}" if needed.mostly else "")
         )
     enough_s, shortened = whole_s + beside_s, ""

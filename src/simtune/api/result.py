@@ -14,6 +14,7 @@ import numpy as np
 from simtune.api import table
 from simtune.api.estimate import Estimate
 from simtune.api.plot import plot_curves, plot_estimates, plot_pairs
+from simtune.api.policy import Policy
 from simtune.config import ExportConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.export import draw_samples, export, tuned_model
@@ -124,6 +125,10 @@ class Result:
         options: dict[str, Any] = {"out": Path(out), "samples": samples, "format": format}
         check_types(ExportConfig, options)
         return export(ExportConfig(run_folder=self.path, **options))
+
+    def policy(self) -> Policy:
+        """The policy of a run of `train`. Raises ValueError if there is none, or files changed."""
+        return Policy(self.path)
 
     def to_pandas(self) -> "pandas.DataFrame":
         """One row per parameter, indexed by name. Needs pandas."""

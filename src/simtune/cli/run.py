@@ -112,7 +112,8 @@ def _example(command: ExampleCommand, say: Say) -> Done:
     from simtune.example import copy_example
 
     out = copy_example(command.name, command.out)
-    say(f"{out}; next: simtune check {out / 'tune.toml'}")
+    prepared = f"{out / 'prepare.sh'}, then " if (out / "prepare.sh").exists() else ""
+    say(f"{out}; next: {prepared}simtune check {out / 'tune.toml'}")
     return Done({"example": str(out)})
 
 

@@ -31,10 +31,10 @@ def key_lines(text: str) -> dict[KeyPath, int]:
 
 
 def line_of(path: KeyPath, lines: dict[KeyPath, int]) -> int:
-    """Line of a key, or else of the nearest table around it, or else 1."""
-    while path and path not in lines:
+    """Line of a key, or of an array's first table, or else of the nearest around it, or else 1."""
+    while path and path not in lines and (*path, 0) not in lines:
         path = path[:-1]
-    return lines.get(path, 1)
+    return lines.get(path) or lines.get((*path, 0), 1)
 
 
 def _header(statement: dict[str, Any], known: dict[KeyPath, int]) -> KeyPath:
