@@ -206,7 +206,7 @@ def test_a_long_file_says_it_all(load, tmp_path):
         ("model = 'scene.xml'\ncontrol_timestep_s = .1\n", 2, r"= .1 \(numbers begin with a digit"),
         (
             HEAD + "[[parameters]]\nname = 'p'\nkind = 'colour'\nobjects = 'bob'\nknown = true\n",
-            1,
+            3,
             "nothing to tune: all parameters are known",
         ),
         (HEAD, 1, r"nothing to tune.*\[\[parameters\]\]"),
