@@ -171,6 +171,41 @@ def test_methods_are_compared_where_all_else_is_usual(tmp_path):
     )
 
 
+def test_a_method_that_does_not_use_an_option_is_compared_with_those_that_do(tmp_path):
+    for seed in (0, 1):
+        make_run(tmp_path, "oracle", seed)
+        make_run(tmp_path, "dr", seed)
+        make_run(tmp_path, "autotune", seed, real_episodes=10)
+    make_run(tmp_path, "autotune", 0, real_episodes=2)
+    (setting,) = found(tmp_path)
+    assert [group.method for group in setting.groups] == ["autotune", "dr", "oracle"]
+    assert [group.num_seeds for group in setting.groups] == [2, 2, 2]
+    assert [ablation.option for ablation in setting.ablations] == ["real_episodes"]
+
+
+def test_a_page_says_what_makes_runs_no_plain_seeds(tmp_path):
+    for version in ("v1", "v2"):
+        make_run(tmp_path / version, task_content=version)
+    (tmp_path / "linked").symlink_to(tmp_path / "v1")  # the same runs, which count once
+    entries = [{"name": "lost", "status": "failed"}, {"name": "seen", "status": "done"}]
+    (tmp_path / "sweep.json").write_text(json.dumps({"runs": entries}))
+    records, unfinished = read_records(tmp_path)
+    assert unfinished == ["lost"]
+    (setting,) = settings(records)
+    assert (len(setting.groups[0].runs), rows(setting)[0].seeds) == (2, 1)
+    twice, versions = setting.notes
+    assert "autotune: 2 runs of 1 seeds" in twice
+    assert "of 2 versions of the task" in versions
+
+
+def test_runs_of_a_task_with_a_slash_in_its_name_are_drawn(tmp_path):
+    make_run(tmp_path, task="left-right")
+    result = tmp_path / "left-right-autotune-0-" / "result.json"
+    result.write_text(result.read_text().replace("left-right", "left/../right"))
+    (setting,) = found(tmp_path)
+    assert setting.key == "left_.._right"
+
+
 def test_runs_of_a_version_with_fewer_options_are_seeds_of_the_same(tmp_path):
     make_run(tmp_path, seed=0)
     make_run(tmp_path, seed=1, known_colour=None, json=False, task_name="ball_in_cup")
@@ -210,7 +245,9 @@ def test_shares_of_the_oracle_by_hand(tmp_path):
     assert row.score[:3] == (675, 630, 720)
     assert row.percent_error is not None
     assert row.percent_error.mean == pytest.approx(10)
-    assert overall([setting])["autotune"].mean == pytest.approx((630 / 720 + 1) / 2)
+    share = overall([setting])["autotune"]
+    assert share.of_oracle.mean == pytest.approx((630 / 720 + 1) / 2)
+    assert share.num_tasks == 1
 
 
 def test_a_task_with_a_goal_is_judged_by_success(tmp_path):

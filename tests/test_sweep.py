@@ -17,8 +17,10 @@ from pathlib import Path
 import pytest
 from sweep_driver import STAND_IN, drive_quietly
 
+from simtune import outcome
 from simtune.config import SweepConfig
 from simtune.errors import InputError
+from simtune.run import write_json
 from simtune.sweep import dry_run, sweep
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.estimate import Expectation, seconds_left
@@ -26,6 +28,8 @@ from simtune.sweep.grid import read_grid
 from simtune.sweep.lease import Lease, cores_taken
 from simtune.sweep.pilot import Pilot, Pilots
 from simtune.sweep.standing import Places, Standing
+from simtune.sweep.sweep import open_sweep
+from simtune.tasks import load_task
 
 GRID = """
 [options]
@@ -286,6 +290,23 @@ def test_a_name_stands_for_one_run_for_ever(beside):
     grid(beside, [0], GRID.replace("budget_minutes = 2", "budget_minutes = 3"))
     with pytest.raises(InputError, match="has a run cartpole-tune-s0 of another budget_minutes"):
         sweep(config, STAND_IN)
+
+
+def test_a_run_of_another_content_of_its_task_is_not_taken_for_done(tmp_path, beside):
+    example = Path(__file__).parents[1] / "examples" / "cart_pendulum"
+    shutil.copytree(example, tmp_path / "cart", ignore=shutil.ignore_patterns("recordings"))
+    tuning = tmp_path / "cart" / "tune.toml"
+    text = '[[runs]]\ncommand = "tune"\ntask = "cart/tune.toml"\n'
+    config = SweepConfig(grid=grid(tmp_path, [0], text), out=beside / "out")
+    (run,) = open_sweep(config)
+    folder = Places(config.out, run.name).run
+    folder.mkdir(parents=True)
+    stored = {"config": outcome.asked(run.config(), load_task(str(tuning))), "sources": {}}
+    write_json(folder / "config.json", stored)
+    assert open_sweep(config)
+    tuning.write_text(tuning.read_text().replace("step_s = 0.05", "step_s = 0.1"))
+    with pytest.raises(InputError, match="another content of"):
+        open_sweep(config)
 
 
 def test_minutes_of_pilots_go_with_a_dry_run(beside):

@@ -2,12 +2,14 @@
 
 A setting is a task, trained or only tuned, with a reality gap or not, after pretraining
 (sim-to-real) or not. Within a setting, runs of a method that differ only by their seeds are a
-group. If an option was varied, its most common value is the usual one: groups with usual options
-are drawn together, method beside method; groups with one other value are an ablation of its option.
+group. If an option was varied, its most common value, among runs of methods that use it, is the
+usual one: groups with usual options are drawn together, method beside method; groups with one other
+value are an ablation of its option.
 """
 
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +25,10 @@ class Group:
 
     method: str
     runs: list[Record]
+
+    @property
+    def num_seeds(self) -> int:
+        return len({run.config.get("seed") for run in self.runs})
 
     def scores(self, name: str) -> list[float]:
         return [value for run in self.runs if (value := run.score(name)) is not None]
@@ -57,13 +63,35 @@ class Setting:
         """The setting's part of file names."""
         parts = [self.task, "" if self.is_training else "tune"]
         parts += ["sim-to-real" if self.is_pretrained else "", "gap" if self.has_gap else ""]
-        return "-".join(part for part in parts if part)
+        return re.sub(r"[^\w.=+-]", "_", "-".join(part for part in parts if part))
 
     @property
     def score(self) -> str:
         """The score of policies: success if the task has a goal, else return."""
         has_goal = any("success" in run.result for group in self.groups for run in group.runs)
         return "success" if has_goal else "return"
+
+    @property
+    def notes(self) -> list[str]:
+        """What makes its runs no plain seeds of the same."""
+        contents = {run.config.get("task_content") for group in self.groups for run in group.runs}
+        found = [
+            f"{group.method}: {len(group.runs)} runs of {group.num_seeds} seeds, so some count more "
+            "than once."
+            for group in self.groups
+            if len(group.runs) > group.num_seeds
+        ]
+        if len(contents) > 1:
+            found.append(
+                f"These runs are of {len(contents)} versions of the task or its files, which count "
+                "as the same here."
+            )
+        if self.num_others:
+            found.append(
+                f"{self.num_others} runs differ from the others in several options at once, and "
+                "are in figures/runs.csv only."
+            )
+        return found
 
     def group(self, method: str) -> Group | None:
         return next((group for group in self.groups if group.method == method), None)
@@ -80,10 +108,14 @@ def settings(records: Sequence[Record]) -> list[Setting]:
 
 def _setting(key: tuple[bool, bool, bool, str], records: list[Record]) -> Setting:
     has_gap, is_pretrained, is_tuning, task = key
-    usual = _usual(records)
+    names = dict.fromkeys(name for record in records for name in record.options)
+    # {option: methods that use it}: domain randomisation films no real episodes
+    users = {n: {record.method for record in records if n in record.options} for n in names}
+    usual = _usual(records, users)
     apart: dict[frozenset[str], list[Record]] = {}
     for record in records:
-        differing = frozenset(n for n, v in usual.items() if record.options.get(n) != v)
+        own = [(n, v) for n, v in usual.items() if record.method in users[n]]
+        differing = frozenset(n for n, v in own if record.options.get(n) != v)
         apart.setdefault(differing, []).append(record)
     common = apart.pop(frozenset(), [])
     ablations = [
@@ -103,10 +135,12 @@ def _setting(key: tuple[bool, bool, bool, str], records: list[Record]) -> Settin
     )
 
 
-def _usual(records: list[Record]) -> dict[str, Any]:
+def _usual(records: list[Record], users: Mapping[str, set[str]]) -> dict[str, Any]:
     """{option: most common value} of varied options; of equally common ones, the first."""
-    names = dict.fromkeys(name for record in records for name in record.options)
-    values = {name: [record.options.get(name) for record in records] for name in names}
+    values = {
+        name: [record.options.get(name) for record in records if record.method in methods]
+        for name, methods in users.items()
+    }
     counts = {name: Counter(map(repr, listed)) for name, listed in values.items()}
     return {
         name: next(v for v in values[name] if repr(v) == count.most_common(1)[0][0])

@@ -111,13 +111,21 @@ def read_records(folder: Path) -> tuple[list[Record], list[str]]:
 
     A sweep's pilots are skipped. Raises InputError if there are no runs, or one is damaged.
     """
-    finished, unfinished = [], []
-    for path, folders, files in os.walk(folder):
+    finished, unfinished, seen = [], [], set[Path]()
+    for path, folders, files in os.walk(folder, followlinks=True):
+        if (real := Path(path).resolve()) in seen:  # by a link
+            folders.clear()
+            continue
+        seen.add(real)
         folders[:] = sorted(name for name in folders if name not in ("pilots", "checkpoints"))
         if "config.json" in files:
             folders.clear()
             record = _read(Path(path), folder)
             (finished if record else unfinished).append(record or Path(path).name)
+    if (board := folder / "sweep.json").is_file():  # runs that failed before they had a config
+        entries = read_json(board)["runs"]
+        unfinished += [e["name"] for e in entries if e["status"] != "done"]
+    unfinished = list(dict.fromkeys(unfinished))
     if not finished:
         raise InputError(f"{folder} has no run with a result in it, so there is nothing to draw")
     return finished, unfinished

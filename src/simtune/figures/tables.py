@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from simtune.config import UNTUNED
 from simtune.figures.authors import AUTHORS
@@ -37,7 +37,7 @@ def _row(setting: Setting, group: Group) -> Row:
     return Row(
         setting=setting.title,
         method=group.method,
-        seeds=len(group.runs),
+        seeds=group.num_seeds,
         score=_known(group.scores(setting.score)) if setting.is_training else None,
         near_success=_known(group.scores("near_success")),
         of_oracle=_known(shares_of_oracle(setting, group)),
@@ -61,13 +61,20 @@ def shares_of_oracle(setting: Setting, group: Group) -> list[float]:
     return [score / level for score in group.scores(setting.score)] if level > 0 else []
 
 
-def overall(settings: Sequence[Setting]) -> dict[str, Centre]:
-    """{method: share of the oracle's score, over all tasks and seeds}."""
+class Overall(NamedTuple):
+    """A method over several tasks."""
+
+    of_oracle: Centre  # the score as a share of the oracle's, over tasks and seeds
+    num_tasks: int  # which have runs of the method, and of an oracle that earns something
+
+
+def overall(settings: Sequence[Setting]) -> dict[str, Overall]:
+    """{method: its share of the oracle's score}; methods may lack tasks."""
     found = {}
     for method in ORDER:
         pairs = [(s, group) for s in settings if (group := s.group(method))]
         if strata := [shares for s, group in pairs if (shares := shares_of_oracle(s, group))]:
-            found[method] = stratified(strata)
+            found[method] = Overall(stratified(strata), len(strata))
     return found
 
 

@@ -41,7 +41,7 @@ def write_figures(folder: Path | str) -> Path:
         page = environment.get_template("figures.html").render(
             settings=found,
             figures=drawn,
-            overall=[(title, tables.overall(group)) for title, group in _trainings(found)],
+            overall=[(t, tables.overall(group), len(group)) for t, group in _trainings(found)],
             num_runs=len(records),
             unfinished=unfinished,
             title=folder.resolve().name,
