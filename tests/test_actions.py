@@ -242,6 +242,37 @@ def test_joint_actions_refuse_an_actuator_that_moves_a_tendon():
         JointActions(model)
 
 
+# No control, and two
+IDLE = '<dcmotor name="idle" joint="elbow" motorconst="1" resistance="1" input="none"/>'
+PID = '<pid name="pid" joint="elbow" kp="3" input="pos vel"/>'
+
+
+def test_actuators_with_other_than_one_control_leave_the_others_theirs():
+    def control(action, data):
+        data.ctrl[2:4] = data.qpos[:2] + np.clip(action, -1, 1)
+
+    xml = ARM.replace("<actuator>", f"<actuator>{IDLE}{PID}")
+    for mapping in (DirectActions, ScaledActions):
+        simulator = simulator_of(xml, partial(mapping, actuators=SERVOS))
+        expected = [[-2, 1], [0, 3]] if mapping is DirectActions else [[-1, 1]] * 2
+        np.testing.assert_array_equal(simulator.action_mapping.range, expected)
+    assert_as_plain(simulator_of(xml, partial(JointActions, actuators=SERVOS)), control)
+    every = DirectActions(mujoco.MjModel.from_xml_string(xml.replace(PID, "")))
+    assert every.names == ("shoulder", "elbow", "free")
+
+
+@pytest.mark.parametrize(("actuator", "num"), [(IDLE, 0), (PID, 2)])
+def test_an_actuator_with_other_than_one_control_is_no_action(actuator, num):
+    model = mujoco.MjModel.from_xml_string(ARM.replace("<actuator>", f"<actuator>{actuator}"))
+    name = model.actuator(0).name
+    message = f"^actuator '{name}' has {num} controls, and an action is one: leave it out, by act"
+    with pytest.raises(InputError, match=message):
+        JointActions(model, actuators=("shoulder", name))
+    if num:
+        with pytest.raises(InputError, match=message):
+            DirectActions(model)
+
+
 class TestMocap:
     @pytest.mark.parametrize("weld", WELDS)
     def test_the_body_goes_where_it_is_sent(self, weld):

@@ -88,6 +88,35 @@ def test_what_is_measured_is_before_or_behind_the_play(load, scene):
     assert load(HEAD + TABLE + velocity + PLAY).sensors[0].observe(Batch) == pytest.approx(2.2)
 
 
+STICKY = """<default><joint damping="2" frictionloss="1" stiffness="3" armature=".5" ref="1"
+  springref="2" margin=".1" actuatorfrcrange="-1 1" actuatorgravcomp="true"/>
+  <default class="sprung"><joint springdamper=".1 1"/></default></default><worldbody>"""
+
+
+@pytest.mark.parametrize("body_class", ["", 'childclass="sprung"'])
+def test_nothing_holds_a_play_whatever_joints_of_the_model_are_by_default(load, folder, body_class):
+    scene = SCENE.format(angle="radian", armature=0.1).replace("<worldbody>", STICKY)
+    (folder / "scene.xml").write_text(scene.replace('name="arm"', f'name="arm" {body_class}'))
+    model = load(HEAD + SENSOR + TABLE + MASS).load_model()
+    play = model.joint("elbow_backlash")
+    for field in ("dof_damping", "dof_frictionloss", "dof_armature"):
+        assert getattr(model, field)[play.dofadr[0]] == 0, field
+    for field in ("stiffness", "margin", "actfrclimited", "actgravcomp"):
+        assert getattr(model, f"jnt_{field}")[play.id] == 0, field
+    assert model.qpos0[play.qposadr[0]] == model.qpos_spring[play.qposadr[0]] == 0
+    assert model.joint("elbow").armature == pytest.approx(0.1)
+
+
+def test_a_play_turns_about_its_joint_within_a_frame(load, folder):
+    scene = SCENE.format(angle="degree", armature=0.1)
+    joint = '<joint name="elbow" axis="0 -1 0" armature="0.1"/>'
+    assert joint in scene
+    turned = f'<frame pos=".1 0 .2" euler="30 40 0">{joint}</frame>'
+    (folder / "scene.xml").write_text(scene.replace(joint, turned))
+    model = load(HEAD + SENSOR + TABLE + PLAY).load_model()
+    assert driven_through(model, model.joint("elbow_backlash").id) == model.joint("elbow").id
+
+
 def test_keyframes_have_a_play_in_its_middle(load, scene):
     model = load(HEAD + SENSOR + TABLE + PLAY).load_model()
     assert [model.joint(i).name for i in range(3)] == ["elbow", "elbow_backlash", "wrist"]

@@ -204,6 +204,24 @@ objects = "left_palm"
         export(ExportConfig(run_folder=run, out=tmp_path / "again"))
 
 
+def test_the_six_pictures_of_a_cube_come_along(scene, tmp_path):
+    from matplotlib.image import imsave
+
+    sides = ("right", "left", "up", "down", "front", "back")
+    named = " ".join(f'file{side}="sky/{side}.png"' for side in sides)
+    (scene.parent / "sky").mkdir()
+    for i, side in enumerate(sides):
+        imsave(scene.parent / "sky" / f"{side}.png", np.full((2, 2, 3), 40 * i, np.uint8))
+    sky = f'<asset><texture name="sky" type="skybox" {named}/>'
+    (scene.parent / "scene.xml").write_text(SCENE.replace("<asset>", sky))
+    run, _ = a_run(tmp_path / "run", str(scene))
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    expected = load_task(str(scene)).load_model().tex_data
+    shutil.rmtree(scene.parent / "sky")
+    tuned = mujoco.MjModel.from_xml_path(str(out / "model.xml"))
+    np.testing.assert_array_equal(tuned.tex_data, expected)
+
+
 def test_the_script_makes_a_tuned_copy_of_a_file(scene, tmp_path):
     run, mean = a_run(tmp_path / "run", str(scene))
     out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))

@@ -7,7 +7,7 @@ import sys
 import mujoco
 import numpy as np
 import pytest
-from test_export import a_run, the_tuned_world
+from test_export import a_run, differences, the_tuned_world
 
 from simtune.config import ExportConfig
 from simtune.errors import InputError
@@ -74,6 +74,79 @@ def test_nothing_is_inferred_anew_from_tuned_shapes(scene, tmp_path):
             values, wanted = getattr(exported, field), getattr(expected, field)
             np.testing.assert_allclose(values, wanted, rtol=1e-4, atol=1e-6)
         np.testing.assert_allclose(after_a_second(exported), after_a_second(expected), atol=1e-3)
+
+
+DERIVED = """
+<mujoco>
+  <worldbody>
+    <camera name="front" pos="0 -2 .5" xyaxes="1 0 0 0 0 1"/>
+    <site name="hook" pos="0 0 1"/>
+    <body name="arm" pos="0 0 .5">
+      <joint name="shoulder" axis="0 1 0" springdamper=".5 1" range="-90 90"/>
+      <geom name="rod" type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>
+      <site name="tip" pos=".3 0 0"/>
+    </body>
+  </worldbody>
+  <tendon><spatial name="cord"><site site="hook"/><site site="tip"/></spatial></tendon>
+  <actuator>
+    <position name="servo" joint="shoulder" kp="20" dampratio="1" inheritrange="1"/>
+    <intvelocity name="turns" joint="shoulder" kp="3" inheritrange=".5"/>
+    <muscle name="muscle" tendon="cord"/>
+  </actuator>
+</mujoco>
+"""
+OF_DERIVED = """
+model = "scene.xml"
+camera = "front"
+control_timestep_s = 0.05
+parameters = [
+  {name = "mass", kind = "mass", objects = ["arm"]},
+  {name = "tip", field = "site_pos", component = 0, objects = ["tip"], low = 0.02, high = 0.4},
+  {name = "end", field = "jnt_range", component = 1, objects = ["shoulder"], low = 0.5, high = 2},
+]
+"""
+
+# Values that MjSpec.copy_back omits, and directions, of which one component is tuned
+OMITTED = """
+<mujoco>
+  <worldbody>
+    <camera name="front" pos="0 -2 .5" xyaxes="1 0 0 0 0 1"/>
+    <light name="lamp" pos="0 0 3" dir="0 .6 -.8" intensity="2"/>
+    <body name="arm" pos="0 0 .5">
+      <joint name="shoulder" axis="0 1 0" actuatorfrcrange="-5 5"/>
+      <geom name="rod" type="box" size=".1 .2 .3" fluidshape="ellipsoid"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+OF_OMITTED = """
+model = "scene.xml"
+camera = "front"
+control_timestep_s = 0.05
+parameters = [
+  {name = "most", field = "jnt_actfrcrange", component = 1, objects = ["shoulder"]},
+  {name = "bright", field = "light_intensity", objects = ["lamp"]},
+  {name = "soft", field = "light_softness", objects = ["lamp"]},
+  {name = "drag", field = "geom_fluid", component = 1, objects = ["rod"]},
+  {name = "aim", field = "light_dir", component = 0, objects = ["lamp"], low = -0.5, high = 0.9},
+  {name = "axis", field = "jnt_axis", component = 0, objects = ["shoulder"], low = 0, high = 0.9},
+  {name = "turn", field = "body_iquat", component = 0, objects = ["arm"], low = 0, high = 0.4},
+]
+"""
+
+
+@pytest.mark.parametrize(("xml", "toml"), [(DERIVED, OF_DERIVED), (OMITTED, OF_OMITTED)])
+def test_nothing_is_inferred_anew_or_left_out(xml, toml, tmp_path):
+    (tmp_path / "scene.xml").write_text(xml)
+    (tmp_path / "scene.toml").write_text(toml)
+    task = str(tmp_path / "scene.toml")
+    run, mean = a_run(tmp_path / "run", task)
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    copy, expected = tmp_path / "copy.xml", the_tuned_world(task, mean)
+    subprocess.run([sys.executable, out / "apply.py", tmp_path / "scene.xml", copy], check=True)
+    for path in (out / "model.xml", copy):
+        exported = mujoco.MjModel.from_xml_path(str(path))
+        assert differences(exported, expected, rtol=1e-4) == [], path.name
 
 
 def test_what_mujoco_cannot_write_is_said_in_a_line(scene, tmp_path, monkeypatch):

@@ -132,6 +132,19 @@ limited = false
     np.testing.assert_allclose(model.key("sit").ctrl, [1, 2, 3, 0.4, 0.5, -0.3, 0.4])
 
 
+def test_an_added_servo_is_as_its_table_says_whatever_the_models_are_by_default(load, folder):
+    geared = """<default><general gear="50" damping="3" armature="2" delay=".1" nsample="60"
+      interp="linear"/><position inheritrange="1"/></default><worldbody>"""
+    (folder / "scene.xml").write_text(SCENE.replace("<worldbody>", geared))
+    servo = "[[actuators]]\nname = 'servo'\njoint = 'elbow'\nkp = 30\n"
+    model = load(f"{HEAD}{servo}{MASS}").load_model()
+    added = model.actuator("servo")
+    assert added.gear.tolist() == [1, 0, 0, 0, 0, 0]
+    for field in ("damping", "armature", "delay", "history"):
+        assert not getattr(model, f"actuator_{field}")[added.id].any(), field
+    np.testing.assert_allclose(added.ctrlrange, np.deg2rad([-30, 60]))
+
+
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [

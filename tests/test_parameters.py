@@ -20,6 +20,7 @@ from simtune.parameters import (
     field_of_view,
 )
 from simtune.parameters.fields import FIELDS, KINDS, OBJECT_TYPES
+from simtune.simulation import prepare_spec
 
 XML = """
 <mujoco>
@@ -295,6 +296,55 @@ class TestWriting:
         for field in ("dof_invweight0", "body_invweight0", "dof_M0", "actuator_acc0"):
             np.testing.assert_allclose(getattr(model, field), getattr(compiled, field))
             assert not np.allclose(getattr(model, field), getattr(make_model(), field)), field
+
+    @pytest.mark.parametrize(
+        ("joint", "name", "field"),
+        [
+            ('type="ball"', "top", "body_ipos"),
+            ('type="ball"', "spin", "jnt_pos"),
+            ('type="slide"/> <joint type="slide" axis="1 0 0"', "spin", "jnt_axis"),
+        ],
+    )
+    def test_a_simple_body_moves_as_in_a_model_compiled_so(self, joint, name, field):
+        def moved(model: mujoco.MjModel) -> np.ndarray:
+            data = mujoco.MjData(model)
+            data.qvel[:] = 1.0
+            mujoco.mj_step(model, data, 100)
+            return data.qpos
+
+        spec = mujoco.MjSpec.from_string(
+            f"""<mujoco><worldbody><body name="top"><joint name="spin" {joint}/>
+            <geom name="box" type="box" size=".1 .2 .3"/></body></worldbody></mujoco>"""
+        )
+        space = ParameterSpace([own("p", field, (name,), component=0, nominal=0.0)])
+        with pytest.raises(InputError, match="p: the model was compiled with a simple body there"):
+            ModelWriter(space, spec.compile())
+        prepared = spec.copy()
+        prepare_spec(prepared, space, step_s=0.02)
+        model = prepared.compile()
+        ModelWriter(space, model).write(model, np.array([0.5]))
+        if field == "jnt_axis":
+            spec.joint(name).axis = [0.5, 0, 1]
+        else:
+            (spec.joint(name) if name == "spin" else spec.geom("box")).pos = [0.5, 0, 0]
+        np.testing.assert_allclose(moved(model), moved(spec.compile()), atol=1e-9)
+
+    def test_directions_get_a_length_of_1(self):
+        field = own("tilt", "light_dir", ("lamp",), component=0, nominal=0.0)
+        model = written([field], [1.0])
+        np.testing.assert_allclose(model.light_dir[0], [0.5**0.5, 0, -(0.5**0.5)])
+
+    def test_fields_of_controls_are_refused_where_actuators_have_several(self):
+        two = '<actuator><pid joint="elbow" kp="1" input="pos vel"/>'
+        model = mujoco.MjModel.from_xml_string(XML.replace("<actuator>", two))
+        space = ParameterSpace([own("end", "actuator_ctrlrange", ("motor",), component=1)])
+        with pytest.raises(
+            InputError, match="actuator_ctrlrange cannot be tuned in this model, in"
+        ):
+            ModelWriter(space, model)
+        gear = ParameterSpace([own("gear", "actuator_gear", ("motor",), component=0)])
+        ModelWriter(gear, model).write(model, np.array([7]))
+        np.testing.assert_array_equal(model.actuator_gear[:, 0], [1, 7])
 
     def test_an_inertia_of_its_own_beats_the_masss(self):
         parameters = [

@@ -491,6 +491,38 @@ def test_a_flex_is_drawn_at_its_place_in_the_picture():
     assert columns[: SIZE // 2].any()
 
 
+UNKNOWN_TO_WARP = """
+<mujoco>
+  <option solver="PGS"><flag midphase="disable"/></option>
+  <worldbody>
+    <camera name="above" pos="0 0 4"/>
+    <body><joint name="turn" type="{}"/><geom name="ball" pos=".7 0 0" size=".3"/></body>
+  </worldbody>
+  <actuator>{}</actuator>
+</mujoco>
+"""
+
+
+def test_physics_that_warp_lacks_is_not_needed_to_draw():
+    xml = UNKNOWN_TO_WARP.format("hinge", '<pid joint="turn" kp="1" input="pos vel"/>')
+    plain = mujoco.MjModel.from_xml_string(UNKNOWN_TO_WARP.format("hinge", ""))
+    models = (mujoco.MjModel.from_xml_string(xml), plain)
+    first, second = (
+        Raycaster(model, BALL, "above", (SIZE, SIZE), num_threads=1).render(
+            initial_state(model), BALL.nominal[None]
+        )
+        for model in models
+    )
+    assert first.any()
+    np.testing.assert_array_equal(first, second)
+
+
+def test_a_model_that_warp_refuses_is_refused_in_a_line():
+    xml = UNKNOWN_TO_WARP.format("ball", '<orientation joint="turn" kp="1"/>')
+    with pytest.raises(InputError, match=r"cannot draw the model, since MuJoCo Warp .*mjTRN_SO3"):
+        Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, "above", (SIZE, SIZE))
+
+
 def test_depths_are_of_geoms_alone():
     """A ball of .3 m at .7 m to the right, 4 m below the camera; the cloth is not there."""
     model = mujoco.MjModel.from_xml_string(FLEX)

@@ -233,6 +233,24 @@ def test_what_actuators_have_not_is_refused_in_a_line(load, text, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("kind", "actuator", "message"),
+    [
+        ("lag", '<pid name="odd" joint="sled" kp="1" input="pos"/>', "pid requires dyntype"),
+        (
+            "delay",
+            '<dcmotor name="odd" joint="sled" motorconst="1" resistance="1" input="none"/>',
+            "history and delay require an input",
+        ),
+    ],
+)
+def test_what_mujoco_allows_no_actuator_is_refused_in_a_line(load, folder, kind, actuator, message):
+    (folder / "scene.xml").write_text(SCENE.replace("<actuator>", f"<actuator>{actuator}"))
+    more = {"high": 0.1} if kind == "delay" else {}
+    with pytest.raises(InputError, match=f"tune.toml:4: MuJoCo allows no p there: .*{message}"):
+        load(parameter("p", kind, "odd", **more))
+
+
 def test_two_that_write_the_same_number_are_refused(load):
     raw = "name = 'raw'\nfield = 'actuator_biasprm'\ncomponent = 2\nobjects = 'elbow'\n"
     with pytest.raises(InputError, match="kv and raw write the same actuator_biasprm"):

@@ -301,7 +301,7 @@ def test_a_run_of_another_content_of_its_task_is_not_taken_for_done(tmp_path, be
     (run,) = open_sweep(config)
     folder = Places(config.out, run.name).run
     folder.mkdir(parents=True)
-    stored = {"config": outcome.asked(run.config(), load_task(str(tuning))), "sources": {}}
+    stored = {"config": outcome.asked(run.config(), load_task(str(tuning))), "sources": None}
     write_json(folder / "config.json", stored)
     assert open_sweep(config)
     tuning.write_text(tuning.read_text().replace("step_s = 0.05", "step_s = 0.1"))

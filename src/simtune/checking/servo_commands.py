@@ -33,17 +33,18 @@ def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[Serv
     """For each reading the servo that actions command, or None."""
     model, commanded = simulator.model, simulator.action_mapping.names
     are_servos, by_joint = position_servos(model), dict[str, ServoOf]()
-    for i in range(model.nu):
-        pull, gear = -model.actuator_biasprm[i, 1], model.actuator_gear[i, 0]
+    for i in np.flatnonzero(model.actuator_ctrlnum == 1):
+        control, output = int(model.actuator_ctrladr[i]), model.actuator_outadr[i]
+        pull, gear = -model.actuator_biasprm[i, 1], model.actuator_gear[output, 0]
         is_commanded = (model.actuator(i).name or f"actuator {i}") in commanded
         moves_joint = model.actuator_trntype[i] == _JOINT
         if not (is_commanded and are_servos[i] and moves_joint and gear):
             continue
         per_length = 1 / (pull * gear)
-        limited = bool(model.actuator_ctrllimited[i])
-        low, high = model.actuator_ctrlrange[i] if limited else (-np.inf, np.inf)
+        limited = bool(model.actuator_ctrllimited[control])
+        low, high = model.actuator_ctrlrange[control] if limited else (-np.inf, np.inf)
         by_joint[model.joint(int(model.actuator_trnid[i, 0])).name] = ServoOf(
-            int(model.actuator_ctrladr[i]),
+            control,
             float(model.actuator_gainprm[i, 0] * per_length),
             float(model.actuator_biasprm[i, 0] * per_length),
             (float(low), float(high)),

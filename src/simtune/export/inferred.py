@@ -1,12 +1,16 @@
-"""Makes values explicit that the compiler infers from shapes, so that tuned shapes do not change
-them.
+"""Makes values explicit that the compiler infers from shapes and masses, so that tuned ones do not
+change them.
 """
 
 import mujoco
 
 
 def write_down_inferred(spec: mujoco.MjSpec) -> None:
-    """Store in a spec the masses, inertias and spring lengths that follow from nominal shapes."""
+    """Store in a spec what follows from nominal shapes, masses and ranges.
+
+    These are masses and inertias, springs of joints and tendons, dampers of joints, and of
+    actuators the damping by a `dampratio`, inherited ranges, and the lengths of muscles.
+    """
     model = spec.compile()
     spec.compiler.inertiafromgeom, spec.compiler.settotalmass = 0, -1
     for body in spec.bodies[1:]:
@@ -20,3 +24,15 @@ def write_down_inferred(spec: mujoco.MjSpec) -> None:
             geom.density = 1000  # MuJoCo's default, which it does not write
     for tendon in spec.tendons:
         tendon.springlength = model.tendon_lengthspring[tendon.id]
+    for joint in spec.joints:
+        if any(joint.springdamper):
+            joint.springdamper = [0, 0]
+            joint.stiffness[0] = model.jnt_stiffness[joint.id]
+            joint.damping[0] = model.dof_damping[model.jnt_dofadr[joint.id]]
+    for actuator in spec.actuators:
+        actuator.biasprm = model.actuator_biasprm[actuator.id]
+        actuator.lengthrange = model.actuator_lengthrange[model.actuator_outadr[actuator.id]]
+        if actuator.inheritrange:
+            actuator.inheritrange = 0
+            actuator.ctrlrange = model.actuator_ctrlrange[model.actuator_ctrladr[actuator.id]]
+            actuator.actrange = model.actuator_actrange[actuator.id]

@@ -1,8 +1,9 @@
 """Writes the tuned model as MJCF, with all files that it refers to."""
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -18,7 +19,12 @@ from simtune.simulation import count_substeps
 from simtune.tasks import Task
 
 _ASSETS = "assets"
-_INFERRED = ("body_mass", "body_inertia", "body_ipos", "tendon_lengthspring")
+_SPEC_NAMES = {"geom_fluid": "fluid_coefs"}  # where MjSpec's name is not MjModel's
+_INFERRED = (
+    *("body_mass", "body_inertia", "body_ipos", "tendon_lengthspring"),
+    *("jnt_stiffness", "dof_damping"),
+    *(f"actuator_{what}" for what in ("biasprm", "lengthrange", "ctrlrange", "actrange")),
+)
 
 
 def tuned_model(
@@ -70,7 +76,7 @@ def write_spec(spec: mujoco.MjSpec, folder: Path) -> None:
 def _write(spec: mujoco.MjSpec, folder: Path, files: Sequence[Path]) -> mujoco.MjModel:
     """Write FOLDER/model.xml and copies of its files; returns the model read from there."""
     copied: dict[Path, str] = {}
-    for owner, where, name in _files(spec):
+    for rename, where, name in _files(spec):
         name = PurePath(name).name if spec.strippath else name
         held = spec.assets.get(name)
         source = Path(spec.modelfiledir or "") / where / name
@@ -78,7 +84,7 @@ def _write(spec: mujoco.MjSpec, folder: Path, files: Sequence[Path]) -> mujoco.M
             source = _of_attached(name, files) or source
         if source not in copied:
             copied[source] = _copy(source, folder / _ASSETS, len(copied), held)
-        owner.file = copied[source]
+        rename(copied[source])
     spec.meshdir = spec.texturedir = _ASSETS if copied else ""
     spec.modelfiledir = str(folder)  # MuJoCo reads the files again when writing
     with _mujocos_errors():
@@ -101,14 +107,15 @@ def not_copied(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str
         info = field_of(field)
         if not (info.is_not_copied and info.object_type):
             continue
-        kind, attribute = info.object_type.name, field.removeprefix(f"{info.prefix}_")
+        kind = info.object_type.name
+        attribute = _SPEC_NAMES.get(field, field.removeprefix(f"{info.prefix}_"))
         for name in objects:
             (value,) = info.read(model)[rows_of(model, field, name)].tolist()
             if info.is_delay:  # has no effect without a memory of controls
                 num_samples, interp = model.actuator_history[model.actuator(name).id].tolist()
                 yield kind, name, "nsample", num_samples
                 yield kind, name, "interp", interp
-            yield kind, name, attribute, value
+            yield kind, name, attribute, [value[i] for i in info.components or ()] or value
 
 
 def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, fields: set[str]) -> None:
@@ -119,15 +126,19 @@ def _compare(reloaded: mujoco.MjModel, model: mujoco.MjModel, fields: set[str]) 
             raise RuntimeError(f"MuJoCo writes no {field} into MJCF, so it cannot be exported")
 
 
-def _files(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
-    """(element that refers to a file, folder to which the name is relative, name)."""
+def _files(spec: mujoco.MjSpec) -> Iterator[tuple[Callable[[str], None], str, str]]:
+    """(function that renames the file in the spec, folder to which the name is relative, name)."""
     for where, owners in (
         (spec.meshdir, [*spec.meshes, *spec.hfields, *spec.skins]),
         (spec.texturedir, spec.textures),
     ):
         for owner in owners:
             if owner.file:
-                yield owner, where, owner.file
+                yield partial(setattr, owner, "file"), where, owner.file
+    for texture in spec.textures:
+        for side, name in enumerate(texture.cubefiles):
+            if name:
+                yield partial(texture.cubefiles.__setitem__, side), spec.texturedir, name
 
 
 def _of_attached(name: str, files: Sequence[Path]) -> Path | None:

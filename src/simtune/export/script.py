@@ -67,7 +67,8 @@ if __name__ == "__main__":
 _PREPARED = """
 Before it is compiled, actuators need what those of model.xml have: a memory of controls (nsample)
 where they are late, a filter (dyntype) where they lag, and the limits (forcelimited) found; bodies
-need some gravcomp where weight is compensated."""
+need some gravcomp where weight is compensated, and simple="false" where their centre (ipos, iquat),
+or the place or axis of a joint, was found."""
 
 
 def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
@@ -101,7 +102,10 @@ def _preparations(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[str]:
     """Statements that prepare `spec`, except for the memory of controls (`not_copied`)."""
     for parameter in writer.space:
         for name in parameter.objects:
-            if parameter.is_lag:
+            if parameter.field_info.is_of_no_simple_body:
+                owner = {"body": "body({!r})", "jnt": "joint({!r}).parent"}
+                yield f"spec.{owner[parameter.field_info.prefix].format(name)}.simple = False"
+            elif parameter.is_lag:
                 yield f"spec.actuator({name!r}).dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT"
             elif parameter.field_info.form == "range":
                 force_range = model.actuator(name).forcerange.tolist()

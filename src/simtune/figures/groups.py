@@ -74,10 +74,11 @@ class Setting:
     @property
     def notes(self) -> list[str]:
         """What makes its runs no plain seeds of the same."""
-        contents = {run.config.get("task_content") for group in self.groups for run in group.runs}
+        runs = [run for group in self.groups for run in group.runs]
+        contents = {run.config.get("task_content") for run in runs}
         found = [
-            f"{group.method}: {len(group.runs)} runs of {group.num_seeds} seeds, so some count more "
-            "than once."
+            f"{group.method}: {len(group.runs)} runs of {group.num_seeds} seeds, so some count "
+            "more than once."
             for group in self.groups
             if len(group.runs) > group.num_seeds
         ]

@@ -49,7 +49,8 @@ def _rows(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
 def rows_of(model: mujoco.MjModel, field: str, name: str) -> np.ndarray:
     """Rows of a field that the object `name` owns: one; for dof fields, one per dof of the joint.
 
-    Raises UnknownName for an object that the model lacks.
+    Raises UnknownName for an object that the model lacks, InputError for a field of controls or
+    outputs in a model whose actuators have not one each.
     """
     prefix = field_of(field).prefix
     owner = OBJECT_TYPES[prefix]
@@ -59,6 +60,11 @@ def rows_of(model: mujoco.MjModel, field: str, name: str) -> np.ndarray:
         names = (mujoco.mj_id2name(model, owner.mjt, i) for i in range(count))
         known = [n for n in names if n]  # unnamed objects cannot be declared
         raise UnknownName(owner.name, name, "the model", known)
+    if prefix == "actuator" and len(field_of(field).read(model)) != model.nactuator:
+        raise InputError(
+            f"{field} cannot be tuned in this model, in which an actuator has several controls or "
+            "outputs, or none: take that one out of the model, or tune another field"
+        )
     if prefix in ("qpos0", "qpos"):
         return np.array([model.jnt_qposadr[index]])
     return np.flatnonzero(model.dof_jntid == index) if prefix == "dof" else np.array([index])
@@ -78,8 +84,8 @@ def refuse_overlaps(space: ParameterSpace, indices: list[tuple], nominal) -> Non
 def refuse_unprepared(model: mujoco.MjModel, space: ParameterSpace, indices: list[tuple]) -> None:
     """Raise InputError if the compiled model ignores a parameter; MuJoCo itself does not complain.
 
-    That is the case if an actuator has no delay buffer, filter or force limit, or if the model was
-    compiled without gravity compensation.
+    That is the case if an actuator has no delay buffer, filter or force limit, if the model was
+    compiled without gravity compensation, or if MuJoCo simplifies a body that is not simple.
     """
     for parameter, index in zip(space, indices, strict=True):
         if not parameter.changes_model:
@@ -98,5 +104,9 @@ def refuse_unprepared(model: mujoco.MjModel, space: ParameterSpace, indices: lis
             problem = "the model has no limit of the force"
         elif parameter.compensates_weight and not model.ngravcomp:
             problem = "no body of the model is held against gravity"
+        elif parameter.field_info.is_of_no_simple_body:
+            bodies = rows if parameter.field_info.prefix == "body" else model.jnt_bodyid[rows]
+            if model.body_simple[bodies].any():
+                problem = "the model was compiled with a simple body there"
         if problem:
             raise InputError(f"{parameter.name}: {problem}; Task.load_model sees to that")

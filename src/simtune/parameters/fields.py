@@ -88,6 +88,9 @@ class Field:
     material_ids: str = ""  # field of the materials that colour objects of MuJoCo's default grey
     is_drawn_per_world: bool = False  # the ray caster reads it; other fields act through poses
     is_not_copied: bool = False  # MuJoCo 3.17's `MjSpec.copy_back` omits it, as measured
+    is_direction: bool = False  # vectors of length 1
+    is_of_no_simple_body: bool = False  # MuJoCo skips terms of bodies that it compiles as "simple"
+    components: range | None = None  # those that can be tuned, one by one; None: all, or whole rows
     usual: float | None = None  # nominal if the model has no value
     not_tunable: str = ""  # reason why a tuning file cannot declare it
 
@@ -118,7 +121,7 @@ class Field:
     @property
     def is_rotation(self) -> bool:
         """Whether parameters are angles about an axis instead of values of the field."""
-        return self.name.endswith("_quat")
+        return self.name.endswith("quat")
 
     @property
     def has_alpha(self) -> bool:
@@ -192,6 +195,7 @@ _TIMESTEP = (
     "opt.timestep says how finely physics is computed, and a recording knows its own time: "
     "it cannot be tuned"
 )
+_LENS = "a camera without a sensor's size has no lens of its own: tune its cam_fovy"
 # fmt: off
 _TABLE = (  # kinds in the order in which messages name them
     _colour("geom_rgba", kind=Kind("colour", makes="rgb"), material_ids="geom_matid",
@@ -202,9 +206,12 @@ _TABLE = (  # kinds in the order in which messages name them
     Field("cam_pos", "m", kind=Kind("camera_pose", makes="pose"), within=0.1),
     Field("body_mass", "kg", kind=Kind("mass"), carries="body_inertia", is_never_negative=True),
     Field("body_inertia", is_never_negative=True),
+    Field("body_ipos", "m", is_of_no_simple_body=True),
+    Field("body_iquat", "rad", within=0.1, is_of_no_simple_body=True),
     Field("body_gravcomp", kind=Kind("gravity_compensation"), least=0.0, most=1.2,
           usual=0.5, is_one_for_all=True, is_never_negative=True, is_not_copied=True),
     Field("geom_friction", kind=Kind("friction", 0), is_never_negative=True),
+    Field("geom_fluid", is_not_copied=True, components=range(1, 6)),
     Field("geom_size", "m", kind=Kind("size", asks_component=True), shows_in="picture",
           is_never_negative=True, is_drawn_per_world=True),
     Field("site_size", shows_in="picture", is_not_copied=True),
@@ -216,6 +223,9 @@ _TABLE = (  # kinds in the order in which messages name them
           kind=Kind("joint_offset", form="shift", is_apart=True)),
     Field("jnt_range", "rad", "m", is_never_negative=True,
           kind=Kind("backlash", form="play", is_apart=True)),
+    Field("jnt_pos", "m", is_of_no_simple_body=True),
+    Field("jnt_axis", is_direction=True, components=range(3), is_of_no_simple_body=True),
+    Field("jnt_actfrcrange", "N·m", "N", is_not_copied=True),
     Field("tendon_range", "m", kind=Kind("tendon_length", 1)),
     Field("tendon_damping", "N·s/m", kind=Kind("tendon_damping"), is_never_negative=True),
     Field("tendon_stiffness", "N/m", kind=Kind("tendon_stiffness"), is_never_negative=True),
@@ -236,12 +246,15 @@ _TABLE = (  # kinds in the order in which messages name them
     _colour("light_specular", is_drawn_per_world=True),
     *(Field(f"light_{name}", is_drawn_per_world=True)
       for name in ("attenuation", "cutoff", "exponent")),
-    *(Field(f"light_{name}", is_not_copied=True) for name in ("bulbradius", "range")),
+    *(Field(f"light_{name}", is_not_copied=True)
+      for name in ("bulbradius", "range", "intensity", "softness")),
+    Field("light_dir", is_direction=True, components=range(3)),
     *(Field(f"mat_{name}", is_drawn_per_world=True)
       for name in ("emission", "shininess", "specular", "texrepeat")),
     *(Field(f"mat_{name}", is_not_copied=True) for name in ("metallic", "roughness")),
     Field("cam_fovy", "°", kind=Kind("field_of_view"), within=10.0, least=1.0, most=170.0,
           is_never_negative=True, is_drawn_per_world=True),
+    *(Field(f"cam_{name}", not_tunable=_LENS) for name in ("intrinsic", "sensorsize")),
     Field("opt.gravity", "m/s²"),
     Field("opt.timestep", "s", not_tunable=_TIMESTEP),
     Field("environment.picture", shows_in="picture"),

@@ -21,8 +21,9 @@ class ModelWriter:
 
     Every write starts from the nominal values, so writing twice equals writing once. The inertia
     scales with the mass, and a servo's bias with its gain, unless they are parameters themselves;
-    derived constants are updated (mj_setConst). Rotations of one object about several axes are
-    applied in the order x, y, z, each about the axis as the previous rotation left it.
+    directions get a length of 1, and derived constants are updated (mj_setConst). Rotations of one
+    object about several axes are applied in the order x, y, z, each about the axis as the previous
+    rotation left it.
     Raises UnknownName for a field or an object that the model lacks. Raises InputError for a
     component that the field lacks, a number that two parameters would write, or a parameter that
     the model was not prepared for (`simulation.prepare`).
@@ -85,6 +86,10 @@ class ModelWriter:
             grey = (fields[field][:, rows] == _DEFAULT_GREY).all(-1)  # (n, rows)
             nudged = np.nextafter(_DEFAULT_GREY[0], np.float32(1))
             fields[field][:, rows, 0] = np.where(grey, nudged, fields[field][:, rows, 0])
+        for field, values in fields.items():
+            if field_of(field).is_direction:
+                length = np.linalg.norm(values, axis=-1, keepdims=True)
+                values /= np.maximum(length, np.finfo(values.dtype).tiny)
         yield from fields.items()
 
 

@@ -87,8 +87,8 @@ class Parameter:
     @property
     def changes_model(self) -> bool:
         """Whether a model must be prepared for this parameter before it is compiled."""
-        is_limit = self.field_info.form == "range"
-        return self.is_delay or self.is_lag or is_limit or self.compensates_weight
+        of_actuator = self.is_delay or self.is_lag or self.field_info.form == "range"
+        return of_actuator or self.compensates_weight or self.field_info.is_of_no_simple_body
 
     @property
     def is_rotation(self) -> bool:

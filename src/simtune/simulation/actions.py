@@ -53,12 +53,13 @@ class DirectActions(ActionMapping):
 
         The other actuators keep their initial control. Raises UnknownName, InputError.
         """
-        self._ids, self.names = _actuators(model, actuators)
-        self.range, self.is_limited = _control_range(model, self._ids)
+        ids, self.names = _actuators(model, actuators)
+        self._controls = model.actuator_ctrladr[ids]
+        self.range, self.is_limited = _control_range(model, self._controls)
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """See `ActionMapping`."""
-        return _among_others(batch, self._ids, actions)
+        return _among_others(batch, self._controls, actions)
 
 
 class ScaledActions(ActionMapping):
@@ -79,8 +80,8 @@ class ScaledActions(ActionMapping):
         limited. Raises UnknownName, InputError.
         """
         ids, self.names = _actuators(model, actuators)
-        self._ids = ids
-        controls, limited = _control_range(model, ids)
+        self._controls = model.actuator_ctrladr[ids]
+        controls, limited = _control_range(model, self._controls)
         if gain is None:
             if not limited.all():
                 name = self.names[limited.argmin()]
@@ -101,7 +102,7 @@ class ScaledActions(ActionMapping):
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """See `ActionMapping`."""
-        return _among_others(batch, self._ids, self._offset + self._gain * actions)
+        return _among_others(batch, self._controls, self._offset + self._gain * actions)
 
 
 class JointActions(ActionMapping):
@@ -126,7 +127,7 @@ class JointActions(ActionMapping):
         is no position servo.
         """
         ids, self.names = _actuators(model, actuators)
-        self._ids = ids
+        self._controls, self._outputs = model.actuator_ctrladr[ids], model.actuator_outadr[ids]
         joints = model.actuator_trnid[ids, 0]
         for name, kind, joint in zip(self.names, model.actuator_trntype[ids], joints, strict=True):
             if kind != _JOINT or model.jnt_type[joint] not in HINGE_OR_SLIDE:
@@ -148,39 +149,49 @@ class JointActions(ActionMapping):
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """See `ActionMapping`; displacements are clipped to the range."""
         wanted = self._per_unit * np.clip(actions, *self.range.T)
-        gear = batch.expand("actuator_gear")[:, self._ids, 0]  # each world's own
+        gear = batch.expand("actuator_gear")[:, self._outputs, 0]  # each world's own
         targets = gear * (batch.qpos[:, self._places] + wanted)
-        return _among_others(batch, self._ids, targets)
+        return _among_others(batch, self._controls, targets)
 
 
 def _actuators(
     model: mujoco.MjModel, chosen: Sequence[str] | None
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """(A,) ids and names of the chosen actuators; None: of all.
+    """(A,) ids and names of the chosen actuators; None: of all that have controls.
 
-    Raises UnknownName for one that the model lacks, InputError for one named twice.
+    Raises UnknownName for one that the model lacks, InputError for one that is named twice or has
+    not one control.
     """
-    known = [model.actuator(i).name for i in range(model.nu)]
+    known = [model.actuator(i).name for i in range(model.nactuator)]
     names = chosen or ()
     for i, name in enumerate(names):
         if name not in known:
             raise UnknownName("actuator", name, "the model", [k for k in known if k])
         if name in names[:i]:
             raise InputError(f"actuator {name!r} is named twice")
-    ids = range(model.nu) if chosen is None else [known.index(name) for name in names]
-    return np.array(ids, int), tuple(known[i] or f"actuator {i}" for i in ids)
+    ids = np.array([known.index(name) for name in names], int)
+    if chosen is None:
+        ids = np.flatnonzero(model.actuator_ctrlnum)
+    names = tuple(known[i] or f"actuator {i}" for i in ids)
+    for name, num in zip(names, model.actuator_ctrlnum[ids], strict=True):
+        if num != 1:
+            raise InputError(
+                f"actuator {name!r} has {num} controls, and an action is one: leave it out, by "
+                "actuators = [...] with the names of the others"
+            )
+    return ids, names
 
 
-def _control_range(model: mujoco.MjModel, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _control_range(model: mujoco.MjModel, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(A, 2) of the controls, [−1, 1] without limits; (A,) whether there are limits."""
-    limited = np.asarray(model.actuator_ctrllimited, bool)[ids]
-    return np.where(limited[:, None], model.actuator_ctrlrange[ids], [-1.0, 1.0]), limited
+    limited = np.asarray(model.actuator_ctrllimited, bool)[places]
+    return np.where(limited[:, None], model.actuator_ctrlrange[places], [-1.0, 1.0]), limited
 
 
-def _among_others(batch: Batch, ids: np.ndarray, controls: np.ndarray) -> np.ndarray:
-    """(n, nu) with (n, A) controls of some actuators, and unchanged ones of the others."""
+def _among_others(batch: Batch, places: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    """(n, nu) with (n, A) controls at some places, and unchanged ones at the others."""
     merged = batch.ctrl.copy()
-    merged[:, ids] = controls
+    merged[:, places] = controls
     return merged
 
 

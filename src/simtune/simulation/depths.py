@@ -8,6 +8,7 @@ import numpy as np
 import warp
 
 from simtune.simulation.raycaster_context import assign, init_warp
+from simtune.simulation.warp_model import put_model
 
 _CHUNK = 16  # pictures per launch
 _DRAWN_GROUP, _HIDDEN_GROUP = 0, 5
@@ -30,7 +31,7 @@ class Depths:
         self._camera = model.camera(camera).id
         self._fovy, self._num_cameras = model.cam_fovy.astype(np.float32), model.ncam
         self._has_flexes = model.nflex > 0
-        self._model = mujoco_warp.put_model(model)
+        self._model = put_model(model)
         self._data = mujoco_warp.make_data(model, nworld=_CHUNK)
         self._context = mujoco_warp.create_render_context(
             model,

@@ -32,8 +32,7 @@ class HeldControls:
         self._places, self._place_controls = np.array(places, int), np.array(controls, int)
         limited = np.asarray(model.actuator_ctrllimited, bool)
         self._low, self._high = np.full(model.nu, -np.inf), np.full(model.nu, np.inf)
-        controls = model.actuator_ctrladr[limited]
-        self._low[controls], self._high[controls] = model.actuator_ctrlrange[limited].T
+        self._low[limited], self._high[limited] = model.actuator_ctrlrange[limited].T
 
     def settle(self, batch: Batch, controls: np.ndarray) -> None:
         """Set the memory of worlds whose first (n, nu) controls these are."""

@@ -21,6 +21,7 @@ def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> N
     remember_controls(spec, space, step_s)
     filter_controls(spec, space)
     compensate_weight(spec, space)
+    simplify_no_body(spec, space)
     for parameter, actuator in _actuators(spec, space):
         if parameter.field_info.form == "range":
             if not parameter.is_factor:
@@ -39,6 +40,19 @@ def compensate_weight(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
         for name in parameter.objects if parameter.compensates_weight else ():
             if (body := spec.body(name)) and not body.gravcomp:
                 body.gravcomp = max(parameter.nominal, _HARDLY)
+
+
+def simplify_no_body(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
+    """Have MuJoCo compute all terms of bodies whose centres or joints `space` moves.
+
+    It leaves out those that are 0 where nominal centres and joints are at the body's origin.
+    """
+    for parameter in space:
+        info = parameter.field_info
+        for name in parameter.objects if info.is_of_no_simple_body else ():
+            joint = spec.joint(name) if info.prefix == "jnt" else None
+            if body := joint.parent if joint else spec.body(name):
+                body.simple = False
 
 
 def filter_controls(spec: mujoco.MjSpec, space: ParameterSpace) -> None:

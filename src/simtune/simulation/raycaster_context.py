@@ -17,6 +17,7 @@ from simtune.simulation import packing
 from simtune.simulation.packing import packed
 from simtune.simulation.primitives import Primitives
 from simtune.simulation.stray_light import StrayLight
+from simtune.simulation.warp_model import put_model
 
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 _COMPILING = Lock()  # Warp builds modules one at a time
@@ -39,7 +40,7 @@ class Context:
         for name in self._poses:
             self._worlds.bind(name)  # unbound fields are not computed
         with _COMPILING:
-            self._model = mujoco_warp.put_model(model)
+            self._model = put_model(model)
             self._data = mujoco_warp.make_data(model, nworld=num_worlds)
             self._make = partial(
                 make_context,
@@ -188,5 +189,5 @@ def constant_sky(
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     context = make_context(model, camera, size, render_skybox=True, samples_per_pixel=samples)
-    pixels = _draw(mujoco_warp.put_model(model), mujoco_warp.put_data(model, data), context)
+    pixels = _draw(put_model(model), mujoco_warp.put_data(model, data), context)
     return pixels.numpy().reshape(size).copy()

@@ -9,7 +9,7 @@ _AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
 
 
 def position_servos(model: mujoco.MjModel) -> np.ndarray:
-    """(nu,) bool: whether a force pulls a joint to a place that the control sets, perhaps filtered.
+    """(nactuator,) bool: whether a force pulls a joint to where the control says, perhaps filtered.
 
     Not <intvelocity>, whose control is a velocity.
     """

@@ -8,6 +8,13 @@ from simtune.simulation.prepare import lift_joint_limit
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
+# The model's own actuators may have gears etc. by default, which a table does not ask for
+_PLAIN = {
+    "gear": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    **dict.fromkeys(("damping", "armature", "inheritrange", "delay"), 0.0),
+    **dict.fromkeys(("nsample", "interp"), 0),
+}
+
 
 def add_actuators(file: TomlTable, spec: mujoco.MjSpec) -> None:
     """Add position servos; in keyframes, a servo's control is its joint's position.
@@ -50,7 +57,7 @@ def _add(
     kv = entry.number("kv", 0.0)
     if kv < 0:
         raise entry.error(f"kv must be at least 0, got {kv:g}", "kv")
-    servo = spec.add_actuator(name=name, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    servo = spec.add_actuator(name=name, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, **_PLAIN)
     servo.set_to_position(kp=entry.number("kp", above=0), kv=kv)
     is_limited = entry.flag("limited", default=True) and bool(model.jnt_limited[index])
     servo.ctrllimited = is_limited

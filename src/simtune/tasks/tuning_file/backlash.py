@@ -10,6 +10,14 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 _USUAL_RAD = 0.01  # play of a hobby servo, about half a degree; slides have no default
 _HARD = 2.0  # timesteps: the shortest time constant of a limit that MuJoCo accepts
 _IMPEDANCE = (0.95, 0.99, 1e-3, 0.5, 2.0)  # of the stops: harder ones rattle with light rotors
+# Joints of the body's default class may be damped, sprung or driven, and a play is none of these
+_FREE = {
+    **dict.fromkeys(("damping", "frictionloss", "stiffness", "armature"), 0.0),
+    **dict.fromkeys(("ref", "springref", "margin"), 0.0),
+    "springdamper": (0.0, 0.0),
+    "actfrclimited": mujoco.mjtLimited.mjLIMITED_FALSE,
+    "actgravcomp": False,
+}
 
 
 def add_backlash(file: TomlTable, spec: mujoco.MjSpec) -> None:
@@ -52,7 +60,7 @@ def _add(entry: TomlTable, spec: mujoco.MjSpec, model: mujoco.MjModel, name: str
         )
     driven.armature = armature
     play = _play(entry, model, index, name)
-    spec.body(model.body(body).name).add_joint(
+    added = spec.body(model.body(body).name).add_joint(
         name=play_name,
         type=driven.type,
         axis=driven.axis,
@@ -62,7 +70,10 @@ def _add(entry: TomlTable, spec: mujoco.MjSpec, model: mujoco.MjModel, name: str
         range=np.array([-play, play]) / 2 * _per_radian(spec, model, index),
         solref_limit=[_HARD * spec.option.timestep, 1.0],
         solimp_limit=_IMPEDANCE,
+        **_FREE,
     )
+    if driven.frame:  # in which its axis and pos are
+        added.set_frame(driven.frame)
 
 
 def _play(entry: TomlTable, model: mujoco.MjModel, joint: int, name: str) -> float:

@@ -12,6 +12,9 @@ from simtune.parameters.field_index import field_index
 from simtune.parameters.fields import KINDS, OF_JOINTS
 from simtune.parameters.model_writer import start_from_material
 
+_MODEL = mujoco.MjModel
+# Only of meshes is a geom_aabb not derived
+_DERIVED = {*_MODEL._setconst_outputs} - {*_MODEL._setconst_inputs} | {"geom_aabb"}
 _MUSCLE = mujoco.mjtGain.mjGAIN_MUSCLE.value
 
 
@@ -29,7 +32,7 @@ def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
 
 
 def check_field(model: mujoco.MjModel, field: str) -> None:
-    """Raises InputError if there is no such field, or it does not hold real numbers."""
+    """Raises InputError if there is no such field, or it holds no real numbers of its own."""
     if field not in MODEL_FIELDS:
         if difflib.get_close_matches(field, MODEL_FIELDS, n=1):
             raise UnknownName("field", field, "MjModel", sorted(MODEL_FIELDS))
@@ -37,18 +40,27 @@ def check_field(model: mujoco.MjModel, field: str) -> None:
         raise InputError(f"no field {field!r} in MjModel; usual ones are: {usual}")
     if reason := field_of(field).not_tunable:
         raise InputError(reason)
+    if field in _DERIVED:
+        raise InputError(
+            f"MuJoCo derives {field} from sizes, masses, places and gears: tune what it follows "
+            "from, such as geom_size, body_mass or body_pos"
+        )
     if not np.issubdtype(field_of(field).read(model).dtype, np.floating):
         raise InputError(f"{field} holds no real numbers, so it cannot be tuned")
 
 
 def check_component(model: mujoco.MjModel, parameter: Parameter) -> None:
-    """Raises InputError for a component that the field's rows do not have."""
+    """Raises InputError for a component that the field's rows do not have, or that is derived."""
     field, component = parameter.field, parameter.component
     values = parameter.field_info.read(model)
     width = values.shape[-1] if values.ndim == 1 + (not parameter.field_info.is_option) else 0
     if component is not None and not parameter.is_rotation and component >= width:
         has = f"components 0 to {width - 1}" if width else "no components"
         raise InputError(f"{field} has {has}, got component = {component}")
+    if (own := parameter.field_info.components) and component not in own:
+        raise InputError(
+            f"{field} is tuned by components {own[0]} to {own[-1]}, got component = {component}"
+        )
 
 
 def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 _TEXTS = (".toml", ".xml", ".mjcf", ".urdf", ".py")  # files that may name others
@@ -16,22 +16,24 @@ _IMPORT = re.compile(r"^\s*(?:from|import)\s+(\w+)", re.MULTILINE)
 def named_files(first: Path) -> tuple[Path, ...]:
     """`first`, an absolute path, and all files that it names, directly or through other files.
 
-    All quoted texts are looked up beside the files and in folders that they name (MJCF's meshdir),
-    so the result may contain files that are not used.
+    All quoted texts are looked up beside all these files, and in folders that any of them names
+    (MJCF's meshdir, which is seen from the folder of the including file), so the result may contain
+    files that are not used.
     """
-    found: dict[Path, list[str]] = {}
-    folders: dict[Path, None] = {}
+    found: dict[Path, set[str]] = {}
     new = [first]
     while new:
-        for file in new:
-            found[file] = names = list(dict.fromkeys(_names(file)))
-            beside = [file.parent, *(file.parent / name for name in names)]
-            folders |= dict.fromkeys(folder for folder in beside if os.path.isdir(folder))
-        names = {name for listed in found.values() for name in listed}
-        paths = {os.path.normpath(folder / name) for folder in folders for name in names}
-        new = [Path(path) for path in sorted(paths) if os.path.isfile(path)]
-        new = [path for path in new if path not in found]
+        found |= {file: set(_names(file)) for file in new}
+        names = set().union(*found.values())
+        beside = {str(file.parent) for file in found}
+        folders = beside | set(filter(os.path.isdir, _joined(beside, names)))
+        files = sorted(filter(os.path.isfile, _joined(folders, names)))
+        new = [file for file in map(Path, files) if file not in found]
     return tuple(found)
+
+
+def _joined(folders: Iterable[str], names: Iterable[str]) -> set[str]:
+    return {os.path.normpath(os.path.join(folder, name)) for folder in folders for name in names}
 
 
 def _names(file: Path) -> Iterator[str]:

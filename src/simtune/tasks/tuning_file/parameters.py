@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import mujoco
 
+from simtune.errors import InputError, one_line
 from simtune.parameters import ModelWriter, Parameter, ParameterSpace, camera_pose, colour, field_of
 from simtune.parameters.fields import KINDS
 from simtune.simulation import prepare_spec
@@ -44,10 +45,18 @@ def read_parameters(
             new = _read(entry, model, cameras)
             space = ParameterSpace([*space, *new], where=file.file.name)
             if any(parameter.changes_model for parameter in new):
-                prepare_spec(spec, space, step_s)
-                model = spec.compile()
+                model = _prepared(spec, space, step_s)
             ModelWriter(space, model)
     return space
+
+
+def _prepared(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> mujoco.MjModel:
+    prepare_spec(spec, space, step_s)
+    try:
+        return spec.compile()
+    except ValueError as error:
+        name = space.parameters[-1].name
+        raise InputError(f"MuJoCo allows no {name} there: {one_line(error)}") from None
 
 
 def read_known_colours(file: TomlTable, space: ParameterSpace) -> dict[str, float]:
