@@ -279,6 +279,13 @@ def test_paths_in_messages_are_as_they_are(tmp_path):
         simtune.check("cartpole", real=cache)
 
 
+def test_exports_name_options_as_python_spells_them(result, tmp_path):
+    with pytest.raises(ValueError, match=r"^samples must be at least 1, got -1"):
+        result.export(tmp_path / "tuned", samples=-1)
+
+
 def test_real_must_be_said(tmp_path):
+    with pytest.raises(ValueError, match="out is a int; expected a folder's path"):
+        simtune.tune("cartpole", out=3)
     with pytest.raises(ValueError, match="real is None; expected 'pseudo', a path, arrays"):
         simtune.tune("cartpole", real=None, out=tmp_path / "run")

@@ -288,6 +288,8 @@ def test_pretraining_leaves_the_mean_where_it_is():
     search, real = a_search(), real_of(np.array([0.1, 0.1]))
     for moves in (0, 0, 0, 1):  # 180, 240, 300 and 360 steps collected; 300 are pretraining
         estimate, events, scalars = search.run_round(real, Budget())
+        assert (estimate.verdict == ["not identifiable"] * 2) == (moves == 0)
+        assert ["has not moved yet" in words for words in estimate.warnings] == [True] * (not moves)
         assert search.num_moves == moves
         assert np.array_equal(estimate.mean, SPACE.nominal) == (moves == 0)
         assert set(scalars) == {"spm_loss", "prob_higher/left", "prob_higher/right"}

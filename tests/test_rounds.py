@@ -259,7 +259,9 @@ def test_seconds_of_a_round_by_hand():
     drawn_s = 0.01 * (100 * 5 + 80 * 10) + 0.02 * 80 * 10
     updates_s = 0.1 * (300 + 0.7 * (250 + 100))
     fit_s = 1.3 * 1e-3 * (100 * 50 + 10 * (2 * 190 + 560))
-    expected = played_s + drawn_s + updates_s + fit_s * (1 + 5)  # two episodes are in refits, too
+    looked_s = 0.02 * 2 * 51 + 5 * 2 * 51 * (0.01 + 0.02)  # real frames, and those of refits
+    # Two episodes are in refits, too
+    expected = played_s + drawn_s + looked_s + updates_s + fit_s * (1 + 5)
     assert PACE.round_s(SEARCH, work) == pytest.approx(expected)
     # Each picture of four that are averaged takes four times as long, so a fourth is drawn.
     assert PACE.round_s(SEARCH, work._replace(supersampling=4)) == pytest.approx(
@@ -273,7 +275,8 @@ def test_seconds_of_a_round_without_a_fit_by_hand():
     drawn_s = 0.01 * (100 * 5 + 80 * 10) + 0.02 * 80 * 10
     updates_s = 0.1 * (300 + 0.7 * 6 * 250)
     found_s = PACE.round_s(SEARCH, Work(num_episodes=2, num_steps=50, num_tangent=0, num_fitted=2))
-    assert found_s == pytest.approx(played_s + drawn_s + updates_s)
+    looked_s = 0.02 * 2 * 51
+    assert found_s == pytest.approx(played_s + drawn_s + looked_s + updates_s)
 
 
 def test_seconds_of_a_machine_twice_as_slow_are_twice_as_many():

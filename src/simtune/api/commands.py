@@ -5,7 +5,6 @@ Each takes the options of its command (docs/commands), with underscores: `--budg
 the run raises a RuntimeError. Nothing is printed without `progress`.
 """
 
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, replace
@@ -20,6 +19,7 @@ from simtune.algorithm import train as carry_out_training
 from simtune.api.arrays import EPISODES, RealLike, Record, film_once, write_arrays
 from simtune.api.declared import declare
 from simtune.api.result import CheckResult, Result
+from simtune.api.spelling import in_python
 from simtune.camera_pose import find_camera_pose
 from simtune.camera_pose import lines as camera_lines
 from simtune.checking import check as carry_out_check
@@ -68,7 +68,7 @@ def check(
     `real`: recordings, a path or a list of dicts of arrays (docs/recordings.md). Other options:
     docs/commands/check.md. The result is a dict, whose repr is the command's table.
     """
-    with _in_python(), _progress(progress) as report, TemporaryDirectory() as folder:
+    with in_python(), _progress(progress) as report, TemporaryDirectory() as folder:
         task = _known(task)
         recordings = _recordings(real, Path(folder), options.get("episodes"))
         config = _config(CheckConfig, with_model(task), options | {"real": recordings})
@@ -101,7 +101,7 @@ def tune(
     """
     options |= {"out": out, "real_episodes": real_episodes, "seed": seed}
     options |= {"budget_minutes": budget_minutes, "precision": precision}
-    with _in_python():
+    with in_python():
         task = _known(task)
         config = _config_of_run(TuneConfig, task, real, options)
         with _progress(progress, 60 * budget_minutes) as report:
@@ -127,7 +127,7 @@ def train(
     docs/commands/train.md. The policy's success rate is in `Result.content`.
     """
     options |= {"out": out, "method": method, "seed": seed, "policy_steps": policy_steps}
-    with _in_python(), _progress(progress) as report:
+    with in_python(), _progress(progress) as report:
         task = with_model(_known(task))
         carry_out_training(_config_of_run(TrainConfig, task, real, options), report)
     return load(out)
@@ -144,6 +144,8 @@ def _config_of_run(
     """The config of a command; `real` is filmed or written once nothing else can be wrong."""
     if real is None:
         raise InputError("real is None; expected 'pseudo', a path, arrays, or a function")
+    if not isinstance(options["out"], str | PathLike):
+        raise InputError(f"out is a {type(options['out']).__name__}; expected a folder's path")
     out = Path(options["out"])
     folder = out / FILMED
     place = real if isinstance(real, str | PathLike) else folder
@@ -196,18 +198,6 @@ def _known(task: TaskLike) -> AnyTask:
             "tuning file instead, and give its path, or what simtune.load_task makes of it"
         )
     return task
-
-
-@contextmanager
-def _in_python() -> Iterator[None]:
-    """Spell options in messages as in Python: budget_minutes, not --budget-minutes."""
-    try:
-        yield
-    except InputError as error:
-        option = r"(?<![\w/.-])--([a-z][a-z-]+)"  # and no part of a path
-        text = re.sub(option, lambda m: m[1].replace("-", "_"), str(error))
-        error.args = (text,)
-        raise
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from simtune.api import table
 from simtune.api.estimate import Estimate
 from simtune.api.plot import plot_curves, plot_estimates, plot_pairs
 from simtune.api.policy import Policy
+from simtune.api.spelling import in_python
 from simtune.config import ExportConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.export import draw_samples, export, tuned_model
@@ -123,8 +124,9 @@ class Result:
         also samples.csv, and worlds.npz and a module for the training library `format`.
         """
         options: dict[str, Any] = {"out": Path(out), "samples": samples, "format": format}
-        check_types(ExportConfig, options)
-        return export(ExportConfig(run_folder=self.path, **options))
+        with in_python():
+            check_types(ExportConfig, options)
+            return export(ExportConfig(run_folder=self.path, **options))
 
     def policy(self) -> Policy:
         """The policy of a run of `train`. Raises ValueError if there is none, or files changed."""

@@ -106,6 +106,7 @@ class Pace:
         drawn = (config.num_worlds * config.pictures_per_world + held_out) / work.supersampling
         played_s = config.num_worlds * worlds_s + config.held_out_worlds * self.step_s * steps
         pictures_s = self.frame_s * drawn + self.detect_s * held_out / work.supersampling
+        pictures_s += self.detect_s * episodes * (steps + 1)  # the real ones
         trained_s = self.update_s * config.detector_updates[0]
         small_s = _SMALL_UPDATE * self.update_s
         if not work.num_tangent:
@@ -114,7 +115,9 @@ class Pace:
             return played_s, pictures_s, trained_s
         trained_s += small_s * (config.posterior_updates + config.state_updates)
         fitted = FitWork(episodes * steps, work.num_tangent, work.num_fitted)
-        refitted = fitted._replace(num_steps=min(FEW_EPISODES, episodes) * steps)
+        few = min(FEW_EPISODES, episodes)
+        refitted = fitted._replace(num_steps=few * steps)
+        pictures_s += config.num_refits[0] * few * (steps + 1) * (self.frame_s + self.detect_s)
         played = sum(count_fit_steps(config.fit, fitted))
         played_again = sum(count_fit_steps(config.fit, refitted))
         played += config.num_refits[0] * played_again

@@ -1,5 +1,6 @@
 """The paper's search: small steps of ξ_mean in the SPM's direction (Algorithm 1, Sec. IV-B)."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,12 @@ from simtune.tuning.search import (
     TellEarly,
     keep_nothing,
     tell_nobody,
+)
+
+_NOT_MOVED = (
+    "The paper's search has not moved yet, so these are the values it started from. It moves once "
+    "it has collected its first episodes and learnt from them: give it more minutes, or leave out "
+    "--search paper."
 )
 
 
@@ -134,7 +141,11 @@ class PaperSearch:
         pretraining = config.collect_steps + config.pretrain_steps
         may_move = store.num_added * config.episode_steps > pretraining
         events, scalars = self._move(real, may_move)
-        return Round(unsure(self.distribution, "weak"), events, {"spm_loss": loss, **scalars})
+        estimate = unsure(self.distribution, "weak")
+        if not self.num_moves:
+            estimate = unsure(self.distribution, "not identifiable")
+            estimate = replace(estimate, warnings=[_NOT_MOVED])
+        return Round(estimate, events, {"spm_loss": loss, **scalars})
 
     def _collect(self, real: list[Trajectory]) -> None:
         """Add one round's episodes to D_sp, each in a world of its own drawn from Ξ."""

@@ -149,10 +149,10 @@ class PosteriorSearch:
         metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
         ranges = searched, self.first
         told, earlier = self._told, self._earlier
+        detected = learning.detect(real)  # before a fit is sized by the time that is left
         judging = Judging.prepare(
             self.context, learning, real, held_out, told, ranges, budget, earlier
         )
-        detected = learning.detect(real)
         prob_higher = learning.curves(detected, searched)
         estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget, tell_early)
         if told is None:
