@@ -96,8 +96,8 @@ def _refuse_if_too_short(minutes: float, beside_s: float, needed: Needed) -> Non
         whole_minutes = max(math.ceil((whole_s + beside_s) / 60), math.ceil(enough))
         raise InputError(
             f"--budget-minutes {minutes:g} is too short: the smallest round takes about "
-            f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; give it "
-            f"--budget-minutes {enough:g} or more for an answer, and {whole_minutes} for verdicts"
+            f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; verdicts need "
+            f"--budget-minutes {whole_minutes}, an answer --budget-minutes {enough:g} or more"
             + (f". {needed.mostly}" if needed.mostly else "")
         )
     enough_s, shortened = whole_s + beside_s, ""
