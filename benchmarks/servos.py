@@ -26,6 +26,7 @@ from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.replayed import Replayed, Tuned, replay
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
+from simtune.tuning.readings import ReadingsSearch
 
 _INTERVAL = 2 * 1.6449  # standard deviations in the central 90 %
 
@@ -102,7 +103,9 @@ def _tune_halves(experiment: Experiment, minutes: float) -> list[Estimate]:
 
 
 def _tune(experiment: Experiment, episodes: list[Trajectory], minutes: float) -> Estimate:
-    return experiment.search.run_round(episodes, Budget(60 * minutes)).estimate
+    """From the first guess: a later round of the same search begins where the last one ended."""
+    search = ReadingsSearch(experiment.context)
+    return search.run_round(episodes, Budget(60 * minutes)).estimate
 
 
 def _left(
