@@ -284,6 +284,12 @@ def test_exports_name_options_as_python_spells_them(result, tmp_path):
         result.export(tmp_path / "tuned", samples=-1)
 
 
+def test_a_run_without_a_policy_says_so(result):
+    with pytest.raises(ValueError, match=r"is no folder that `simtune train` wrote") as error:
+        result.policy()
+    assert "--" not in str(error.value)
+
+
 def test_real_must_be_said(tmp_path):
     with pytest.raises(ValueError, match="out is a int; expected a folder's path"):
         simtune.tune("cartpole", out=3)

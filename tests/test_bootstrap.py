@@ -21,6 +21,7 @@ from simtune.fit import (
 )
 from simtune.fit.lateness import is_too_late
 from simtune.fit.result import Misfit, block_correlation
+from simtune.fit.uncertainty import too_late_warning
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
@@ -546,6 +547,7 @@ def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():
     late = replace(a_fit(), late_s=np.array([0.0375, 0.0001]), is_too_late=True)
     (warning,) = model_checks(late, bootstrap_of(np.zeros((8, len(SPACE)))))
     assert "Pictures come 38 ms late, the most that is fitted" in warning
+    assert "come 38 ms early" in too_late_warning("Readings", -0.0375)
     assert [is_too_late(steps) for steps in (0.6, 0.72, -0.75)] == [False, True, True]
 
 

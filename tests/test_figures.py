@@ -189,6 +189,8 @@ def test_a_page_says_what_makes_runs_no_plain_seeds(tmp_path):
     (tmp_path / "linked").symlink_to(tmp_path / "v1")  # the same runs, which count once
     entries = [{"name": "lost", "status": "failed"}, {"name": "seen", "status": "done"}]
     (tmp_path / "sweep.json").write_text(json.dumps({"runs": entries}))
+    entries.append({"name": "ball_in_cup-autotune-0-v1", "status": "waiting"})  # an old board
+    (tmp_path / "sweep.json").write_text(json.dumps({"runs": entries}))
     records, unfinished = read_records(tmp_path)
     assert unfinished == ["lost"]
     (setting,) = settings(records)
@@ -341,6 +343,13 @@ def test_a_picture_has_the_marks_where_the_plot_has_them(tmp_path):
 def test_a_folder_without_runs_is_refused(tmp_path):
     with pytest.raises(InputError, match="has no run with a result in it"):
         write_figures(tmp_path)
+
+
+def test_a_damaged_board_is_named(tmp_path):
+    make_run(tmp_path)
+    (tmp_path / "sweep.json").write_text("{}")
+    with pytest.raises(InputError, match=r"sweep\.json is damaged"):
+        read_records(tmp_path)
 
 
 def test_a_damaged_run_is_named(tmp_path):

@@ -413,10 +413,17 @@ def test_a_world_that_is_dead_earns_nothing_and_no_policy_may_lose_its_mind():
     assert (episodes.rewards[0, 3:] == 0).all()
     assert (episodes.rewards[1, 3:] > 0).any()
     costs = np.array([[-1.0, -2.0, -9.0, -9.0], [-3.0, -1.0, -1.0, -1.0]])
-    _charge_failures(costs, np.arange(4) >= np.array([[2], [4]]))
+    _charge_failures(costs, np.arange(4) >= np.array([[2], [4]]), lowest=-3.0)
     # To the end, as badly as the worst step; to diverge would pay, else.
     np.testing.assert_array_equal(costs, [[-1, -2 - 2 * 3, 0, 0], [-3, -1, -1, -1]])
     assert (episodes.terminated == [True, False]).all()  # time is up for the other: no end
+    # A lone world is charged by what others earned before
+    environment.lowest_reward = -2.0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(simulator, "play", Diverging())
+        charged = environment.play(lambda seen: np.ones((2, 6)), worlds, rng, film=False)
+    assert charged.rewards[0, 2] == pytest.approx(episodes.rewards[0, 2] - 3 * 2.0, abs=1)
+    environment.lowest_reward = 0.0
     environment._reward = lambda batch: np.full(2, np.inf)
     with pytest.raises(RuntimeError, match="the reward of cheetah is no finite number"):
         environment.play(lambda seen: np.ones((2, 6)), worlds, rng, film=False)

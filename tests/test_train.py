@@ -71,6 +71,7 @@ class Players:
         self.simulator = SimpleNamespace(num_steps=0, num_diverged=0)
         self.distribution = Distribution.proportional(SPACE, SPACE.nominal, 0.5)
         self.seen_worlds: list[np.ndarray] = []
+        self.lowest_reward = 0.0
 
     def collect(self, num):
         self.calls.append(f"real: {num} random")
@@ -571,7 +572,8 @@ def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quic
     assert trained.simulator.supersampling == 2  # as for what a camera films
     assert trained.truth is None
     _, state = load(newest(out / "checkpoints"))
-    assert trained.late_steps == state["estimate"]["latency_steps"]
+    found = Estimate.from_json(state["estimate"])
+    assert trained.late_steps == max(0, round(found.late_steps(TASK.step_s)))
     with pytest.raises(InputError, match="is of the real world, where no return is known"):
         evaluate(EvaluateConfig(run_folder=out), settings=settings)
     (tmp_path / "world.json").write_text("{}")

@@ -158,7 +158,7 @@ class Training:
         """
         is_known = self.run.num_rounds and self.experiment.search_name == "posterior"
         found, step_s = self.run.estimate, self.experiment.real.step_s
-        late = found.latency_steps + found.pictures_late_s[0] / step_s if is_known else None
+        late = found.late_steps(step_s) if is_known else None
         return self.experiment.delay_steps(late, self.rng)
 
     @property
@@ -189,8 +189,9 @@ class Training:
         return self.run.finish(self.real, metadata, warnings, command)
 
     def _save(self) -> None:
-        counters = {"filmings": self.num_filmings, "skipped": self.num_skipped}
+        counters: dict[str, Any] = {"filmings": self.num_filmings, "skipped": self.num_skipped}
         counters["scored"] = self.num_scored
+        counters["lowest_reward"] = self.experiment.environment.lowest_reward
         self.run.save(**counters, rng=self.rng.bit_generator.state)
         self._saved_s = time.monotonic()
 
@@ -200,6 +201,7 @@ class Training:
             return
         self.num_filmings, self.num_skipped = state["filmings"], state["skipped"]
         self.num_scored = state["scored"]
+        self.experiment.environment.lowest_reward = state["lowest_reward"]
         for cycle in range(self.num_filmings):
             step_s = self.experiment.real.step_s
             self.real = self.run.folder.read_real(cycle, step_s) + self.real

@@ -14,6 +14,7 @@ from simtune.real.choose import read_parameters
 from simtune.run import checkpoint
 from simtune.run.config import stored_config
 from simtune.run.sources import source_of
+from simtune.tuning.estimate import Estimate
 
 _OPTIONS = [field.name for field in fields(TrainConfig)]
 _EPISODES = 20
@@ -66,7 +67,9 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
     _check_unchanged(trained, run_config, run_folder)
     trained.load_agent(tensors, state)
     if run_config["real"] != "pseudo":
-        trained = replace(trained, found_late=state["estimate"]["latency_steps"])
+        found = Estimate.from_json(state["estimate"])
+        late = round(found.late_steps(trained.real.step_s))
+        trained = replace(trained, found_late=min(max(0, late), trained.environment.most_late))
     if not trained.agent.can_act:
         raise InputError(
             f"{run_folder} has no policy yet, which begins to learn late in a training: go on with "

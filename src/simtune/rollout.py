@@ -53,6 +53,7 @@ class Environment:
         self.num_stacked, self.keypoints = num_stacked, keypoints
         self.gap, self.most_late, self._observation = gap, most_late, observation
         self._space, joint = simulator.state_space, simulator.model.joint
+        self.lowest_reward = 0.0  # of any live step so far, or 0
         self._free = [joint(name).qposadr[0] for name in task.free_joints]
         self._turning = [joint(name).qposadr[0] for name in task.symmetric_hinges]
         self._turns = list(task.symmetric_hinges.values())
@@ -157,7 +158,8 @@ class Environment:
         is_over = np.arange(num_steps) >= rollouts.lengths[:, None]
         if not np.isfinite(rewards[~is_over]).all():
             raise RuntimeError(f"the reward of {self.task.name} is no finite number everywhere")
-        _charge_failures(rewards, is_over)
+        self.lowest_reward = min(self.lowest_reward, float(rewards[~is_over].min(initial=0.0)))
+        _charge_failures(rewards, is_over, self.lowest_reward)
         is_whole = rollouts.lengths == num_steps
         seen = rollouts.observed[:, ::repeat, 1 + num_goals :].astype(np.float32)
         since = min(self.task.goal_steps or num_steps, num_steps) * repeat
@@ -183,13 +185,12 @@ class Environment:
         )
 
 
-def _charge_failures(rewards: np.ndarray, is_over: np.ndarray) -> None:
+def _charge_failures(rewards: np.ndarray, is_over: np.ndarray, lowest: float) -> None:
     """Set rewards (n, T) of steps after a world diverged, `is_over`, in place.
 
-    It earns nothing, or, where rewards may be negative, the lowest of all for each step that is
+    It earns nothing, or, where rewards may be negative, the `lowest` so far for each step that is
     left: else to diverge would be the best that a policy can do. Its last live step is charged.
     """
-    lowest = min(0.0, rewards[~is_over].min(initial=0.0))
     rewards[is_over] = 0.0
     num_left = is_over.sum(1)
     last = np.maximum(is_over.shape[1] - num_left - 1, 0)

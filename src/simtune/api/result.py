@@ -130,7 +130,8 @@ class Result:
 
     def policy(self) -> Policy:
         """The policy of a run of `train`. Raises ValueError if there is none, or files changed."""
-        return Policy(self.path)
+        with in_python():
+            return Policy(self.path)
 
     def to_pandas(self) -> "pandas.DataFrame":
         """One row per parameter, indexed by name. Needs pandas."""

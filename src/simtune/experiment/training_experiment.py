@@ -42,7 +42,7 @@ class TrainingExperiment(Experiment):
     scored_in: Environment  # with the reality gap, if there is one
     agent: Agent
     replay: Replay
-    # By which actions are late in the robot's world that a loaded policy was trained for
+    # Steps by which actions are late in the real world that a loaded policy was trained for
     found_late: int = 0
 
     @property
@@ -75,7 +75,7 @@ class TrainingExperiment(Experiment):
     def delay_steps(self, estimated: float | None, rng: np.random.Generator) -> int:
         """Delay of actions in simulated episodes: about `estimated` steps, or random if None.
 
-        Of 1.3 steps, it is one or two, 30 % of the time. An oracle knows the reality gap's; a
+        1.3 steps are two in 30 % of the calls, and else one. An oracle knows the reality gap's; a
         simulator as it starts has none, and one with a parameter for the delay no other.
         """
         if self.config.method == "untuned":

@@ -102,7 +102,7 @@ def _preparations(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[str]:
     """Statements that prepare `spec`, except for the memory of controls (`not_copied`)."""
     for parameter in writer.space:
         for name in parameter.objects:
-            if parameter.field_info.is_of_no_simple_body:
+            if parameter.field_info.needs_all_terms:
                 owner = {"body": "body({!r})", "jnt": "joint({!r}).parent"}
                 yield f"spec.{owner[parameter.field_info.prefix].format(name)}.simple = False"
             elif parameter.is_lag:

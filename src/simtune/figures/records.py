@@ -123,12 +123,20 @@ def read_records(folder: Path) -> tuple[list[Record], list[str]]:
             record = _read(Path(path), folder)
             (finished if record else unfinished).append(record or Path(path).name)
     if (board := folder / "sweep.json").is_file():  # runs that failed before they had a config
-        entries = read_json(board)["runs"]
-        unfinished += [e["name"] for e in entries if e["status"] != "done"]
+        drawn = {Path(record.name).name for record in finished}
+        unfinished += [name for name in _not_done(board) if name not in drawn]
     unfinished = list(dict.fromkeys(unfinished))
     if not finished:
         raise InputError(f"{folder} has no run with a result in it, so there is nothing to draw")
     return finished, unfinished
+
+
+def _not_done(board: Path) -> list[str]:
+    """Names of a sweep's runs that its sweep.json calls unfinished. Raises InputError."""
+    try:
+        return [e["name"] for e in read_json(board)["runs"] if e["status"] != "done"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{board} is damaged: {type(error).__name__}: {error}") from None
 
 
 def _read(path: Path, folder: Path) -> Record | None:

@@ -18,9 +18,8 @@ _CLEARLY_LATE_STDS, _CLEARLY_LATE_S = 4.0, 1e-3  # both exceeded: pictures are r
 _AT_BOUND = 1e-3  # in unit coordinates
 
 _TOO_LATE = (
-    "Pictures come {:.0f} ms late, the most that is fitted: the rest of a delay may pass for "
-    "damping, so nothing is called identified. Correct the times of the frames, or declare a "
-    "parameter of kind delay."
+    "{} come {:.0f} ms {}, the most that is fitted: the rest of a delay may pass for damping, so "
+    "nothing is called identified. Correct their times, or declare a parameter of kind delay."
 )
 _GO_ON = "Give it more minutes: the same command with a larger budget goes on from here."
 _HARDLY_JUDGED = (
@@ -144,9 +143,15 @@ def _or_none(distance: float) -> float | None:
 
 def _late(fit: FitResult) -> list[str]:
     """Warnings of a latency of actions, and of late pictures where that is clear."""
-    too_late = [_TOO_LATE.format(1e3 * fit.late_s[0])] if fit.is_too_late else []
-    late = too_late or lateness_warning("pictures", *fit.late_s)
+    late = lateness_warning("pictures", *fit.late_s)
+    if fit.is_too_late:
+        late = [too_late_warning("Pictures", fit.late_s[0])]
     return latency_warning(fit.latency_steps) + late
+
+
+def too_late_warning(what: str, late_s: float) -> str:
+    """On a lateness at the end of its range."""
+    return _TOO_LATE.format(what, 1e3 * abs(late_s), "late" if late_s > 0 else "early")
 
 
 def bound_warnings(space: ParameterSpace, unit: np.ndarray, fitted: np.ndarray) -> dict[str, str]:

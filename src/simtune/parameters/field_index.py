@@ -104,7 +104,7 @@ def refuse_unprepared(model: mujoco.MjModel, space: ParameterSpace, indices: lis
             problem = "the model has no limit of the force"
         elif parameter.compensates_weight and not model.ngravcomp:
             problem = "no body of the model is held against gravity"
-        elif parameter.field_info.is_of_no_simple_body:
+        elif parameter.field_info.needs_all_terms:
             bodies = rows if parameter.field_info.prefix == "body" else model.jnt_bodyid[rows]
             if model.body_simple[bodies].any():
                 problem = "the model was compiled with a simple body there"

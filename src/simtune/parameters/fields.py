@@ -89,7 +89,7 @@ class Field:
     is_drawn_per_world: bool = False  # the ray caster reads it; other fields act through poses
     is_not_copied: bool = False  # MuJoCo 3.17's `MjSpec.copy_back` omits it, as measured
     is_direction: bool = False  # vectors of length 1
-    is_of_no_simple_body: bool = False  # MuJoCo skips terms of bodies that it compiles as "simple"
+    needs_all_terms: bool = False  # MuJoCo skips terms of bodies that it compiles as "simple"
     components: range | None = None  # those that can be tuned, one by one; None: all, or whole rows
     usual: float | None = None  # nominal if the model has no value
     not_tunable: str = ""  # reason why a tuning file cannot declare it
@@ -206,8 +206,8 @@ _TABLE = (  # kinds in the order in which messages name them
     Field("cam_pos", "m", kind=Kind("camera_pose", makes="pose"), within=0.1),
     Field("body_mass", "kg", kind=Kind("mass"), carries="body_inertia", is_never_negative=True),
     Field("body_inertia", is_never_negative=True),
-    Field("body_ipos", "m", is_of_no_simple_body=True),
-    Field("body_iquat", "rad", within=0.1, is_of_no_simple_body=True),
+    Field("body_ipos", "m", needs_all_terms=True),
+    Field("body_iquat", "rad", within=0.1, needs_all_terms=True),
     Field("body_gravcomp", kind=Kind("gravity_compensation"), least=0.0, most=1.2,
           usual=0.5, is_one_for_all=True, is_never_negative=True, is_not_copied=True),
     Field("geom_friction", kind=Kind("friction", 0), is_never_negative=True),
@@ -223,8 +223,8 @@ _TABLE = (  # kinds in the order in which messages name them
           kind=Kind("joint_offset", form="shift", is_apart=True)),
     Field("jnt_range", "rad", "m", is_never_negative=True,
           kind=Kind("backlash", form="play", is_apart=True)),
-    Field("jnt_pos", "m", is_of_no_simple_body=True),
-    Field("jnt_axis", is_direction=True, components=range(3), is_of_no_simple_body=True),
+    Field("jnt_pos", "m", needs_all_terms=True),
+    Field("jnt_axis", is_direction=True, components=range(3), needs_all_terms=True),
     Field("jnt_actfrcrange", "N·m", "N", is_not_copied=True),
     Field("tendon_range", "m", kind=Kind("tendon_length", 1)),
     Field("tendon_damping", "N·s/m", kind=Kind("tendon_damping"), is_never_negative=True),

@@ -88,7 +88,7 @@ class Parameter:
     def changes_model(self) -> bool:
         """Whether a model must be prepared for this parameter before it is compiled."""
         of_actuator = self.is_delay or self.is_lag or self.field_info.form == "range"
-        return of_actuator or self.compensates_weight or self.field_info.is_of_no_simple_body
+        return of_actuator or self.compensates_weight or self.field_info.needs_all_terms
 
     @property
     def is_rotation(self) -> bool:

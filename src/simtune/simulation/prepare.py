@@ -49,7 +49,7 @@ def simplify_no_body(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
     """
     for parameter in space:
         info = parameter.field_info
-        for name in parameter.objects if info.is_of_no_simple_body else ():
+        for name in parameter.objects if info.needs_all_terms else ():
             joint = spec.joint(name) if info.prefix == "jnt" else None
             if body := joint.parent if joint else spec.body(name):
                 body.simple = False

@@ -15,13 +15,14 @@ def put_model(model: mujoco.MjModel) -> mujoco_warp.Model:
     """
     model = copy.copy(model)
     model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    model.opt.jacobian = mujoco.mjtJacobian.mjJAC_AUTO
     model.opt.disableflags = model.opt.enableflags = 0
     model.actuator_gaintype[:] = mujoco.mjtGain.mjGAIN_FIXED
     model.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_NONE
     model.actuator_dyntype[:] = mujoco.mjtDyn.mjDYN_NONE
     try:
         return mujoco_warp.put_model(model)
-    except NotImplementedError as error:
+    except (NotImplementedError, ValueError) as error:
         raise InputError(
             f"the ray caster cannot draw the model, since MuJoCo Warp lacks something of it "
             f"({error}): take that out of the model, or use no camera"

@@ -41,6 +41,10 @@ class Estimate:
     # Gain, gamma and offset of each camera, if a known colour informs them
     camera_responses: list[dict[str, Any]] = field(default_factory=list)
 
+    def late_steps(self, step_s: float) -> float:
+        """By how many steps a policy's actions show late in pictures."""
+        return self.latency_steps + self.pictures_late_s[0] / step_s
+
     def to_json(self) -> dict[str, Any]:
         """As a checkpoint holds it."""
         arrays = {key: getattr(self, key).tolist() for key in _ARRAYS}

@@ -8,7 +8,13 @@ from simtune.fit import OutputErrorFit
 from simtune.fit.lateness import is_too_late
 from simtune.fit.replay_cost import PRIOR_STD
 from simtune.fit.result import block_correlation, diluted
-from simtune.fit.uncertainty import bound_warnings, latency_warning, lateness_warning, tell_apart
+from simtune.fit.uncertainty import (
+    bound_warnings,
+    latency_warning,
+    lateness_warning,
+    tell_apart,
+    too_late_warning,
+)
 from simtune.observation import ObservationModel, joints_of
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
@@ -32,10 +38,6 @@ _BY_STRETCHES = (
     "Fits to whole episodes ended at no answer twice, as where the least change throws a motion "
     "elsewhere; fits to stretches of two seconds did, and leave little but noise: the estimate is "
     "theirs."
-)
-_TOO_LATE = (
-    "Readings come {:.0f} ms late, the most that is fitted: the rest of a delay may pass for "
-    "damping, so nothing is called identified. Declare a parameter of kind delay."
 )
 _UNEXPLAINED = (
     "The simulator leaves {} off by over four times the noise that the tuning file declares: the "
@@ -85,7 +87,7 @@ def conclude(
         warnings=[
             *latency_warning(late),
             *lateness_warning("readings", *late_s),
-            *([_TOO_LATE.format(1e3 * late_s[0])] if is_late else []),
+            *([too_late_warning("Readings", late_s[0])] if is_late else []),
             *_warnings(judged, found, observation),
             *at_bounds.values(),
         ],
