@@ -58,8 +58,8 @@ def check_component(model: mujoco.MjModel, parameter: Parameter) -> None:
         has = f"components 0 to {width - 1}" if width else "no components"
         raise InputError(f"{field} has {has}, got component = {component}")
     if (own := parameter.field_info.components) and component not in own:
-        got = "say which" if component is None else f"got component = {component}"
-        raise InputError(f"{field} is tuned by components {own[0]} to {own[-1]}: {got}")
+        got = "none: say which" if component is None else f"component = {component}"
+        raise InputError(f"{field} is tuned by components {own[0]} to {own[-1]}, got {got}")
 
 
 def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
