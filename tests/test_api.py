@@ -253,7 +253,7 @@ def test_a_robot_films_nothing_for_a_run_that_will_be_refused(tmp_path):
 
 def test_check_finds_a_camera_pose(tmp_path, monkeypatch):
     camera = {"camera": "top", "frames": 9, "warnings": ["far off"], "parameters": {}}
-    monkeypatch.setattr("simtune.api.commands.find_camera_pose", lambda *a: camera)
+    monkeypatch.setattr("simtune.checking.command.find_camera_pose", lambda *a: camera)
     found = simtune.check("cartpole", real=tmp_path, camera_pose=str(tmp_path / "camera.toml"))
     assert found == camera
     assert repr(found).splitlines()[:2] == ["camera top, by 9 frames", "warning: far off"]

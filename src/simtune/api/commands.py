@@ -20,10 +20,7 @@ from simtune.api.arrays import EPISODES, RealLike, Record, film_once, write_arra
 from simtune.api.declared import declare
 from simtune.api.result import CheckResult, Result
 from simtune.api.spelling import in_python
-from simtune.camera_pose import find_camera_pose
-from simtune.camera_pose import lines as camera_lines
-from simtune.checking import check as carry_out_check
-from simtune.checking import table as check_lines
+from simtune.checking import carry_out as carry_out_check
 from simtune.config import CheckConfig, TrainConfig, TuneConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.outcome import asked
@@ -72,11 +69,7 @@ def check(
         task = _known(task)
         recordings = _recordings(real, Path(folder), options.get("episodes"))
         config = _config(CheckConfig, with_model(task), options | {"real": recordings})
-        if config.camera_pose:
-            camera = find_camera_pose(config, report)
-            return CheckResult(camera, camera_lines(camera, config.camera_pose))
-        found = carry_out_check(config, report)
-        return CheckResult(found, check_lines(found))
+        return CheckResult(*carry_out_check(config, report))
 
 
 def tune(

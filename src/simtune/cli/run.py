@@ -1,5 +1,6 @@
 """Runs each command and prints its results."""
 
+import math
 import shlex
 import sys
 import webbrowser
@@ -123,25 +124,14 @@ def _command() -> str:
 
 
 def _check(config: CheckConfig, say: Say) -> Done:
-    from simtune.checking import check, table
+    from simtune.checking import carry_out
     from simtune.progress import ProgressBar
 
-    if config.camera_pose:
-        return _find_camera_pose(config, say)
-    with ProgressBar() as progress:
-        result = check(config, progress)
-    say("\n".join(table(result)))
-    return Done(result)
-
-
-def _find_camera_pose(config: CheckConfig, say: Say) -> Done:
-    from simtune.camera_pose import find_camera_pose, lines
-    from simtune.progress import ProgressBar
-
-    assert config.camera_pose is not None, "asked for"
-    with ProgressBar(60 * config.budget_minutes) as progress:
-        result = find_camera_pose(config, progress)
-    say("\n".join(lines(result, config.camera_pose)))
+    # Only the search for a camera's pose has a time that is known beforehand.
+    total_s = 60 * config.budget_minutes if config.camera_pose else math.inf
+    with ProgressBar(total_s) as progress:
+        result, lines = carry_out(config, progress)
+    say("\n".join(lines))
     return Done(result)
 
 

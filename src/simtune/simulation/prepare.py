@@ -21,7 +21,7 @@ def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> N
     remember_controls(spec, space, step_s)
     filter_controls(spec, space)
     compensate_weight(spec, space)
-    simplify_no_body(spec, space)
+    keep_all_terms(spec, space)
     for parameter, actuator in _actuators(spec, space):
         if parameter.field_info.form == "range":
             if not parameter.is_factor:
@@ -42,7 +42,7 @@ def compensate_weight(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
                 body.gravcomp = max(parameter.nominal, _HARDLY)
 
 
-def simplify_no_body(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
+def keep_all_terms(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
     """Have MuJoCo compute all terms of bodies whose centres or joints `space` moves.
 
     It leaves out those that are 0 where nominal centres and joints are at the body's origin.
