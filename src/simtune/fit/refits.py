@@ -4,6 +4,7 @@ Simulated worlds near the estimate are filmed and fitted exactly as the real one
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,13 @@ _MARGIN = 0.002  # distance of true parameters from the bounds, in unit coordina
 Synthesize = Callable[[np.ndarray, int], Observed | None]
 
 
+class _Refit(NamedTuple):
+    """Of a known world."""
+
+    fit: FitResult
+    error: np.ndarray  # (N,) in unit coordinates
+
+
 def run_bootstrap(
     replay_fit: ReplayFit,
     synthesize: Synthesize,
@@ -42,40 +50,55 @@ def run_bootstrap(
     """
     budget = budget or Budget()
     space = replay_fit.space
-    unit, smallest = space.to_unit(fit.parameters), np.maximum(start.std, _SMALLEST_STD)
-    # At most the prior's std: where the fit says nothing, worlds would fill the whole space.
-    std = np.clip(2 * fit.std, _SMALLEST_STD, smallest)
+    unit, start_unit = space.to_unit(fit.parameters), space.to_unit(start.parameters)
     # At least as far as the real fit moved: a fit that starts near the truth converges easily.
-    away = np.maximum(start.std, np.abs(unit - space.to_unit(start.parameters)))
-    errors, stds, misfits, astray, rough = [], [], [], [], [fit.rough_std]
+    away = np.maximum(start.std, np.abs(unit - start_unit))
+    refits: list[_Refit] = []
     for number in range(num):
         if number and not budget.allows_another(number):
             break
         budget.report("fitting known worlds for comparison", number / num)
-        truth = np.clip(unit + std * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
-        truth[fit.known] = unit[fit.known]
+        truth = _world_near(fit, unit, start, rng)
         observed = synthesize(space.from_unit(truth), fit.latency_steps)
         if observed is None:
             continue
-        begin = space.from_unit(truth + away * rng.normal(size=len(unit)))
-        begun = PointEstimate(begin, start.std)
+        begin = PointEstimate(space.from_unit(truth + away * rng.normal(size=len(unit))), start.std)
         try:
-            refit = replay_fit.fit(observed, begun, (fit.latency_steps,), extend_horizon)
+            refit = replay_fit.fit(observed, begin, (fit.latency_steps,), extend_horizon)
         except OutOfTime:
             break
-        misfits.append(refit.misfit)
-        errors.append(space.to_unit(refit.parameters) - truth)
-        stds.append(refit.std)
-        rough.append(refit.rough_std)
-        # Either may be NaN.
-        pairs = zip(refit.misfit.motion, fit.misfit.motion, strict=True)
-        astray.append(any(refitted > _ASTRAY * real for refitted, real in pairs))
-    # If all failed to converge, the real fit may have as well: keep them. Else neither errors nor
-    # misfits of those that failed count: beside theirs, any misfit would look usual.
-    kept = ~np.array(astray, bool) | np.all(astray)
-    shape = (-1, len(unit))
-    off, std = np.array(errors).reshape(shape)[kept], np.array(stds).reshape(shape)[kept]
-    usual = usual_std(std, fit, np.array(rough))
+        refits.append(_Refit(refit, space.to_unit(refit.parameters) - truth))
+    return _compared(fit, refits)
+
+
+def _world_near(
+    fit: FitResult, unit: np.ndarray, start: PointEstimate, rng: np.random.Generator
+) -> np.ndarray:
+    """(N,) true parameters of a world near the `fit`'s, `unit`, all in unit coordinates."""
+    # At most the prior's std: where the fit says nothing, worlds would fill the whole space.
+    std = np.clip(2 * fit.std, _SMALLEST_STD, np.maximum(start.std, _SMALLEST_STD))
+    truth = np.clip(unit + std * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
+    truth[fit.known] = unit[fit.known]
+    return truth
+
+
+def _compared(fit: FitResult, refits: list[_Refit]) -> Bootstrap:
+    """What the `refits` tell of the `fit`.
+
+    If all failed to converge, the real fit may have as well: keep them. Else neither errors nor
+    misfits of those that failed count: beside theirs, any misfit would look usual.
+    """
+    rough = np.array([fit.rough_std, *(refit.fit.rough_std for refit in refits)])
+    refits = [refit for refit in refits if not _is_astray(refit.fit, fit)] or refits
+    shape = (-1, len(fit.std))
+    errors = np.array([refit.error for refit in refits]).reshape(shape)
+    std = np.array([refit.fit.std for refit in refits]).reshape(shape)
+    usual = usual_std(std, fit, rough)
     claimed = np.hypot(believed_std(std, usual, len(std)), fit.refitted_discrepancy_std)
-    compared = [misfit for misfit, is_kept in zip(misfits, kept, strict=True) if is_kept]
-    return Bootstrap(off / claimed, fit.is_moving, compared, usual, fit.unfitted)
+    misfits = [refit.fit.misfit for refit in refits]
+    return Bootstrap(errors / claimed, fit.is_moving, misfits, usual, fit.unfitted)
+
+
+def _is_astray(refit: FitResult, fit: FitResult) -> bool:
+    pairs = zip(refit.misfit.motion, fit.misfit.motion, strict=True)  # either may be NaN
+    return any(refitted > _ASTRAY * real for refitted, real in pairs)

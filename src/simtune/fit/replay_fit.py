@@ -99,17 +99,7 @@ class ReplayFit:
         motion, apart, short = self._fit_motion(to_fit, states[fitted], start, until_s)
         unit = self.space.to_unit(start.parameters)
         unit[moving] = motion.unit
-        shown = as_seen(setup.physics.simulator, short.full_states, short.late_steps)
-        pictures = fit_window_pictures(
-            setup.physics,
-            setup.prior_std,
-            replace(short, full_states=shown),
-            to_fit,
-            self.space.from_unit(unit),
-            self._appearance,
-            self._photometry,
-            setup.config.num_pictures,
-        )
+        pictures = self._fit_pictures(to_fit, short, self.space.from_unit(unit))
         unit[self._appearance] = pictures.unit
         parameters = self.space.from_unit(unit)
         test = setup.shooting(moving[:0], lateness=observed.lateness).fit(
@@ -117,23 +107,40 @@ class ReplayFit:
         )
         std, correlation = self._claimed(start, motion, apart, pictures)
         return FitResult(
+            parameters=parameters,
+            std=std,
+            discrepancy_std=self._discrepancy_std,
+            correlation=correlation,
+            moving=self._all_moving,
+            misfit=Misfit(test.distances, tuple(pictures.noise.tolist())),
+            sensors=tuple((part.name, part.unit) for part in observed.evidence.parts),
+            starts=self._starts(observed, states, unit, (motion, fitted), (test, held_out)),
+            latency_steps=latency_steps,
+            rough_std=np.where(self.space.is_appearance, 0.0, start.std),
+            offsets=offsets,
+            known=self._appearance[self._photometry.is_known[self._appearance]],
+            responses=pictures.responses,
+            held_out=kept if kept < num else None,
+            late_s=setup.physics.simulator.step_s * np.array([motion.late_steps, motion.late_std]),
+            is_too_late=is_too_late(motion.late_steps),
+            held=np.array(setup.config.held, int),
+        )
+
+    def _fit_pictures(
+        self, observed: Observed, motion: ShootingFit, parameters: np.ndarray
+    ) -> PictureFit:
+        """Fit what pictures show besides motion, in the states in which they were taken."""
+        physics = self._setup.physics
+        seen = as_seen(physics.simulator, motion.full_states, motion.late_steps)
+        return fit_window_pictures(
+            physics,
+            self._setup.prior_std,
+            replace(motion, full_states=seen),
+            observed,
             parameters,
-            std,
-            self._discrepancy_std,
-            correlation,
-            self._all_moving,
-            Misfit(test.distances, tuple(pictures.noise.tolist())),
-            tuple((part.name, part.unit) for part in observed.evidence.parts),
-            self._starts(observed, states, unit, (motion, slice(0, kept)), (test, held_out)),
-            latency_steps,
-            np.where(self.space.is_appearance, 0.0, start.std),
-            offsets,
-            self._appearance[self._photometry.is_known[self._appearance]],
-            pictures.responses,
-            kept if kept < num else None,
-            setup.physics.simulator.step_s * np.array([motion.late_steps, motion.late_std]),
-            is_too_late(motion.late_steps),
-            np.array(setup.config.held, int),
+            self._appearance,
+            self._photometry,
+            self._setup.config.num_pictures,
         )
 
     def _claimed(
