@@ -59,25 +59,18 @@ def conclude(
     `late`: steps by which actions were found to be late.
     """
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
-    space, fitted = first.space, np.flatnonzero(~first.space.is_appearance)
-    std = np.full(len(space), _UNKNOWN_STD)
-    covariance = judged.covariance + np.outer(found.apart, found.apart)
-    std[fitted] = _by_data(np.diag(covariance)) * (1.0 if found.is_sure else _UNSURE)
-    of_fit, discrepancy = std, observation.discrepancy_std(space.is_appearance)
-    std = np.maximum(np.hypot(std, discrepancy), _LEAST_STD)
-    ends = (judged.unit - _SEEN_WIDTH * std, judged.unit + _SEEN_WIDTH * std)
+    space = first.space
+    std, correlation = _errors(judged, found, space.is_appearance, observation)
+    mean, ends = space.from_unit(judged.unit), judged.unit + _SEEN_WIDTH * np.array([-std, std])
     low, high = (space.from_unit(np.clip(end, 0, 1)) for end in ends)
-    mean = space.from_unit(judged.unit)
     seen = first.with_interval(mean, low, high)
     width = space.to_unit(high) - space.to_unit(low)
     curves = normal_curves(seen.to_range_unit(mean), std / width)
-    correlation = block_correlation(len(std), [(fitted, covariance)])
-    correlation = diluted(correlation, of_fit / std)
-    is_late = is_too_late(judged.late_steps[0])
-    is_sure = found.is_sure and not is_late
-    at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
-    doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
     read = read_curves(curves, seen, first, RangeUpdateConfig())
+    is_late = is_too_late(judged.late_steps[0])
+    at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
+    is_sure = found.is_sure and not is_late
+    doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
     estimate = replace(
         read,
         mean=mean,
@@ -97,6 +90,19 @@ def conclude(
         offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),
     )
     return estimate, seen
+
+
+def _errors(
+    judged: OutputErrorFit, found: Found, is_appearance: np.ndarray, observation: ObservationModel
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) standard deviations in unit coordinates, and the (N, N) correlation of errors."""
+    fitted = np.flatnonzero(~is_appearance)
+    covariance = judged.covariance + np.outer(found.apart, found.apart)
+    of_fit = np.full(len(is_appearance), _UNKNOWN_STD)
+    of_fit[fitted] = _by_data(np.diag(covariance)) * (1.0 if found.is_sure else _UNSURE)
+    std = np.maximum(np.hypot(of_fit, observation.discrepancy_std(is_appearance)), _LEAST_STD)
+    correlation = block_correlation(len(std), [(fitted, covariance)])
+    return std, diluted(correlation, of_fit / std)
 
 
 def _by_data(variance: np.ndarray) -> np.ndarray:
