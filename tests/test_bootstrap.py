@@ -13,8 +13,8 @@ from simtune.fit import (
     Observed,
     PointEstimate,
     bound_warnings,
+    calibrated,
     held_out_misfit,
-    judged,
     model_checks,
     run_bootstrap,
     tell_apart,
@@ -59,7 +59,7 @@ def a_fit(
         std=np.full(len(SPACE), 0.01),
         discrepancy_std=NOTHING,
         correlation=correlated("pole_mass", "actuator_gain", 0.9),
-        moving=MOVING,
+        is_moving=np.isin(np.arange(len(SPACE)), MOVING),
         misfit=a_misfit(motion, picture=picture),
         sensors=(KEYPOINTS,),
         starts=np.zeros((1, 1)),
@@ -147,7 +147,9 @@ def test_judged_moves_the_estimate_by_the_bias_unless_the_real_fit_is_worse():
     known = replace(bootstrap_of(np.full((8, len(SPACE)), 1.0)), misfits=[a_misfit(0.3)] * 8)
     for motion, share in ((0.3, 1.0), (0.6, 0.5)):
         fit = a_fit(motion=motion, picture=0.004)
-        moved = SPACE.to_unit(judged(fit, known, SPACE).parameters) - SPACE.to_unit(fit.parameters)
+        moved = SPACE.to_unit(calibrated(fit, known, SPACE).parameters) - SPACE.to_unit(
+            fit.parameters
+        )
         claimed = np.hypot(known.believed(fit.std), fit.discrepancy_std)
         expected = -known.bias() * claimed
         np.testing.assert_allclose(moved[MOVING], share * expected[MOVING], rtol=1e-6)
@@ -264,8 +266,8 @@ def test_refit_errors_are_in_units_of_the_claimed_std():
 
 def test_intervals_widen_where_reality_fits_worse_than_refits():
     bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
-    same = judged(a_fit(), bootstrap, SPACE).std
-    worse = judged(a_fit(motion=0.6, picture=0.012), bootstrap, SPACE).std
+    same = calibrated(a_fit(), bootstrap, SPACE).std
+    worse = calibrated(a_fit(motion=0.6, picture=0.012), bootstrap, SPACE).std
     np.testing.assert_allclose(worse[MOVING] / same[MOVING], 2)
     np.testing.assert_allclose(worse[APPEARANCE] / same[APPEARANCE], 3**0.5)
     np.testing.assert_allclose(same, bootstrap.inflation() * a_fit().std)
@@ -275,7 +277,8 @@ def test_a_colour_whose_own_pixels_are_not_explained_is_told_less_and_others_as_
     bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
     noise = np.where(np.arange(len(APPEARANCE)) == 1, 0.02, 0.004)
     wider = (
-        judged(a_fit(picture=noise), bootstrap, SPACE).std / judged(a_fit(), bootstrap, SPACE).std
+        calibrated(a_fit(picture=noise), bootstrap, SPACE).std
+        / calibrated(a_fit(), bootstrap, SPACE).std
     )
     np.testing.assert_allclose(wider, np.where(np.arange(len(SPACE)) == APPEARANCE[1], 5**0.5, 1))
 
@@ -317,10 +320,10 @@ def test_half_of_what_a_fit_claims_is_what_fits_like_it_usually_claim():
     claimed = 0.004 * 0.02 * 0.2 * 0.002  # by the fit that is judged, too
     # What is usual before any refit, .005, counts like two of what moves.
     usual = np.where(made.is_moving, (claimed * 0.005**2) ** (1 / 6), claimed ** (1 / 4))
-    std = judged(surest, made, SPACE).std / made.inflation()
+    std = calibrated(surest, made, SPACE).std / made.inflation()
     np.testing.assert_allclose(std, np.sqrt(0.002 * usual))
     unsure = replace(a_fit(), std=np.full(len(SPACE), 0.05))
-    std = judged(unsure, made, SPACE).std / made.inflation()
+    std = calibrated(unsure, made, SPACE).std / made.inflation()
     np.testing.assert_allclose(std, np.sqrt(0.05 * usual))
 
 
@@ -331,7 +334,7 @@ def test_a_fit_without_refits_is_no_surer_than_fits_usually_are():
     def alone(fit: FitResult) -> np.ndarray:
         rng = np.random.default_rng(0)
         made = run_bootstrap(replay_fit, observe_nothing, fit, start, 0, rng)
-        return judged(fit, made, SPACE).std / made.inflation()
+        return calibrated(fit, made, SPACE).std / made.inflation()
 
     surest = replace(a_fit(), std=np.full(len(SPACE), 0.0005))
     np.testing.assert_allclose(alone(surest)[MOVING], 0.005)
@@ -360,7 +363,7 @@ def test_the_worst_sensor_widens_intervals():
     bootstrap = replace(bootstrap, misfits=[a_misfit(0.3, 0.01)] * 8)
     fit = replace(a_fit(), sensors=(KEYPOINTS, ANGLE), misfit=a_misfit(0.3, 0.05))
     assert bootstrap.motion_ratios(fit.misfit) == pytest.approx([1, 5])
-    std = judged(fit, bootstrap, SPACE).std
+    std = calibrated(fit, bootstrap, SPACE).std
     np.testing.assert_allclose(std[MOVING], 5 * bootstrap.inflation()[MOVING] * 0.01)
     np.testing.assert_allclose(std[APPEARANCE], bootstrap.inflation()[APPEARANCE] * 0.01)
     held = {
@@ -393,11 +396,11 @@ def test_a_real_camera_widens_intervals_by_its_discrepancy():
         np.hypot(off.inflation() * 0.01, filmed),
         off.inflation() * np.hypot(0.01, filmed),
     )
-    np.testing.assert_allclose(judged(fit, off, SPACE).std, widened)
+    np.testing.assert_allclose(calibrated(fit, off, SPACE).std, widened)
     # Refits that all find the truth do not know what the camera does.
     factor = bootstrap.inflation()
     assert factor.max() < 0.7
-    exact = judged(replace(fit, std=np.full(len(SPACE), 0.001)), bootstrap, SPACE).std
+    exact = calibrated(replace(fit, std=np.full(len(SPACE), 0.001)), bootstrap, SPACE).std
     of_motion = np.hypot(0.001 * factor, filmed)
     np.testing.assert_allclose(exact, np.where(fit.is_moving, of_motion, filmed))
 
@@ -422,7 +425,7 @@ def test_intervals_of_the_motion_hold_though_refits_have_no_discrepancy():
         film(SPACE.from_unit(seen), 0)
         fit = find(start.parameters)
         made = run_bootstrap(FakeReplayFit(find), film, fit, start, 5, rng)
-        found = judged(fit, made, SPACE)
+        found = calibrated(fit, made, SPACE)
         error = SPACE.to_unit(found.parameters) - 0.5
         held.append(np.abs(error)[MOVING] < 1.645 * found.std[MOVING])
     assert 0.88 < np.mean(held) < 0.95
@@ -443,7 +446,7 @@ def test_a_cameras_error_common_to_all_colours_is_not_multiplied_by_how_surely_e
     real = replace(a_fit(), std=std, discrepancy_std=discrepancy)
     exact = PointEstimate(SPACE.nominal, NOTHING)
     made = run_bootstrap(FakeReplayFit(find), observe_nothing, real, exact, 6, rng)
-    wide = judged(real, made, SPACE).std[APPEARANCE]
+    wide = calibrated(real, made, SPACE).std[APPEARANCE]
     assert 0.03 < wide.min() <= wide.max() < 0.12
 
 
@@ -490,14 +493,14 @@ def test_what_is_held_says_nothing_of_how_well_the_rest_is_found():
 def test_misfit_that_cannot_be_told_makes_everything_that_moves_unsure():
     bootstrap = bootstrap_of(np.zeros((2, len(SPACE))))
     lost = a_fit(motion=float("nan"))
-    assert np.isinf(judged(lost, bootstrap, SPACE).std[MOVING]).all()
+    assert np.isinf(calibrated(lost, bootstrap, SPACE).std[MOVING]).all()
     told = held_out_misfit(lost, bootstrap)
     assert told["passed"] is False
     assert told["sensors"]["keypoints"]["distance"] is None
-    assert np.isfinite(judged(lost, bootstrap, SPACE).std[APPEARANCE]).all()
+    assert np.isfinite(calibrated(lost, bootstrap, SPACE).std[APPEARANCE]).all()
     nowhere = replace(bootstrap, misfits=[lost.misfit] * 2)
     for known in (nowhere, replace(bootstrap, misfits=[])):  # nothing to compare with
-        assert np.isfinite(judged(lost, known, SPACE).std).all()
+        assert np.isfinite(calibrated(lost, known, SPACE).std).all()
         assert not any("No setting" in warning for warning in model_checks(lost, known))
         assert held_out_misfit(lost, known)["passed"] is None
     one_lost = replace(bootstrap, misfits=[lost.misfit, a_fit().misfit])
@@ -537,10 +540,10 @@ def test_correlations_are_those_of_the_intervals_once_refits_have_judged_them():
             a_fit(motion=0.3 * worse),
             discrepancy_std=np.where(a_fit().is_moving, 0.01 * factor, 0.0),
         )
-        found = judged(unseen, known, SPACE)
+        found = calibrated(unseen, known, SPACE)
         expected = 0.9 * worse**2 / (worse**2 + 1)
         assert found.correlation[0, 1] == pytest.approx(expected)
-    assert judged(a_fit(), known, SPACE).correlation[0, 1] == pytest.approx(0.9)
+    assert calibrated(a_fit(), known, SPACE).correlation[0, 1] == pytest.approx(0.9)
 
 
 def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():

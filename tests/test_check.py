@@ -120,7 +120,9 @@ class Scene:
         self.task = task
         self.simulator: Simulator = task.simulator(image_size=SIZE)
         rng = np.random.default_rng(0)
-        self.actions = random_actions(NUM_EPISODES, task.episode_steps, self.simulator.model, rng)
+        self.actions = random_actions(
+            NUM_EPISODES, task.episode_steps, self.simulator.action_mapping, rng
+        )
         self.keypoints = candidate_keypoints(
             self.simulator.model, [View(task.cameras[0].camera)], SIZE
         )

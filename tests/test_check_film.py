@@ -194,7 +194,7 @@ def test_a_simulator_in_which_nothing_moves_is_no_other_scene_but_stuck(library)
 def test_a_library_is_of_worlds_that_play_the_actions():
     task = pendulum()
     simulator = task.simulator(image_size=SIZE)
-    actions = random_actions(2, 30, simulator.model, np.random.default_rng(0))
+    actions = random_actions(2, 30, simulator.action_mapping, np.random.default_rng(0))
     (library,) = make_libraries(simulator, actions, seed=0)
     assert library.frames.shape == (32, 24, SIZE, SIZE, 3)
     assert len(np.unique(library.worlds)) == 32
@@ -221,7 +221,7 @@ def test_check_saves_a_picture_and_says_where(tmp_path, monkeypatch, capsys, sma
     monkeypatch.setitem(TASKS, "pendulum", lambda: task)
     simulator = task.simulator(image_size=SIZE)
     rng = np.random.default_rng(0)
-    actions = random_actions(2, 30, simulator.model, rng)
+    actions = random_actions(2, 30, simulator.action_mapping, rng)
     played = simulator.roll_out(np.tile(task.parameters.nominal, (2, 1)), actions, rng)
     episodes = [
         Trajectory(frames[:, :, ::-1], taken.astype("f"), simulator.step_s)

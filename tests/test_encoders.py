@@ -100,10 +100,10 @@ def test_readings_are_those_of_the_first_episodes_after_a_resumption_too(tmp_pat
     monkeypatch.setattr(Told, "by_readings", lambda context, real, budget: read.append(real))
     real, budget = experiment.recordings, Budget()
     search, resumed = (make_search("posterior", experiment.context) for _ in range(2))
-    search._listen(real, budget)
+    search._fit_readings(real, budget)
     resumed.load(search.tensors(), json.loads(json.dumps(search.state())))
     for one in (search, resumed):
-        one._listen([real[1], real[0], *real], budget)
+        one._fit_readings([real[1], real[0], *real], budget)
     assert [[id(trajectory) for trajectory in each] for each in read] == [[*map(id, real)]] * 3
 
 

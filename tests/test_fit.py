@@ -47,7 +47,7 @@ def played(simulator):
     rng = np.random.default_rng(0)
     keypoints = find_keypoints(simulator, Distribution.first(SPACE, SPACE.nominal), 0)
     truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
-    actions = random_actions(3, 96, simulator.model, rng)
+    actions = random_actions(3, 96, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(np.repeat(truth[None], 3, 0), actions, rng, keypoints.observe)
     return keypoints, truth, rollouts
 

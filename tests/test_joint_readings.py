@@ -19,8 +19,8 @@ from simtune.observation import (
     JointReadings,
     JointSensor,
     ObservationModel,
+    advanced,
     declared_noise,
-    read_later,
 )
 from simtune.randomization import Distribution
 from simtune.real.recorded import RecordedReal, read_episode
@@ -59,7 +59,7 @@ def test_readings_are_brought_to_units_and_to_the_frames_moments():
 def test_what_is_late_is_read_off_a_curve_but_across_gaps_off_a_line():
     turn = np.sin(0.3 * np.arange(20.0))
     gap = np.where(np.arange(20) == 9, np.nan, turn)
-    later = read_later(np.stack([turn, gap], -1), 0.4)
+    later = advanced(np.stack([turn, gap], -1), 0.4)
     np.testing.assert_allclose(later[:19, 0], np.sin(0.3 * np.arange(0.4, 19)), atol=5e-4)
     assert np.isnan(later[-1]).all()
     assert np.isfinite(later[:, 1]).sum() == 17
@@ -126,7 +126,7 @@ def test_an_encoders_offset_is_found_by_what_pictures_show(simulator):  # noqa: 
     keypoints = find_keypoints(simulator, Distribution.first(SPACE, SPACE.nominal), 0)
     sensor = sensor_of(joints=("slider", "hinge_1"), noise=noise)
     see = ObservationModel.of_simulator((sensor,)).observe_beside(keypoints.observe)
-    actions = random_actions(3, 60, simulator.model, rng)
+    actions = random_actions(3, 60, simulator.action_mapping, rng)
     worlds = np.repeat(SPACE.nominal[None], 3, 0)
     rollouts = simulator.roll_out(worlds, actions, rng, see)
     seen = rollouts.observed

@@ -151,7 +151,7 @@ def test_all_evidence_at_an_index_takes_it_of_every_sensor():
 
 def test_keypoints_and_sensors_are_predicted_side_by_side(simulator, keypoints):
     observe, rng = BOTH.observe_beside(keypoints.observe), np.random.default_rng(0)
-    actions = random_actions(2, 5, simulator.model, rng)
+    actions = random_actions(2, 5, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(np.tile(TRUTH, (2, 1)), actions, rng, observe)
     count = 2 * len(keypoints)
     assert rollouts.observed.shape == (2, 6, count + 2)
@@ -160,7 +160,7 @@ def test_keypoints_and_sensors_are_predicted_side_by_side(simulator, keypoints):
 
 def test_recorded_trajectories_have_every_sensors_noisy_readings(simulator):
     rng = np.random.default_rng(0)
-    actions = random_actions(8, 60, simulator.model, rng)
+    actions = random_actions(8, 60, simulator.action_mapping, rng)
     see = BOTH.observe_beside()
     rollouts = simulator.roll_out(np.tile(TRUTH, (8, 1)), actions, rng, see)
     recorded = BOTH.record(simulator, rollouts, rng)
@@ -188,7 +188,7 @@ def fit_errors(simulator, keypoints, observation: ObservationModel) -> np.ndarra
     see = BOTH.observe_beside(keypoints.observe)
 
     def play(worlds: np.ndarray):
-        actions = random_actions(len(worlds), steps, simulator.model, rng)
+        actions = random_actions(len(worlds), steps, simulator.action_mapping, rng)
         return simulator.roll_out(worlds, actions, rng, see)
 
     def observed(rollouts) -> Observed:
@@ -266,7 +266,7 @@ def test_search_round_uses_readings_of_the_real_world_and_of_its_refits(tiny):
     simulator = CARTPOLE.simulator(image_size=SIZE)
     space, rng, sensor = simulator.space, np.random.default_rng(2), CountingSensor()
     observation = ObservationModel.of_simulator(sensors=(sensor,))
-    actions = random_actions(3, STEPS, simulator.model, rng)
+    actions = random_actions(3, STEPS, simulator.action_mapping, rng)
     worlds, see = np.tile(space.nominal, (3, 1)), observation.observe_beside()
     real = observation.record(simulator, simulator.roll_out(worlds, actions, rng, see), rng)
     sensor.measured.clear()

@@ -28,7 +28,7 @@ def scene():
     simulator, rng = CARTPOLE.simulator(image_size=48), np.random.default_rng(0)
     keypoints = find_keypoints(simulator, Distribution.first(SPACE, SPACE.nominal), 0)
     truth = SPACE.clip(SPACE.nominal * np.where(SPACE.is_colour, 0.8, 1.3))
-    actions = random_actions(2, 150, simulator.model, rng)
+    actions = random_actions(2, 150, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(np.repeat(truth[None], 2, 0), actions, rng, keypoints.observe)
     true = rollouts.observed.reshape(2, 151, -1, 2)
     seen = true + NOISE_PX * rng.normal(size=true.shape)

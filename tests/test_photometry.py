@@ -8,7 +8,7 @@ import pytest
 from simtune.errors import InputError
 from simtune.fit.picture_scene import Slopes
 from simtune.fit.pictures import PictureFit, Pictures, exposed, fit_pictures
-from simtune.fit.response import CameraResponse, told_by_known
+from simtune.fit.response import CameraResponse, step_by_known_colours
 from simtune.recordings import decode, write_video
 from simtune.tasks import load_any_task, load_task, with_known_colours
 from simtune.vision.image_noise import ImageNoise
@@ -132,7 +132,7 @@ def test_gamma_is_told_where_a_known_colour_has_many_levels():
             part.reshape(1, -1) for part in (response(levels), response(levels) - truth(levels))
         )
         slopes = response.derive(levels).reshape(5, 1, -1)
-        told = told_by_known(slopes, np.ones_like(drawn), residual, drawn, ImageNoise(), at)
+        told = step_by_known_colours(slopes, np.ones_like(drawn), residual, drawn, ImageNoise(), at)
         at = at + told.step
     np.testing.assert_allclose(at, truth.unknown, atol=0.06)
     assert np.exp(at[3]) == pytest.approx(1.2, abs=0.06)

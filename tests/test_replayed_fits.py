@@ -17,7 +17,7 @@ from simtune.fit.slopes import Groups
 from simtune.observation import JointSensor, ObservationModel, finds_offset
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
-from simtune.tuning.readings_fits import Horizon, Horizons, ReadingsFits, is_twice
+from simtune.tuning.readings_fits import Horizon, Horizons, ReadingsFits, two_agree
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
 
@@ -212,7 +212,7 @@ def test_what_only_stretches_tell_twice_is_theirs_where_they_leave_but_noise(
     ends = (np.zeros(3), np.ones(3))
     fits = ReadingsFits(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
     ended = fits.grow(fits.begin(np.full(3, 0.5)), Budget())
-    found = fits.until_found_twice(ended, 0, Budget())
+    found = fits.fit_until_two_agree(ended, 0, Budget())
     assert found.is_whole == is_whole
     assert found.is_sure == is_sure
     assert fit.stages[:3] == [8, 8, 8]  # a quarter of a second is no less than eight steps
@@ -223,6 +223,6 @@ def test_twice_means_nearly_the_same_cost():
     def costing(*costs: float) -> list[Any]:
         return [SimpleNamespace(cost=cost) for cost in costs]
 
-    assert is_twice(costing(-5.0, -2.0, -4.99))
-    assert not is_twice(costing(-5.0, -4.9))
-    assert not is_twice(costing(-5.0))
+    assert two_agree(costing(-5.0, -2.0, -4.99))
+    assert not two_agree(costing(-5.0, -4.9))
+    assert not two_agree(costing(-5.0))

@@ -50,7 +50,7 @@ def plain_loop(task: Task, parameters, start, actions, num_substeps) -> np.ndarr
 def test_rollouts_are_those_of_a_plain_loop_to_the_last_bit(walker):
     simulator = walker.simulator(image_size=16)  # few pixels: they are not looked at
     rng = np.random.default_rng(1)
-    actions = random_actions(3, 12, simulator.model, rng)
+    actions = random_actions(3, 12, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(some_parameters(walker, 3), actions, rng)
     for parameters, states, played in zip(
         rollouts.parameters, rollouts.states, rollouts.actions, strict=True
@@ -62,7 +62,7 @@ def test_rollouts_are_those_of_a_plain_loop_to_the_last_bit(walker):
 def test_rollouts_have_the_shapes_that_renderers_and_learners_expect(cartpole):
     simulator = cartpole.simulator(image_size=16)
     rng = np.random.default_rng(0)
-    actions = random_actions(4, 5, simulator.model, rng)
+    actions = random_actions(4, 5, simulator.action_mapping, rng)
     parameters = some_parameters(cartpole, 4)
     rollouts = simulator.roll_out(parameters, actions, rng)
     state_size = mujoco.mj_stateSize(simulator.model, STATE)
@@ -127,7 +127,7 @@ def test_diverged_episodes_are_left_out_of_rollouts(cartpole):
     simulator = replace(cartpole, initialize=initialize).simulator(image_size=16)
     rng = np.random.default_rng(0)
     parameters = some_parameters(cartpole, 4)
-    actions = random_actions(4, 5, simulator.model, rng)
+    actions = random_actions(4, 5, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(parameters, actions, rng)
     assert len(rollouts) == 3
     assert np.isfinite(rollouts.states).all()
@@ -211,7 +211,7 @@ def test_every_world_follows_its_controls_as_late_as_its_parameter_says(name):
     parameters = some_parameters(task, len(delays_s))
     parameters[:, -1] = delays_s
     rng = np.random.default_rng(0)
-    actions = random_actions(len(delays_s), 15, simulator.model, rng, hold=1)
+    actions = random_actions(len(delays_s), 15, simulator.action_mapping, rng, hold=1)
     rollouts = simulator.roll_out(parameters, actions, rng)
     assert len(rollouts) == len(delays_s)
 

@@ -100,7 +100,7 @@ def test_actions_and_readings_are_taken_when_it_was_so():
     frames, read = np.zeros((5, 0, 0, 3), np.uint8), {"arm": np.square(np.arange(5.0))[:, None]}
     real = Trajectory(frames, np.arange(4.0)[:, None], 0.1, readings=read)
     told = Told(replace(READ, readings_late_s=(0.03, 0.001)), SEEN, is_trusted=True)
-    (late,) = told.late([real])
+    (late,) = told.on_time([real])
     assert late.actions[:, 0].tolist() == [0, 0, 0, 1]
     assert late.readings["arm"][:4, 0] == pytest.approx(np.square([0.3, 1.3, 2.3, 3.3]))
     assert np.isnan(late.readings["arm"][4, 0])

@@ -1,4 +1,4 @@
-"""What a run writes: config.json, metrics, checkpoints, curves.json, result.json."""
+"""The content of config.json, result.json, curves.json and metrics.jsonl."""
 
 from collections.abc import Mapping
 from dataclasses import asdict

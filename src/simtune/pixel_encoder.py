@@ -6,6 +6,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+NUM_FEATURES = 50  # of a stack, as in CURL
 _CPU_SLICE = 32  # stacks whose intermediate results fit in a cache, and in reused memory
 _ALIGNED = 8  # bfloat16 numbers in the 16 bytes by which a GPU's matrix units read
 
@@ -130,16 +131,16 @@ class PixelEncoder(nn.Module):
     The convolutions, then a linear layer and a LayerNorm; no tanh, as in RAD's and CURL's SAC.
     """
 
-    def __init__(self, num_channels: int, image_size: int, num_features: int = 50):
+    def __init__(self, num_channels: int, image_size: int):
         super().__init__()
         self.convolutions = PixelConvolutions(num_channels, image_size)
-        self.head = feature_head(self.convolutions.num_outputs, num_features)
+        self.head = feature_head(self.convolutions.num_outputs)
 
     def forward(self, frames: torch.Tensor) -> torch.Tensor:
-        """(B, K, H, W, 3) uint8 to (B, num_features) float32."""
+        """(B, K, H, W, 3) uint8 to (B, 50) float32."""
         return self.head(self.convolutions(frames)).float()
 
 
-def feature_head(num_inputs: int, num_features: int = 50) -> nn.Sequential:
+def feature_head(num_inputs: int) -> nn.Sequential:
     """Convolutional features to a few normalised ones."""
-    return nn.Sequential(AlignedLinear(num_inputs, num_features), nn.LayerNorm(num_features))
+    return nn.Sequential(AlignedLinear(num_inputs, NUM_FEATURES), nn.LayerNorm(NUM_FEATURES))

@@ -87,8 +87,8 @@ def choose_search_settings(
     search_name: SearchName,
     task: AnyTask,
     recordings: Sequence[Trajectory],
-) -> PosteriorSearchConfig | PaperConfig | None:
-    """The search's settings; None: defaults. Raises InputError for too long a window."""
+) -> PosteriorSearchConfig | PaperConfig:
+    """The search's settings. Raises InputError for too long a window."""
     is_training = isinstance(config, TrainConfig)
     if search_name == "posterior":
         if isinstance(config, TuneConfig):

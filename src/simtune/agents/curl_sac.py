@@ -36,7 +36,7 @@ from simtune.agents.pixel_networks import (
 )
 from simtune.agents.saving import Stateful
 from simtune.networks import autocast, seeded
-from simtune.pixel_encoder import PixelEncoder
+from simtune.pixel_encoder import NUM_FEATURES, PixelEncoder
 from simtune.replay import Transitions
 
 
@@ -72,7 +72,7 @@ class Critic(nn.Module):
     def __init__(self, num_actions: int, config: CurlSacConfig):
         super().__init__()
         self.encoder = PixelEncoder(3 * config.num_stacked, config.crop_size)
-        self.q = TwinQ(50, num_actions, config.hidden_size)
+        self.q = TwinQ(NUM_FEATURES, num_actions, config.hidden_size)
 
 
 class Temperature(nn.Module):

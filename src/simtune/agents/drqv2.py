@@ -20,7 +20,7 @@ from simtune.agents.pixel_agent import PixelAgent, PixelAgentConfig
 from simtune.agents.pixel_networks import TwinQ, descend, initialize, move_towards
 from simtune.agents.saving import Stateful
 from simtune.networks import autocast, mlp, seeded
-from simtune.pixel_encoder import PixelConvolutions, feature_head
+from simtune.pixel_encoder import NUM_FEATURES, PixelConvolutions, feature_head
 from simtune.replay import Replay, Transitions
 
 
@@ -48,7 +48,7 @@ class Critic(nn.Module):
     def __init__(self, num_inputs: int, num_actions: int, hidden_size: int):
         super().__init__()
         self.head = nn.Sequential(*feature_head(num_inputs), nn.Tanh())
-        self.q = TwinQ(50, num_actions, hidden_size)
+        self.q = TwinQ(NUM_FEATURES, num_actions, hidden_size)
 
     def forward(self, obs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """(B, F) and (B, A) to (2, B)."""
@@ -59,7 +59,7 @@ class Actor(nn.Sequential):
     """(B, F) to the (B, A) actions that noise is added to."""
 
     def __init__(self, num_inputs: int, num_actions: int, hidden_size: int):
-        layers = mlp((50, hidden_size, hidden_size, num_actions), nn.ReLU)
+        layers = mlp((NUM_FEATURES, hidden_size, hidden_size, num_actions), nn.ReLU)
         super().__init__(*feature_head(num_inputs), nn.Tanh(), *layers, nn.Tanh())
 
 
@@ -75,11 +75,9 @@ class DrqV2(PixelAgent):
         *,
         seed: int,
         device: torch.device | str = "cpu",
-        use_graphs: bool = True,
     ):
-        """`use_graphs`: see `PixelAgent`."""
         self.config = config = config or DrqV2Config()
-        super().__init__(num_actions, config, seed, device, use_graphs)
+        super().__init__(num_actions, config, seed, device, use_graphs=True)
         self._noise = torch.full((), config.noise[0], device=self.device)  # where graphs read it
         with seeded(seed):
             self.encoder = PixelConvolutions(3 * config.num_stacked, config.image_size)

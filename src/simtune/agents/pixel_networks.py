@@ -8,7 +8,7 @@ from torch.nn import functional
 
 from simtune.agents.half_copy import HalfCopy
 from simtune.networks import FineLinear, mlp
-from simtune.pixel_encoder import feature_head
+from simtune.pixel_encoder import NUM_FEATURES, feature_head
 
 
 class GaussianActor(nn.Module):
@@ -20,7 +20,7 @@ class GaussianActor(nn.Module):
         super().__init__()
         self.log_std = log_std  # bounds
         self.head = feature_head(num_inputs)
-        sizes = (50, hidden_size, hidden_size, 2 * num_actions)
+        sizes = (NUM_FEATURES, hidden_size, hidden_size, 2 * num_actions)
         self.layers = mlp(sizes, nn.ReLU, last=FineLinear)
 
     def forward(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -72,7 +72,7 @@ class Contrast(nn.Module):
     A bilinear product compares them (Laskin et al. 2020, Eq. 4 and appendix).
     """
 
-    def __init__(self, num_features: int = 50):
+    def __init__(self, num_features: int = NUM_FEATURES):
         super().__init__()
         self.weight = nn.Parameter(torch.rand(num_features, num_features))  # initialised as in CURL
 

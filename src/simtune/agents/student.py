@@ -120,7 +120,7 @@ class Student(nn.Module):
         return (memory.frames[:, 1:] == frames[:, :-1]).flatten(1).all(1)
 
     def detect_recorded(self, frames: torch.Tensor) -> torch.Tensor:
-        """The same for (n, H, W, 3) simulated frames as a real camera would film them."""
+        """`detect` in (n, H, W, 3) simulated frames, as a real camera would film them."""
         noise = self._image_noise
         return self.detect(frames, NoisyCameras.draw(noise, 1, self._generator) if noise else None)
 

@@ -27,13 +27,13 @@ _FEWEST_FRAMES = 8
 _HEIGHT_PX = 240  # of pictures; large, since no network has to learn from them
 
 
-def find_camera_pose(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
+def find_camera_pose(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any]:
     """A camera's position, orientation and field of view, with 90 % intervals; JSON.
 
     Raises InputError for invalid input.
     """
     config.check()
-    budget = Budget(60 * config.budget_minutes, say)
+    budget = Budget(60 * config.budget_minutes, report)
     declared = load_task(config.task)
     seen = observed(declared, config.observed, is_simulated=False)
     if len(seen.cameras) != 1:

@@ -40,7 +40,7 @@ _NOT_MODELLED = 'where the room around is not in the model, say background = "un
 _PICTURES, _FEWEST_PICTURES = 24, 8  # in total, and at least per episode
 
 
-def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
+def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any]:
     """Sensitivity to each parameter, how well it can be found, facts of the recordings; JSON.
 
     Raises InputError for invalid input.
@@ -53,7 +53,7 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
     facts["warnings"] = []
     read: ReadEpisodes | None = None
     if config.real:
-        simulator, actions, read, more = _of_recordings(config, task, size, seen, say)
+        simulator, actions, read, more = _of_recordings(config, task, size, seen, report)
         facts |= more
     else:
         simulator = task.simulator(image_size=size, views=seen.views())
@@ -65,14 +65,14 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
         facts["warnings"] += too_short(task.episode_steps) if seen.cameras else []
     readings = None
     if seen.sensors:
-        say("replaying readings", 0.5)
+        report("replaying readings", 0.5)
         readings, assumed = reading_changes(simulator, seen, actions, read, config.seed)
         facts["assumed"] = assumed
-    information = analyze(simulator, actions, config.seed, seen, readings, say)
+    sensitivity = analyze(simulator, actions, config.seed, seen, readings, report)
     states = nominal_states(simulator, actions, config.seed)
     facts["warnings"] += joints_at_limits(simulator, states)
     reasons = unfelt_frictions(simulator, states)
-    concluded = conclude(task.parameters, information, reasons)
+    concluded = conclude(task.parameters, sensitivity, reasons)
     if seen.cameras:
         verdicts = {name: its["verdict"] for name, its in concluded["parameters"].items()}
         facts["extents_px"] = extents_px(simulator, states, simulator.views)
@@ -83,7 +83,7 @@ def check(config: CheckConfig, say: ReportProgress = silent) -> dict[str, Any]:
 
 
 def _of_recordings(
-    config: CheckConfig, task: Task, size: int, seen: ObservationModel, say: ReportProgress
+    config: CheckConfig, task: Task, size: int, seen: ObservationModel, report: ReportProgress
 ) -> tuple[Simulator, np.ndarray, ReadEpisodes | None, dict[str, Any]]:
     """A simulator at the recordings' rate, their actions (E, T, A), readings, facts and warnings.
 
@@ -91,7 +91,7 @@ def _of_recordings(
     """
     dataset = open_recordings(config.real or "", task, config, size, seen)
     num = how_many(dataset, config.episodes)
-    recorded, film = look_through(dataset, say, min(num, _LOOKED_AT) * bool(seen.cameras))
+    recorded, film = look_through(dataset, report, min(num, _LOOKED_AT) * bool(seen.cameras))
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
     facts["warnings"] = warnings(task, facts["recordings"], recorded, num)
     films = _Films.of(seen.framed(dataset.aspects), film)
@@ -105,7 +105,7 @@ def _of_recordings(
     steps = min(len(actions) for actions in recorded[:num])
     actions = np.stack([actions[:steps] for actions in recorded[:num]])
     if seen.cameras:
-        say("comparing pictures", 0.0)
+        report("comparing pictures", 0.0)
         facts["films"], more = _look_at(films, task, simulator, actions, config)
         facts["warnings"] += more
     read = None
@@ -173,7 +173,7 @@ def _look_at(
 
 
 def look_through(
-    dataset: Dataset, say: ReportProgress, num_looked_at: int = 0
+    dataset: Dataset, report: ReportProgress, num_looked_at: int = 0
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Actions (T, A) of all episodes, after a look at each one's frames, and a few frames.
 
@@ -183,7 +183,7 @@ def look_through(
     actions, film, faults = [], [], {}
     num_frames = max(_FEWEST_PICTURES, _PICTURES // max(num_looked_at, 1))
     for episode, name in enumerate(dataset.episodes):
-        say("reading the recordings", episode / len(dataset.episodes))
+        report("reading the recordings", episode / len(dataset.episodes))
         try:
             its_actions, frames = dataset.skim(
                 episode, num_frames * (episode < num_looked_at), within_steps=MOST_STEPS

@@ -20,22 +20,22 @@ _NOTHING_AT_ALL = "changes neither picture, motion nor readings: it cannot be fo
 
 
 def conclude(
-    space: ParameterSpace, information: Sensitivity, reasons: Mapping[str, str] | None = None
+    space: ParameterSpace, sensitivity: Sensitivity, reasons: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
     """{"parameters": an object each, by name, "pairs": what shows only together}; JSON.
 
     `reasons`: why parameters do not show, by name, if they do not.
     """
     # Parameters that a single picture shows need no motion; the others do, however they look.
-    picture_std = np.where(space.is_visible, information.picture_std, np.inf)
-    std = np.minimum(picture_std, information.motion_std)
-    share = _INTERVAL * std / information.first_width
+    picture_std = np.where(space.is_visible, sensitivity.picture_std, np.inf)
+    std = np.minimum(picture_std, sensitivity.motion_std)
+    share = _INTERVAL * std / sensitivity.first_width
     shows: list[Shows] = [_shows(s) for s in share]
-    together = np.abs(np.triu(information.correlation, 1)) > _TOGETHER
-    pairs = [_pair(space, information, shows, i, j) for i, j in np.argwhere(together)]
-    reasons = _nothing(space, information) | dict(reasons or {})
+    together = np.abs(np.triu(sensitivity.correlation, 1)) > _TOGETHER
+    pairs = [_pair(space, sensitivity, shows, i, j) for i, j in np.argwhere(together)]
+    reasons = _nothing(space, sensitivity) | dict(reasons or {})
     parameters = {
-        name: _numbers(space, information, i)
+        name: _numbers(space, sensitivity, i)
         | {
             "interval_share": float(share[i]),
             "verdict": shows[i],
@@ -58,11 +58,11 @@ def _shows(share: float) -> Shows:
     return "shows weakly" if share <= limits.weak_share else "does not show"
 
 
-def _nothing(space: ParameterSpace, information: Sensitivity) -> dict[str, str]:
+def _nothing(space: ParameterSpace, sensitivity: Sensitivity) -> dict[str, str]:
     """Notes on parameters that show nowhere."""
-    said = _NOTHING_AT_ALL if information.sees_pictures else _NOTHING_READ
-    said = _NOTHING if information.readings is None else said
-    return {space.names[i]: said for i in np.flatnonzero(information.shows_nothing)}
+    said = _NOTHING_AT_ALL if sensitivity.sees_pictures else _NOTHING_READ
+    said = _NOTHING if sensitivity.readings is None else said
+    return {space.names[i]: said for i in np.flatnonzero(sensitivity.shows_nothing)}
 
 
 def _note(name: str, reason: str, pairs: list[dict[str, Any]]) -> str:
@@ -72,21 +72,21 @@ def _note(name: str, reason: str, pairs: list[dict[str, Any]]) -> str:
     return f"together with {', '.join(sorted(named - {name}))}: see below" if named else ""
 
 
-def _numbers(space: ParameterSpace, information: Sensitivity, i: int) -> dict[str, Any]:
-    parameter, std = space.parameters[i], float(information.motion_std[i])
+def _numbers(space: ParameterSpace, sensitivity: Sensitivity, i: int) -> dict[str, Any]:
+    parameter, std = space.parameters[i], float(sensitivity.motion_std[i])
     numbers = {
         "unit": parameter.unit,
-        "value": float(information.parameters[i]),
-        "changed_to": float(information.changed[i]),
+        "value": float(sensitivity.parameters[i]),
+        "changed_to": float(sensitivity.changed[i]),
     }
-    if information.sees_pictures:
+    if sensitivity.sees_pictures:
         numbers |= {
-            "picture_levels": float(information.levels[i]),
-            "picture_share": float(information.pixel_share[i]),
-            "motion_rms_px": float(information.rms_px[i]),
-            "motion_largest_px": float(information.largest_px[i]),
+            "picture_levels": float(sensitivity.levels[i]),
+            "picture_share": float(sensitivity.pixel_share[i]),
+            "motion_rms_px": float(sensitivity.rms_px[i]),
+            "motion_largest_px": float(sensitivity.largest_px[i]),
         }
-    if readings := information.readings:
+    if readings := sensitivity.readings:
         main = int(readings.main[i])
         numbers |= {
             "reading": readings.labels[main],  # that changes most
@@ -100,12 +100,12 @@ def _numbers(space: ParameterSpace, information: Sensitivity, i: int) -> dict[st
 
 
 def _pair(
-    space: ParameterSpace, information: Sensitivity, shows: list[Shows], i: int, j: int
+    space: ParameterSpace, sensitivity: Sensitivity, shows: list[Shows], i: int, j: int
 ) -> dict[str, Any]:
     """Two parameters with correlated errors, and the combination that is known."""
     names = [space.names[i], space.names[j]]
-    correlation = float(information.correlation[i, j])
-    combination = _combination(space, information, i, j)
+    correlation = float(sensitivity.correlation[i, j])
+    combination = _combination(space, sensitivity, i, j)
     both = shows[i] == shows[j] == CLEAR
     best = "told better together than alone" if both else "told together only"
     return {
@@ -116,11 +116,11 @@ def _pair(
     }
 
 
-def _combination(space: ParameterSpace, information: Sensitivity, i: int, j: int) -> str:
+def _combination(space: ParameterSpace, sensitivity: Sensitivity, i: int, j: int) -> str:
     """The combination of two parameters that stays the same when their errors are correlated."""
     a, b = space.names[i], space.names[j]
-    rise_together = information.correlation[i, j] > 0
-    ratio = information.motion_std[i] / information.motion_std[j]
+    rise_together = sensitivity.correlation[i, j] > 0
+    ratio = sensitivity.motion_std[i] / sensitivity.motion_std[j]
     slope = 1.0 if 0.75 < ratio < 1.33 else float(f"{ratio:.1g}")
     if space.is_log[i] and space.is_log[j]:
         b = b if slope == 1 else f"{b}^{slope:g}"

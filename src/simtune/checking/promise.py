@@ -32,9 +32,9 @@ def promises(
         if seen.sensors:
             read = look_at_servos(real, simulator, seen)
             readings, _ = reading_changes(simulator, seen, actions, read, seed)
-        information = analyze(simulator, actions, seed, seen, readings)
+        sensitivity = analyze(simulator, actions, seed, seen, readings)
     except RuntimeError:  # every episode diverged
         return {}
     reasons = unfelt_frictions(simulator, nominal_states(simulator, actions, seed))
-    said = conclude(simulator.space, information, reasons)["parameters"]
+    said = conclude(simulator.space, sensitivity, reasons)["parameters"]
     return plain({name: {k: p[k] for k in _KEPT if k in p} for name, p in said.items()})

@@ -11,7 +11,7 @@ from simtune.tuning import SearchSettings
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """None: from the preset. They are not stored: resume a run with the same ones only."""
+    """Those of None are the preset's. They are not stored: resume a run with the same ones."""
 
     search: SearchSettings | None = None  # of the search that the options select
     comparison: StartSearchConfig = field(default_factory=StartSearchConfig)

@@ -20,9 +20,9 @@ from simtune.fit.shooting_config import ShootingConfig, Stage
 from simtune.fit.sizing import FitConfig, FitWork, count_fit_steps, fit_to_budget
 from simtune.fit.uncertainty import (
     bound_warnings,
+    calibrated,
     held_out_misfit,
     in_range,
-    judged,
     model_checks,
     moves_otherwise,
     ranks,
@@ -58,11 +58,11 @@ __all__ = [
     "StateEstimator",
     "as_seen",
     "bound_warnings",
+    "calibrated",
     "count_fit_steps",
     "fit_to_budget",
     "held_out_misfit",
     "in_range",
-    "judged",
     "left_open",
     "model_checks",
     "moves_otherwise",

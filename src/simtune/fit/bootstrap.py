@@ -18,9 +18,9 @@ _UNKNOWN_INFLATION = 3.0  # factor on standard deviations if there are no refits
 # this share of the fit's initial one if that is less. It counts like two refits.
 _USUAL_STD, _USUAL_SHARE, _USUAL_COUNT = 0.005, 0.4, 2.0
 _POOLED_COUNT = 3.0  # the pooled variance of a kind counts like three refits of each parameter
-# Prior of the ratio of errors to claimed standard deviations. It counts like two refits, since the
-# first few refits may all be lucky.
-_EXPECTED, _EXPECTED_COUNT = {"moving": 1.0, "appearance": 1.0}, 2.0
+# Prior of the ratio of errors to claimed standard deviations: 1. It counts like two refits, since
+# the first few refits may all be lucky.
+_EXPECTED_COUNT = 2.0
 _USUAL = 0.85  # quantile of the errors that gives their scale: outliers lie above
 _FEWEST_FOR_BIAS = 3  # refits
 _FARTHEST = 3.0  # standard deviations at which errors are clipped: an outlier proves no bias
@@ -92,10 +92,10 @@ class Bootstrap:
         return _bias_and_inflation(self.errors, self._kinds)[1]
 
     @property
-    def _kinds(self) -> dict[str, np.ndarray]:
+    def _kinds(self) -> tuple[np.ndarray, ...]:
         """(N,) bool for each kind of fitted parameter; refits of one kind are pooled."""
         is_fitted = ~np.isin(np.arange(len(self.is_moving)), self.unfitted)
-        return {"moving": self.is_moving & is_fitted, "appearance": ~self.is_moving & is_fitted}
+        return self.is_moving & is_fitted, ~self.is_moving & is_fitted
 
     def ranks(self) -> np.ndarray:
         """(K, N) probability, by each refit, of being below its truth: uniform if intervals hold.
@@ -171,7 +171,7 @@ def _bias(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bias_and_inflation(
-    errors: np.ndarray, kinds: Mapping[str, np.ndarray]
+    errors: np.ndarray, kinds: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N,) each, for (K, N) errors divided by the standard deviations claimed.
 
@@ -185,13 +185,13 @@ def _bias_and_inflation(
     if not count:
         return bias, factors
     errors = errors - bias
-    for kind, of_kind in kinds.items():
+    for of_kind in kinds:
         if not of_kind.any():
             continue
         sizes = np.abs(errors[:, of_kind])  # (K, G)
         # A quantile: one failed refit must not widen all intervals.
         usual = float(np.quantile(sizes, _USUAL)) / ndtri((1 + _USUAL) / 2)
-        pooled = count * usual**2 + _EXPECTED_COUNT * _EXPECTED[kind] ** 2
+        pooled = count * usual**2 + _EXPECTED_COUNT
         pooled /= count + _EXPECTED_COUNT
         square = np.square(np.minimum(sizes, 3 * np.sqrt(pooled))).sum(0) + _POOLED_COUNT * pooled
         unsure = stdtrit(count + _POOLED_COUNT, 0.95) / ndtri(0.95)

@@ -43,7 +43,7 @@ class PictureScene:
         is_real: bool,
         parameters: np.ndarray,
     ):
-        """`shown`: (V,) indices of the visible parameters; `poses`: see `fit_pictures`.
+        """`shown`: (V,) indices of the visible parameters; `poses`: see `Pictures`.
 
         `parameters`: (N,) by which pictures show anything but an unknown background.
 

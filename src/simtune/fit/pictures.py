@@ -16,8 +16,8 @@ from simtune.fit.response import (
     NUM_CHANNELS,
     NUM_UNKNOWN,
     CameraResponse,
-    Told,
-    told_by_known,
+    ResponseStep,
+    step_by_known_colours,
 )
 from simtune.simulation import Simulator
 from simtune.vision.image_noise import ImageNoise
@@ -61,8 +61,8 @@ class PictureFit:
     covariance: np.ndarray  # (V, V); 0 for known parameters
     noise: np.ndarray  # (V,) robust std of the pixels that show each, of the full scale
     responses: list[CameraResponse]  # one per camera; none if pictures are the simulator's own
-    chroma_blur: np.ndarray  # (C,) see `PictureScene`; likewise
-    log_exposure: np.ndarray  # (M, C) likewise
+    chroma_blur: np.ndarray  # (C,) see `PictureScene`; empty then
+    log_exposure: np.ndarray  # (M, C), of each picture; empty then
 
 
 def fit_pictures(
@@ -145,11 +145,13 @@ class _Fit:
         cameras = scene.responses, scene.chroma_blur, scene.log_exposure
         return PictureFit(self._unit[self._shown], covariance, noise, *cameras)
 
-    def _see_known(self, drawn: np.ndarray, residual: np.ndarray, usually: np.ndarray) -> Told:
+    def _see_known(
+        self, drawn: np.ndarray, residual: np.ndarray, usually: np.ndarray
+    ) -> ResponseStep:
         slopes, known = self._slopes, self._known
         shows = _shows(slopes.shown[known], self._unit[self._shown[known]], drawn)
         usual, at = self._camera or ImageNoise(), self._scene.response
-        return told_by_known(slopes.response, usually * shows, residual, drawn, usual, at)
+        return step_by_known_colours(slopes.response, usually * shows, residual, drawn, usual, at)
 
 
 def _without_poses(

@@ -53,7 +53,6 @@ class ReplayFit:
         """
         self._setup = FitSetup(physics, estimator, config or FitConfig(), joints)
         self._discrepancy_std, self.space = discrepancy_std, physics.parameters
-        self._all_moving = np.flatnonzero(~self.space.is_appearance)
         self._appearance = np.flatnonzero(self.space.is_appearance)
         self._photometry = photometry or Photometry(None, np.full(len(self.space), np.nan))
 
@@ -111,7 +110,7 @@ class ReplayFit:
             std=std,
             discrepancy_std=self._discrepancy_std,
             correlation=correlation,
-            moving=self._all_moving,
+            is_moving=~self.space.is_appearance,
             misfit=Misfit(test.distances, tuple(pictures.noise.tolist())),
             sensors=tuple((part.name, part.unit) for part in observed.evidence.parts),
             starts=self._starts(observed, states, unit, (motion, fitted), (test, held_out)),

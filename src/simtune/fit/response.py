@@ -17,10 +17,8 @@ import numpy as np
 
 from simtune.vision.image_noise import ImageNoise
 
-NUM_CHANNELS, NUM_UNKNOWN = (
-    3,
-    5,
-)  # per camera: the logarithms of three gains and of gamma, and the offset
+# Per camera: the logarithms of three gains and of gamma, and the offset
+NUM_CHANNELS, NUM_UNKNOWN = 3, 5
 _GAMMA, _OFFSET = NUM_CHANNELS, 4
 _DARK = 1e-3  # of the full scale: lower bound for a logarithm
 _ANY_GAIN = 0.5  # prior standard deviation of log gain where known colours inform it
@@ -86,21 +84,21 @@ class Photometry(NamedTuple):
         return np.isfinite(self.known)
 
 
-class Told(NamedTuple):
+class ResponseStep(NamedTuple):
     """Estimate of C cameras' responses from known colours and the prior."""
 
     step: np.ndarray  # (5 C,) from the current unknowns
     covariance: np.ndarray  # (5 C, 5 C)
 
 
-def told_by_known(
+def step_by_known_colours(
     slopes: np.ndarray,
     trust: np.ndarray,
     residual: np.ndarray,
     drawn: np.ndarray,
     usual: ImageNoise,
     at: np.ndarray,
-) -> Told:
+) -> ResponseStep:
     """From (5 C, M, pixels) slopes; `trust`: (M, pixels) 0 to 1, 0 where no known colour shows.
 
     `residual`: (M, pixels) drawn − real; `at`: (5 C,) current unknowns.
@@ -119,7 +117,7 @@ def told_by_known(
         slope = prior @ at[own] + np.einsum("amp,mp->a", weighted, residual)
         covariance[own, own] = np.linalg.inv(information)
         step[own] = -covariance[own, own] @ slope
-    return Told(step, covariance)
+    return ResponseStep(step, covariance)
 
 
 def _prior(usual: ImageNoise, gains_are_usual: bool) -> np.ndarray:

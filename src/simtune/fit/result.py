@@ -35,7 +35,7 @@ class FitResult:
     discrepancy_std: np.ndarray
     # (N, N) of the fit's errors in unit coordinates; 0 between motion and pictures
     correlation: np.ndarray
-    moving: np.ndarray  # (P,) indices of the parameters that are not mere appearance
+    is_moving: np.ndarray  # (N,) bool: not mere appearance
     misfit: Misfit
     sensors: tuple[tuple[str, str], ...]  # name and unit of each motion misfit
     starts: np.ndarray  # (E, S) full states at the start of the episodes
@@ -56,11 +56,6 @@ class FitResult:
     def unfitted(self) -> np.ndarray:
         """(K,) indices of known and held parameters."""
         return np.union1d(self.known, self.held).astype(int)
-
-    @property
-    def is_moving(self) -> np.ndarray:
-        """(N,) bool."""
-        return np.isin(np.arange(len(self.std)), self.moving)
 
     @property
     def refitted_discrepancy_std(self) -> np.ndarray:

@@ -63,7 +63,7 @@ def analyze(
     seed: int,
     observation: ObservationModel,
     readings: ReadingChanges | None = None,
-    say: ReportProgress = silent,
+    report: ReportProgress = silent,
 ) -> Sensitivity:
     """At the nominal parameters, in episodes of (E, T, A) actions; `readings`: those of joints.
 
@@ -78,7 +78,7 @@ def analyze(
     prior = width / np.sqrt(12)  # of a uniform distribution
     information, seen = np.diag(prior**-2), _Seen.nothing(len(space))
     if simulator.views:
-        seen = _look(simulator, first, actions, seed, changed, say)
+        seen = _look(simulator, first, actions, seed, changed, report)
         information += seen.information / np.outer(scale, scale)
     if readings is not None:
         information += readings.information / np.outer(scale, scale)
@@ -126,7 +126,7 @@ def _look(
     actions: np.ndarray,
     seed: int,
     changed: np.ndarray,
-    say: ReportProgress,
+    report: ReportProgress,
 ) -> _Seen:
     """What cameras see of (N, N) parameters, one changed in each row; see `analyze`."""
     space, rng = simulator.space, np.random.default_rng((seed, 1))
@@ -136,14 +136,14 @@ def _look(
     episodes = simulator.roll_out(worlds, actions.astype(float), rng, keypoints.observe)
     if not len(episodes):
         raise RuntimeError("every episode diverged; check the timestep and the actions")
-    say("changing one parameter after the other", 0.6)
+    report("changing one parameter after the other", 0.6)
     levels, share = picture_changes(simulator, episodes, changed)
     moves = ~space.is_appearance
     rms, largest = np.zeros((2, len(space)))
     rms[moves], largest[moves] = motion_changes(simulator, keypoints, episodes, changed[moves])
     moving, information = np.flatnonzero(largest > _STILL_PX), np.zeros((len(space),) * 2)
     if len(moving):
-        say("asking how well the best fit could tell", 0.8)
+        report("asking how well the best fit could tell", 0.8)
         best = motion_covariance(simulator, keypoints, episodes, moving)
         information[np.ix_(moving, moving)] = more * np.linalg.inv(best)
     return _Seen(levels, share, rms, largest, information)

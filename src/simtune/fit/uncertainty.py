@@ -32,7 +32,7 @@ _NOT_JUDGED = (
 )
 
 
-def judged(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitResult:
+def calibrated(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitResult:
     """The fit with bias removed, and with the standard deviations that refits show.
 
     These include what fits like this usually claim; they grow if this one explains the motion, or

@@ -9,11 +9,11 @@ from simtune.observation.evidence import AllEvidence, Evidence
 from simtune.observation.joint_readings import JointReadings
 from simtune.observation.joints import (
     JointSensor,
+    advanced,
     declared_noise,
     finds_offset,
     joints_of,
     measured_places,
-    read_later,
     units_of,
     usual_noise,
 )
@@ -27,11 +27,11 @@ __all__ = [
     "JointSensor",
     "ObservationModel",
     "Sensor",
+    "advanced",
     "declared_noise",
     "finds_offset",
     "joints_of",
     "measured_places",
-    "read_later",
     "units_of",
     "usual_noise",
 ]

@@ -77,7 +77,7 @@ class JointSensor:
         an encoder began again after one of its `periods`.
         """
         readings = (recorded - self.shift) / self.factor - self._known_offset
-        return read_later(readings, self.latency_s / step_s) if self.latency_s else readings
+        return advanced(readings, self.latency_s / step_s) if self.latency_s else readings
 
     def to_recorded(self, readings: np.ndarray) -> np.ndarray:
         """(..., D) the inverse, except for the latency."""
@@ -100,8 +100,8 @@ class JointSensor:
         )
 
 
-def read_later(values: np.ndarray, steps: float) -> np.ndarray:
-    """(T, D) values `steps` later, or earlier, interpolated; NaN where there are none.
+def advanced(values: np.ndarray, steps: float) -> np.ndarray:
+    """(T, D): row t is what `values` are `steps` rows later, interpolated; NaN beyond the ends.
 
     A cubic spline, since a straight line errs by more than an encoder's noise: 6 mrad at 20 rad/s²
     and 20 rows per second. Columns with gaps are interpolated linearly.

@@ -127,10 +127,13 @@ class ObservationModel:
         cameras = tuple(Camera(same_renderer=False, footage=footage) for footage in films)
         return cls(cameras=cameras, sensors=sensors, max_latency_steps=_MAX_LATENCY_STEPS)
 
-    def only(self, names: Collection[str] | None) -> "ObservationModel":
-        """Only those named; "cameras" and "joints" stand for all of a kind, None for everything."""
-        if names is None:
-            return self
+    def unknown_latency_steps(self, simulator: AnySimulator) -> int:
+        """Largest latency of actions to look for; 0 if a parameter describes it or nothing acts."""
+        is_known = simulator.space.is_delay.any() or not simulator.num_actions
+        return 0 if is_known else self.max_latency_steps
+
+    def only(self, names: Collection[str]) -> "ObservationModel":
+        """Only those named; "cameras" and "joints" stand for all of a kind."""
         sensors = tuple(s for s in self.sensors if s.name in names or "joints" in names)
         cameras = tuple(c for c in self.cameras if c.name in names or "cameras" in names)
         return replace(self, cameras=cameras, sensors=sensors)

@@ -86,6 +86,7 @@ class Source(Protocol):
 # Limits of sound recordings: larger numbers are damaged, and must not fill the memory
 MOST_ROWS = 100_000  # of an episode: an hour at 30 Hz
 MOST_ACTIONS = 1_000
+_MOST_NAMES = 12  # in a message, so that it stays one line
 LEAST_FPS, MOST_FPS = 0.01, 1_000
 
 
@@ -106,9 +107,9 @@ def natural(name: str) -> list[tuple[int, str]]:
     return [(int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", name)]
 
 
-def short(names: Sequence[str], most: int = 12) -> str:
-    """At most `most` of the names, so that a message stays one line."""
-    names = names if len(names) <= most else [*names[:most], "..."]
+def short(names: Sequence[str]) -> str:
+    """The names, or the first few."""
+    names = names if len(names) <= _MOST_NAMES else [*names[:_MOST_NAMES], "..."]
     return ", ".join(name if name.isprintable() else repr(name) for name in names)
 
 

@@ -13,6 +13,7 @@ _BINS = 10
 _MOST_ROWS = 40  # of parameters; more would not be readable
 _ROW = 15  # pixels
 _NAMES = 120  # pixels on the left, for the parameters' names
+_MOST_LETTERS = 19  # of a name
 _LABELS = {0: "0", 0.5: "0.5", 1: "1"}
 
 
@@ -60,5 +61,5 @@ def rank_dots(ranks: dict[str, list[float]]) -> Plot | None:
     return plot
 
 
-def _shortened(name: str, most: int = 19) -> str:
-    return name if len(name) <= most else f"{name[: most - 1]}…"
+def _shortened(name: str) -> str:
+    return name if len(name) <= _MOST_LETTERS else f"{name[: _MOST_LETTERS - 1]}…"

@@ -15,7 +15,7 @@ from torch.nn import functional
 
 from simtune.networks import autocast, mlp, positional_encoding, predicting
 from simtune.parameters import ParameterSpace
-from simtune.pixel_encoder import PixelEncoder
+from simtune.pixel_encoder import NUM_FEATURES, PixelEncoder
 from simtune.search_param_model.windows import Windows, split
 from simtune.trajectory import Trajectory
 
@@ -80,7 +80,7 @@ class PaperSearchParamModel(nn.Module):
         self.encoder = PixelEncoder(3 * config.window, config.crop_size)
         self.register_buffer("usual_reading", torch.zeros(num_readings))
         self.register_buffer("reading_spread", torch.ones(num_readings))
-        num_features = 50 + config.window * (len(action_scale) + num_readings)
+        num_features = NUM_FEATURES + config.window * (len(action_scale) + num_readings)
         if method == "paper":
             num_features += len(space) * (2 * config.octaves + 1)
         hidden = config.hidden_size

@@ -5,11 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from simtune.parameters import ParameterSpace
-from simtune.simulation.actions import ActionSpace, DirectActions
+from simtune.simulation.actions import ActionSpace
 from simtune.simulation.states import StateSpace
 from simtune.simulation.stray_light import StrayLight
 from simtune.views import View
@@ -158,15 +157,14 @@ class AnySimulator(ABC):
 def random_actions(
     num_episodes: int,
     num_steps: int,
-    of: ActionSpace | mujoco.MjModel,
+    space: ActionSpace,
     rng: np.random.Generator,
     hold: int = 4,
 ) -> np.ndarray:
     """(num_episodes, num_steps, A) uniform in the actions' ranges, each held for `hold` steps.
 
-    `of`: an action space, or a model whose controls are the actions. Held actions move the robot;
-    drawn anew every step, their effects would average out.
+    Held actions move the robot; drawn anew every step, their effects would average out.
     """
-    low, high = (DirectActions(of) if isinstance(of, mujoco.MjModel) else of).range.T
+    low, high = space.range.T
     drawn = rng.uniform(low, high, (num_episodes, -(-num_steps // hold), len(low)))
     return np.repeat(drawn, hold, axis=1)[:, :num_steps]

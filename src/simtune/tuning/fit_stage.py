@@ -167,31 +167,26 @@ class FitStage:
         actions = np.stack([t.actions for t in first]).astype(float)
         frames = [t.frames for t in first]  # views, not copies: there may be many
         substeps = self._simulator.num_substeps
-        lateness = Lateness.of_pictures(evidence, substeps) if self._may_be_late else None
+        lateness = Lateness.of_pictures(evidence, substeps) if self._most_late else None
         return Observed(evidence, actions, frames, lateness)
 
     @property
-    def _may_be_late(self) -> bool:
-        """Whether pictures may lag behind actions by a time that no parameter describes."""
-        is_tuned = self._replay_fit.space.is_delay.any()
-        has_actions = self._simulator.num_actions > 0
-        return bool(self._context.observation.max_latency_steps and has_actions and not is_tuned)
+    def _most_late(self) -> int:
+        return self._context.observation.unknown_latency_steps(self._simulator)
 
     def fit(
         self,
         observed: Observed,
         start: PointEstimate,
         extend_horizon: bool,
-        may_be_late: bool,
+        finds_latency: bool,
         budget: Budget,
     ) -> FitResult:
-        """See `ReplayFit.fit`; a latency is searched for if there may be one.
+        """See `ReplayFit.fit`; `finds_latency`: of the actions, if there may be one.
 
         Raises OutOfTime as soon as `budget` is over.
         """
-        is_tuned = self._replay_fit.space.is_delay.any()
-        is_known = is_tuned or not may_be_late or not self._simulator.num_actions
-        most = 0 if is_known else self._context.observation.max_latency_steps
+        most = self._most_late if finds_latency else 0
         replay_fit = self._replay_fit.within(budget)
         return replay_fit.fit(observed, start, range(most + 1), extend_horizon)
 

@@ -14,9 +14,9 @@ from simtune.fit import (
     Observed,
     PointEstimate,
     bound_warnings,
+    calibrated,
     held_out_misfit,
     in_range,
-    judged,
     model_checks,
     moves_otherwise,
     ranks,
@@ -64,17 +64,16 @@ class Judging:
         cls,
         context: SearchContext,
         learning: Learning,
+        *,
         real: list[Trajectory],
         held_out: HeldOut,
         told: Told | None,
-        ranges: tuple[Distribution, Distribution],
+        searched: Distribution,
+        first: Distribution,
         budget: Budget,
         earlier: Earlier,
     ) -> "Judging":
-        """With a fit, if one is possible, that is as large as the time allows.
-
-        `ranges`: `searched` and `first`.
-        """
+        """With a fit, if one is possible, that is as large as the time allows."""
         stage, config = None, learning.config
         if learning.is_fitted:
             config = replace(config, fit=told.fitting(config.fit) if told else config.fit)
@@ -82,7 +81,6 @@ class Judging:
             num_steps = min(len(t) for t in real) * len(real)
             fits, left_s = 1 + _REFIT * config.num_refits[0], _FITS_SHARE * budget.seconds_left
             stage = stage.sized(num_steps, left_s / fits, left_s / _FEWEST_FITS)
-        searched, first = ranges
         return cls(
             stage=stage,
             told=told,
@@ -112,29 +110,34 @@ class Judging:
             return read_curves(prob_higher, self.searched, self.first, update), prob_higher
         budget.report("fitting", 0.55)
         observed, start = self.stage.observed(*detected), self._start(prob_higher)
-        may_be_late = self.told is None or not self.told.counts
+        finds_latency = self.told is None or not self.told.is_used
         try:
-            fit, fit_s = self._fit((observed, start, may_be_last, may_be_late), budget)
+            fit, fit_s = self._fit(observed, start, may_be_last, finds_latency, budget)
         except OutOfTime:
             return self._without_fit(prob_higher), prob_higher
         size = self._refits(len(observed), budget, fit_s)
         size = size if may_be_last else (0, 0)
         if size[0]:
-            known = self.earlier.known(Bootstrap.none(fit))
-            tell_early(self._conclude(fit, known, prob_higher)[0])
+            bootstrap = self.earlier.known(Bootstrap.none(fit))
+            tell_early(self._conclude(fit, bootstrap, prob_higher)[0])
         part = budget.part(budget.seconds_left, (0.65, 1.0))
         made = self.stage.bootstrap(observed, fit, start, size, self.rng, may_be_last, part)
-        known = self.earlier.known(made)
-        estimate, curves = self._conclude(fit, known, prob_higher)
-        self.earlier = Earlier(known, estimate)
+        bootstrap = self.earlier.known(made)
+        estimate, curves = self._conclude(fit, bootstrap, prob_higher)
+        self.earlier = Earlier(bootstrap, estimate)
         return estimate, curves
 
     def _fit(
-        self, given: tuple[Observed, PointEstimate, bool, bool], budget: Budget
+        self,
+        observed: Observed,
+        start: PointEstimate,
+        extend_horizon: bool,
+        finds_latency: bool,
+        budget: Budget,
     ) -> tuple[FitResult, float]:
         """The planned fit, and the seconds it took; the least one if that took far too long.
 
-        Refits are then as small. `given`: see `FitStage.fit`. Raises OutOfTime if the least one
+        Refits are then as small. See `FitStage.fit`. Raises OutOfTime if the least one
         does not end either; it is not tried after a round that had a fit, which tells more.
         """
         assert self.stage is not None
@@ -142,12 +145,13 @@ class Judging:
         seconds = _PLANNED_SHARE * budget.seconds_left if may_be_smaller else budget.seconds_left
         began_s = time.monotonic()
         try:
-            fit = self.stage.fit(*given, budget.part(seconds, (0.55, 0.6)))
+            part = budget.part(seconds, (0.55, 0.6))
+            fit = self.stage.fit(observed, start, extend_horizon, finds_latency, part)
         except OutOfTime:
             if not may_be_smaller:
                 raise
             self.stage, began_s = self.stage.least(), time.monotonic()
-            fit = self.stage.fit(*given, budget)
+            fit = self.stage.fit(observed, start, extend_horizon, finds_latency, budget)
         return fit, time.monotonic() - began_s
 
     def _without_fit(self, prob_higher: np.ndarray) -> Estimate:
@@ -203,8 +207,8 @@ def conclude(
     config: RangeUpdateConfig,
 ) -> tuple[Estimate, np.ndarray]:
     """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
-    space, known = searched.space, judged(fit, bootstrap, searched.space)
-    mean, std = in_range(known, searched)
+    space, trusted = searched.space, calibrated(fit, bootstrap, searched.space)
+    mean, std = in_range(trusted, searched)
     curves = with_fit(prob_higher, mean, std, config)
     read = read_curves(curves, searched, first, config)
     is_fitted = ~np.isin(np.arange(len(space)), fit.unfitted)
@@ -215,8 +219,8 @@ def conclude(
     estimate = replace(
         read,
         verdict=at_most_weak(read.verdict, doubtful),
-        correlation=known.correlation,
-        correlations=tell_apart(known.correlation, space),
+        correlation=trusted.correlation,
+        correlations=tell_apart(trusted.correlation, space),
         ranks=ranks(bootstrap, space.names),
         warnings=[*model_checks(fit, bootstrap), *at_bounds.values()],
         held_out=held_out_misfit(fit, bootstrap),

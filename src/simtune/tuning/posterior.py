@@ -135,7 +135,7 @@ class PosteriorSearch:
     ) -> Round:
         """Simulate, train the detector and the posterior network, estimate, fit and judge."""
         learning = self._learning
-        real = self._listen(real, budget)
+        real = self._fit_readings(real, budget)
         budget, may_be_last = self._plan(real, budget)
         searched, began = self.distribution, learning.worlds.rng.bit_generator.state
         worlds, pictures = learning.simulate(real, searched, budget)
@@ -147,11 +147,18 @@ class PosteriorSearch:
         metrics = dict(self._learned["metrics"])
         held_out = learning.hold_out(real, searched, budget)
         metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
-        ranges = searched, self.first
         told, earlier = self._told, self._earlier
         detected = learning.detect(real)  # before a fit is sized by the time that is left
         judging = Judging.prepare(
-            self.context, learning, real, held_out, told, ranges, budget, earlier
+            self.context,
+            learning,
+            real=real,
+            held_out=held_out,
+            told=told,
+            searched=searched,
+            first=self.first,
+            budget=budget,
+            earlier=earlier,
         )
         prob_higher = learning.curves(detected, searched)
         estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget, tell_early)
@@ -169,7 +176,7 @@ class PosteriorSearch:
         self._learned = None
         return Round(estimate, events, metrics)
 
-    def _listen(self, real: list[Trajectory], budget: Budget) -> list[Trajectory]:
+    def _fit_readings(self, real: list[Trajectory], budget: Budget) -> list[Trajectory]:
         """Fit readings alone; returns trajectories, with actions when they took effect."""
         if not self._can_fit:
             return real
@@ -183,7 +190,7 @@ class PosteriorSearch:
         if self._told is None:
             return real
         self.distribution = self._told.narrowed(self.distribution)
-        return self._told.late(real)
+        return self._told.on_time(real)
 
     def _plan(self, real: list[Trajectory], budget: Budget) -> tuple[Budget, bool]:
         """The present round's part of the budget, and whether the round may be the last one."""

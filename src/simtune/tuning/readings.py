@@ -163,7 +163,7 @@ class ReadingsSearch:
         left_s = budget.seconds_left  # may be infinite, which allows no difference of two shares
         searching_s = min((1 - _JUDGING) * left_s, left_s - _JUDGED * self._derived_s)
         part = budget.part(searching_s, (0.4, 0.9))
-        return fits.until_found_twice(ended, late, part), late
+        return fits.fit_until_two_agree(ended, late, part), late
 
     def _fit(self, loop: OpenLoop) -> OutputError:
         return OutputError(loop, finds_offset(loop.sensors), self._begin(loop))
@@ -178,9 +178,8 @@ class ReadingsSearch:
 
     @property
     def _may_be_late(self) -> bool:
-        """Whether actions or readings may be late, and no parameter describes it."""
-        simulator, most = self._simulator, self._context.observation.max_latency_steps
-        return bool(most and simulator.num_actions) and not simulator.space.is_delay.any()
+        """Whether actions or readings may be."""
+        return self._context.observation.unknown_latency_steps(self._simulator) > 0
 
     def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoop]:
         loop = OpenLoop.of(self._simulator, self._context.observation, self._context.start)

@@ -106,10 +106,10 @@ class ReadingsFits:
             budget.report(f"fitting stretches of {horizon.seconds:g} s", number / len(horizons))
             stage = self._stage(horizon, self._horizons.iterations)
             # If two agree, others are not better
-            followed = guesses[: 2 if is_twice(ended) else horizon.guesses]
+            followed = guesses[: 2 if two_agree(ended) else horizon.guesses]
             ended = []
             for guess in followed:
-                if is_twice(ended) and budget.spent > _HURRY:
+                if two_agree(ended) and budget.spent > _HURRY:
                     break
                 near = self._near.get(stretches := (stage.steps, stage.at_most))
                 ended.append(self._fit.descend(readings, guess, stage, budget, near))
@@ -151,7 +151,7 @@ class ReadingsFits:
         lateness = Lateness.shifted(guess.unit[-1], steps)
         return guess._replace(unit=np.append(guess.unit[:-1], lateness))
 
-    def until_found_twice(self, ended: list[Descent], late: int, budget: Budget) -> Found:
+    def fit_until_two_agree(self, ended: list[Descent], late: int, budget: Budget) -> Found:
         """Fit whole episodes from successive starts until the two best agree.
 
         `ended`: descents at the last horizon. If no two fits of whole episodes agree (they may
@@ -164,17 +164,17 @@ class ReadingsFits:
         most = _FEW_FITS if self._is_enough(ended) else self._horizons.most_fits
         while len(fits) < most:
             best = min(fits, key=lambda descent: descent.cost, default=None)
-            if best and is_twice(fits) and not unexplained(best.noise, self._fit.sensors).any():
+            if best and two_agree(fits) and not unexplained(best.noise, self._fit.sensors).any():
                 break
             if best and not (budget.is_endless or budget.seconds_left > took_s):
                 break
             budget.report("replaying whole episodes", len(fits) / self._horizons.most_fits)
             left_s = budget.seconds_left
             # Next to the best, since other candidates may lie elsewhere in the same valley
-            guess = self._aside(best, rng, len(fits) <= _TOGETHER) if best else ended[0].guess
+            guess = self._start_near(best, rng, len(fits) <= _TOGETHER) if best else ended[0].guess
             fits.append(self._fit.descend(readings, guess, stage, budget, best))
             took_s = took_s or left_s - budget.seconds_left
-        is_whole = is_twice(fits) or not self._is_enough(ended)
+        is_whole = two_agree(fits) or not self._is_enough(ended)
         return self._found(fits if is_whole else ended, is_whole)
 
     def _is_enough(self, ended: list[Descent]) -> bool:
@@ -182,16 +182,16 @@ class ReadingsFits:
         noise = min(ended, key=lambda descent: descent.cost).noise
         declared = declared_noise(self._fit.sensors)
         left = noise < _LITTLE_MORE * declared
-        return is_twice(ended) and bool((left & np.isfinite(declared)).all())
+        return two_agree(ended) and bool((left & np.isfinite(declared)).all())
 
     def _found(self, fits: list[Descent], is_whole: bool) -> Found:
         best = min(fits, key=lambda descent: descent.cost)
         as_good = [descent.unit for descent in fits if descent.cost < best.cost + _CLEARLY_BETTER]
         differences = (as_good - best.unit)[:, self._moving] / 2
         apart = np.take_along_axis(differences, np.abs(differences).argmax(0)[None], 0)[0]
-        return Found(best, apart, is_twice(fits), len(fits), is_whole)
+        return Found(best, apart, two_agree(fits), len(fits), is_whole)
 
-    def _aside(self, best: Descent, rng: np.random.Generator, together: bool) -> Guess:
+    def _start_near(self, best: Descent, rng: np.random.Generator, together: bool) -> Guess:
         """A start near the best, with all parameters higher or lower `together`, or at random."""
         away = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(*np.log(_SIDESTEPS)))
         step = away if together else away * rng.normal(size=len(best.unit))
@@ -212,7 +212,7 @@ def most_delayed(step_s: float) -> int:
     return math.ceil(_LONGEST_DELAY_S / step_s) + 1
 
 
-def is_twice(fits: Sequence[Descent]) -> bool:
+def two_agree(fits: Sequence[Descent]) -> bool:
     """Whether the two best have nearly the same cost."""
     costs = sorted(descent.cost for descent in fits)
     return len(costs) > 1 and costs[1] < costs[0] + _CLEARLY_BETTER

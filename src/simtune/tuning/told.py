@@ -17,7 +17,7 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.fit import FitConfig, JointMotion, OpenLoop, PointEstimate
 from simtune.fit.uncertainty import tell_apart
-from simtune.observation import finds_offset, joints_of, read_later
+from simtune.observation import advanced, finds_offset, joints_of
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
@@ -44,14 +44,14 @@ class Told:
         and explain readings as well as the tuning file declares; `joints`: if everything is read
         but loose objects; `is_in_time`: whether no delay may pass for something else.
         """
-        self._estimate, self._seen, self.joints = estimate, distribution, joints
+        self._estimate, self._range, self.joints = estimate, distribution, joints
         # Whether the readings have a say, as in how late actions are
-        self.counts = is_trusted or (joints is not None and is_in_time)
+        self.is_used = is_trusted or (joints is not None and is_in_time)
         enough = ("identified",) if joints is None else ("identified", "weak")
         is_told = np.array([verdict in enough for verdict in estimate.verdict])
-        self.is_held = is_told & self.counts  # (N,)
-        self.latency_steps = estimate.latency_steps if self.counts else 0
-        self.late_s = estimate.readings_late_s if self.counts else (0.0, 0.0)  # with std
+        self.is_held = is_told & self.is_used  # (N,)
+        self.latency_steps = estimate.latency_steps if self.is_used else 0
+        self.late_s = estimate.readings_late_s if self.is_used else (0.0, 0.0)  # with std
 
     @classmethod
     def by_readings(
@@ -86,11 +86,11 @@ class Told:
 
     def narrowed(self, searched: Distribution) -> Distribution:
         """The range to search, with held parameters limited to what readings leave open."""
-        low = np.where(self.is_held, self._seen.low, searched.low)
-        high = np.where(self.is_held, self._seen.high, searched.high)
+        low = np.where(self.is_held, self._range.low, searched.low)
+        high = np.where(self.is_held, self._range.high, searched.high)
         return searched.with_interval(np.clip(searched.mean, low, high), low, high)
 
-    def late(self, real: list[Trajectory]) -> list[Trajectory]:
+    def on_time(self, real: list[Trajectory]) -> list[Trajectory]:
         """The trajectories with actions shifted to when they took effect, and readings likewise."""
         steps, late_s = self.latency_steps, self.late_s[0]
         if not steps and not late_s:
@@ -99,14 +99,14 @@ class Told:
             replace(
                 t,
                 actions=delayed(t.actions, steps),
-                readings={n: read_later(read, late_s / t.step_s) for n, read in t.readings.items()},
+                readings={n: advanced(read, late_s / t.step_s) for n, read in t.readings.items()},
             )
             for t in real
         ]
 
     def start(self, guess: PointEstimate) -> PointEstimate:
         """Start of a fit: held parameters as readings have them, the others from `guess`."""
-        space, told = self._seen.space, self._estimate
+        space, told = self._range.space, self._estimate
         std = (space.to_unit(told.high) - space.to_unit(told.low)) / _CENTRAL
         return PointEstimate(
             np.where(self.is_held, told.mean, guess.parameters),
@@ -118,13 +118,13 @@ class Told:
 
         Where one is this, with its warnings and the offsets that belong to it.
         """
-        space, told = self._seen.space, self._estimate
+        space, told = self._range.space, self._estimate
         widths = [space.to_unit(e.high) - space.to_unit(e.low) for e in (told, estimate)]
-        own = (widths[0] <= widths[1]) & ~space.is_appearance & self.counts
+        own = (widths[0] <= widths[1]) & ~space.is_appearance & self.is_used
         mixed = _mixed(own, told, estimate)
         doubts = told.warnings
         if not own.any():
-            doubts = [_NO_SAY + w for w in doubts if not self.counts and w not in mixed.warnings]
+            doubts = [_NO_SAY + w for w in doubts if not self.is_used and w not in mixed.warnings]
         together = {} if mixed.correlation is None else tell_apart(mixed.correlation, space)
         late = estimate.latency_steps + self.latency_steps
         return replace(

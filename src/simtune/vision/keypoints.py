@@ -28,6 +28,7 @@ PILOT_STEPS = 3200  # simulated to choose keypoints
 _PILOTS = 32
 _DRAWN_GROUPS = 3  # MuJoCo draws geoms of the first three groups; the others are for contacts
 # Margin to which points outside the picture are clipped: detectors name no place beyond.
+_TOLERANCE_PX = 0.3  # root mean square of what the chosen keypoints do not explain
 _BORDER_PX = 0.5
 
 
@@ -146,18 +147,18 @@ def _half_length(model: mujoco.MjModel, geom: int) -> float:
     return float(model.geom_aabb[geom, 5])  # meshes and the rest: the bounding box
 
 
-def choose_keypoints(seen: np.ndarray, at_most: int = 16, tolerance_px: float = 0.3) -> list[int]:
+def choose_keypoints(seen: np.ndarray, at_most: int = 16) -> list[int]:
     """The few keypoints from which all others follow linearly.
 
     `seen`: (samples, L, 2) pixels. Greedy: the next one is always the least explained by those
-    chosen, until every unexplained rest is below `tolerance_px` (root mean square).
+    chosen, until every unexplained rest is below `_TOLERANCE_PX` (root mean square).
     """
     rest = (seen - seen.mean(0)).astype(float)  # (samples, L, 2)
     chosen: list[int] = []
     while len(chosen) < min(at_most, seen.shape[1]):
         unexplained = np.sqrt((rest**2).mean(0).sum(-1))  # (L,)
         best = int(unexplained.argmax())
-        if unexplained[best] < tolerance_px:
+        if unexplained[best] < _TOLERANCE_PX:
             break
         chosen.append(best)
         basis, _ = np.linalg.qr(rest[:, best])  # (samples, 2)
