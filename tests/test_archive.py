@@ -21,7 +21,7 @@ def an_episode() -> Trajectory:
 def test_a_process_killed_between_two_renames_loses_no_episode(
     killed_at, kept, tmp_path, monkeypatch
 ):
-    archive = RecordingArchive(tmp_path, 1, Footage(name="front", camera="front"))
+    archive = RecordingArchive(tmp_path, 1, Footage(name="front", camera="front"), {})
     session = archive.new_session(**ABOUT)
     session.add(an_episode())
     replaced, replace = [], os.replace

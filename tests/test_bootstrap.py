@@ -593,6 +593,17 @@ def test_without_a_refit_nothing_is_called_identified_and_that_is_said():
     assert any("trust no number" in warning for warning in lost.warnings)
 
 
+def test_where_known_worlds_show_nothing_for_sure_nothing_is_called_identified():
+    first = Distribution.first(SPACE, SPACE.nominal)
+    curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
+    known = bootstrap_of(np.zeros((3, len(SPACE))))
+    unseen = replace(known, misfits=[a_misfit(np.nan)] * 3)
+    found, _ = conclude(curves, a_fit(motion=9.0), unseen, first, first, RangeUpdateConfig())
+    assert found.held_out["passed"] is None
+    assert "identified" not in found.verdict
+    assert any("nothing that moves is found for sure" in warning for warning in found.warnings)
+
+
 def test_what_a_fit_leaves_at_a_bound_is_not_called_identified():
     first = Distribution.first(SPACE, SPACE.nominal)
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))

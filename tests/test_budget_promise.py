@@ -9,12 +9,14 @@ import pytest
 from servo_arm import write_arm
 from slow_machine import SlowMachine
 
+from simtune.budget import Budget
 from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.settings import Settings
 from simtune.fit import Bootstrap, FitConfig, ParticleConfig
 from simtune.tuning.fit_stage import FitStage
+from simtune.tuning.told import Told
 from simtune.tuning_run import tune
 
 # Of a round of `simtune tune` it takes a fifth for networks and most for fits, on two cores.
@@ -142,3 +144,16 @@ def test_readings_alone_of_a_slow_model_end_in_time(tmp_path: Path, more):
     run(minutes)
     assert machine.now_s <= 1.1 * 60 * minutes + 10
     assert machine.now_s > 0.5 * 60 * minutes, "it is made use of"
+
+
+def test_readings_that_take_longer_than_their_time_are_left_to_windows(tmp_path: Path):
+    arm, machine = write_arm(tmp_path), replace(MACHINE, step_s=0.05)
+    config = TuneConfig(task=str(arm), out=tmp_path / "run", real_episodes=4, budget_minutes=8)
+    with pytest.MonkeyPatch.context() as patch:
+        machine.take_over(patch)
+        experiment = build_experiment(config)
+        began_s = machine.now_s
+        given = experiment.context, experiment.recordings
+        assert Told.by_readings(*given, Budget(20.0)) is None
+        assert machine.now_s - began_s < 20
+        assert Told.by_readings(*given, Budget(2000.0)) is not None

@@ -471,7 +471,7 @@ def test_a_run_is_promised_what_check_says_and_twice_the_episodes_tell_twice_as_
     four = [Trajectory(still, actions, 0.05)] * 4
     promised, seen = {}, ObservationModel.of_simulator()
     for real in (four, four * 2):
-        promised[len(real)] = promises(swinging.simulator, seen, real, 0)
+        promised[len(real)] = promises(swinging.simulator, seen, real, 0).parameters
     said = swinging.conclude()["parameters"]
     assert set(promised[4]) == set(said)
     assert promised[4]["damping"]["verdict"] != "does not show"

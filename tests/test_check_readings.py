@@ -4,6 +4,9 @@ import json
 import sys
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -13,13 +16,16 @@ from simtune import cli
 from simtune.checking import check, table
 from simtune.checking.readings import read_episodes, reading_changes
 from simtune.checking.servo_commands import commands_of, servos_of
-from simtune.config import CheckConfig
+from simtune.config import CheckConfig, TuneConfig
+from simtune.experiment.settings import Settings
 from simtune.fit.reading_sensitivity import ReplayedReadings
 from simtune.fit.sensitivity import one_by_one
 from simtune.real.choose import observed, open_recordings
 from simtune.recordings import write_dataset
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
+from simtune.tuning.search import Needed
+from simtune.tuning_run import tune
 
 STEP_S, NUM_STEPS = 0.05, 60
 SCENE = """
@@ -242,6 +248,35 @@ def test_readings_in_other_units_are_noticed(recorded, tmp_path):
     dataset = open_recordings(recorded, task, config, 16, seen)
     (said,) = read_episodes(dataset, 3, task.simulator(image_size=16, step_s=STEP_S), seen).warnings
     assert 'are its readings degrees? give the sensor unit = "deg"' in said
+
+
+def test_a_run_warns_of_its_readings_as_check_does(recorded, tmp_path, monkeypatch, caplog):
+    task = write_task(tmp_path, BLIND.replace('unit = "deg"\nnoise = 0.1', 'unit = "rad"'))
+    seen = observed(task, None, is_simulated=False)
+    dataset = open_recordings(recorded, task, CheckConfig(task="x", real=recorded), 16, seen)
+    simulator = task.simulator(image_size=16, step_s=STEP_S)
+    real = read_episodes(dataset, 3, simulator, seen).trajectories
+    search = SimpleNamespace(needed=lambda _: Needed(1.0, 1.0, 0.1, ""), stop_reason="done")
+    config = TuneConfig(task="x", real=str(recorded), out=tmp_path / "run")
+    begun = SimpleNamespace(
+        warnings=lambda _: ["a film"],
+        recordings=real,
+        search=search,
+        search_name="posterior",
+        simulator=simulator,
+        context=SimpleNamespace(observation=seen),
+        config=config,
+    )
+    ended = MagicMock(num_rounds=1, wall_s=0.0)
+    ended.__enter__.return_value = ended
+    monkeypatch.setattr("simtune.tuning_run.build_experiment", lambda *_: begun)
+    monkeypatch.setattr("simtune.tuning_run.Run", lambda *_: ended)
+    tune(config, settings=cast(Settings, object()))
+    _, found, warnings, _ = ended.finish.call_args.args
+    assert "servo_gain" in found["check"]
+    film, said = warnings
+    assert 'are its readings degrees? give the sensor unit = "deg"' in said
+    assert [film, said] == [record.getMessage() for record in caplog.records][:2]
 
 
 def test_check_without_a_camera(tmp_path):

@@ -94,11 +94,28 @@ def test_single_experiment_is_no_surer_than_it_claims():
     covariance = combine(
         np.full((1, 1, 1), 1 / claimed), np.full((1, 1), 3.0), FIRST_VARIANCE, np.ones(1)
     ).covariance
-    np.testing.assert_allclose(covariance, claimed, rtol=0.25)
+    np.testing.assert_allclose(covariance, claimed + FIRST_VARIANCE, rtol=0.25)
     # Of many that agree better than they claim, their agreement counts.
     information, slope = np.full((60, 1, 1), 1 / claimed), np.full((60, 1), 1e-6)
     covariance = combine(information, slope, FIRST_VARIANCE, np.ones(60)).covariance
     assert covariance[0, 0] < 0.1 * claimed / 60
+
+
+@pytest.mark.parametrize("informative", [1, 2, 5])
+def test_parameter_that_few_experiments_inform_about_claims_no_less_than_it_errs(informative):
+    """Of 60, each of which errs by its own noise and by what differs between them."""
+    rng, num, own, between = np.random.default_rng(0), 60, 0.01, 0.02
+    information = np.zeros((num, 2, 2))
+    information[:, 0, 0] = information[:informative, 1, 1] = own**-2
+    off, claimed = [], []
+    for _ in range(200):
+        estimates = np.hypot(own, between) * rng.normal(size=(num, 2))
+        slope = np.einsum("wpq,wq->wp", information, -estimates)
+        combined = combine(information, slope, between**2, np.ones(num))
+        off.append(combined.step(MIDDLE[:2], 1.0))
+        claimed.append(np.diag(combined.covariance))
+    std, usual = np.sqrt(np.mean(np.square(off), 0)), np.sqrt(np.median(claimed, 0))
+    np.testing.assert_allclose(usual, std, rtol=0.35)
 
 
 def test_step_at_a_bound_holds_that_parameter_and_is_best_for_the_others():

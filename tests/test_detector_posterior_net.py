@@ -541,6 +541,25 @@ def test_posterior_batches_hold_stretches_with_errors_of_poses_like_theirs():
     assert seen == {1.0, 2.0}
 
 
+def test_an_update_by_longer_episodes_takes_no_longer(monkeypatch):
+    """Crops of more steps than limit it are of fewer worlds; of fewer steps, as ever."""
+    model, worlds, distribution = a_model_and_worlds()
+    errors = DetectorErrors(np.zeros((2, 8, 2, 2)), np.zeros((2, 8, 2, 2)), np.zeros((2, 2)))
+    drawn = {}
+    for limit in (400, 26):
+        monkeypatch.setattr("simtune.search_param_model.posterior_batches._STEPS_OF_ALL", limit)
+        model.generator.manual_seed(0)
+        config = replace(model.config.posterior_net, crop_lengths=4, shortest_crop=21)
+        batches = PosteriorBatches(worlds, errors, model.visible, config, model.generator)
+        truth = torch.tensor(distribution.to_range_unit(worlds.parameters), dtype=torch.float32)
+        drawn[limit] = [batches.draw(truth) for _ in range(20)]
+    sizes = {(its.shape[2], len(its)) for _, _, its, _ in drawn[26]}
+    assert sizes == {(21, 8), (24, 8), (27, 7), (30, 6)}
+    assert {len(its) for _, _, its, _ in drawn[400]} == {8}
+    first, same = (drawn[limit][0] for limit in (400, 26))
+    torch.testing.assert_close(first[0][: len(same[0])], same[0])
+
+
 def test_curves_do_not_depend_on_the_order_of_episodes():
     model, worlds, distribution = a_model_and_worlds()
     first = worlds.frames[:, 0], worlds.filmed_keypoints()[:, 0], worlds.parameters

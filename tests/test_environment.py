@@ -245,6 +245,31 @@ def test_a_file_may_have_dataclasses_and_helpers_beside_it(tmp_path):
     assert load_any_task(str(tmp_path / "tune.toml")).simulator(image_size=32).num_actions >= 0
 
 
+def test_a_change_beside_the_environment_is_noticed(tmp_path):
+    code = (EXAMPLE / "env.py").read_text()
+    texts = {
+        "env.py": f'import weights_beside\nMODEL, TABLE = "robot.xml", "table.npy"\n{code}',
+        "weights_beside.py": "MASS = 1\n",
+        "robot.xml": "<mujoco/>",
+        "table.npy": "\x00",
+        "tune.toml": (EXAMPLE / "tune.toml").read_text(),
+    }
+    for folder in ("a", "copy"):
+        (tmp_path / folder).mkdir()
+        for name, text in texts.items():
+            (tmp_path / folder / name).write_text(text)
+
+    def content(folder: str) -> str:
+        return load_any_task(str(tmp_path / folder / "tune.toml")).content_hash
+
+    seen = [content("a")]
+    assert content("copy") == seen[0]  # as in a run's copies
+    for name in ("weights_beside.py", "robot.xml", "table.npy"):
+        (tmp_path / "a" / name).write_text(texts[name] + " ")
+        seen.append(content("a"))
+    assert len(set(seen)) == 4
+
+
 def test_files_that_name_no_environment_are_refused(tmp_path):
     text = (EXAMPLE / "tune.toml").read_text()
     (tmp_path / "env.py").write_text((EXAMPLE / "env.py").read_text())

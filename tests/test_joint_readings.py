@@ -62,8 +62,26 @@ def test_what_is_late_is_read_off_a_curve_but_across_gaps_off_a_line():
     later = advanced(np.stack([turn, gap], -1), 0.4)
     np.testing.assert_allclose(later[:19, 0], np.sin(0.3 * np.arange(0.4, 19)), atol=5e-4)
     assert np.isnan(later[-1]).all()
-    assert np.isfinite(later[:, 1]).sum() == 17
+    assert np.isfinite(later[:, 1]).sum() == 19  # a single one that is missing is bridged
     assert later[3, 1] == pytest.approx(0.6 * turn[3] + 0.4 * turn[4])
+    long = np.where(np.isin(np.arange(20), [8, 9, 10]), np.nan, turn)
+    (missing,) = np.nonzero(np.isnan(advanced(long[:, None], 0.4)[:, 0]))
+    assert missing.tolist() == [7, 8, 9, 10, 19]
+
+
+def test_a_late_encoder_slower_than_rows_keeps_its_readings():
+    slow = np.sin(0.1 * np.arange(40.0))
+    slow[1::2] = np.nan
+    later = advanced(slow[:, None], 0.1)[:, 0]
+    assert np.flatnonzero(np.isnan(later)).tolist() == [38, 39]
+    np.testing.assert_allclose(later[:38], np.sin(0.1 * np.arange(0.1, 38)), atol=1e-4)
+
+
+def test_an_episode_no_longer_than_a_sensors_latency_is_refused_by_name():
+    sensor = sensor_of(latency_s=0.5)
+    with pytest.raises(InputError, match=r"sensor encoders: no reading of a is left of 4 rows"):
+        sensor.from_recorded(np.zeros((4, 2)), step_s=0.1)
+    assert np.isnan(sensor.from_recorded(np.full((4, 2), np.nan), step_s=0.1)).all()
 
 
 def test_student_weights_and_gaps_by_hand():
@@ -200,6 +218,20 @@ def test_angles_that_begin_again_after_a_turn_are_counted_on():
     as_it_is = counted_on(recorded, sensor_of(endless=np.array([False, True])).periods)
     np.testing.assert_allclose(as_it_is, recorded)
     np.testing.assert_array_equal(counted_on(recorded, sensor_of().periods), recorded)
+
+
+@pytest.mark.parametrize("lost", [100.0, -7.0])
+def test_a_lost_packet_does_not_keep_turns_from_being_counted(lost):
+    true = 4 * 0.05 * np.arange(100)
+    recorded = (true + np.pi) % (2 * np.pi) - np.pi
+    recorded[57] = lost
+    counted = counted_on(recorded[:, None], np.array([2 * np.pi]))[:, 0]
+    np.testing.assert_allclose(np.delete(counted, 57), np.delete(true, 57), atol=1e-12)
+    assert counted[57] == lost
+    recorded[[20, 40]] = 100.0, -100.0  # too many to be lost packets
+    np.testing.assert_array_equal(
+        counted_on(recorded[:, None], np.array([2 * np.pi]))[:, 0], recorded
+    )
 
 
 def recorded_at_50_hz(folder: Path, values: np.ndarray, control_hz: float) -> Dataset:

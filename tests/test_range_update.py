@@ -7,7 +7,10 @@ from simtune.parameters import Parameter, ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.range_update import (
     RangeUpdateConfig,
+    blurred,
     candidate_grid,
+    doubted_at_edges,
+    normal_curves,
     quantile,
     read_curves,
     shortest_interval,
@@ -47,6 +50,29 @@ def narrowed_to(low, high) -> Distribution:
     return FIRST.with_interval(
         SPACE.from_unit((SPACE.to_unit(low) + SPACE.to_unit(high)) / 2), low, high
     )
+
+
+def test_independent_errors_widen_a_curve_as_variances_add():
+    """In the mass's range, [1/3, 3], .005 of its unit coordinate are .021."""
+    std = np.array([0.0, 0.005])
+    curves = blurred(normal_curves(np.array([0.4, 0.6]), np.array([0.02, 0.02])), std, FIRST)
+    width = SPACE.to_unit(FIRST.high) - SPACE.to_unit(FIRST.low)
+    expected = normal_curves(np.array([0.4, 0.6]), np.hypot(0.02, std / width))
+    np.testing.assert_allclose(curves, expected, atol=1e-4)
+    np.testing.assert_allclose(blurred(flat(), std, FIRST), flat(), atol=0.02)
+
+
+def test_a_curve_at_the_edge_of_what_networks_saw_is_not_called_identified():
+    curves = normal_curves(np.array([0.5, 1.02]), np.array([0.01, 0.01]))
+    read = read_curves(curves, FIRST, FIRST, CONFIG)
+    assert read.verdict == ["identified", "identified"]
+    _, events = update_range(curves, FIRST, FIRST, CONFIG)
+    doubted = doubted_at_edges(read, events)
+    assert doubted.verdict == ["identified", "weak"]
+    (warning,) = doubted.warnings
+    assert "beyond the range that was searched of mass," in warning
+    _, inside = update_range(normal_curves(np.full(2, 0.5), np.full(2, 0.01)), FIRST, FIRST, CONFIG)
+    assert doubted_at_edges(read, inside) is read
 
 
 # --- quantiles ----------------------------------------------------------------------------

@@ -400,9 +400,8 @@ def test_nothing_is_made_up_where_nothing_was_measured():
     values[4] = np.nan
     rows = Rows(np.zeros((10, 1)), np.arange(10) / 10, 1.0, values)
     read = step_readings(rows, np.arange(21) / 20)[:, 0]
-    np.testing.assert_allclose(read[:7], np.arange(7) / 2)
-    assert np.isnan(read[7:10]).all()  # beside the missing one, and on it
-    np.testing.assert_allclose(read[10:19], np.arange(10, 19) / 2)
+    assert np.isnan(read[8])  # on the missing one; beside it, as beside a missing row
+    np.testing.assert_allclose(np.delete(read[:19], 8), np.delete(np.arange(19), 8) / 2)
     assert np.isnan(read[19:]).all()  # after the last
     times_s = np.delete(np.arange(14), [3, 4, 8, 9, 10]) / 10
     rows = Rows(np.zeros((9, 1)), times_s, 1.3, times_s[:, None])
@@ -411,6 +410,33 @@ def test_nothing_is_made_up_where_nothing_was_measured():
     np.testing.assert_allclose(
         np.delete(read, [8, 9, 10]), np.delete(np.arange(14), [8, 9, 10]) / 10
     )
+
+
+def merged_log(own_s: np.ndarray, acted_s: np.ndarray) -> Rows:
+    """What an outer join makes of an encoder's log and of one of actions: empty cells."""
+    times_s = np.union1d(own_s, acted_s)
+    values = np.where(np.isin(times_s, own_s), 3 * times_s, np.nan)
+    return Rows(np.zeros((len(times_s), 1)), times_s, float(times_s[-1]), values[:, None])
+
+
+@pytest.mark.parametrize("own_hz", [100, 20])
+def test_an_encoder_on_a_clock_of_its_own_is_read_between_its_own_rows(own_hz):
+    grid_s = np.arange(200) / 20  # the actions', at which the encoder has no row
+    own_s = 0.003 + np.arange(10 * own_hz) / own_hz
+    read = step_readings(merged_log(own_s, grid_s), grid_s)[:, 0]
+    assert np.flatnonzero(np.isnan(read)).tolist() == [0]
+    np.testing.assert_allclose(read[1:], 3 * grid_s[1:])
+    gap = (own_s < 4) | (own_s > 4.2)
+    read = step_readings(merged_log(own_s[gap], grid_s), grid_s)[:, 0]
+    assert np.flatnonzero(np.isnan(read)).tolist() == [0, 80, 81, 82, 83, 84]
+
+
+def test_an_encoder_slower_than_rows_is_read_where_it_was_and_between_at_other_rates():
+    rows = merged_log(np.arange(250) / 25, np.arange(500) / 50)
+    of_own = step_readings(rows, np.arange(500) / 50)[:, 0]
+    assert np.flatnonzero(np.isfinite(of_own)).tolist() == list(range(0, 500, 2))
+    times_s = np.arange(298) / 30
+    np.testing.assert_allclose(step_readings(rows, times_s)[:, 0], 3 * times_s, atol=1e-12)
 
 
 def test_clocks_that_jitter_a_little_leave_readings_as_they_are():

@@ -64,6 +64,24 @@ def test_names_cameras_and_readings(tmp_path):
     assert open_dataset(folder, cameras=(), readings=asked).read(0).frames.size == 0
 
 
+def test_only_what_is_needed_is_read(tmp_path, monkeypatch):
+    """Not the pictures of a camera that nobody looks at, which fill the memory."""
+    cameras = {f"frames.{name}": grey(range(NUM_STEPS + 1)) for name in ("front", "wrist")}
+    joints = np.zeros((NUM_STEPS + 1, 2))
+    folder = write(tmp_path / "a", episode(frames=None, joints=joints, force=joints, **cameras))
+    read, whole = set(), np.lib.npyio.NpzFile.__getitem__
+
+    def note(self, key: str) -> np.ndarray:
+        read.add(key)
+        return whole(self, key)
+
+    monkeypatch.setattr(np.lib.npyio.NpzFile, "__getitem__", note)
+    open_dataset(folder, cameras=(), readings={"arm": ["joints"]}).read(0)
+    assert read == {"hz", "actions", "joints"}
+    open_dataset(folder, cameras=[Footage(key="front")]).read(0)
+    assert read == {"hz", "actions", "joints", "frames.front"}
+
+
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
@@ -218,20 +236,23 @@ def test_a_run_of_arrays_keeps_them_and_goes_on_with_the_same(quickly, tmp_path,
             tune(real=real)
 
 
-def test_what_a_robots_function_films_is_filmed_once(tmp_path):
+def test_what_a_robots_function_films_is_filmed_once(tmp_path, caplog):
     asked = []
 
     def record(i: int) -> dict:
         asked.append(i)
         return episode()
 
-    first, again = (film_once(record, 3, tmp_path) for _ in range(2))
+    first = film_once(record, 3, tmp_path)
+    assert not caplog.text
+    again = film_once(record, 3, tmp_path)
+    assert "3 episodes filmed earlier are used, and not filmed again; give another" in caplog.text
     assert asked == [0, 1, 2]
     assert first == again
     assert open_dataset(first, num_actions=3).num_episodes == 3
 
 
-def test_filming_that_was_interrupted_goes_on_with_the_next_episode(tmp_path):
+def test_filming_that_was_interrupted_goes_on_with_the_next_episode(tmp_path, caplog):
     asked = []
 
     def record(i: int) -> dict:
@@ -244,6 +265,7 @@ def test_filming_that_was_interrupted_goes_on_with_the_next_episode(tmp_path):
         film_once(record, 3, tmp_path)
     path = film_once(record, 3, tmp_path)
     assert asked == [0, 1, 1, 2]
+    assert "1 episodes filmed earlier are used" in caplog.text
     assert sorted(file.name for file in path.iterdir()) == [f"episode_{i}.npz" for i in range(3)]
 
 

@@ -283,6 +283,17 @@ def test_robomimic(tmp_path, options):
     assert [facts["cameras"][0][key] for key in ("key", "codec")] == ["wrist_image", "raw"]
 
 
+@pytest.mark.parametrize("num", [2, 4])
+def test_demos_with_another_number_of_actions_are_refused(tmp_path, num):
+    write_hdf5(tmp_path / "image.hdf5")
+    with h5py.File(tmp_path / "image.hdf5", "r+") as file:
+        del file["data/demo_10/actions"]
+        file["data/demo_10/actions"] = np.zeros((NUM_STEPS, num))
+    dataset = open_dataset(tmp_path, cameras=[Footage(key="wrist")])
+    with pytest.raises(InputError, match=r"demo_10: expected actions \(T, 3\), as in demo_9, got"):
+        dataset.read(1)
+
+
 def test_robomimic_cameras_and_rate(tmp_path):
     write_hdf5(tmp_path / "image.hdf5")
     said = message(tmp_path)

@@ -65,6 +65,70 @@ def test_derivatives_of_many_unknowns_at_once_are_those_one_by_one(arm: SimpleNa
     assert np.abs(few.by_parameter - of_all.by_parameter).max() < before
 
 
+def test_readings_that_no_unknown_explains_end_a_fit_without_an_error(arm: SimpleNamespace):
+    """Such as degrees taken for radians: no derivative is worth an update."""
+    in_degrees = Readings(arm.readings.actions, 57.3 * arm.readings.values)
+    stage, guess = ReplayStage(0, 3, 10**9), Guess(arm.start, np.zeros(2))
+    ended = arm.fit.descend(in_degrees, guess, stage, Budget())
+    where = ended.objective.where(ended.point)
+    begun = differentiate(arm.loop, where)
+    groups = Groups.of(begun, np.full(2, 1e30))
+    assert (groups.number == -1).all()
+    kept = refresh(arm.loop, where, begun, groups)
+    np.testing.assert_array_equal(kept.by_parameter, begun.by_parameter)
+    np.testing.assert_array_equal(kept.by_start, begun.by_start)
+    np.testing.assert_array_equal(kept.predicted, begun.predicted)
+
+
+def begun_anywhere(arm: SimpleNamespace, values: np.ndarray) -> tuple:
+    """What `OpenLoop.play` takes: three worlds of each whole episode, with initial states."""
+    readings, rng = Readings(arm.readings.actions, values), np.random.default_rng(0)
+    stretches = arm.loop.cut(readings, arm.start, np.zeros(2), 60, 9)
+    units = np.append(arm.truth, 0.6) + rng.uniform(-0.02, 0.02, (3, 5))
+    moved = rng.normal(size=(3, 2, arm.loop.physics.space.num_tangent))
+    states = np.repeat(stretches.states[None], 3, 0)
+    return stretches, arm.loop.physics.space.move(states, 0.05 * moved), units
+
+
+@pytest.fixture
+def sizes(arm: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
+    """Worlds and steps that are played at once."""
+    played, play = [], arm.loop.physics.simulator.play
+
+    def note(parameters: np.ndarray, act: Any, num_steps: int, *args: Any, **options: Any):
+        played.append((len(parameters), num_steps))
+        return play(parameters, act, num_steps, *args, **options)
+
+    monkeypatch.setattr(arm.loop.physics.simulator, "play", note)
+    return played
+
+
+def test_worlds_that_memory_does_not_hold_at_once_are_played_in_turn(arm, sizes, monkeypatch):
+    late = arm.loop.with_lateness()
+    begun = begun_anywhere(arm, arm.readings.values)
+    whole = late.play(*begun)
+    assert sizes == [(6, 60)]
+    num_bytes = 61 * begun[0].actuator_states.shape[1] * 8
+    monkeypatch.setattr("simtune.fit.parts._MOST_BYTES", 2 * num_bytes + 1)
+    for found, expected in zip(late.play(*begun), whole, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    assert sizes[1:] == 3 * [(2, 60)]
+
+
+def test_what_a_short_episode_is_padded_with_is_neither_played_nor_counted(arm, sizes):
+    late, values = arm.loop.with_lateness(), arm.readings.values.copy()
+    whole, _ = late.play(*begun_anywhere(arm, values))
+    values[1, 15:] = np.nan  # of the second episode a quarter
+    found, _ = late.play(*begun_anywhere(arm, values))
+    assert sizes == [(6, 60), (3, 60), (3, 15)]
+    np.testing.assert_array_equal(found[:, 0], whole[:, 0])
+    np.testing.assert_array_equal(found[:, 1, :15], whole[:, 1, :15])
+    np.testing.assert_array_equal(found[:, 1, 16:], found[:, 1, 15:-1])
+    noise, short = np.full(2, 0.002), values[1:, :15]
+    padded = arm.loop.start_std(noise, values[1:])
+    np.testing.assert_allclose(padded, arm.loop.start_std(noise, short), rtol=1e-12)
+
+
 def test_growing_horizons_end_at_the_truth(arm: SimpleNamespace):
     horizons = Horizons(growing=(Horizon(0.4, 3, 24), Horizon(1.0, 2, 12)))
     ends = (np.zeros(4), np.ones(4))

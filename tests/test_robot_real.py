@@ -4,6 +4,7 @@ import fcntl
 import json
 import os
 import re
+import signal
 import sys
 import threading
 from dataclasses import replace
@@ -122,6 +123,45 @@ def test_what_was_filmed_is_looked_at_again(file):
     assert not np.array_equal(more[2].actions, first[0].actions)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ('moved = "-pan.pos"', 'moved = "pan.pos"', "actions.moved"),
+        ("step = 4", "step = 1", "actions.step"),
+        ('"pan.pos" = 1', '"pan.pos" = 2', "start"),
+        ("[camera]", '[camera]\nname = "front"', "camera"),
+    ],
+)
+def test_episodes_of_another_robot_file_are_not_used_together(file, old, new, what):
+    make_real(file).collect(1)
+    file.write_text(LEROBOT.replace(old, new))
+    made, folder = len(fake_lerobot.latest), file.parent / "filmed"
+    with pytest.raises(InputError) as error:
+        make_real(file).collect(2)
+    assert f"{folder}/000 was filmed with another {what}, so" in str(error.value)
+    assert "give another --out to film anew" in str(error.value)
+    assert len(fake_lerobot.latest) == made  # nothing was connected to
+    file.write_text(LEROBOT.replace("speed = 100", "speed = 90"))  # means nothing to them
+    assert len(make_real(file).collect(2)) == 2
+    (folder / "001.json").unlink()
+    with pytest.raises(InputError, match=r"001 was filmed with another .*moved, .*step, "):
+        make_real(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [({"action_repeat": 20}, "control_timestep_s"), ({"declared": "x"}, "content of the task")],
+)
+def test_episodes_of_another_tuning_file_are_not_used_together(file, change, what, caplog):
+    with caplog.at_level("INFO", "simtune"):
+        make_real(file).collect(1)
+        assert "earlier sessions" not in caplog.text
+        make_real(file).collect(2)
+    assert f"1 episodes of earlier sessions in {file.parent / 'filmed'} are used" in caplog.text
+    with pytest.raises(InputError, match=f"000 was filmed with another {what}, so"):
+        make_real(file, replace(TASK, **change))
+
+
 def test_whole_episodes_outlive_one_that_fails(file, monkeypatch):
     def make():
         robot = fake_lerobot.FakeRobot()
@@ -162,6 +202,50 @@ def test_an_ill_policy_stops_the_robot(file):
     places = [action["pan.pos"] for action in fake_lerobot.latest[-1].sent]
     assert places == pytest.approx([1.0] * len(places), abs=1e-3)
     assert "must be finite" in (file.parent / "arm.toml.stopped").read_text()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_process_that_is_told_to_end_stops_the_robot(file, monkeypatch, number):
+    before = {n: signal.signal(n, signal.SIG_DFL) for n in (signal.SIGTERM, signal.SIGHUP)}
+    stop, calls = LeRobot.stop, []
+
+    def stop_at_last(arm):
+        for impatient in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+            signal.raise_signal(impatient)
+        stop(arm)
+
+    def policy(_):
+        calls.append(None)
+        if len(calls) == CALLS_BEFORE_REPLAY + 3:
+            signal.raise_signal(number)
+        return np.ones((1, 1))
+
+    monkeypatch.setattr(LeRobot, "stop", stop_at_last)
+    try:
+        with pytest.raises(SystemExit) as ended:
+            make_real(file).run_policy(policy, num_stacked=1, num_episodes=1, seed=1)
+        assert [signal.getsignal(n) for n in before] == [signal.SIG_DFL] * 2
+    finally:
+        for n, former in before.items():
+            signal.signal(n, former)
+    assert ended.value.code == 128 + number
+    robot = fake_lerobot.latest[-1]
+    assert robot.sent[-1] == pytest.approx(robot.sent[-2], abs=1e-3)  # to stay where it is
+    assert number.name in (file.parent / "arm.toml.stopped").read_text()
+    assert not robot.is_connected
+
+
+def test_a_hangup_that_is_ignored_ends_nothing(file):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as under nohup
+
+    def policy(_):
+        signal.raise_signal(signal.SIGHUP)
+        return np.zeros((1, 1))
+
+    try:
+        assert make_real(file).run_policy(policy, num_stacked=1, num_episodes=1, seed=1)
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_a_robot_that_does_not_know_where_it_is_is_sent_nowhere(file):

@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -195,6 +197,20 @@ def test_a_fit_that_takes_far_too_long_is_done_again_as_small_as_may_be(
     assert len(sizes) > 2, "it is judged by refits"
     assert all(sizes[1:]), "which are as small"
     assert not any("no time to fit" in warning for warning in round_.estimate.warnings)
+
+
+@pytest.mark.parametrize(
+    ("picture_s", "left_s", "refits"),
+    [
+        (0.0, 100, (8, 5)),  # a quarter of it is more than the fit's 20 s for its 5 episodes
+        (0.04, 100, (8, 3)),  # 4 s more for the 100 pictures of each: 25 / 8
+        (0.2, 75, (8, 3)),  # 20 s each, and half a fit
+        (0.2, 65, (0, 3)),
+    ],
+)
+def test_known_worlds_are_filmed_in_time_as_well(picture_s, left_s, refits):
+    judging = cast(Judging, SimpleNamespace(config=SEARCH, picture_s=picture_s))
+    assert Judging._refits(judging, (5, 99), Budget(left_s), 20.0) == refits
 
 
 # --- how long a round takes ---------------------------------------------------------------

@@ -14,12 +14,16 @@ from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from sweep_driver import STAND_IN, drive_quietly
 
 from simtune import outcome
 from simtune.config import SweepConfig
 from simtune.errors import InputError
+from simtune.real.choose import read_parameters
+from simtune.real.truth import Truth
+from simtune.recordings import dataset, open_dataset
 from simtune.run import write_json
 from simtune.sweep import dry_run, sweep
 from simtune.sweep.asked import AskedRun
@@ -307,6 +311,58 @@ def test_a_run_of_another_content_of_its_task_is_not_taken_for_done(tmp_path, be
     tuning.write_text(tuning.read_text().replace("step_s = 0.05", "step_s = 0.1"))
     with pytest.raises(InputError, match="another content of"):
         open_sweep(config)
+
+
+def begun_run(config: SweepConfig, real: str, contents: dict) -> None:
+    """The folder of the grid's run, with the config.json that it would have."""
+    (run,) = open_sweep(config)
+    folder = Places(config.out, run.name).run
+    folder.mkdir(parents=True)
+    stored = outcome.asked(run.config(), load_task("cartpole")) | contents | {"real": real}
+    write_json(folder / "config.json", {"config": stored, "sources": None})
+    assert open_sweep(config)
+
+
+def test_a_run_of_another_truth_is_not_taken_for_done(tmp_path, beside):
+    truth, space = tmp_path / "truth.json", load_task("cartpole").parameters
+    truth.write_text('{"pole_mass": 0.1}')
+    text = '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nreal_parameters = "truth.json"\n'
+    config = SweepConfig(grid=grid(tmp_path, [0], text), out=beside / "out")
+    digest = Truth(space, read_parameters(truth, space)).digest
+    begun_run(config, "pseudo", {"truth": digest, "real_parameters": str(truth)})
+    truth.write_text('{"pole_mass": 0.3}')
+    with pytest.raises(InputError, match="holds a run with other values in --real-parameters"):
+        open_sweep(config)
+    truth.write_text('{"pole_mass": 1e-1}')  # the same in other words
+    assert open_sweep(config)
+
+
+def test_a_run_of_other_recordings_is_not_taken_for_done(tmp_path, beside, monkeypatch):
+    episode = {"frames": np.zeros((9, 16, 16, 3), np.uint8), "actions": np.ones((9, 1)), "hz": 12.5}
+    files = [tmp_path / "film" / f"episode_{i}.npz" for i in range(2)]
+    files[0].parent.mkdir()
+    np.savez(files[0], **episode)
+    text = '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nreal = "film"\nseed = SEEDS\n'
+    config = SweepConfig(grid=grid(tmp_path, [0], text), out=beside / "out")
+    read = {"recordings": {"dataset_hash": open_dataset(files[0].parent).content_hash}}
+    begun_run(config, str(files[0].parent), read)
+    grid(tmp_path, [0, 1], text)
+    first, second = (Places(config.out, f"cartpole-tune-s{i}").run for i in range(2))
+    stored = json.loads((first / "config.json").read_text())
+    second.mkdir()
+    write_json(second / "config.json", stored | {"config": stored["config"] | {"seed": 1}})
+    read_as: list[object] = []
+    fingerprint = dataset.fingerprint
+    monkeypatch.setattr(dataset, "fingerprint", lambda *a: read_as.append(a) or fingerprint(*a))
+    assert open_sweep(config)
+    assert len(read_as) == 1  # once for all runs: there may be terabytes
+    np.savez(files[1], **episode)
+    with pytest.raises(InputError, match=r"holds a run with other recordings than \S+film: give"):
+        open_sweep(config)
+    write_json(first / "config.json", stored | {"config": stored["config"] | {"recordings": None}})
+    write_json(second / "config.json", stored | {"config": stored["config"] | {"seed": 1}})
+    with pytest.raises(InputError, match="s1 holds a run with other recordings"):
+        open_sweep(config)  # the first has read none, as some trainings
 
 
 def test_minutes_of_pilots_go_with_a_dry_run(beside):

@@ -60,6 +60,20 @@ def test_each_parameter_is_as_the_better_of_both_says():
     assert mixed.latency_steps == 2
 
 
+def test_what_readings_and_videos_contradict_each_other_on_covers_both_and_is_told():
+    read = replace(READ, verdict=["weak", "weak"])
+    both = estimate((2.5, 0.9), (2.6, 1.1), "identified", "identified")
+    mixed = Told(read, SEEN, is_trusted=True).better(both)
+    assert mixed.verdict == ["weak", "identified"]
+    assert (mixed.low.tolist(), mixed.high.tolist()) == ([1.9, 0.9], [2.6, 1.1])
+    at, above = mixed.curves["servo"]
+    assert np.interp([1.9, 2.3, 2.6], at, above) == pytest.approx([1.0, 0.5, 0.0])
+    (warning,) = mixed.warnings
+    assert "contradict each other on servo: [1.9, 2.1] by readings alone, [2.5, 2.6]" in warning
+    # Where readings have no say, they contradict nothing
+    assert Told(read, SEEN, is_trusted=False).better(both).low[0] == 2.5
+
+
 def test_without_a_fit_to_videos_errors_that_readings_know_still_go_together():
     both = estimate((1.0, 0.4), (3.0, 2.1), "weak", "weak")
     mixed = Told(READ, SEEN, is_trusted=True).better(both)
@@ -109,8 +123,8 @@ def test_actions_and_readings_are_taken_when_it_was_so():
     # Readings may tell how late actions are, and no parameter well
     weak = Told(replace(READ, verdict=["weak", "weak"]), SEEN, is_trusted=True)
     assert not weak.is_held.any()
-    assert weak.late([real])[0].actions[:, 0].tolist() == [0, 0, 0, 1]
-    assert Told(READ, SEEN, is_trusted=False).late([real])[0] is real
+    assert weak.on_time([real])[0].actions[:, 0].tolist() == [0, 0, 0, 1]
+    assert Told(READ, SEEN, is_trusted=False).on_time([real])[0] is real
 
 
 def test_what_readings_tell_goes_with_their_offsets_and_warnings():

@@ -381,6 +381,16 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
             assert (note in caplog.text) == (budget == minutes)
 
 
+def test_a_time_too_short_for_a_search_that_cannot_tell_names_no_round():
+    tuning_run._refuse_if_too_short(0.4, 20.0, Needed(0.0, 0.0))
+    with pytest.raises(InputError) as refused:
+        tuning_run._refuse_if_too_short(0.3, 20.0, Needed(0.0, 0.0))
+    assert str(refused.value) == (
+        "--budget-minutes 0.3 is too short: nothing can be searched in that time, as the run takes "
+        "about 20 s beside the search; give more"
+    )
+
+
 @pytest.mark.parametrize(
     ("asked", "share"), [("1%", 0.01), ("0.5%", 0.005), ("0%", 0.0), ("2", 0.02), ("5 %", 0.05)]
 )

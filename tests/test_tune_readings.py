@@ -17,9 +17,9 @@ from simtune.errors import InputError
 from simtune.evaluate import evaluate
 from simtune.evaluate_replay import _late
 from simtune.experiment.experiment import Experiment, build_experiment
-from simtune.fit import OpenLoop, OutputErrorFit, Readings
+from simtune.fit import Guess, OpenLoop, OutputError, OutputErrorFit, Readings, ReplayStage
 from simtune.fit.differences import Where, differentiate
-from simtune.fit.normal_equations import NormalEquations, jackknife
+from simtune.fit.normal_equations import NormalEquations, jackknife, jackknife_std
 from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.record import record
@@ -141,6 +141,39 @@ def test_a_jackknife_of_one_stretch_tells_nothing_and_of_two_what_they_disagree_
     # Without either, the first moves by 2 / (4 + 1) to one side: √(1/2 · 2 · .4²) = .4
     unsure = stdtrit(1, 0.95) / ndtri(0.95)
     np.testing.assert_allclose(jackknife(two, each.sum(0) + prior), [0.4 * unsure, 0], atol=1e-6)
+
+
+def test_a_single_episode_is_as_unsure_as_leaving_out_its_parts_shows(
+    arm: Path, truth: Path, tmp_path: Path
+):
+    """Compared with whole descents, each without a fifth of the rows, of an episode in whose middle
+    the servos become others."""
+    experiment, rng = pseudo(arm, truth, tmp_path / "run"), np.random.default_rng(0)
+    context, (first, *_) = experiment.context, experiment.recordings
+    assert isinstance(context.simulator, Simulator)
+    real, see = experiment.space.from_dict(TRUTH), context.observation.observe_beside()
+    others = real * [1.5 if name == "shoulder_kp" else 1.0 for name in experiment.space.names]
+    one, other = first.actions[None, :30].astype(float), first.actions[None, 30:].astype(float)
+    begun = context.simulator.roll_out(real[None], one, rng, see)
+    ended = context.simulator.roll_out(others[None], other, rng, see, begun.states[:, -1])
+    loop = OpenLoop.of(context.simulator, context.observation, context.start)
+    readings = Readings.of([first], loop.sensors)
+    readings.values[:] = np.concatenate([begun.observed, ended.observed[:, 1:]], 1)
+    readings.values[:] += 0.002 * rng.normal(size=readings.values.shape)
+    fit = OutputError(loop, np.zeros(2, bool), experiment.space.to_unit(context.start))
+    stage = ReplayStage(0, 30, 9)
+    whole = fit.descend(readings, Guess(fit.prior, np.zeros(2)), stage, Budget())
+    moved = []
+    for part in np.array_split(np.arange(61), 5):
+        values = readings.values.copy()
+        values[:, part] = np.nan
+        left = fit.descend(replace(readings, values=values), whole.guess, stage, Budget())
+        moved.append(left.unit - whole.unit)
+    claimed = np.sqrt(np.diag(fit.judge(whole, Budget()).covariance))
+    # One Newton step instead of a descent; and no less than the residuals say
+    ratio = claimed / jackknife_std(np.array(moved))
+    assert ratio.min() > 0.6
+    assert np.median(ratio) < 2.2
 
 
 @pytest.mark.thorough
@@ -392,14 +425,21 @@ def as_recorded(experiment: Experiment) -> ObservationModel:
     return replace(experiment.context.observation, is_simulated=False)
 
 
-def concluded(experiment: Experiment, covariance: np.ndarray, apart: np.ndarray) -> Estimate:
+def concluded(
+    experiment: Experiment,
+    covariance: np.ndarray,
+    apart: np.ndarray,
+    observation: ObservationModel | None = None,
+    noise: float = 0.001,
+) -> Estimate:
     """From a fit in the middle of all ranges."""
+    observation = observation or as_recorded(experiment)
     facts = {"covariance": covariance, "unit": np.full(len(apart), 0.5), "late_steps": (0.0, 0.0)}
-    facts |= {"offsets": np.zeros(2), "noise": np.full(2, 0.001), "start": np.zeros(1)}
+    facts |= {"offsets": np.zeros(2), "noise": np.full(2, noise), "start": np.zeros(1)}
     judged = cast(OutputErrorFit, SimpleNamespace(**facts))
     found = cast(Found, SimpleNamespace(apart=apart, is_sure=True, is_whole=True, num_fits=2))
     first = Distribution.first(experiment.space, experiment.space.nominal)
-    return conclude(judged, found, first, as_recorded(experiment), 0, 0.05)[0]
+    return conclude(judged, found, first, observation, 0, 0.05)[0]
 
 
 def test_errors_that_are_added_to_a_fits_thin_its_correlations_out(truth: Path, tmp_path: Path):
@@ -415,6 +455,20 @@ def test_errors_that_are_added_to_a_fits_thin_its_correlations_out(truth: Path, 
     std = np.sqrt(np.diag(total))
     # Nearly: the weak prior of a fit is taken out of its standard deviations
     np.testing.assert_allclose(estimate.correlation, total / np.outer(std, std), rtol=1e-3)
+
+
+def test_what_is_far_off_is_told_also_where_no_noise_is_declared(truth: Path, tmp_path: Path):
+    experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
+    sensor, *_ = as_recorded(experiment).sensors
+    for noise, said in ((0.001, "noise that the tuning file declares"), (None, "declares none")):
+        observation = replace(as_recorded(experiment), sensors=(replace(sensor, noise=noise),))
+        for off, expected in ((0.003, []), (0.005, [said])):
+            found = concluded(experiment, np.eye(num), np.zeros(num), observation, off)
+            told = [
+                warning for warning in found.warnings if "leaves shoulder, elbow off" in warning
+            ]
+            assert len(told) == len(expected)
+            assert all(said in warning for warning in told)
 
 
 def test_what_readings_say_nothing_of_is_as_wide_as_its_range(truth: Path, tmp_path: Path):

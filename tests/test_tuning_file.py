@@ -1069,6 +1069,13 @@ def test_a_change_of_the_reward_is_noticed_and_not_by_who_tunes(load, folder):
     assert len({task.policy_hash for task in tasks}) == 4
     assert {task.content_hash for task in tasks} == {without.content_hash}
     assert without.policy_hash is None
+    for factor in (1, 2):
+        (folder / "gains_beside.py").write_text(f"FACTOR = {factor}\n")
+        (folder / "policy.py").write_text(
+            "import gains_beside\ndef f(data): return gains_beside.FACTOR * data.qpos[:, 0]\n"
+        )
+        tasks += [load(text)]
+    assert len({task.policy_hash for task in tasks}) == 6
 
 
 @pytest.mark.parametrize(

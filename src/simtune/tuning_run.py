@@ -50,15 +50,16 @@ def tune(
     built_s = time.monotonic() - began_s  # for example to film the real world
     ending_s = min(max(_AT_THE_END_S[0], built_s), _AT_THE_END_S[1])
     warnings = experiment.warnings(experiment.recordings)
-    for warning in warnings:  # now, not after minutes
-        log.warning("%s", warning)
+    _warn(warnings)
     search, real = experiment.search, experiment.recordings
     needed = search.needed(real)
     if settings is None and kept_state(config.out) is None:  # nothing is written before
         beside_s = time.monotonic() - began_s + ending_s
         _refuse_if_too_short(config.budget_minutes, beside_s, needed)
     may_check = needed.check_s < _CHECK_SHARE * 60 * config.budget_minutes
-    promised = _promised(experiment) if may_check else {}
+    promised, doubts = _promised(experiment) if may_check else ({}, [])
+    _warn(doubts)
+    warnings += doubts
     begun_s = time.monotonic() - began_s
     with Run(experiment, report) as run:
         run.resume()
@@ -77,12 +78,19 @@ def tune(
         return run.finish(real, stopped | promised, warnings, command)
 
 
-def _promised(experiment: Experiment) -> dict[str, Any]:
-    """What `simtune check` would say of these episodes, for result.json."""
+def _warn(warnings: list[str]) -> None:
+    """At once, not after minutes."""
+    for warning in warnings:
+        log.warning("%s", warning)
+
+
+def _promised(experiment: Experiment) -> tuple[dict[str, Any], list[str]]:
+    """What `simtune check` would say of these episodes, for result.json, and its warnings."""
     if experiment.search_name != "posterior":  # others give no intervals
-        return {}
+        return {}, []
     simulator, seen = experiment.simulator, experiment.context.observation
-    return {"check": promises(simulator, seen, experiment.recordings, experiment.config.seed)}
+    found = promises(simulator, seen, experiment.recordings, experiment.config.seed)
+    return {"check": found.parameters}, found.warnings
 
 
 def _refuse_if_too_short(minutes: float, beside_s: float, needed: Needed) -> None:
@@ -91,6 +99,13 @@ def _refuse_if_too_short(minutes: float, beside_s: float, needed: Needed) -> Non
     `beside_s`: time for all but rounds.
     """
     least_s, whole_s = needed.least_s, needed.whole_s
+    if not whole_s:  # a search that cannot tell
+        if 60 * minutes < beside_s:
+            raise InputError(
+                f"--budget-minutes {minutes:g} is too short: nothing can be searched in that time, "
+                f"as the run takes about {beside_s:.0f} s beside the search; give more"
+            )
+        return
     if 60 * minutes < _SURELY * least_s + beside_s:
         enough = math.ceil((2 * least_s + beside_s) / 6) / 10
         whole_minutes = max(math.ceil((whole_s + beside_s) / 60), math.ceil(enough))

@@ -1,6 +1,7 @@
 """Writes recordings from memory to files, where a resumed run finds them."""
 
 import hashlib
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import BytesIO
 from os import PathLike
@@ -15,6 +16,7 @@ from simtune.errors import InputError
 from simtune.recordings import check_episode
 from simtune.run.files import sync_folder, write_atomically
 
+log = logging.getLogger(__name__)
 Episode = Mapping[str, ArrayLike]
 Record = Callable[[int], Episode]  # films an episode, counted from 0
 EPISODES = "episodes"  # name of the folder that filmed ones are in
@@ -55,10 +57,18 @@ def film_once(record: Record, num: int, folder: Path) -> Path:
     """Film `num` episodes, e.g. of a robot, into FOLDER/episodes; returns that path.
 
     Each is written before the next one is filmed. If all are there, nothing is filmed, and what was
-    interrupted goes on: a resumed run uses its own recordings. Raises InputError like
-    `write_arrays`.
+    interrupted goes on: a resumed run uses its own recordings, and a warning says so, since
+    `record` may have been mended meanwhile. Raises InputError like `write_arrays`.
     """
     unfinished, out = folder / ".unfinished", folder / EPISODES
+    earlier = [*folder.glob(f"{EPISODES}/*.npz"), *unfinished.glob("*.npz")]
+    if earlier:
+        log.warning(
+            "%s: %d episodes filmed earlier are used, and not filmed again; give another out to "
+            "film all anew",
+            out,
+            len(earlier),
+        )
     if out.exists():
         return out
     unfinished.mkdir(parents=True, exist_ok=True)

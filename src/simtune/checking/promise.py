@@ -1,6 +1,6 @@
 """What `simtune check` predicts, for comparison with a run's result."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,24 +17,31 @@ from simtune.trajectory import Trajectory
 _KEPT = ("std", "std_percent", "interval_share", "verdict", "note")
 
 
+class Promised(NamedTuple):
+    """Of episodes and their readings, near the nominal values."""
+
+    parameters: dict[str, dict[str, Any]]  # {name: what the best fit could tell}; JSON
+    warnings: list[str]  # on readings, such as those of another unit
+
+
 def promises(
     simulator: AnySimulator, seen: ObservationModel, real: list[Trajectory], seed: int
-) -> dict[str, dict[str, Any]]:
-    """{parameter: what the best fit to such episodes could tell, near the nominal values}; JSON.
-
-    Empty without a MuJoCo model, or if all nominal worlds diverge.
-    """
+) -> Promised:
+    """Nothing without a MuJoCo model; no parameters if all nominal worlds diverge."""
+    warnings = list[str]()
     if not isinstance(simulator, Simulator):
-        return {}
+        return Promised({}, warnings)
     steps, readings = min(map(len, real)), None
     actions = np.stack([trajectory.actions[:steps] for trajectory in real])
     try:
         if seen.sensors:
             read = look_at_servos(real, simulator, seen)
+            warnings += read.warnings
             readings, _ = reading_changes(simulator, seen, actions, read, seed)
         sensitivity = analyze(simulator, actions, seed, seen, readings)
     except RuntimeError:  # every episode diverged
-        return {}
+        return Promised({}, warnings)
     reasons = unfelt_frictions(simulator, nominal_states(simulator, actions, seed))
     said = conclude(simulator.space, sensitivity, reasons)["parameters"]
-    return plain({name: {k: p[k] for k in _KEPT if k in p} for name, p in said.items()})
+    kept = plain({name: {k: p[k] for k in _KEPT if k in p} for name, p in said.items()})
+    return Promised(kept, warnings)

@@ -15,6 +15,7 @@ _SMALLEST_VARIANCE, _LARGEST_VARIANCE = 4e-3**2, 0.08**2  # between experiments
 FIRST_VARIANCE = 0.02**2
 _VARIANCE_STEP, _FEWEST_INFORMATIVE = 1.5, 4  # factor of an update; experiments it needs
 _CHI2_MEDIAN = 0.6  # approximate median of χ² / degrees of freedom, for few of them
+_CLAIM = 2.0  # experiments that the claimed variance counts like, beside the scatter
 COMMON_STD = 0.1  # prior standard deviation of common errors, in their own scaled coordinates
 _NOTHING = np.zeros(0)
 _RIDGE = 1e-6  # of information: keeps it invertible where nothing is known
@@ -84,8 +85,9 @@ def combine(
 
         information = Σ_w c_w I_w (1 + τ² I_w)⁻¹      slope = Σ_w c_w (1 + τ² I_w)⁻ᵀ g_w
 
-    The covariance is the sandwich estimator, from the experiments' scatter (White 1980); what they
-    claim counts if they are few. The variance returned is τ² after a step towards what they show.
+    The covariance is the sandwich estimator, from the experiments' scatter (White 1980). Few hardly
+    scatter, so what they claim, with τ², is added: `_corrections`, by how many experiments inform
+    about each parameter. The variance returned is τ² after a step towards what they show.
 
     `common`: (Q,) common errors, whose slopes come last. Each has a normal prior with standard
     deviation COMMON_STD and is the same in all experiments (τ = 0); the prior is one more
@@ -109,19 +111,31 @@ def combine(
     # Degrees of freedom used by the fit; a common error uses the share that its data, not its
     # prior, determines.
     found = num + len(common) - (prior * np.diag(inverse)).sum()
-    freedom = max(0.0, len(slope) - found)
-    few = len(slope) / max(1, freedom)
-    scatter = few * deviations.T @ deviations + np.diag(prior)
-    covariance = inverse @ scatter @ inverse + _RIDGE * inverse
-    # Few experiments hardly scatter: add the variance that they claim.
-    claimed = np.einsum("w,wpq->pq", count, information) + np.diag(prior) + _RIDGE * eye
-    covariance += np.linalg.inv(claimed) / (1 + freedom)
+    shares = np.einsum("pq,wqr,rp->wp", inverse, weighted, inverse, optimize=True)
+    few, claim = _corrections(shares, found)
+    scattered = inverse @ (deviations.T @ deviations) @ inverse
+    covariance = few * scattered + claim * inverse
+    covariance += inverse @ np.diag(prior + _RIDGE) @ inverse
     informative = np.trace(information[:, :num, :num], axis1=1, axis2=2) * variance > 1
     if informative.sum() >= _FEWEST_INFORMATIVE:
         too_small = np.median(surprise[informative]) > _CHI2_MEDIAN
         variance *= _VARIANCE_STEP if too_small else 1 / _VARIANCE_STEP
     variance = float(np.clip(variance, _SMALLEST_VARIANCE, _LARGEST_VARIANCE))
     return Combined(total, whole, covariance[:num, :num], variance)
+
+
+def _corrections(shares: np.ndarray, found: float) -> tuple[np.ndarray, np.ndarray]:
+    """Factors (P, P) on the covariance by scatter, and on the claimed one, which is added.
+
+    `shares`: (W, P) of the variance that each experiment accounts for; `found`: unknowns found from
+    all. Of a parameter that m = (Σ s)² / Σ s² experiments inform about, f = min(W − found, m − 1)
+    degrees of freedom are left: by scatter m / f, and what is claimed counts like _CLAIM of them.
+    """
+    count = np.square(shares.sum(0)) / np.maximum(np.square(shares).sum(0), 1e-300)  # (P,) m
+    freedom = np.clip(np.minimum(len(shares) - found, count - 1), 0, None)
+    few = np.maximum(count / np.maximum(freedom, 1), len(shares) / max(1, len(shares) - found))
+    claim = _CLAIM / (_CLAIM + freedom)
+    return np.sqrt(np.outer(few, few)), np.sqrt(np.outer(claim, claim))
 
 
 def _surprise(information: np.ndarray, slope: np.ndarray, variance: float) -> np.ndarray:

@@ -93,7 +93,8 @@ def _changed(
     is_inside = np.all((back >= 0) & (back <= 1), axis=1)
     side = np.where(is_inside, -1, 2)[:, None]
     units = np.concatenate([unit[None], units, unit + side * (units[:twice] - unit)])
-    tangents = np.concatenate([0 * tangents[:1], tangents, side * tangents[:twice]])
+    unmoved = np.zeros((1, tangents.shape[1]))
+    tangents = np.concatenate([unmoved, tangents, side * tangents[:twice]])
     spread = np.repeat(tangents[:, None], len(where.states), 1)
     states = loop.physics.space.move(where.states, spread)
     predicted, _ = loop.play(where.stretches, states, units)

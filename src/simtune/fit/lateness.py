@@ -67,7 +67,8 @@ class Lateness:
         """Steps and their standard deviation, from a fit's (1,) unknown; 0 if there is none."""
         if not len(unit):
             return 0.0, 0.0
-        late, above = cls.steps(unit[0]), cls.steps(unit[0] + np.sqrt(covariance[0, 0]))
+        std = np.sqrt(max(0.0, covariance[0, 0]))  # rounding may leave less than nothing
+        late, above = cls.steps(unit[0]), cls.steps(unit[0] + std)
         return float(late), float(above - late)
 
     def seen(self, predicted: np.ndarray, unit: np.ndarray) -> np.ndarray:

@@ -83,8 +83,7 @@ def jackknife(equations: NormalEquations, information: np.ndarray) -> np.ndarray
     """(P + offsets,) standard deviations, by leaving out each stretch in turn (Tukey 1958).
 
     Each takes one Newton step from the full solution: θ₍₋w₎ − θ = (I − I_w)⁻¹ g_w. This captures
-    differences between episodes, such as the load in the hand. With few stretches it is uncertain
-    itself, so 90 % intervals are as wide as Student's t; a single one tells nothing of it: 0.
+    differences between episodes, such as the load in the hand. A single one tells nothing of it: 0.
     `information`: of all, with the prior.
     """
     if len(equations.information) == 1:
@@ -92,7 +91,14 @@ def jackknife(equations: NormalEquations, information: np.ndarray) -> np.ndarray
     # An offset of what was read in one stretch alone is not known without that: a ridge.
     ridge = _RIDGE * np.diag(np.diag(information))
     left = information - equations.information + ridge  # (W, P, P)
-    moved = np.linalg.solve(left, equations.slope[..., None])[..., 0]
+    return jackknife_std(np.linalg.solve(left, equations.slope[..., None])[..., 0])
+
+
+def jackknife_std(moved: np.ndarray) -> np.ndarray:
+    """(P,) standard deviations from (K, P) changes where each of K parts is left out in turn.
+
+    With few parts they are uncertain themselves, so 90 % intervals are as wide as Student's t.
+    """
     num = len(moved)
     unsure = stdtrit(max(num - 1, 1), 0.95) / ndtri(0.95)
     return unsure * np.sqrt((num - 1) / num * np.square(moved - moved.mean(0)).sum(0))

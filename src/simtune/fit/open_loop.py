@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 
 from simtune.fit.lateness import Lateness
+from simtune.fit.parts import parts_to_play
 from simtune.fit.physics import Physics
-from simtune.fit.readings import Readings, Stretches, filled, velocities
+from simtune.fit.readings import Readings, Stretches, filled, is_within, velocities
 from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
 from simtune.parameters.backlash import play_of
 from simtune.simulation import AnySimulator, Simulator
@@ -115,7 +116,10 @@ class OpenLoop:
         A jerking servo turns faster within a step than the parabola through its readings says.
         """
         std, bends = np.zeros((2, len(self._places)))
-        bend = np.sqrt(np.nanmean(np.square(np.diff(filled(values), 2, axis=1)), (0, 1)))
+        # Before the first reading and after the last, such as in a padded episode, nothing moves
+        known = is_within(values)[:, 2:] & is_within(values)[:, :-2]
+        bent = np.square(np.diff(filled(values), 2, axis=1)) * known
+        bend = np.sqrt(bent.sum((0, 1)) / np.maximum(known.sum((0, 1)), 1))
         for sensor, columns in self._columns:
             if not sensor.is_velocity:
                 places = np.searchsorted(self._places, sensor.places)
@@ -221,19 +225,28 @@ class OpenLoop:
         """(G, W, K + 1, D) predictions and (G, W, S) first full states.
 
         From (G, W, nq + nv) initial states, in worlds of (G, N) parameters in unit coordinates.
+        Predictions stay where they are long after a stretch's last reading.
         """
         (groups, num, size), lateness = states.shape, self.lateness
-        full_states, predicted = self.physics.play(
-            states.reshape(-1, size),
-            np.repeat(self._parameters(units), num, 0),
-            np.tile(stretches.actions, (groups, 1, 1)),
-            np.tile(stretches.actuator_states, (groups, 1)),
-            1 if lateness is None else lateness.predictions_per_step,
-        )
-        predicted = predicted.reshape(groups, num, *predicted.shape[1:])
-        if lateness is not None:
-            predicted = lateness.seen(predicted, units[:, -1:])
-        return predicted, full_states[:, 0].reshape(groups, num, -1)
+        states, units = states.reshape(-1, size), np.repeat(units, num, 0)
+        left = stretches.actuator_states
+        predicted = np.empty((len(states), *stretches.values.shape[1:]))
+        first = np.empty((len(states), left.shape[-1]))
+        for part in parts_to_play(stretches.values, groups, left.itemsize * left.shape[-1]):
+            worlds, its = part.worlds, part.worlds % num
+            full_states, seen = self.physics.play(
+                states[worlds],
+                self._parameters(units[worlds]),
+                stretches.actions[its, : part.steps],
+                left[its],
+                1 if lateness is None else lateness.predictions_per_step,
+            )
+            if lateness is not None:
+                seen = lateness.seen(seen, units[worlds, -1])
+            first[worlds], predicted[worlds, : part.steps + 1] = full_states[:, 0], seen
+            predicted[worlds, part.steps + 1 :] = seen[:, -1:]
+        by_group = predicted.reshape(groups, num, *predicted.shape[1:])
+        return by_group, first.reshape(groups, num, -1)
 
     def _parameters(self, units: np.ndarray) -> np.ndarray:
         """(..., N) parameters from coordinates that may end with a lateness."""

@@ -25,7 +25,7 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.fit.differences import differentiate, refresh
 from simtune.fit.lateness import Lateness
-from simtune.fit.normal_equations import jackknife
+from simtune.fit.normal_equations import NormalEquations, jackknife, jackknife_std
 from simtune.fit.open_loop import OpenLoop
 from simtune.fit.readings import Readings
 from simtune.fit.replay_cost import Guess, Point, ReplayCost
@@ -37,6 +37,7 @@ _DAMPING = (1e-4, 1e6)
 _TRIED = 7  # steps, each with more damping, before the descent ends
 _ENOUGH = 1e-4  # share of the cost that a step must gain for another one to follow
 _FEWEST = 2.0  # effective observations per reading
+_PARTS = 5  # of a single stretch, each left out in turn
 _MORE_ITERATIONS = 5  # with all derivatives computed anew
 
 
@@ -170,9 +171,9 @@ class OutputError:
         equations = objective.equations(point, slopes, noise * unsure)
         information, _ = objective.with_prior(equations, point)
         covariance = np.linalg.inv(information)
-        scatter = jackknife(equations, information)[:num]
+        scattered = _scatter(ended, slopes, noise * unsure, equations)[:num]
         std = np.sqrt(np.diag(covariance))[:num]
-        wider = np.maximum(scatter / std, 1.0)
+        wider = np.maximum(scattered / std, 1.0)
         covariance = covariance[:num, :num] * np.outer(wider, wider)
         own, size = num - (self._loop.lateness is not None), len(self._loop.physics.parameters)
         return OutputErrorFit(
@@ -183,6 +184,20 @@ class OutputError:
             objective.play(point)[1][0],
             Lateness.found(point.unit[size:], covariance[own:, own:]),
         )
+
+
+def _scatter(
+    ended: Descent, slopes: Slopes, noise: np.ndarray, equations: NormalEquations
+) -> np.ndarray:
+    """(P + offsets,) standard deviations by leaving out stretches, or parts of a single one."""
+    objective, point = ended.objective, ended.point
+    if len(equations.information) > 1:
+        return jackknife(equations, objective.with_prior(equations, point)[0])
+    moved = []
+    for part in np.array_split(np.arange(slopes.predicted.shape[1]), _PARTS):
+        left = objective.equations(point, slopes, noise, part)
+        moved.append(-np.linalg.solve(*objective.with_prior(left, point)))
+    return jackknife_std(np.array(moved))
 
 
 def _stepped(start: Descent, damping: float) -> tuple[Descent, float, bool]:

@@ -63,6 +63,13 @@ def filled(values: np.ndarray) -> np.ndarray:
     return filled
 
 
+def is_within(values: np.ndarray) -> np.ndarray:
+    """(E, T, D) bool: between the first reading of an episode and its last, of each column."""
+    known = np.isfinite(values)
+    begun = np.logical_or.accumulate(known, 1)
+    return begun & np.logical_or.accumulate(known[:, ::-1], 1)[:, ::-1]
+
+
 def velocities(values: np.ndarray) -> np.ndarray:
     """(E, T, D) changes per step, from a parabola through neighbouring readings."""
     return parabolas(values, _SMOOTHED, 1)

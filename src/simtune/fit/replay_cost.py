@@ -1,5 +1,6 @@
 """The objective of `fit.output_error`: residuals, cost, and a step that lowers it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -82,8 +83,16 @@ class ReplayCost:
         std = np.repeat([PRIOR_STD, _OFFSET_STD], [len(part) for part in away])
         return std**-2, np.concatenate(away)
 
-    def equations(self, point: Point, slopes: Slopes, noise: np.ndarray) -> NormalEquations:
+    def equations(
+        self,
+        point: Point,
+        slopes: Slopes,
+        noise: np.ndarray,
+        left_out: np.ndarray | Sequence[int] = (),
+    ) -> NormalEquations:
+        """`left_out`: indices of rows, as if nothing had been read in them."""
         residuals = self.residuals(point, slopes.predicted)
+        residuals[:, np.array(left_out, int)] = np.nan
         shared = by_shared(slopes, self.finds_offset, self._by_shared)
         return normal_equations(slopes.by_start, shared, residuals, noise, point.shift)
 

@@ -30,6 +30,11 @@ _NOT_JUDGED = (
     "There was no time to fit a known world for comparison, so nothing tells how far what videos "
     f"say can be trusted: none of it is called identified. {_GO_ON}"
 )
+_NOTHING_FOUND = (
+    "In the known worlds fitted for comparison nothing that moves is found for sure, so how well "
+    "the simulator moves as the videos do cannot be tested: none of it is called identified. Film "
+    "what moves larger."
+)
 
 
 def calibrated(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitResult:
@@ -86,6 +91,11 @@ def ranks(bootstrap: Bootstrap, names: tuple[str, ...]) -> dict[str, list[float]
     return dict(zip(names, bootstrap.ranks().T.round(4).tolist(), strict=True))
 
 
+def is_compared(bootstrap: Bootstrap) -> bool:
+    """Whether known worlds tell how far off the motion of a right simulator is."""
+    return any(np.isfinite(known.motion).any() for known in bootstrap.misfits)
+
+
 def moves_otherwise(fit: FitResult, bootstrap: Bootstrap) -> bool:
     """Whether the motion misfit is far larger than in refits, where the simulator is right."""
     if not bootstrap.misfits:
@@ -98,6 +108,8 @@ def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
     """Warnings for users who rely on the estimates."""
     if not bootstrap.misfits:
         return [_NOT_JUDGED, *_late(fit)]
+    if not is_compared(bootstrap):
+        return [_NOTHING_FOUND, *_late(fit)]
     warnings, num = [], len(bootstrap.misfits)
     if num == 1:
         warnings.append(_HARDLY_JUDGED)
@@ -126,7 +138,7 @@ def held_out_misfit(fit: FitResult, bootstrap: Bootstrap) -> dict[str, Any]:
     to compare with. Each sensor's "distance" is the fit's, next to those of known worlds.
     """
     known = [misfit.motion for misfit in bootstrap.misfits]
-    passed = not moves_otherwise(fit, bootstrap) if np.isfinite(known).any() else None
+    passed = not moves_otherwise(fit, bootstrap) if is_compared(bootstrap) else None
     real, *others = ([_or_none(d) for d in motion] for motion in (fit.misfit.motion, *known))
     sensors = {
         name: {"unit": unit, "distance": real[i], "known_worlds": [world[i] for world in others]}

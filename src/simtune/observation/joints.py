@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from simtune.between_rows import read_between
+from simtune.errors import InputError
 from simtune.observation.joint_readings import JointReadings
 
 _STATE = "observation.state."  # a feature's prefix in a LeRobotDataset
@@ -74,10 +76,21 @@ class JointSensor:
         """(T + 1, D) readings in `unit`, at the times of the frames; NaN: unknown.
 
         `recorded`: (T + 1, D) as recorded, one per step of `step_s` seconds, and counted on where
-        an encoder began again after one of its `periods`.
+        an encoder began again after one of its `periods`. Raises InputError if no reading of a
+        joint is left after its latency.
         """
         readings = (recorded - self.shift) / self.factor - self._known_offset
-        return advanced(readings, self.latency_s / step_s) if self.latency_s else readings
+        if not self.latency_s:
+            return readings
+        on_time = advanced(readings, self.latency_s / step_s)
+        if (lost := np.isfinite(readings).any(0) & ~np.isfinite(on_time).any(0)).any():
+            raise InputError(
+                f"sensor {self.name}: no reading of {self.joints[int(lost.argmax())]} is left of "
+                f"{len(readings)} rows, {step_s:.3g} s apart, when taken {self.latency_s:g} s "
+                "earlier; expected readings for longer than that: mend latency_s, or drop the "
+                "episode"
+            )
+        return on_time
 
     def to_recorded(self, readings: np.ndarray) -> np.ndarray:
         """(..., D) the inverse, except for the latency."""
@@ -104,17 +117,20 @@ def advanced(values: np.ndarray, steps: float) -> np.ndarray:
     """(T, D): row t is what `values` are `steps` rows later, interpolated; NaN beyond the ends.
 
     A cubic spline, since a straight line errs by more than an encoder's noise: 6 mrad at 20 rad/s²
-    and 20 rows per second. Columns with gaps are interpolated linearly.
+    and 20 rows per second. Columns with gaps are interpolated linearly, not across long gaps.
     """
-    rows = np.arange(len(values))
+    rows = np.arange(len(values), dtype=float)
     at, columns = rows + steps, []
     for column in values.T:
-        if np.isfinite(column).all() and len(rows) > 1:
-            curve = CubicSpline(rows, column)
-            inside = (at >= 0) & (at <= rows[-1])
+        (known,) = np.nonzero(np.isfinite(column))
+        # An encoder may be slower than rows; that is no gap
+        is_even = len(known) > 1 and np.ptp(np.diff(known)) == 0
+        if is_even:
+            curve = CubicSpline(rows[known], column[known])
+            inside = (at >= known[0]) & (at <= known[-1])
             columns.append(np.where(inside, curve(at), np.nan))
         else:
-            columns.append(np.interp(at, rows, column, left=np.nan, right=np.nan))
+            columns.append(read_between(at, rows, column))
     return np.stack(columns, -1)
 
 

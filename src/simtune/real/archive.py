@@ -1,7 +1,8 @@
 """Datasets that a run films in the real world, in its folder; `--real` reads them as well.
 
 RUN/filmed/000, 001, ... are a LeRobotDataset v3 each, one per session with the robot. NNN.jsonl
-beside them has the times, the requested and the sent target of each step.
+beside them has the times, the requested and the sent target of each step, NNN.json what the
+session's episodes mean.
 """
 
 import os
@@ -11,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from simtune.footage import Footage
+from simtune.real.meaning import Meaning, check_meaning
 from simtune.recordings import Dataset, open_dataset, write_dataset
-from simtune.run.files import append_jsonl
+from simtune.run.files import append_jsonl, write_json
 from simtune.trajectory import Trajectory
 
 _NEW, _OLD = ".new", ".old"  # endings of hidden folders while a dataset is replaced
@@ -21,8 +23,12 @@ _NEW, _OLD = ".new", ".old"  # endings of hidden folders while a dataset is repl
 class RecordingArchive:
     """The datasets of a folder, oldest first."""
 
-    def __init__(self, folder: Path, num_actions: int, footage: Footage):
-        self._folder, self._num_actions, self._footage = folder, num_actions, footage
+    def __init__(self, folder: Path, num_actions: int, footage: Footage, meaning: Meaning):
+        """Raises InputError if a session's episodes mean something else than `meaning`."""
+        self.folder, self._num_actions, self._footage = folder, num_actions, footage
+        self._meaning = meaning
+        for dataset in self._datasets():
+            check_meaning(dataset, _noted(dataset), meaning)
 
     @property
     def num_episodes(self) -> int:
@@ -47,19 +53,20 @@ class RecordingArchive:
 
     def new_session(self, **about: Any) -> "RecordingSession":
         """`about`: keyword arguments of `write_dataset`."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        # Skip the number of a session that ended within its first episode: it left only a .jsonl.
-        used = [int(path.stem) for path in self._folder.iterdir() if path.stem.isdigit()]
-        folder = self._folder / f"{max(used, default=-1) + 1:03d}"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        # Skip the number of a session that ended within its first episode: it left no dataset.
+        used = [int(path.stem) for path in self.folder.iterdir() if path.stem.isdigit()]
+        folder = self.folder / f"{max(used, default=-1) + 1:03d}"
+        write_json(_noted(folder), self._meaning)
         return RecordingSession(folder, about, self._footage)
 
     def _datasets(self) -> list[Path]:
-        if not self._folder.is_dir():
+        if not self.folder.is_dir():
             return []
-        for old in self._folder.glob(f".*{_OLD}"):
+        for old in self.folder.glob(f".*{_OLD}"):
             _finish_replacing(old)
         # Other hidden folders are datasets that were being written when the process was killed.
-        folders = (path for path in self._folder.iterdir() if not path.name.startswith("."))
+        folders = (path for path in self.folder.iterdir() if not path.name.startswith("."))
         return sorted(path for path in folders if (path / "meta").is_dir())
 
 
@@ -89,6 +96,11 @@ class RecordingSession:
     def read(self, image_size: int) -> Sequence[Trajectory]:
         """The episodes as read from the stored videos, resized."""
         return _read(open_dataset(self.folder, cameras=[self._footage], image_size=image_size))
+
+
+def _noted(dataset: Path) -> Path:
+    """The file of what a dataset's episodes mean."""
+    return dataset.with_suffix(".json")
 
 
 def _finish_replacing(old: Path) -> None:

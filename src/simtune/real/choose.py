@@ -110,7 +110,7 @@ def open_recordings(
     path: str | Path,
     task: AnyTask,
     config: RecordingsConfig,
-    image_size: int,
+    image_size: int | None,
     observation: ObservationModel,
 ) -> Dataset:
     """Recordings with the observed sensors and the task's actions. Raises InputError if not so."""

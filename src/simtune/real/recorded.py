@@ -63,7 +63,11 @@ def read_episode(
     unsound, or a sensor has another number of joints.
     """
     read = dataset.read(episode, observation.periods, pictures=pictures)
-    return replace(read, readings=observation.in_units(read.readings, dataset.step_s))
+    try:
+        readings = observation.in_units(read.readings, dataset.step_s)
+    except InputError as error:
+        raise InputError(f"{dataset.where}, episode {episode}: {error}") from error
+    return replace(read, readings=readings)
 
 
 def how_many(dataset: Dataset, asked: int | None) -> int:

@@ -1,5 +1,6 @@
 """The real world as a robot and a camera. The robot keeps to its workspace and speed limit."""
 
+import logging
 import sys
 import termios
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from simtune.observation import ObservationModel
 from simtune.pictures import resize
 from simtune.real import RealWorld
 from simtune.real.archive import RecordingArchive, RecordingSession
+from simtune.real.meaning import meaning_of
 from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
 from simtune.robot.displacements import Displacements
 from simtune.simulation import (
@@ -26,6 +28,7 @@ from simtune.simulation import (
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory
 
+log = logging.getLogger(__name__)
 _A_FEW = 5  # episodes filmed if no number is given
 _SHORTEST_STEP_S = 0.1  # time of three pictures
 
@@ -47,7 +50,10 @@ class RobotReal(RealWorld):
         folder: Path,
         move: bool,
     ):
-        """Raises InputError if the task's actions or cameras do not fit the robot."""
+        """Raises InputError if the task's actions or cameras do not fit the robot.
+
+        Or if what `folder` holds was filmed with something else in the robot's or the tuning file.
+        """
         if len(task.cameras) != 1:
             raise InputError(
                 f"{task.name} has {len(task.cameras)} cameras; a robot is filmed by one: leave the "
@@ -80,7 +86,8 @@ class RobotReal(RealWorld):
             )
         self._config, self._task, self._mapping = config, task, mapping
         self._image_size, self._seed, self._move = image_size, seed, move
-        self._filmed = RecordingArchive(folder, self.num_actions, footage)
+        meaning = meaning_of(config, task)
+        self._filmed = RecordingArchive(folder, self.num_actions, footage, meaning)
         self._displacements = Displacements.of(
             config.moved, config.step, mapping.range, config.axes, config.start
         )
@@ -117,6 +124,9 @@ class RobotReal(RealWorld):
         """
         num_episodes = num_episodes or _A_FEW
         done = self.num_filmed
+        if done:
+            used = min(done, num_episodes)
+            log.info("%d episodes of earlier sessions in %s are used", used, self._filmed.folder)
 
         def draw(episode: int) -> ActOnFrames:
             rng = np.random.default_rng((self._seed, 4, done + episode))

@@ -18,6 +18,7 @@ from simtune.robot.latch import Latch
 from simtune.robot.limits import Limits
 from simtune.robot.robot import Camera, Robot
 from simtune.robot.safe_arm import SafeArm
+from simtune.robot.signals import ended_in_order
 from simtune.trajectory import Trajectory
 
 Note = Callable[[dict[str, Any]], None]
@@ -40,8 +41,11 @@ def connected(config: RobotConfig) -> Iterator[tuple[Robot, Camera]]:
 
 @contextmanager
 def acting(config: RobotConfig, step_s: float, actions: Displacements) -> Iterator["Session"]:
-    """Like `connected`, but the robot is ready to move. Raises InputError, RobotError."""
-    with connected(config) as (robot, camera):
+    """Like `connected`, but the robot is ready to move. Raises InputError, RobotError.
+
+    SIGTERM and SIGHUP raise ToldToEnd meanwhile, so that they stop a robot that moves.
+    """
+    with ended_in_order(), connected(config) as (robot, camera):
         arm = SafeArm(robot, limits_of(config), step_s, Latch(config.latch))
         try:
             yield Session(arm, camera, actions, step_s, config.camera.recorded_px)

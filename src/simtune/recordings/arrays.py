@@ -1,8 +1,6 @@
 """A folder of NumPy's NAME.npz, one per episode, e.g. of arrays in Python (docs/recordings.md)."""
 
 import math
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from simtune.errors import InputError
+from simtune.recordings.npz import UNREADABLE, Npz
 from simtune.recordings.readings import gather, readings_of
 from simtune.recordings.source import (
     MOST_ACTIONS,
@@ -25,7 +24,6 @@ from simtune.recordings.video import MOST_PIXELS
 
 ENDING = ".npz"
 _OF_ACTIONS = ("actions", "action_names", "hz")
-_UNREADABLE = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error)
 
 
 class ArraysSource:
@@ -65,7 +63,7 @@ class ArraysSource:
                 f"({short(self.action_names)}), got {short(names)}"
             )
         keys = {reading.key for reading in readings} | ({self.camera} if self.camera else set())
-        lengths = {key: len(stored.numbers(key)) for key in sorted(keys)}
+        lengths = {key: stored.num_rows(key) for key in sorted(keys)}
         if len(actions) < 2 or set(lengths.values()) - {len(actions), len(actions) + 1}:
             raise InputError(
                 f"{stored.path}: expected at least 2 actions, and a row before each, perhaps one "
@@ -103,26 +101,33 @@ class _Episode:
 
     @classmethod
     def load(cls, path: Path) -> "_Episode":
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                return cls(path, dict(file))
-        except _UNREADABLE as error:
-            reason = str(error).splitlines()[0] if str(error) else "damaged"
-            raise InputError(
-                f"{path}: not readable as arrays ({reason}); expected a file of numpy.savez"
-            ) from None
+        return cls(path, Npz(path))
 
-    def numbers(self, key: str, ndim: int | None = None) -> np.ndarray:
-        """An array of numbers with `ndim` axes. Raises InputError if there is none."""
+    def look(self, key: str, ndim: int | None = None) -> np.ndarray:
+        """Shape and type of an array of numbers with `ndim` axes, perhaps without the content.
+
+        Raises InputError if there is none.
+        """
         if key not in self.arrays:
             raise InputError(f"{self.path}: has no {key}; there are: {short(sorted(self.arrays))}")
-        found = self.arrays[key]
+        found = self._seen(key)
         if found.dtype.kind not in "fiu" or ndim not in (None, found.ndim):
             axes = "" if ndim is None else f" of {ndim} axes"
             raise InputError(
                 f"{self.path}: expected {key} as numbers{axes}, got {found.shape} {found.dtype}"
             )
         return found
+
+    def numbers(self, key: str, ndim: int | None = None) -> np.ndarray:
+        """The same with its content."""
+        self.look(key, ndim)
+        return self.arrays[key]
+
+    def _seen(self, key: str) -> np.ndarray:
+        return self.arrays.look(key) if isinstance(self.arrays, Npz) else self.arrays[key]
+
+    def num_rows(self, key: str) -> int:
+        return (self.look(key).shape or (1,))[0]
 
     def hz(self) -> float:
         hz = float(self.numbers("hz", ndim=0))
@@ -135,32 +140,32 @@ class _Episode:
 
         1 if it is beyond the limits of a table: who asks for it is told so, and nobody else.
         """
-        array = self.arrays[key]
+        array = self._seen(key)
         if array.dtype.kind not in "fiu" or array.ndim not in (1, 2):
             return 0
         return math.prod(array.shape[1:]) if _is_table(array) else 1
 
     def table(self, key: str) -> np.ndarray:
         """(T, D) float64, from an array (T, D) or (T,). Raises InputError for any other."""
-        found = self.numbers(key)
+        found = self.look(key)
         width = math.prod(found.shape[1:])
         if not _is_table(found):
             raise InputError(
                 f"{self.path}: expected {key} as (T, D) with T up to {MOST_ROWS} and D up to "
                 f"{MOST_ACTIONS}, got {found.shape}"
             )
-        return found.astype(np.float64).reshape(len(found), width)
+        return self.arrays[key].astype(np.float64).reshape(len(found), width)
 
     def pictures(self, camera: str) -> np.ndarray:
         """(T + 1, H, W, 3) uint8."""
-        frames = self.numbers(camera, ndim=4)
+        frames = self.look(camera, ndim=4)
         height, width, channels = frames.shape[1:]
         if frames.dtype != np.uint8 or channels != 3 or not 0 < height * width <= MOST_PIXELS:
             raise InputError(
                 f"{self.path}: expected {camera} as (T + 1, H, W, 3) uint8, got {frames.shape} "
                 f"{frames.dtype}"
             )
-        return frames
+        return self.arrays[camera]
 
     def action_names(self) -> tuple[str, ...]:
         num = self.table("actions").shape[1]
@@ -195,7 +200,7 @@ def holds_episodes(folder: Path) -> bool:
             with np.load(path, allow_pickle=False) as file:
                 if "hz" in file.files:
                     return True
-        except _UNREADABLE:
+        except UNREADABLE:
             continue
     return False
 

@@ -1,24 +1,20 @@
 """Resamples rows at recorded times to steps of equal duration."""
 
+import math
+
 import numpy as np
 
+from simtune.between_rows import BRIDGED, gaps_at, read_between, typical_step_s
 from simtune.recordings.source import Rows
 
 _ON_TIME = 0.02  # of a step: rows this near to a step's start are not resampled
 _ROUNDED = 0.25  # of a step: the same, of rows at the steps' own rate, whose clock rounds
-_BRIDGED = 3.5  # of the rows' steps: gaps of up to two missing rows are interpolated
+_NEAR = 1.5  # steps between readings: on a row without one, those before and after are as near
 _FEWEST = 20  # rows that show whether a log is regular
 _IN_TIME = 0.9  # share of a regular log's other rows that come within half a step of their time
 _OFTEN = 0.01  # share of gaps: more are of a log of a command that rests now and then
 _ROUNDED_TURN = 1e-3  # of a turn, by which readings that were rounded may exceed it
-
-
-def typical_step_s(times_s: np.ndarray) -> float:
-    """Interval between (T,) rising times, T >= 2, of which a few may be missing."""
-    gaps = np.diff(times_s)
-    # Not just the median, which has the error of clocks that round.
-    counts = np.rint(gaps / np.median(gaps)).clip(1)
-    return float((times_s[-1] - times_s[0]) / counts.sum())
+_LOST = 0.005  # share of readings, such as lost packets, that may lie anywhere
 
 
 def find_gaps(times_s: np.ndarray) -> list[tuple[float, float]]:
@@ -29,7 +25,7 @@ def find_gaps(times_s: np.ndarray) -> list[tuple[float, float]]:
     if len(times_s) < _FEWEST:
         return []
     lasts = np.diff(times_s) / typical_step_s(times_s)
-    is_gap = lasts > _BRIDGED
+    is_gap = lasts > BRIDGED
     is_regular = np.mean(np.abs(lasts[~is_gap] - 1) < 0.5) >= _IN_TIME
     if not is_regular or is_gap.sum() > max(1, _OFTEN * len(lasts)):
         return []
@@ -69,31 +65,50 @@ def counted_on(readings: np.ndarray, periods: np.ndarray) -> np.ndarray:
     """(T, D) readings without the jumps of encoders that begin again after their (D,) period.
 
     Only in columns that lie within their period: others count on already, and a jump is a fast
-    wheel. Periods are in the readings' units, infinite where nothing begins again. NaN: no reading.
+    wheel. A few outliers, such as lost packets, stay as they are. Periods are in the readings'
+    units, infinite where nothing begins again. NaN: no reading.
     """
     counted = readings.copy()
     for column in np.flatnonzero(np.isfinite(periods)):
-        known = np.isfinite(readings[:, column])
+        known = np.flatnonzero(np.isfinite(readings[:, column]))
         values, period = readings[known, column], float(periods[column])
-        if len(values) and np.ptp(values) <= (1 + _ROUNDED_TURN) * period:
-            counted[known, column] = np.unwrap(values, period=period)
+        inside = _within(values, (1 + _ROUNDED_TURN) * period)
+        turned = known[inside]
+        counted[turned, column] = np.unwrap(values[inside], period=period)
     return counted
+
+
+def _within(values: np.ndarray, width: float) -> np.ndarray:
+    """(T,) bool: which values lie in the interval of a width that holds most of them.
+
+    None if that leaves out more than a few.
+    """
+    if not len(values):
+        return np.ones(0, bool)
+    ordered = np.sort(values)
+    held = np.searchsorted(ordered, ordered + width, "right") - np.arange(len(values))
+    low, num_held = ordered[held.argmax()], held.max()
+    may_lose = math.ceil(_LOST * len(values)) if len(values) >= _FEWEST else 0
+    inside = (low <= values) & (values <= low + width)
+    return inside & (len(values) - num_held <= may_lose)
 
 
 def step_readings(rows: Rows, times_s: np.ndarray) -> np.ndarray:
     """(K + 1, D) readings at (K + 1,) times, interpolated linearly between rows.
 
-    NaN before the first and after the last row, next to a row without the reading, and where more
-    than two successive rows are missing.
+    NaN before a column's first and after its last, and where more than two in succession are
+    missing. On a row without the reading, NaN unless it was read shortly before and after: what
+    lacks there is then another clock's row, not a measurement.
     """
-    own_s, row_s = rows.times_s, typical_step_s(rows.times_s)
+    own_s, row_s, step_s = rows.times_s, typical_step_s(rows.times_s), times_s[1] - times_s[0]
     after = np.searchsorted(own_s, times_s).clip(1, len(own_s) - 1)
     before_s, after_s = own_s[after - 1], own_s[after]
     nearest_s = np.where(times_s - before_s < after_s - times_s, before_s, after_s)
-    is_on_time = np.abs(nearest_s - times_s) <= _ON_TIME * min(row_s, times_s[1] - times_s[0])
+    is_on_time = np.abs(nearest_s - times_s) <= _ON_TIME * min(row_s, step_s)
     at_s = np.where(is_on_time, nearest_s, times_s)
-    known = np.where(np.isfinite(rows.readings), rows.readings, np.nan)
-    columns = [np.interp(at_s, own_s, column, np.nan, np.nan) for column in known.T]
-    found = np.reshape(columns, (known.shape[1], len(times_s))).T
-    found[~is_on_time & (after_s - before_s > _BRIDGED * row_s)] = np.nan
+    found = np.empty((len(times_s), rows.readings.shape[1]))
+    for number, column in enumerate(rows.readings.T):
+        is_far = gaps_at(at_s, own_s, column) > _NEAR * step_s
+        read = read_between(at_s, own_s, column)
+        found[:, number] = np.where(is_on_time & is_far, np.nan, read)
     return found

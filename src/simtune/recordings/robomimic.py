@@ -73,6 +73,11 @@ class RobomimicSource:
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         where, actions = self._where(episode), self._actions(episode)
+        if actions.shape[1] != (num := len(self.action_names)):
+            raise InputError(
+                f"{where}: expected actions (T, {num}), as in {self.episodes[0]}, got "
+                f"{actions.shape}; give all the same actions, or leave the demo out"
+            )
         num_pictures = len(actions) if self.camera is None else len(self._pictures(episode))
         if num_pictures != len(actions) or len(actions) < 2:
             raise InputError(

@@ -1,7 +1,5 @@
 """The only code that moves a robot: each step is measured, cut to the limits, and watched."""
 
-import signal
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,6 +10,7 @@ from simtune.errors import RobotError
 from simtune.robot.latch import Latch
 from simtune.robot.limits import Limits
 from simtune.robot.robot import Pulse, Robot
+from simtune.robot.signals import uninterrupted
 
 _LOOK_EVERY_S = 0.025
 _ARRIVED = 0.5  # share of the tolerance within which the robot has arrived
@@ -35,7 +34,7 @@ class SafeArm:
         try:
             yield
         except BaseException as error:
-            with _uninterrupted():
+            with uninterrupted():
                 self._stop(str(error) or type(error).__name__)
             raise
         self._pulse.rest()
@@ -86,16 +85,3 @@ class SafeArm:
 
     def close(self) -> None:
         self._pulse.close()
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Ignore Ctrl-C, so that a second one does not prevent the first from stopping the robot."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # interrupts go to the main thread, and only it may set handlers
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -11,6 +11,9 @@ from simtune.search_param_model.simulated import SimulatedWorlds
 _ALIKE = 8  # nearest poses, one of whose errors is drawn
 _GLANCE = 2  # steps within which a pose hardly changes
 _TOGETHER = 4  # steps for which the detector makes similar errors
+# Longer crops are of fewer worlds: an update takes no longer. They are not cut shorter, since the
+# network must have seen how much whole episodes tell.
+_STEPS_OF_ALL = 400
 
 
 class DetectorErrors(NamedTuple):
@@ -58,7 +61,7 @@ class PosteriorBatches:
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
         """World indices (B,), keypoints (B, E', T' + 1, L, 2), actions, visible (B, V).
 
-        `truth`: (W, N) in coordinates of the range.
+        B is the batch size, but less for long crops. `truth`: (W, N) in coordinates of the range.
         """
         num_worlds, num_episodes, num_steps, _ = self._actions.shape
         worlds = self._random(num_worlds, self._config.batch_size)
@@ -69,6 +72,7 @@ class PosteriorBatches:
         shortest = min(self._config.shortest_crop, num_steps)
         lengths = torch.linspace(shortest, num_steps, self._config.crop_lengths).long()
         length = int(lengths[self._random_size(len(lengths))])
+        worlds = worlds[: max(1, len(worlds) * _STEPS_OF_ALL // max(length, _STEPS_OF_ALL))]
         first = self._random_size(num_steps - length + 1)
         steps = torch.arange(first, first + length + 1, device=device)
         which = worlds[:, None, None], episodes[:, None], steps

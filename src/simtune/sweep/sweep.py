@@ -17,22 +17,19 @@ sweep.json              the state of all runs, also of other grids in this folde
 import sys
 from collections.abc import Sequence
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 
 from simtune.config import SweepConfig
 from simtune.errors import InputError
-from simtune.outcome import asked
-from simtune.run.config import check_asked
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.attempt import Attempts
 from simtune.sweep.board import Board, read_entries
+from simtune.sweep.contents import check_contents
 from simtune.sweep.grid import read_grid
 from simtune.sweep.local import carry_out_here, num_workers
 from simtune.sweep.on_ray import carry_out_on_ray, connect
 from simtune.sweep.process import Processes
-from simtune.sweep.standing import Places, Standing
-from simtune.tasks import AnyTask, load_any_task
+from simtune.sweep.standing import Standing
 
 PROGRAM = (sys.executable, "-m", "simtune")
 
@@ -67,7 +64,7 @@ def open_sweep(config: SweepConfig) -> list[AskedRun]:
     """The grid's runs; makes the sweep's folder.
 
     Raises InputError for an invalid grid, or if a name meant another run before, also if its task's
-    files have been changed since.
+    files, its recordings or its truth have been changed since.
     """
     config.check()
     runs = read_grid(config.grid)
@@ -83,18 +80,8 @@ def open_sweep(config: SweepConfig) -> list[AskedRun]:
                 f"{config.out} has a run {run.name} of another {', '.join(sorted(differing))}: "
                 "give its block of the grid a name, or another --out"
             )
-    _check_contents(runs, config.out)
+    check_contents(runs, config.out)
     return runs
-
-
-def _check_contents(runs: Sequence[AskedRun], folder: Path) -> None:
-    """Raises InputError if a run that has begun was of another content of its task."""
-    tasks = dict[str, AnyTask]()
-    for run in runs:
-        path, source = Places(folder, run.name).run, run.values["task"]
-        if (path / "config.json").is_file():
-            tasks[source] = tasks.get(source) or load_any_task(source)
-            check_asked(path, asked(run.config(), tasks[source]))
 
 
 def places_to_run(config: SweepConfig) -> tuple[Any, int]:

@@ -28,7 +28,7 @@ class EnvironmentTask:
     step_s: float  # time that env.step simulates
     episode_steps: int
     cameras: tuple[Footage, ...] = (Footage(camera="render", name="render"),)
-    declared: str = ""  # content of the tuning file and of the environment's source
+    declared: str = ""  # content of the tuning file and of the environment's code
     source: str = ""  # see `Task`
     files: tuple[Path, ...] = ()  # see `Task`
 

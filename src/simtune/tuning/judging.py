@@ -17,6 +17,7 @@ from simtune.fit import (
     calibrated,
     held_out_misfit,
     in_range,
+    is_compared,
     model_checks,
     moves_otherwise,
     ranks,
@@ -29,7 +30,13 @@ from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.fit_stage import Detected, FitStage, HeldOut
 from simtune.tuning.learning import Learning
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.range_update import RangeUpdateConfig, point_estimate, read_curves, with_fit
+from simtune.tuning.range_update import (
+    RangeUpdateConfig,
+    blurred,
+    point_estimate,
+    read_curves,
+    with_fit,
+)
 from simtune.tuning.search import SearchContext, TellEarly
 from simtune.tuning.told import Told
 
@@ -52,12 +59,14 @@ class Judging:
     """A round's fit, and what its refits showed."""
 
     stage: FitStage | None  # None: nothing can be fitted
+    discrepancy_std: np.ndarray  # (N,) in unit coordinates, of errors that nothing can detect
     told: Told | None
     searched: Distribution  # in this round
     first: Distribution  # in the first round
     config: PosteriorSearchConfig
     rng: np.random.Generator  # draws known worlds
     earlier: Earlier  # of the rounds before; after `judge`, of this one as well
+    picture_s: float = 0.0  # to draw a picture and to detect in it; 0: unknown
 
     @classmethod
     def prepare(
@@ -72,6 +81,7 @@ class Judging:
         first: Distribution,
         budget: Budget,
         earlier: Earlier,
+        picture_s: float,
     ) -> "Judging":
         """With a fit, if one is possible, that is as large as the time allows."""
         stage, config = None, learning.config
@@ -83,12 +93,14 @@ class Judging:
             stage = stage.sized(num_steps, left_s / fits, left_s / _FEWEST_FITS)
         return cls(
             stage=stage,
+            discrepancy_std=context.observation.discrepancy_std(first.space.is_appearance),
             told=told,
             searched=searched,
             first=first,
             config=config,
             rng=learning.worlds.rng,
             earlier=earlier,
+            picture_s=picture_s,
         )
 
     def judge(
@@ -106,8 +118,9 @@ class Judging:
         `tell_early` gets the fit's estimate before known worlds are compared.
         """
         if self.stage is None:
-            update = self.config.range_update
-            return read_curves(prob_higher, self.searched, self.first, update), prob_higher
+            curves = blurred(prob_higher, self.discrepancy_std, self.searched)
+            read = read_curves(curves, self.searched, self.first, self.config.range_update)
+            return read, curves
         budget.report("fitting", 0.55)
         observed, start = self.stage.observed(*detected), self._start(prob_higher)
         finds_latency = self.told is None or not self.told.is_used
@@ -115,7 +128,7 @@ class Judging:
             fit, fit_s = self._fit(observed, start, may_be_last, finds_latency, budget)
         except OutOfTime:
             return self._without_fit(prob_higher), prob_higher
-        size = self._refits(len(observed), budget, fit_s)
+        size = self._refits(observed.actions.shape[:2], budget, fit_s)
         size = size if may_be_last else (0, 0)
         if size[0]:
             bootstrap = self.earlier.known(Bootstrap.none(fit))
@@ -170,21 +183,22 @@ class Judging:
         guess = point_estimate(prob_higher, self.searched)
         return self.told.start(guess) if self.told else guess
 
-    def _refits(self, num_episodes: int, budget: Budget, fit_s: float) -> tuple[int, int]:
+    def _refits(self, fitted: tuple[int, ...], budget: Budget, fit_s: float) -> tuple[int, int]:
         """Number of refits to begin, and episodes of each, after a fit that took `fit_s`.
 
-        A refit that does not end in time is dropped. Refits should resemble the real fit; with
-        fewer episodes they err more. But a few small ones tell more than one or two large ones.
+        `fitted`: its episodes, and their steps. A refit that does not end in time is dropped.
+        Refits should resemble the real fit; with fewer episodes they err more. But a few small ones
+        tell more than one or two large ones.
         """
-        planned, most = self.config.num_refits
+        (num_episodes, num_steps), (planned, most) = fitted, self.config.num_refits
         many = min(MANY_EPISODES, num_episodes)
         few = min(FEW_EPISODES, many)
         if budget.is_endless:
             return planned, few if planned < _ENOUGH_REFITS else many
-        each_s = budget.seconds_left / _ENOUGH_REFITS
+        each_s, film_s = budget.seconds_left / _ENOUGH_REFITS, (num_steps + 1) * self.picture_s
         # A refit may take less time, since no latency is searched for.
-        num = most if budget.seconds_left > _WORTH_BEGINNING * fit_s else 0
-        return num, int(np.clip(num_episodes * each_s / fit_s, few, many))
+        num = most if budget.seconds_left > _WORTH_BEGINNING * fit_s + few * film_s else 0
+        return num, int(np.clip(each_s / (fit_s / num_episodes + film_s), few, many))
 
     def _conclude(
         self, fit: FitResult, bootstrap: Bootstrap, prob_higher: np.ndarray
@@ -214,7 +228,8 @@ def conclude(
     is_fitted = ~np.isin(np.arange(len(space)), fit.unfitted)
     at_bounds = bound_warnings(space, space.to_unit(fit.parameters), is_fitted)
     # If the model lacks something else, none of its numbers is identified.
-    is_sound = bootstrap.misfits and not (moves_otherwise(fit, bootstrap) or fit.is_too_late)
+    is_wrong = moves_otherwise(fit, bootstrap) or fit.is_too_late
+    is_sound = is_compared(bootstrap) and not is_wrong
     doubtful = np.array([not is_sound or name in at_bounds for name in space.names])
     estimate = replace(
         read,

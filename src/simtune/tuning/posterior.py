@@ -30,7 +30,7 @@ from simtune.tuning.judging import Judging
 from simtune.tuning.learning import Learning
 from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.range_update import update_range
+from simtune.tuning.range_update import doubted_at_edges, update_range
 from simtune.tuning.rounds import Rounds, half_widths
 from simtune.tuning.search import (
     Keep,
@@ -88,6 +88,7 @@ class PosteriorSearch:
         )
         self._full_s = math.inf  # for a whole round, if time is limited
         self._least_s = 0.0  # for the smallest sound round
+        self._picture_s = 0.0  # to draw and to look at one
         # Of an unfinished round, once its detector is trained: metrics, and the state of its
         # worlds' generator, to simulate them again
         self._learned: dict[str, Any] | None = None
@@ -123,6 +124,7 @@ class PosteriorSearch:
         work, least = Work.of(self.context.simulator, real, self._can_fit), smallest(self.config)
         self._full_s = pace.round_s(self.config, work)
         self._least_s = pace.round_s(least, work)
+        self._picture_s = pace.frame_s + pace.detect_s
         check_s = pace.check_s(work, bool(self.context.observation.sensors)) * self._can_fit
         return Needed(self._least_s, self._full_s, check_s, pace.mostly(least, work))
 
@@ -159,19 +161,23 @@ class PosteriorSearch:
             first=self.first,
             budget=budget,
             earlier=earlier,
+            picture_s=self._picture_s,
         )
         prob_higher = learning.curves(detected, searched)
         estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget, tell_early)
-        if told is None:
+        if told is None or not told.is_used:
             estimate = doubted(estimate, how_strange(worlds.keypoints, held_out, detected))
-        self._earlier = judging.earlier.with_doubts(estimate)
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
+        is_judged = bool(estimate.ranks)
+        if not self._can_fit:
+            estimate = doubted_at_edges(estimate, events)
+            is_judged = all(event.event != "widened" for event in events)
+        self._earlier = judging.earlier.with_doubts(estimate)
         widths = half_widths(estimate, self.first)[self._counted]
         # A user reads the verdicts; a policy does not.
         are_identified = all(estimate.verdict[i] == "identified" for i in self._counted)
-        is_judged = bool(estimate.ranks) or not self._can_fit
         self._rounds.end(widths, are_identified or not self.config.for_policy, is_judged)
         self._learned = None
         return Round(estimate, events, metrics)

@@ -3,14 +3,15 @@
 Curves are read on a grid in coordinates of the range: 0 at its low end, 1 at its high end.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from simtune.fit import PointEstimate
 from simtune.randomization import Distribution
-from simtune.tuning.estimate import Estimate, Verdict
+from simtune.tuning.estimate import Estimate, Verdict, at_most_weak
 from simtune.tuning.search import Event
 
 _BEYOND = 0.05  # probability beyond an end of the grid, from which the interval reaches the bound
@@ -18,6 +19,11 @@ _INFORMATIVE = 0.565  # of the range: a curve whose central 90 % is wider says n
 _GRID = np.linspace(-0.25, 1.25, 12001)  # finer than a fit is sharp; linear in between
 _EDGE = 0.01  # of the range, from its ends
 _SMALLEST_STD = 5e-5
+_FEWEST_POINTS = 0.1  # of the grid: a smaller standard deviation changes no curve
+_AT_EDGE = (
+    "The truth may lie beyond the range that was searched of {}, which no fit can follow here, so "
+    "that is not called identified. Another round searches beyond: give it more minutes."
+)
 # Points of a curve that are kept, for plots and draws: every so many, and those where it has fallen
 # to these values.
 _KEPT_EVERY, _KEPT_AT = 80, ndtr(np.linspace(4, -4, 161))
@@ -63,6 +69,15 @@ def with_fit(
 def normal_curves(mean: np.ndarray, std: np.ndarray) -> np.ndarray:
     """(N, C) on the grid, from (N,) means and standard deviations in coordinates of the range."""
     return ndtr((mean[:, None] - _GRID) / np.maximum(std[:, None], _SMALLEST_STD))
+
+
+def blurred(prob_higher: np.ndarray, std: np.ndarray, distribution: Distribution) -> np.ndarray:
+    """(N, C) curves with independent normal errors added, of (N,) `std` in unit coordinates."""
+    space = distribution.space
+    width = space.to_unit(distribution.high) - space.to_unit(distribution.low)
+    points = std / width / (_GRID[1] - _GRID[0])
+    rows = zip(prob_higher, np.where(points > _FEWEST_POINTS, points, 0), strict=True)
+    return np.stack([gaussian_filter1d(row, n, mode="nearest") if n else row for row, n in rows])
 
 
 def quantile(prob_higher: np.ndarray, share: float) -> np.ndarray:
@@ -114,6 +129,22 @@ def read_curves(
         kept = _telling(row)
         curves[name] = (values[kept], row[kept])
     return Estimate(mean, low, high, verdicts, curves)
+
+
+def doubted_at_edges(estimate: Estimate, events: list[Event]) -> Estimate:
+    """The estimate; parameters at an edge of the searched range are at most weak, and told of.
+
+    Networks say little of what lies beyond the range that they were trained in.
+    """
+    widened = [event.parameter for event in events if event.event == "widened"]
+    if not widened:
+        return estimate
+    names = list(estimate.curves)
+    return replace(
+        estimate,
+        verdict=at_most_weak(estimate.verdict, np.array([name in widened for name in names])),
+        warnings=[*estimate.warnings, _AT_EDGE.format(", ".join(widened))],
+    )
 
 
 def _telling(prob_higher: np.ndarray) -> np.ndarray:

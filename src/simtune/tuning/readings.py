@@ -11,7 +11,6 @@ single round:
     judge    uncertainty, and what the model cannot explain
 """
 
-import math
 import time
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -95,7 +94,7 @@ class ReadingsSearch:
         stretches = loop.cut(readings, unit, np.zeros(loop.num_readings), 10**9, 10**9)
         began_s = time.monotonic()
         loop.play(stretches, stretches.states[None], unit[None])
-        once_s, steps = time.monotonic() - began_s, math.prod(stretches.actions.shape[:2])
+        once_s, steps = time.monotonic() - began_s, sum(map(len, real))
         self._derived_s = fit.num_worlds * once_s
         horizons = self.config.horizons.growing
         grown = sum(min(h.seconds / self._simulator.step_s * h.stretches, steps) for h in horizons)

@@ -17,7 +17,7 @@ from simtune.fit import Descent, Guess, Lateness, OutputError, Readings, ReplayS
 from simtune.observation import JointSensor, declared_noise
 
 FEWEST_STEPS = 8
-_FAR_MORE = 4.0  # factor on the noise that a sensor declares
+FAR_MORE = 4.0  # factor on the noise that a sensor declares
 _LITTLE_MORE = 1.5  # factor on the same
 _LONGEST_DELAY_S = 0.5
 _CLEARLY_BETTER = 0.02  # relative decrease of residuals that counts as better, for a fit or a delay
@@ -220,4 +220,4 @@ def two_agree(fits: Sequence[Descent]) -> bool:
 
 def unexplained(noise: np.ndarray, sensors: Sequence[JointSensor]) -> np.ndarray:
     """(D,) bool: readings whose residuals (D,) are far larger than the declared noise."""
-    return noise > _FAR_MORE * declared_noise(sensors)
+    return noise > FAR_MORE * declared_noise(sensors)

@@ -15,11 +15,11 @@ from simtune.fit.uncertainty import (
     tell_apart,
     too_late_warning,
 )
-from simtune.observation import ObservationModel, joints_of
+from simtune.observation import ObservationModel, declared_noise, joints_of, usual_noise
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_curves
-from simtune.tuning.readings_fits import Found, unexplained
+from simtune.tuning.readings_fits import FAR_MORE, Found
 
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
 _LEAST_STD = 1e-3  # in unit coordinates
@@ -38,6 +38,11 @@ _BY_STRETCHES = (
     "Fits to whole episodes ended at no answer twice, as where the least change throws a motion "
     "elsewhere; fits to stretches of two seconds did, and leave little but noise: the estimate is "
     "theirs."
+)
+_UNTESTED = (
+    "The simulator leaves {} off by over four times the noise that encoders usually have, and the "
+    "tuning file declares none: whether the model lacks something is not tested. Give the sensor "
+    "its noise."
 )
 _UNEXPLAINED = (
     "The simulator leaves {} off by over four times the noise that the tuning file declares: the "
@@ -121,8 +126,12 @@ def _warnings(judged: OutputErrorFit, found: Found, observation: ObservationMode
     if not found.is_sure:
         many = found.num_fits > 1
         warnings.append(_NOT_FOUND_TWICE.format(found.num_fits) if many else _ONE_FIT)
-    off = unexplained(judged.noise, joints_of(observation.sensors))
-    if off.any():
-        labels = [n for n, is_off in zip(observation.reading_labels, off, strict=True) if is_off]
-        warnings.append(_UNEXPLAINED.format(", ".join(labels)))
+    sensors = joints_of(observation.sensors)
+    is_declared = np.isfinite(declared_noise(sensors))
+    is_place = np.repeat([not s.is_velocity for s in sensors], [s.size for s in sensors])
+    off = judged.noise > FAR_MORE * usual_noise(sensors)
+    untested = off & ~is_declared & is_place  # what is usual of speeds differs too much
+    for said, which in ((_UNEXPLAINED, off & is_declared), (_UNTESTED, untested)):
+        labels = [n for n, is_it in zip(observation.reading_labels, which, strict=True) if is_it]
+        warnings += [said.format(", ".join(labels))] if labels else []
     return warnings

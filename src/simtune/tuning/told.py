@@ -10,6 +10,7 @@ as far from the truth as the readings' fit may be. In the end each parameter is 
 better of both.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,10 +22,15 @@ from simtune.observation import advanced, finds_offset, joints_of
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
-from simtune.tuning.estimate import Estimate
+from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
 from simtune.tuning.search import SearchContext
 
+_CONTRADICTION = (
+    "Joint readings and videos contradict each other on {}: [{:.4g}, {:.4g}] by readings alone, "
+    "[{:.4g}, {:.4g}] with videos. The model lacks something, or one of them is wrong; the "
+    "interval covers both."
+)
 _NO_SAY = "Joint readings alone had no say in the estimates: "
 _CENTRAL = 2 * 1.645  # width of a 90 % interval in standard deviations
 
@@ -59,8 +65,9 @@ class Told:
     ) -> "Told | None":
         """None if nothing is read, or nothing moves that readings could show.
 
-        Also None if unmeasured joints begin anywhere, such as a walker's torso: whole episodes
-        cannot be replayed then, but windows can, since pictures show their states.
+        Also None if unmeasured joints begin anywhere, such as a walker's torso, or if the `budget`
+        is too short to replay whole episodes: windows are replayed then, of which pictures show the
+        states, too.
         """
         simulator, seen = context.simulator, context.observation
         is_readable = bool(joints_of(seen.sensors)) and not simulator.space.is_appearance.all()
@@ -73,6 +80,8 @@ class Told:
         if loop.knows_all_but_objects:
             joints = JointMotion(loop, finds_offset(loop.sensors))
         search = ReadingsSearch(context, ReadingsConfig(precision=0.0))
+        if not budget.is_endless and search.needed(real).least_s > budget.seconds_left:
+            return None
         estimate = search.run_round(real, budget).estimate
         found = estimate, search.distribution, search.is_trusted
         return cls(*found, joints, search.is_in_time)
@@ -116,12 +125,15 @@ class Told:
     def better(self, estimate: Estimate) -> Estimate:
         """Each parameter from the estimate of readings and video, or from this one if narrower.
 
-        Where one is this, with its warnings and the offsets that belong to it.
+        Where one is this, with its warnings and the offsets that belong to it. Where the two
+        contradict each other, the interval covers both.
         """
         space, told = self._range.space, self._estimate
         widths = [space.to_unit(e.high) - space.to_unit(e.low) for e in (told, estimate)]
-        own = (widths[0] <= widths[1]) & ~space.is_appearance & self.is_used
-        mixed = _mixed(own, told, estimate)
+        is_told = ~space.is_appearance & self.is_used
+        own = (widths[0] <= widths[1]) & is_told
+        apart = is_told & ((told.low > estimate.high) | (told.high < estimate.low))
+        mixed = _covering(apart, _mixed(own, told, estimate), told, estimate, space.names)
         doubts = told.warnings
         if not own.any():
             doubts = [_NO_SAY + w for w in doubts if not self.is_used and w not in mixed.warnings]
@@ -135,6 +147,29 @@ class Told:
             offsets=told.offsets if own.any() else estimate.offsets,
             warnings=list(dict.fromkeys([*doubts, *mixed.warnings])),
         )
+
+
+def _covering(
+    apart: np.ndarray, mixed: Estimate, told: Estimate, other: Estimate, names: Sequence[str]
+) -> Estimate:
+    """`mixed`, with both intervals and both curves of parameters that are `apart`, (N,) bool."""
+    if not apart.any():
+        return mixed
+    curves, warnings = dict(mixed.curves), list(mixed.warnings)
+    for i in np.flatnonzero(apart).tolist():
+        (one, above), (another, below) = told.curves[names[i]], other.curves[names[i]]
+        at = np.union1d(one, another)
+        curves[names[i]] = at, (np.interp(at, one, above) + np.interp(at, another, below)) / 2
+        ends = (e for estimate in (told, other) for e in (estimate.low[i], estimate.high[i]))
+        warnings.append(_CONTRADICTION.format(names[i], *ends))
+    return replace(
+        mixed,
+        low=np.where(apart, np.minimum(told.low, other.low), mixed.low),
+        high=np.where(apart, np.maximum(told.high, other.high), mixed.high),
+        verdict=at_most_weak(mixed.verdict, apart),
+        curves=curves,
+        warnings=warnings,
+    )
 
 
 def _mixed(own: np.ndarray, fit: Estimate, other: Estimate) -> Estimate:

@@ -1,6 +1,8 @@
 """FILE.py:NAME in a tuning file: the user's code."""
 
+import hashlib
 import importlib.util
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -8,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError, blame
+from simtune.tasks.tuning_file.named_files import named_files
 
 
 def is_in_file(named: str) -> bool:
@@ -15,7 +18,7 @@ def is_in_file(named: str) -> bool:
 
 
 def load_user_code(folder: Path, named: str) -> tuple[Callable[..., Any], str]:
-    """NAME in FILE.py, which lies beside the tuning file in `folder`; and the file's text.
+    """NAME in FILE.py, which lies beside the tuning file in `folder`; and the code's content.
 
     Raises InputError if it does not exist, or the file cannot be run.
     """
@@ -37,4 +40,19 @@ def load_user_code(folder: Path, named: str) -> tuple[Callable[..., Any], str]:
         sys.path.remove(str(path.parent))
     if not callable(found := getattr(module, name, None)):
         raise InputError(f"{path} has no {name} to call")
-    return found, path.read_text(encoding="utf-8")
+    return found, _content(path)
+
+
+def _content(path: Path) -> str:
+    """A file's text, and names and digests of what it imports or names, such as a model.
+
+    They are the same in a run's copies, whose folders lie elsewhere.
+    """
+    first, *others = named_files(Path(os.path.abspath(path)))
+    digests = []
+    for other in others:
+        is_within = other.is_relative_to(first.parent)
+        name = other.relative_to(first.parent).as_posix() if is_within else other.name
+        with other.open("rb") as file:
+            digests.append(f"{name} {hashlib.file_digest(file, 'sha256').hexdigest()}\n")
+    return path.read_text(encoding="utf-8") + "".join(sorted(digests))
