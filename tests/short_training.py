@@ -18,7 +18,7 @@ from simtune.agents.student import StudentConfig
 from simtune.agents.teacher import TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
 from simtune.algorithm import train
-from simtune.comparison import StartSearchConfig
+from simtune.before_after import StartSearchConfig
 from simtune.config import TrainConfig
 from simtune.experiment.settings import Settings
 from simtune.schedule import SCHEDULES, Schedule, fast
@@ -50,7 +50,7 @@ def make_early_agent(name: str, spec: AgentSpec) -> Agent:
 
 QUICK = Settings(
     search=TINY_SEARCH,
-    comparison=StartSearchConfig(num_starts=16, rounds=2),
+    start_search=StartSearchConfig(num_starts=16, rounds=2),
     make_agent=make_early_agent,
 )
 

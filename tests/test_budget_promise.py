@@ -53,7 +53,7 @@ def needed_s(out: Path, settings: Settings, machine: SlowMachine) -> tuple[float
     with pytest.MonkeyPatch.context() as patch:
         machine.take_over(patch)
         experiment = build_experiment(config_of(out), settings=settings)
-        least_s, whole_s, *_ = experiment.search.needed(experiment.recordings)
+        least_s, whole_s, *_ = experiment.search.measure_time(experiment.recordings)
     return machine.now_s + least_s, machine.now_s + whole_s
 
 

@@ -256,7 +256,7 @@ def test_a_run_warns_of_its_readings_as_check_does(recorded, tmp_path, monkeypat
     dataset = open_recordings(recorded, task, CheckConfig(task="x", real=recorded), 16, seen)
     simulator = task.simulator(image_size=16, step_s=STEP_S)
     real = read_episodes(dataset, 3, simulator, seen).trajectories
-    search = SimpleNamespace(needed=lambda _: Needed(1.0, 1.0, 0.1, ""), stop_reason="done")
+    search = SimpleNamespace(measure_time=lambda _: Needed(1.0, 1.0, 0.1, ""), stop_reason="done")
     config = TuneConfig(task="x", real=str(recorded), out=tmp_path / "run")
     begun = SimpleNamespace(
         warnings=lambda _: ["a film"],

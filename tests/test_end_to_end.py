@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from simtune.comparison import StartSearchConfig
+from simtune.before_after import StartSearchConfig
 from simtune.config import TuneConfig
 from simtune.experiment.settings import Settings
 from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage
@@ -81,7 +81,7 @@ SEARCH = PosteriorSearchConfig(
         ),
     ),
 )
-SETTINGS = Settings(search=SEARCH, comparison=StartSearchConfig(num_starts=16, rounds=1))
+SETTINGS = Settings(search=SEARCH, start_search=StartSearchConfig(num_starts=16, rounds=1))
 WITHIN_PERCENT = 5.0
 
 

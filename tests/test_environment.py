@@ -242,7 +242,7 @@ def test_a_file_may_have_dataclasses_and_helpers_beside_it(tmp_path):
     )
     (tmp_path / "beside.py").write_text("")
     (tmp_path / "tune.toml").write_text((EXAMPLE / "tune.toml").read_text())
-    assert load_any_task(str(tmp_path / "tune.toml")).simulator(image_size=32).num_actions >= 0
+    assert load_any_task(str(tmp_path / "tune.toml")).simulator(image_size=32).num_actions == 1
 
 
 def test_a_change_beside_the_environment_is_noticed(tmp_path):

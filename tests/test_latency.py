@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simtune.fit.latency import clearly_best
+from simtune.fit.line_up import clearly_best
 
 
 def test_a_latency_that_few_windows_favour_by_far_is_not_believed():

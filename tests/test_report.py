@@ -13,7 +13,7 @@ import matplotlib.path
 import numpy as np
 import pytest
 
-from simtune.comparison import overlay
+from simtune.before_after import overlay
 from simtune.errors import InputError
 from simtune.moving_parts import MovingParts
 from simtune.report import write_report

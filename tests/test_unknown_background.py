@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simtune.before_after import film_from
 from simtune.checking import check
-from simtune.comparison import film_from
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.fit.pictures import Pictures, fit_pictures

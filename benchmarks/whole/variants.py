@@ -36,11 +36,11 @@ def _make_quick() -> None:
     from common import QUICK
 
     import simtune.tuning_run
-    from simtune.comparison import StartSearchConfig
+    from simtune.before_after import StartSearchConfig
     from simtune.experiment.settings import Settings
 
     comparison = StartSearchConfig(num_starts=16, rounds=2)
-    settings = Settings(search=replace(QUICK, num_rounds=1), comparison=comparison)
+    settings = Settings(search=replace(QUICK, num_rounds=1), start_search=comparison)
     simtune.tuning_run.tune = partial(simtune.tuning_run.tune, settings=settings)
     for name, make in list(TASKS.items()):
         TASKS[name] = partial(_shortened, make)

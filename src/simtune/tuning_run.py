@@ -45,32 +45,32 @@ def tune(
     `task`: the one `config.task` names, if it is loaded already, or no file. Raises InputError for
     invalid input, with nothing written, and RuntimeError for what fails on the way.
     """
-    began_s = time.monotonic()
+    started_s = time.monotonic()
     experiment = build_experiment(config, report, settings, task)
-    built_s = time.monotonic() - began_s  # for example to film the real world
+    built_s = time.monotonic() - started_s  # for example to film the real world
     ending_s = min(max(_AT_THE_END_S[0], built_s), _AT_THE_END_S[1])
     warnings = experiment.warnings(experiment.recordings)
     _warn(warnings)
     search, real = experiment.search, experiment.recordings
-    needed = search.needed(real)
+    needed = search.measure_time(real)
     if settings is None and kept_state(config.out) is None:  # nothing is written before
-        beside_s = time.monotonic() - began_s + ending_s
-        _refuse_if_too_short(config.budget_minutes, beside_s, needed)
+        other_s = time.monotonic() - started_s + ending_s
+        _refuse_if_too_short(config.budget_minutes, other_s, needed)
     may_check = needed.check_s < _CHECK_SHARE * 60 * config.budget_minutes
     promised, doubts = _promised(experiment) if may_check else ({}, [])
     _warn(doubts)
     warnings += doubts
-    begun_s = time.monotonic() - began_s
+    before_run_s = time.monotonic() - started_s
     with Run(experiment, report) as run:
         run.resume()
         if run.num_rounds and search.stop_reason:
             report("the search is over already; another --out searches anew", 1.0)
-        spent_s = begun_s + run.wall_s + ending_s
+        spent_s = before_run_s + run.wall_s + ending_s
         budget = Budget(60 * config.budget_minutes - spent_s, report)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
-            began_s = time.monotonic()
+            round_began_s = time.monotonic()
             found = search.run_round(real, budget, run.tell_early, run.save_within)
-            run.round_s = time.monotonic() - began_s
+            run.round_s = time.monotonic() - round_began_s
             run.step = experiment.simulator.num_steps
             run.log_round(found, len(real))
             run.save()
@@ -93,30 +93,30 @@ def _promised(experiment: Experiment) -> tuple[dict[str, Any], list[str]]:
     return {"check": found.parameters}, found.warnings
 
 
-def _refuse_if_too_short(minutes: float, beside_s: float, needed: Needed) -> None:
+def _refuse_if_too_short(minutes: float, other_s: float, needed: Needed) -> None:
     """Raises InputError for a time too short for a sound answer.
 
-    `beside_s`: time for all but rounds.
+    `other_s`: time for all but rounds.
     """
     least_s, whole_s = needed.least_s, needed.whole_s
     if not whole_s:  # a search that cannot tell
-        if 60 * minutes < beside_s:
+        if 60 * minutes < other_s:
             raise InputError(
                 f"--budget-minutes {minutes:g} is too short: nothing can be searched in that time, "
-                f"as the run takes about {beside_s:.0f} s beside the search; give more"
+                f"as the run takes about {other_s:.0f} s beside the search; give more"
             )
         return
-    if 60 * minutes < _SURELY * least_s + beside_s:
-        enough = math.ceil((2 * least_s + beside_s) / 6) / 10
-        whole_minutes = max(math.ceil((whole_s + beside_s) / 60), math.ceil(enough))
+    if 60 * minutes < _SURELY * least_s + other_s:
+        enough = math.ceil((2 * least_s + other_s) / 6) / 10
+        whole_minutes = max(math.ceil((whole_s + other_s) / 60), math.ceil(enough))
         raise InputError(
             f"--budget-minutes {minutes:g} is too short: the smallest round takes about "
             f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; verdicts need "
             f"--budget-minutes {whole_minutes}, an answer --budget-minutes {enough:g} or more"
             + (f". {needed.mostly}" if needed.mostly else "")
         )
-    enough_s, shortened = whole_s + beside_s, ""
-    if 60 * minutes < _HARDLY_ENOUGH * whole_s + beside_s:
+    enough_s, shortened = whole_s + other_s, ""
+    if 60 * minutes < _HARDLY_ENOUGH * whole_s + other_s:
         shortened = _UNJUDGED.format(minutes, math.ceil(enough_s / 60))
     elif 60 * minutes < enough_s:
         shortened = _SHORTENED.format(minutes)

@@ -10,7 +10,7 @@ import numpy as np
 
 from simtune import outcome
 from simtune.columns import cut
-from simtune.experiment.beside import write_beside
+from simtune.experiment.before_after import write_before_after
 from simtune.experiment.experiment import Experiment
 from simtune.progress import ReportProgress, silent
 from simtune.report import write_report
@@ -133,7 +133,7 @@ class Run:
         result["warnings"] = warnings + result["warnings"]
         if real and experiment.search_name:
             self._report("filming the comparison", 1.0)
-            result |= write_beside(experiment, self.folder, self.estimate, real)
+            result |= write_before_after(experiment, self.folder, self.estimate, real)
         # Last, in one go: until then the result of an earlier session stays.
         self.folder.write_curves(outcome.curves(self.estimate))
         if experiment.search_name:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from simtune.agents import Agent, AgentSpec, make_agent
-from simtune.comparison import StartSearchConfig
+from simtune.before_after import StartSearchConfig
 from simtune.schedule import Schedule
 from simtune.tuning import SearchSettings
 
@@ -14,7 +14,7 @@ class Settings:
     """Those of None are the preset's. They are not stored: resume a run with the same ones."""
 
     search: SearchSettings | None = None  # of the search that the options select
-    comparison: StartSearchConfig = field(default_factory=StartSearchConfig)
+    start_search: StartSearchConfig = field(default_factory=StartSearchConfig)
     # For `train` only
     schedule: Schedule | None = None
     make_agent: Callable[[str, AgentSpec], Agent] = make_agent

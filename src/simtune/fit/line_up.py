@@ -7,7 +7,6 @@ import numpy as np
 
 from simtune.fit.fit_setup import FitSetup
 from simtune.fit.joint_motion import JointMotion, of_unknowns, without_readings
-from simtune.fit.latency import clearly_best
 from simtune.fit.observed import Observed
 from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.particles import Particles
@@ -19,6 +18,8 @@ _PARTICLE_STD = (0.02, 0.1)  # bounds of the particles' parameter spread, in uni
 _QUICK_STAGES = Stage(4, 3, 3.0), Stage(12, 4)
 _QUICK_WINDOWS = (12, 30)  # bounds
 _LOOKED_AT = 8  # steps, at one of which it is looked which keypoints something unknown moves
+# By how much −log likelihood per observation must be lower, and by how many standard errors of that
+_CLEARLY, _SURELY = 0.05, 1.5
 
 
 class Followed(NamedTuple):
@@ -135,3 +136,15 @@ def _fit_quickly(
     num_windows = int(np.clip(setup.config.shooting.num_windows, *_QUICK_WINDOWS))
     quick = ShootingConfig(stages=_QUICK_STAGES, num_windows=num_windows)
     return setup.shooting(setup.moving, quick).fit(observed, states, parameters)
+
+
+def clearly_best(misfits: np.ndarray) -> int:
+    """The row of (hypotheses, W) misfits that is clearly lowest; 0, the usual one, if none is.
+
+    Misfits vary far more between windows than between hypotheses, so the differences in the same
+    windows are compared (paired), not two medians.
+    """
+    worse = misfits - misfits[0]
+    at_best = worse.mean(1) + _SURELY * worse.std(1) / np.sqrt(worse.shape[1])
+    best = int(np.argmin(at_best))
+    return best if at_best[best] < -_CLEARLY else 0

@@ -13,6 +13,7 @@ from simtune.fit.lateness import Lateness
 from simtune.fit.parts import parts_to_play
 from simtune.fit.physics import Physics
 from simtune.fit.readings import Readings, Stretches, filled, is_within, velocities
+from simtune.fit.windows import evenly
 from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
 from simtune.parameters.backlash import play_of
 from simtune.simulation import AnySimulator, Simulator
@@ -207,9 +208,8 @@ class OpenLoop:
         step = np.tile(starts, len(states))
         known = np.isfinite(readings.values[episode, step]).any(-1) | (step == 0)
         episode, step = episode[known], step[known]
-        if len(step) > at_most:
-            kept = np.linspace(0, len(step) - 1, at_most).round().astype(int)
-            episode, step = episode[kept], step[kept]
+        kept = evenly(len(step), at_most)
+        episode, step = episode[kept], step[kept]
         frames = step[:, None] + np.arange(length + 1)
         return Stretches(
             readings.actions[episode[:, None], frames[:, :-1]],

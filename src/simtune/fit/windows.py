@@ -71,9 +71,8 @@ def cut(
     length = min(steps, num_steps)
     starts = np.arange(0, num_steps - length + 1, length)
     episode, step = np.repeat(np.arange(num_episodes), len(starts)), np.tile(starts, num_episodes)
-    if len(step) > at_most:
-        kept = np.linspace(0, len(step) - 1, at_most).round().astype(int)
-        episode, step = episode[kept], step[kept]
+    kept = evenly(len(step), at_most)
+    episode, step = episode[kept], step[kept]
     frames = step[:, None] + np.arange(length + 1)
     return Windows(
         observed.evidence.at((episode[:, None], frames)),
@@ -83,3 +82,10 @@ def cut(
         episode,
         step,
     )
+
+
+def evenly(count: int, at_most: int) -> np.ndarray:
+    """Indices of all of `count`, or of `at_most` of them that are spread evenly."""
+    if count <= at_most:
+        return np.arange(count)
+    return np.linspace(0, count - 1, at_most).round().astype(int)

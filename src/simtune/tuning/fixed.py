@@ -23,7 +23,7 @@ class FixedRange:
     def check(self, real: list[Trajectory]) -> None:
         """Accepts anything."""
 
-    def needed(self, real: list[Trajectory]) -> Needed:
+    def measure_time(self, real: list[Trajectory]) -> Needed:
         return Needed(0.0, 0.0)
 
     def run_round(

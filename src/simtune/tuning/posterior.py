@@ -118,7 +118,7 @@ class PosteriorSearch:
                 f"least {SHORTEST_STEPS}: leave it out, or record a longer one"
             )
 
-    def needed(self, real: list[Trajectory]) -> Needed:
+    def measure_time(self, real: list[Trajectory]) -> Needed:
         """See `Search`."""
         pace = Pace.measure(self.context, self.model, self.first)
         work, least = Work.of(self.context.simulator, real, self._can_fit), smallest(self.config)
@@ -201,7 +201,7 @@ class PosteriorSearch:
     def _plan(self, real: list[Trajectory], budget: Budget) -> tuple[Budget, bool]:
         """The present round's part of the budget, and whether the round may be the last one."""
         if not budget.is_endless and math.isinf(self._full_s):
-            self.needed(real)
+            self.measure_time(real)
         return self._rounds.plan(budget, self._full_s)
 
     def detect(self, frames: np.ndarray) -> Detections:

@@ -87,7 +87,7 @@ class ReadingsSearch:
             got = f"got one of {steps}" if real else "got none"
             raise InputError(f"episodes must last at least {FEWEST_STEPS} steps, {got}")
 
-    def needed(self, real: list[Trajectory]) -> Needed:
+    def measure_time(self, real: list[Trajectory]) -> Needed:
         """The smallest sound round derives once at each horizon, and twice in whole episodes."""
         readings, loop = self._look_at(real)
         unit, fit = self._begin(loop), self._fit(loop)
@@ -116,7 +116,7 @@ class ReadingsSearch:
     ) -> Round:
         """Fit, and judge."""
         if not (budget.is_endless or self._derived_s):
-            self.needed(real)
+            self.measure_time(real)
         readings, loop = self._look_at(real)
         seen, fit = self._context.observation, self._fit(loop)
         found, late = self._find(fit, readings, budget)

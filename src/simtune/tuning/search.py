@@ -84,8 +84,11 @@ class Search(Protocol):
         """Why another round would gain nothing; empty while it would."""
         ...
 
-    def needed(self, real: list[Trajectory]) -> Needed:
-        """How long rounds with these episodes would take; a measurement of a second or two."""
+    def measure_time(self, real: list[Trajectory]) -> Needed:
+        """How long rounds with these episodes would take, which `run_round` will keep in mind.
+
+        A measurement of a second or two.
+        """
         ...
 
     def check(self, real: list[Trajectory]) -> None:

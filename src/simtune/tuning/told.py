@@ -80,7 +80,7 @@ class Told:
         if loop.knows_all_but_objects:
             joints = JointMotion(loop, finds_offset(loop.sensors))
         search = ReadingsSearch(context, ReadingsConfig(precision=0.0))
-        if not budget.is_endless and search.needed(real).least_s > budget.seconds_left:
+        if not budget.is_endless and search.measure_time(real).least_s > budget.seconds_left:
             return None
         estimate = search.run_round(real, budget).estimate
         found = estimate, search.distribution, search.is_trusted

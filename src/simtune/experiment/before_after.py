@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from simtune.comparison import line_up, write_comparison
+from simtune.before_after import episode_and_start, write_videos
 from simtune.experiment.experiment import Experiment
 from simtune.moving_parts import MovingParts, follow_parts
 from simtune.replayed import Replayed, Tuned, replay
@@ -13,7 +13,7 @@ from simtune.tuning.estimate import Estimate
 from simtune.vision.keypoints import Keypoints
 
 
-def write_beside(
+def write_before_after(
     experiment: Experiment, folder: RunFolder, found: Estimate, real: list[Trajectory]
 ) -> dict[str, Any]:
     """Write videos and replay.json of the first real episode; returns their part of result.json."""
@@ -37,11 +37,11 @@ def _film(
     Returns the parts that move in them, if there is a detector for keypoints.
     """
     simulator, keypoints = experiment.simulator, experiment.keypoints
-    seed, config = experiment.config.seed, experiment.settings.comparison
-    late, start = line_up(simulator, real, found, seed, config)
+    seed, config = experiment.config.seed, experiment.settings.start_search
+    late, start = episode_and_start(simulator, real, found, seed, config)
     parameters = experiment.start, found.mean
     late_steps = found.pictures_late_s[0] / real.step_s
-    write_comparison(folder.videos, simulator, late, start, parameters, late_steps)
+    write_videos(folder.videos, simulator, late, start, parameters, late_steps)
     detections = experiment.search.detect(real.frames)
     if detections is None or not isinstance(keypoints, Keypoints) or not len(keypoints):
         return None

@@ -34,7 +34,7 @@ class StartSearchConfig:
 _USUAL = StartSearchConfig()
 
 
-def line_up(
+def episode_and_start(
     simulator: AnySimulator,
     trajectory: Trajectory,
     estimate: Estimate,
@@ -51,7 +51,7 @@ def line_up(
     return late, find_start(simulator, late, estimate.mean, np.random.default_rng(seed), config)
 
 
-def write_comparison(
+def write_videos(
     folder: Path,
     simulator: AnySimulator,
     trajectory: Trajectory,
