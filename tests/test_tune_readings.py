@@ -451,9 +451,10 @@ def test_errors_that_are_added_to_a_fits_thin_its_correlations_out(truth: Path, 
     estimate = concluded(experiment, covariance, apart)
     observation = as_recorded(experiment)
     discrepancy = observation.discrepancy_std(np.zeros(num, bool))[0]
-    total = covariance + np.outer(apart, apart) + discrepancy**2 * np.eye(num)
+    # A fit's prior, .3, is taken out, and replaced by that of what nothing shows
+    given = np.linalg.inv(covariance + np.outer(apart, apart)) + (1 - 0.3**-2) * np.eye(num)
+    total = np.linalg.inv(given) + discrepancy**2 * np.eye(num)
     std = np.sqrt(np.diag(total))
-    # Nearly: the weak prior of a fit is taken out of its standard deviations
     np.testing.assert_allclose(estimate.correlation, total / np.outer(std, std), rtol=1e-3)
 
 
@@ -469,6 +470,18 @@ def test_what_is_far_off_is_told_also_where_no_noise_is_declared(truth: Path, tm
             ]
             assert len(told) == len(expected)
             assert all(said in warning for warning in told)
+
+
+def test_of_two_that_act_as_one_neither_is_known(truth: Path, tmp_path: Path):
+    """Their sum is told to .002; the fit's prior of either says nothing of the other."""
+    experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
+    together, alone = np.array([1.0, 1.0, 0, 0]) / np.sqrt(2), np.diag([0, 0, 1.0, 1.0])
+    told = np.outer(together, together) / 0.002**2 + alone / 0.01**2
+    covariance = np.linalg.inv(told + np.eye(num) / 0.3**2)
+    found = concluded(experiment, covariance, np.zeros(num))
+    assert found.verdict == [*(["not identifiable"] * 2), *(["identified"] * 2)]
+    assert found.correlation is not None
+    assert found.correlation[0, 1] < -0.99
 
 
 def test_what_readings_say_nothing_of_is_as_wide_as_its_range(truth: Path, tmp_path: Path):

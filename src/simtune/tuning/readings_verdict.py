@@ -102,21 +102,24 @@ def _errors(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N,) standard deviations in unit coordinates, and the (N, N) correlation of errors."""
     fitted = np.flatnonzero(~is_appearance)
-    covariance = judged.covariance + np.outer(found.apart, found.apart)
+    covariance = _by_data(judged.covariance + np.outer(found.apart, found.apart))
     of_fit = np.full(len(is_appearance), _UNKNOWN_STD)
-    of_fit[fitted] = _by_data(np.diag(covariance)) * (1.0 if found.is_sure else _UNSURE)
+    of_fit[fitted] = np.sqrt(np.diag(covariance)) * (1.0 if found.is_sure else _UNSURE)
     std = np.maximum(np.hypot(of_fit, observation.discrepancy_std(is_appearance)), _LEAST_STD)
     correlation = block_correlation(len(std), [(fitted, covariance)])
     return std, diluted(correlation, of_fit / std)
 
 
-def _by_data(variance: np.ndarray) -> np.ndarray:
-    """(P,) standard deviations without the fit's prior: it is no knowledge, and keeps steps short.
+def _by_data(covariance: np.ndarray) -> np.ndarray:
+    """(P, P) without the fit's prior: it is no knowledge, and keeps steps short.
 
-    At most that of parameters that nothing shows.
+    Of combinations that nothing shows, such as of two dampings that act as one, the standard
+    deviation is that of parameters that nothing shows.
     """
-    information = 1 / variance - 1 / PRIOR_STD**2
-    return 1 / np.sqrt(np.maximum(information, 1 / _UNKNOWN_STD**2))
+    values, combinations = np.linalg.eigh(
+        np.linalg.inv(covariance) - np.eye(len(covariance)) / PRIOR_STD**2
+    )
+    return combinations / (np.maximum(values, 0) + _UNKNOWN_STD**-2) @ combinations.T
 
 
 def _warnings(judged: OutputErrorFit, found: Found, observation: ObservationModel) -> list[str]:
