@@ -21,6 +21,7 @@ from simtune.fit import Guess, OpenLoop, OutputError, OutputErrorFit, Readings, 
 from simtune.fit.differences import Where, differentiate
 from simtune.fit.normal_equations import NormalEquations, jackknife, jackknife_std
 from simtune.observation import ObservationModel
+from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
 from simtune.record import record
 from simtune.replayed import Tuned, replay
@@ -30,7 +31,7 @@ from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.readings import ReadingsSearch
 from simtune.tuning.readings_fits import Found
-from simtune.tuning.readings_verdict import conclude
+from simtune.tuning.readings_verdict import _along_sums, conclude
 from simtune.tuning_run import tune
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
@@ -482,6 +483,27 @@ def test_of_two_that_act_as_one_neither_is_known(truth: Path, tmp_path: Path):
     assert found.verdict == [*(["not identifiable"] * 2), *(["identified"] * 2)]
     assert found.correlation is not None
     assert found.correlation[0, 1] < -0.99
+
+
+def test_of_two_that_add_up_the_larger_may_be_less_by_all_that_the_smaller_may_be_more():
+    """A servo's kv of 3 and a joint's damping of .5, of which only the sum is known well."""
+    dampings = [
+        dynamics("kv", "actuator_gainprm", ("m",), nominal=3.0, unit="N m s"),
+        dynamics("damping", "dof_damping", ("j",), nominal=0.5, unit="N m s"),
+    ]
+    space, std = ParameterSpace(dampings), 0.12
+    unit = space.to_unit(space.nominal)
+    # One log unit of either is as many unit coordinates; the sum's slopes by them are 3 and .5
+    along = np.array([-0.5, 3.0]) / np.hypot(0.5, 3.0)
+    covariance = std**2 * np.outer(along, along) + 1e-8 * np.eye(2)
+    of_kv, of_damping = np.sqrt(np.diag(covariance))
+    wider = _along_sums(space, unit, np.arange(2), covariance)
+    end = space.from_unit(unit + 1.645 * np.array([-wider[0] * of_kv, wider[1] * of_damping]))
+    assert wider[1] == pytest.approx(1.0)
+    assert wider[0] > 1.3
+    assert end.sum() == pytest.approx(3.5, rel=1e-3)
+    # Known well, nothing bends
+    assert _along_sums(space, unit, np.arange(2), covariance / 4) == pytest.approx([1.0, 1.0])
 
 
 def test_what_readings_say_nothing_of_is_as_wide_as_its_range(truth: Path, tmp_path: Path):

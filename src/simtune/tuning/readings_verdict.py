@@ -16,6 +16,7 @@ from simtune.fit.uncertainty import (
     too_late_warning,
 )
 from simtune.observation import ObservationModel, declared_noise, joints_of, usual_noise
+from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_curves
@@ -24,6 +25,9 @@ from simtune.tuning.readings_fits import FAR_MORE, Found
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
 _LEAST_STD = 1e-3  # in unit coordinates
 _UNKNOWN_STD = 1.0  # of parameters that only pictures show
+_CENTRAL = 1.645  # standard deviations to either side hold 90 %
+_SMALL = 1e-4  # in unit coordinates
+_HARDLY_KNOWN = 0.1  # standard deviation of a combination, in unit coordinates
 _UNSURE = 3.0  # factor on errors if no second fit says whether there are several minima
 _NOT_FOUND_TWICE = (
     "Fits to whole episodes ended at no answer twice ({} tried, from as many starts), so how sure "
@@ -65,7 +69,7 @@ def conclude(
     """
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
     space = first.space
-    std, correlation = _errors(judged, found, space.is_appearance, observation)
+    std, correlation = _errors(judged, found, space, observation)
     mean, ends = space.from_unit(judged.unit), judged.unit + _SEEN_WIDTH * np.array([-std, std])
     low, high = (space.from_unit(np.clip(end, 0, 1)) for end in ends)
     seen = first.with_interval(mean, low, high)
@@ -98,11 +102,13 @@ def conclude(
 
 
 def _errors(
-    judged: OutputErrorFit, found: Found, is_appearance: np.ndarray, observation: ObservationModel
+    judged: OutputErrorFit, found: Found, space: ParameterSpace, observation: ObservationModel
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N,) standard deviations in unit coordinates, and the (N, N) correlation of errors."""
-    fitted = np.flatnonzero(~is_appearance)
+    is_appearance, fitted = space.is_appearance, np.flatnonzero(~space.is_appearance)
     covariance = _by_data(judged.covariance + np.outer(found.apart, found.apart))
+    wider = _along_sums(space, judged.unit, fitted, covariance)
+    covariance = covariance * np.outer(wider, wider)
     of_fit = np.full(len(is_appearance), _UNKNOWN_STD)
     of_fit[fitted] = np.sqrt(np.diag(covariance)) * (1.0 if found.is_sure else _UNSURE)
     std = np.maximum(np.hypot(of_fit, observation.discrepancy_std(is_appearance)), _LEAST_STD)
@@ -120,6 +126,35 @@ def _by_data(covariance: np.ndarray) -> np.ndarray:
         np.linalg.inv(covariance) - np.eye(len(covariance)) / PRIOR_STD**2
     )
     return combinations / (np.maximum(values, 0) + _UNKNOWN_STD**-2) @ combinations.T
+
+
+def _along_sums(
+    space: ParameterSpace, unit: np.ndarray, fitted: np.ndarray, covariance: np.ndarray
+) -> np.ndarray:
+    """(P,) factors on standard deviations for sums that are known better than what they are of.
+
+    A stiff damping and a soft one that act as one trade on their own scale, where dθᵢ is constant
+    per dθⱼ. On the logarithmic scale of unit coordinates that is a curve, along which the stiff one
+    falls by far more than its tangent says. So where a combination is hardly known, its most
+    uncertain parameter goes to the ends of its interval, and the others follow on their own scale.
+    """
+    std, at = np.sqrt(np.diag(covariance)), space.from_unit(unit)
+    slope = (space.from_unit(unit + _SMALL) - space.from_unit(unit - _SMALL)) / (2 * _SMALL)
+    reached = std.copy()
+    values, combinations = np.linalg.eigh(covariance)
+    for value, combination in zip(values, combinations.T, strict=True):
+        if np.sqrt(value) < _HARDLY_KNOWN:
+            continue
+        most, change = int(np.abs(combination).argmax()), slope[fitted] * combination
+        for side in (-1, 1):
+            end = unit.copy()
+            end[fitted[most]] = np.clip(unit[fitted[most]] + side * _CENTRAL * std[most], 0, 1)
+            moved = (space.from_unit(end) - at)[fitted[most]]
+            end = at.copy()
+            end[fitted] += change / change[most] * moved
+            gone = (space.to_unit(space.clip(end)) - unit)[fitted]
+            reached = np.maximum(reached, np.abs(gone) / _CENTRAL)
+    return reached / std
 
 
 def _warnings(judged: OutputErrorFit, found: Found, observation: ObservationModel) -> list[str]:
