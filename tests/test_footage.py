@@ -1,5 +1,6 @@
 """Lenses, backgrounds, and what a tuning file says of them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -118,6 +119,15 @@ def test_lens_that_sees_no_whole_picture_is_refused():
         Lens(fx=80.0, fy=80.0, **CENTRED, distortion=(-3.0, 0.0, 0.0, 0.0, 0.0)).check()
     with pytest.raises(InputError, match="outside of the picture"):
         Lens(640, 480, 500, 500, 700, 240).check()
+
+
+def test_a_lens_that_folds_beyond_the_middle_and_unfolds_again_is_refused():
+    """Beyond 1.05 of its axis, directions are shown again nearer to the middle, up to 1.8."""
+    folding = Lens(640, 480, 440, 440, 319.5, 239.5, (-0.34, 0.01, 0, 0, 0.007))
+    with pytest.raises(InputError, match="folds the picture's edge"):
+        folding.check()
+    replace(folding, region=(220, 140, 420, 340)).check()  # what is used does not fold
+    WIDE.check()
 
 
 def test_plate_of_recordings_is_what_stands_still():

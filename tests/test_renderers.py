@@ -229,8 +229,8 @@ def mujoco_warps_own(monkeypatch, *args) -> Raycaster:
 
 @pytest.fixture
 def without_grids(monkeypatch):
-    """mujoco_warp computes light at each pixel, also on flat faces."""
-    monkeypatch.setattr(primitives, "_ON_GRIDS", False)
+    """mujoco_warp computes light at each pixel, also on flat faces, and adds highlights to it."""
+    monkeypatch.setattr(primitives, "_AS_OPENGL", False)
 
 
 def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
@@ -607,7 +607,7 @@ def test_lamps_light_flat_faces_as_in_opengl(floor, extent):
     assert np.ptp(lit[lit > 0]) > 40  # the lamps are seen
     assert off() <= 1
     with pytest.MonkeyPatch.context() as patch:  # light at each pixel would be another
-        patch.setattr(primitives, "_ON_GRIDS", False)
+        patch.setattr(primitives, "_AS_OPENGL", False)
         assert off() > 10
 
 

@@ -19,6 +19,7 @@ _ITERATIONS = 200
 _SQUARE, _MIDDLE_PX = 1e-3, 0.5  # tolerances for square pixels (relative) and for the centre
 _BORDER = np.linspace(-1, 1, 65)  # places along each side that have to be within the picture
 _BEYOND_PX = 0.01  # that a border may leave it, for rounding
+_RADII = 1001  # at which a lens may not fold
 _SHARES = np.linspace(1, 0, 1001)  # of a rectified picture's sides, that are tried
 
 
@@ -89,7 +90,10 @@ class Lens:
             points = points - 0.7 * off
             if not np.abs(points).max() < 1e3:
                 break
-        raise InputError(
+        raise self._folds()
+
+    def _folds(self) -> InputError:
+        return InputError(
             f"distortion {list(self.distortion)} folds the picture's edge back into it; "
             "calibrate the camera with more points near its corners"
         )
@@ -140,12 +144,27 @@ class Lens:
         side = np.stack([_BORDER, np.ones_like(_BORDER)], -1)
         border = np.concatenate([side, -side, side[:, ::-1], -side[:, ::-1]]) * half_sides
         share = next(share for share in _SHARES if self._sees(share * border))
+        self._check_spread(share * border)
         return float(share * half_sides[0]), float(share * half_sides[1])
 
     def _sees(self, points: np.ndarray) -> bool:
         """Whether the picture shows all of these (N, 2) points of the rectified one."""
         seen, size = self.seen_px(points), np.array([self.width, self.height])
         return bool(((seen >= -_BEYOND_PX) & (seen <= size + _BEYOND_PX)).all())
+
+    def _check_spread(self, border: np.ndarray) -> None:
+        """Raises InputError if directions farther from the axis are shown nearer to it.
+
+        Up to the farthest of `border`, (N, 2) of the rectified picture. A point within a fold is
+        shown at a pixel of the picture, too, which belongs to another direction.
+        """
+        ahead = self._ahead(border)
+        farthest = np.hypot(ahead[:, 0], ahead[:, 1]).max()
+        squared = np.linspace(0, farthest, _RADII) ** 2
+        k1, k2, _, _, k3 = self.distortion
+        spread = 1 + squared * (3 * k1 + squared * (5 * k2 + squared * 7 * k3))
+        if not (spread > 0).all():
+            raise self._folds()
 
     def _around_the_region(self) -> tuple[float, float]:
         assert self.region is not None
@@ -193,10 +212,14 @@ class Lens:
 
         In pixels from the corner of the calibration's pictures.
         """
+        seen = self.distort(self._ahead(points))
+        return seen * [self.fx, self.fy] + [self.cx + 0.5, self.cy + 0.5]
+
+    def _ahead(self, points: np.ndarray) -> np.ndarray:
+        """(..., 2) points of the rectified picture to directions before the lens."""
         ahead = np.concatenate([points, np.ones_like(points[..., :1])], -1)
         ahead = self.turn.apply(ahead.reshape(-1, 3)).reshape(ahead.shape)
-        seen = self.distort(ahead[..., :2] / ahead[..., 2:])
-        return seen * [self.fx, self.fy] + [self.cx + 0.5, self.cy + 0.5]
+        return ahead[..., :2] / ahead[..., 2:]
 
     @property
     def _axes(self) -> tuple[tuple[int, float, float], tuple[int, float, float]]:

@@ -12,19 +12,21 @@ import mujoco
 import numpy as np
 import warp as wp
 from mujoco_warp import Data, GeomType, Model, RenderContext
-from mujoco_warp._src import render
 from mujoco_warp._src.render_util import texture_pixels
 
 from simtune.simulation import primitives_kernel, primitives_scene
 from simtune.simulation.primitives_geoms import Geom
-from simtune.simulation.primitives_kernel import DIRECTIONAL, Light, Stray, draw
+from simtune.simulation.primitives_kernel import Stray, draw
+from simtune.simulation.primitives_light import DIRECTIONAL, Light
 from simtune.simulation.primitives_scene import Surroundings, gather_geoms, gather_lights
 from simtune.simulation.stray_light import StrayLight
 
-_MAX_GEOMS = 64  # each pixel tests every geom; with more, a search tree is faster
+_MAX_GEOMS = 64  # as many as bits; with more, a search tree is faster than to test each
 _STRAY = np.dtype(Stray.numpy_dtype())  # pyright: ignore
 _WIDTH = 2.1  # of an endless plane, relative to how far cameras see
-_ON_GRIDS = True  # light of flat faces, as in OpenGL; mujoco_warp computes it at each pixel
+# Flat faces are lit at the lines of grids, and textures dim highlights, too. mujoco_warp computes
+# light at each pixel, and adds highlights afterwards.
+_AS_OPENGL = True
 _DRAWN = {GeomType.PLANE, GeomType.SPHERE, GeomType.CAPSULE}
 _DRAWN |= {GeomType.ELLIPSOID, GeomType.CYLINDER, GeomType.BOX}
 
@@ -74,6 +76,7 @@ class Primitives:
                 context.ray,
                 self._zooms,
                 self._run,
+                context.znear,
                 context.zfar,
                 data.cam_xpos,
                 data.cam_xmat,
@@ -110,8 +113,6 @@ class Primitives:
                 model.mat_texrepeat,
                 model.mat_texuniform,
                 self._textures,
-                model.light_active,
-                model.light_ambient,
                 data.cam_xpos,
                 self._around,
             ],
@@ -130,6 +131,7 @@ class Primitives:
                 model.light_exponent,
                 model.light_castshadow,
                 model.light_active,
+                model.light_ambient,
                 model.light_diffuse,
                 model.light_specular,
                 data.cam_xmat,
@@ -162,11 +164,8 @@ class Primitives:
 
 def _surroundings(model: mujoco.MjModel, camera: int) -> Any:  # a `Surroundings`
     around, headlight = Surroundings(), model.vis.headlight
-    around.camera, around.on_grids = camera, _ON_GRIDS
-    ambient = headlight.ambient * bool(headlight.active)
-    if not headlight.active and not model.nlight:
-        ambient = np.full(3, render.NO_LIGHT_AMBIENT_FALLBACK)
-    around.ambient = wp.vec3(*ambient)
+    around.camera, around.as_opengl = camera, _AS_OPENGL
+    around.ambient = wp.vec3(*headlight.ambient * bool(headlight.active))
     around.endless = _WIDTH * model.vis.map.zfar * model.stat.extent
     around.num_quads = float(model.vis.quality.numquads)
     return around

@@ -25,13 +25,14 @@ class Geom:
     bound: float  # rays with a smaller dot(centre, direction)² pass it by
     radius: float  # of a bounding sphere, negative of what is never seen
     rgb: wp.vec3
-    glow: wp.vec3  # emitted, and reflected of the ambient light, as a factor on the colour
+    glow: wp.vec3  # emitted, and reflected of the headlight's ambient, as a factor on the colour
     specular: float
     shininess: float
     shiny_from: float  # cos² of the angle to a light's mirror image
     texture: wp.vec3i  # first texel (-1: none), width, height
     repeat: wp.vec2
     uniform: bool
+    texture_last: bool  # all light is multiplied by it, also highlights
     is_flat: bool  # lit by lamps at the lines of a grid, in its own frame
     lines: wp.vec3  # distances of these lines
     first_line: wp.vec3

@@ -11,7 +11,7 @@ from mujoco_warp import GeomType
 from mujoco_warp._src import render
 
 from simtune.simulation.primitives_geoms import Geom
-from simtune.simulation.primitives_kernel import Light
+from simtune.simulation.primitives_light import Light
 
 _ENDLESS = wp.constant(1e6)  # radius of unbounded geoms
 _NEVER = wp.constant(1e30)
@@ -31,10 +31,10 @@ class Surroundings:
     """What all geoms of a model share."""
 
     camera: int
-    ambient: wp.vec3  # light of the headlight, or where there is no lamp at all
+    ambient: wp.vec3  # light of the headlight
     endless: float  # m, width of an endless plane
     num_quads: float  # along each side of a box
-    on_grids: bool  # light on flat faces is computed as OpenGL does
+    as_opengl: bool  # see primitives
 
 
 @wp.func
@@ -94,8 +94,6 @@ def gather_geoms(
     mat_texrepeat: wp.array2d[wp.vec2],
     mat_texuniform: wp.array2d[bool],
     textures: wp.array[wp.vec3i],
-    light_active: wp.array2d[bool],
-    light_ambient: wp.array2d[wp.vec3],
     cam_xpos: wp.array2d[wp.vec3],
     around: Surroundings,
     geoms: wp.array2d[Geom],
@@ -129,23 +127,20 @@ def gather_geoms(
         geom.bound = _NEVER
         geom.radius = -1.0
 
-    ambient = around.ambient
-    for light in range(light_ambient.shape[1]):
-        if light_active[world % light_active.shape[0], light]:
-            ambient += light_ambient[world % light_ambient.shape[0], light]
-    geom.glow = wp.vec3(glow) + ambient
+    geom.glow = wp.vec3(glow) + around.ambient
     geom.specular = specular
     geom.shininess = _MAX_SHININESS * shininess
     geom.shiny_from = float(2.0)
     if specular > 0.0 and geom.shininess > 0.0:
         geom.shiny_from = wp.pow(_UNSEEN, 2.0 / geom.shininess)
 
-    if around.on_grids and geom.kind == GeomType.PLANE:
+    geom.texture_last = around.as_opengl
+    if around.as_opengl and geom.kind == GeomType.PLANE:
         geom.is_flat = True
         lines, first = _ruled(geom, around.endless)
         geom.lines = lines
         geom.first_line = first
-    if around.on_grids and geom.kind == GeomType.BOX:
+    if around.as_opengl and geom.kind == GeomType.BOX:
         geom.is_flat = True
         geom.lines = 2.0 * geom.size / around.num_quads
         geom.first_line = -geom.size
@@ -162,6 +157,7 @@ def gather_lights(
     light_exponent: wp.array2d[float],
     light_castshadow: wp.array2d[bool],
     light_active: wp.array2d[bool],
+    light_ambient: wp.array2d[wp.vec3],
     light_diffuse: wp.array2d[wp.vec3],
     light_specular: wp.array2d[wp.vec3],
     cam_xmat: wp.array2d[wp.mat33],
@@ -180,9 +176,12 @@ def gather_lights(
         light.cos_cutoff = wp.cos(wp.radians(light_cutoff[world % light_cutoff.shape[0], i]))
         light.exponent = light_exponent[world % light_exponent.shape[0], i]
         light.casts = light_castshadow[world % light_castshadow.shape[0], i]
+        light.ambient = wp.vec3()
         light.diffuse = wp.vec3()
         light.specular = wp.vec3()
         if light_active[world % light_active.shape[0], i]:
+            light.ambient = light_ambient[world % light_ambient.shape[0], i]
+            light.fills = wp.length_sq(light.ambient) > 0.0
             light.diffuse = light_diffuse[world % light_diffuse.shape[0], i]
             light.specular = light_specular[world % light_specular.shape[0], i]
     else:

@@ -13,6 +13,7 @@ import warp
 from simtune.devices import pictures_at_once
 from simtune.parameters import ParameterSpace
 from simtune.simulation import packing
+from simtune.simulation.appearance import as_opengl_reads
 from simtune.simulation.backdrops import Backdrops
 from simtune.simulation.packing import packed
 from simtune.simulation.plate import before_plate, check_stands_still
@@ -63,7 +64,7 @@ class Raycaster:
             self._alone = cache(partial(Raycaster, model, space, camera, size, *settings))
         self._num_threads = num_threads if is_cpu else 1
         self._chunk = pictures_at_once(device, *size)
-        sky = None
+        model, sky = as_opengl_reads(model), None
         if plate is not None:
             check_stands_still(model, camera)
             model, sky = before_plate(model, space), packed(plate)

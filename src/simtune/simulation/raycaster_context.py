@@ -2,6 +2,7 @@
 
 import copy
 import os
+from collections.abc import Collection
 from contextlib import nullcontext
 from functools import partial
 from threading import Lock
@@ -14,6 +15,7 @@ from mujoco.batch import Batch
 
 from simtune.parameters import ModelWriter, field_of
 from simtune.simulation import packing
+from simtune.simulation.appearance import LEAST_SHININESS
 from simtune.simulation.packing import packed
 from simtune.simulation.primitives import Primitives
 from simtune.simulation.stray_light import StrayLight
@@ -47,6 +49,7 @@ class Context:
                 model,
                 camera,
                 size,
+                fields,
                 nworld=num_worlds,
                 render_skybox=sky is None,
                 use_precomputed_rays="cam_fovy" not in fields,
@@ -133,6 +136,8 @@ class Context:
         self._writer.write_batch(self._worlds, padded)
         for name in self._drawn:
             values = np.ascontiguousarray(self._worlds.expand(name), np.float32)
+            if name == "mat_shininess":
+                values = np.maximum(values, LEAST_SHININESS, dtype=np.float32)
             field = getattr(self._model, name)
             setattr(self._model, name, warp.array(values, dtype=field.dtype, device=field.device))
         self._written = padded
@@ -152,8 +157,9 @@ def init_warp(device: str = "cpu") -> None:
     warp.set_device(device)
 
 
-def make_context(model, camera, size, **settings):
-    return mujoco_warp.create_render_context(
+def make_context(model, camera, size, tuned: Collection[str] = (), **settings):
+    """`tuned`: fields that worlds differ in."""
+    context = mujoco_warp.create_render_context(
         model,
         cam_res=size[::-1],
         cam_active=[camera],
@@ -163,6 +169,9 @@ def make_context(model, camera, size, **settings):
         background_color=(0.0, 0.0, 0.0, 0.0),  # packs to packing.NOTHING
         **settings,
     )
+    if "light_attenuation" in tuned:  # else compiled for the model's own
+        context.light_attenuation_is_default = False
+    return context
 
 
 def _draw(model, data, context) -> warp.array:

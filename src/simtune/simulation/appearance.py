@@ -1,0 +1,69 @@
+"""What OpenGL makes of a model's textures, materials, flexes and lamps, written into a copy.
+
+mujoco_warp, from whose fields the ray caster draws, takes the model at its word.
+"""
+
+import copy
+
+import mujoco
+import numpy as np
+
+# OpenGL's power of 0 is an even gloss, mujoco_warp's is none
+LEAST_SHININESS = 1e-5
+_GROUPS = 3  # of those that there are, the first are seen
+_UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
+_MOST_LAMPS = 8  # at once, with the headlight
+_WITHOUT_LAMPS = 0.3  # ambient light
+_SRGB, _LINEAR = mujoco.mjtColorSpace.mjCOLORSPACE_SRGB, mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR
+
+
+def as_opengl_reads(model: mujoco.MjModel) -> mujoco.MjModel:
+    """A copy whose fields say what OpenGL draws."""
+    by_reference = (model.tex_adr < 0).any()
+    model = mujoco.mj_embedAssets(model) if by_reference else copy.copy(model)  # type: ignore
+    _decode(model)
+    _paint_flexes(model)
+    _choose_lamps(model)
+    model.mat_shininess[:] = np.maximum(model.mat_shininess, LEAST_SHININESS)
+    return model
+
+
+def _decode(model: mujoco.MjModel) -> None:
+    """Make sRGB textures linear; OpenGL takes skies and cubes as they are."""
+    encoded = np.arange(256) / 255
+    light = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    table = np.rint(255 * light).astype(np.uint8)
+    is_flat = model.tex_type == mujoco.mjtTexture.mjTEXTURE_2D.value
+    for texture in np.flatnonzero(is_flat & (model.tex_colorspace == _SRGB.value)):
+        texels = _texels(model, int(texture))
+        texels[:] = table[texels]
+        model.tex_colorspace[texture] = _LINEAR.value
+
+
+def _texels(model: mujoco.MjModel, texture: int) -> np.ndarray:
+    """(num, channels) RGB, or grey, in place."""
+    channels = int(model.tex_nchannel[texture])
+    num = int(model.tex_height[texture]) * int(model.tex_width[texture]) * channels
+    start = model.tex_adr[texture]
+    return model.tex_data[start : start + num].reshape(-1, channels)[:, :3]
+
+
+def _paint_flexes(model: mujoco.MjModel) -> None:
+    """With their materials' mean colours, and those of hidden groups not at all."""
+    is_plain = (model.flex_rgba == _UNPAINTED).all(-1) & (model.flex_matid >= 0)
+    model.flex_rgba[is_plain] = model.mat_rgba[model.flex_matid[is_plain]]
+    has_faces = model.flex_dim > 1
+    for flex in np.flatnonzero((model.flex_matid >= 0) & has_faces):
+        texture = model.mat_texid[model.flex_matid[flex], mujoco.mjtTextureRole.mjTEXROLE_RGB.value]
+        if texture >= 0:
+            model.flex_rgba[flex, :3] *= _texels(model, texture).mean(0) / 255
+    model.flex_rgba[model.flex_group >= _GROUPS, 3] = 0
+
+
+def _choose_lamps(model: mujoco.MjModel) -> None:
+    """The first ones, or some light from everywhere if there is no lamp."""
+    headlight, lamps = model.vis.headlight, np.flatnonzero(model.light_active)
+    model.light_active[lamps[_MOST_LAMPS - bool(headlight.active) :]] = 0
+    if not headlight.active and not len(lamps):
+        headlight.active, headlight.ambient = 1, np.full(3, _WITHOUT_LAMPS)
+        headlight.diffuse = headlight.specular = np.zeros(3)
