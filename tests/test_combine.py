@@ -118,6 +118,14 @@ def test_parameter_that_few_experiments_inform_about_claims_no_less_than_it_errs
     np.testing.assert_allclose(usual, std, rtol=0.35)
 
 
+def test_prior_of_common_errors_counts_once():
+    """A parameter and an offset of all experiments that act as one: the offset's prior is left."""
+    for num in (1, 3, 60):
+        information = 1e8 * np.ones((num, 2, 2))
+        combined = combine(information, np.zeros((num, 2)), 1e-12, np.ones(num), np.zeros(1))
+        assert np.sqrt(combined.covariance[0, 0]) == pytest.approx(COMMON_STD, rel=0.01)
+
+
 def test_step_at_a_bound_holds_that_parameter_and_is_best_for_the_others():
     # Down the valley of x + y; the bound of x is in the way, so that y goes alone.
     information = np.full((2, 2), 1e6)

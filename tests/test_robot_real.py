@@ -27,6 +27,7 @@ from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.recordings import open_dataset
 from simtune.robot.lerobot import LeRobot
+from simtune.run.files import read_json, write_json
 from simtune.simulation import DirectActions, JointActions
 from simtune.tasks import TASKS, Task, load_task
 from simtune.tuning_run import tune
@@ -144,7 +145,10 @@ def test_episodes_of_another_robot_file_are_not_used_together(file, old, new, wh
     file.write_text(LEROBOT.replace("speed = 100", "speed = 90"))  # means nothing to them
     assert len(make_real(file).collect(2)) == 2
     (folder / "001.json").unlink()
-    with pytest.raises(InputError, match=r"001 was filmed with another .*moved, .*step, "):
+    with pytest.raises(InputError, match=r"001\.json is missing or damaged"):
+        make_real(file)
+    write_json(folder / "001.json", read_json(folder / "000.json") | {"later": 1})
+    with pytest.raises(InputError, match=r"001 was filmed with another later, so"):
         make_real(file)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import simtune.simulation
 from simtune.parameters import ModelWriter, ParameterSpace, delay
-from simtune.simulation import StateSpace, Worlds, prepare_spec, random_actions
+from simtune.simulation import DirectActions, StateSpace, Worlds, prepare_spec, random_actions
 from simtune.tasks import load_task
 from simtune.tasks.task import Task
 
@@ -140,7 +140,7 @@ def test_random_actions_stay_in_the_controls_ranges_and_are_held(walker):
     model = walker.load_model()
     model.actuator_ctrlrange[:] = [[-0.5, 2]] * model.nu
     model.actuator_ctrllimited[1] = False
-    actions = random_actions(50, 30, model, np.random.default_rng(0), hold=4)
+    actions = random_actions(50, 30, DirectActions(model), np.random.default_rng(0), hold=4)
     assert actions.shape == (50, 30, model.nu)
     np.testing.assert_array_equal(actions[:, :28].reshape(50, 7, 4, -1).std(axis=2), 0)
     assert (actions[:, 3] != actions[:, 4]).all()

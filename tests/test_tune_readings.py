@@ -502,6 +502,13 @@ def test_of_two_that_add_up_the_larger_may_be_less_by_all_that_the_smaller_may_b
     assert wider[1] == pytest.approx(1.0)
     assert wider[0] > 1.3
     assert end.sum() == pytest.approx(3.5, rel=1e-3)
+    # On linear scales nothing bends, whatever else is hardly known, and also at a bound
+    masses = [replace(p, scale="linear", low=1.0, high=3.0, nominal=2.0) for p in dampings]
+    masses = ParameterSpace([*masses, replace(masses[0], name="third")])
+    turn = np.array([[0.8, -0.48, 0.36], [0.6, 0.64, -0.48], [0.0, 0.6, 0.8]])
+    for at in (np.full(3, 0.5), np.array([1.0, 0.5, 0.5])):
+        linear = turn @ np.diag(np.square([0.3, 0.11, 0.005])) @ turn.T
+        assert _along_sums(masses, at, np.arange(3), linear) == pytest.approx(np.ones(3), rel=0.01)
     # Known well, nothing bends
     assert _along_sums(space, unit, np.arange(2), covariance / 4) == pytest.approx([1.0, 1.0])
 

@@ -114,7 +114,7 @@ def combine(
     shares = np.einsum("pq,wqr,rp->wp", inverse, weighted, inverse, optimize=True)
     few, claim = _corrections(shares, found)
     scattered = inverse @ (deviations.T @ deviations) @ inverse
-    covariance = few * scattered + claim * inverse
+    covariance = few * scattered + claim * (inverse @ weighted.sum(0) @ inverse)
     covariance += inverse @ np.diag(prior + _RIDGE) @ inverse
     informative = np.trace(information[:, :num, :num], axis1=1, axis2=2) * variance > 1
     if informative.sum() >= _FEWEST_INFORMATIVE:

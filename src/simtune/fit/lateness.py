@@ -1,7 +1,7 @@
 """How late pictures or readings come, by less than a step: one more unknown of a fit.
 
 Camera exposure, buses, drivers and recording clocks add unknown milliseconds; a few of them look
-like a softer servo. Whole steps are found before (`latency`). The rest is fitted together with the
+like a softer servo. Whole steps are found before (`line_up`). The rest is fitted together with the
 parameters, so that their uncertainty allows for it.
 """
 

@@ -39,8 +39,12 @@ def check_meaning(dataset: Path, noted: Path, now: Meaning) -> None:
         then = None
     if then == now:
         return
-    known = then if isinstance(then, dict) else {}
-    others = ", ".join(key for key, value in now.items() if known.get(key) != value)
+    if not isinstance(then, dict):
+        raise InputError(
+            f"{noted} is missing or damaged, and nothing else says what {dataset} means: give "
+            f"another --out to film anew; --real {dataset} uses it as recordings"
+        )
+    others = ", ".join(key for key in {**now, **then} if then.get(key) != now.get(key))
     raise InputError(
         f"{dataset} was filmed with another {others}, so its episodes and new ones do not go "
         "together: change that back to go on with them, or give another --out to film anew; "

@@ -135,20 +135,22 @@ def _along_sums(
 
     A stiff damping and a soft one that act as one trade on their own scale, where dθᵢ is constant
     per dθⱼ. On the logarithmic scale of unit coordinates that is a curve, along which the stiff one
-    falls by far more than its tangent says. So where a combination is hardly known, its most
-    uncertain parameter goes to the ends of its interval, and the others follow on their own scale.
+    falls by far more than its tangent says. So where a combination is hardly known, the parameter
+    that it moves most goes as far as it does so, and the others follow on their own scale.
     """
     std, at = np.sqrt(np.diag(covariance)), space.from_unit(unit)
-    slope = (space.from_unit(unit + _SMALL) - space.from_unit(unit - _SMALL)) / (2 * _SMALL)
+    inside = np.clip(unit, _SMALL, 1 - _SMALL)
+    slope = (space.from_unit(inside + _SMALL) - space.from_unit(inside - _SMALL)) / (2 * _SMALL)
     reached = std.copy()
     values, combinations = np.linalg.eigh(covariance)
     for value, combination in zip(values, combinations.T, strict=True):
         if np.sqrt(value) < _HARDLY_KNOWN:
             continue
         most, change = int(np.abs(combination).argmax()), slope[fitted] * combination
+        own = _CENTRAL * np.sqrt(value) * abs(combination[most])
         for side in (-1, 1):
             end = unit.copy()
-            end[fitted[most]] = np.clip(unit[fitted[most]] + side * _CENTRAL * std[most], 0, 1)
+            end[fitted[most]] = np.clip(unit[fitted[most]] + side * own, 0, 1)
             moved = (space.from_unit(end) - at)[fitted[most]]
             end = at.copy()
             end[fitted] += change / change[most] * moved

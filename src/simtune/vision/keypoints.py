@@ -27,8 +27,8 @@ _THREE_SIZES = (mujoco.mjtGeom.mjGEOM_BOX.value, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 PILOT_STEPS = 3200  # simulated to choose keypoints
 _PILOTS = 32
 _DRAWN_GROUPS = 3  # MuJoCo draws geoms of the first three groups; the others are for contacts
-# Margin to which points outside the picture are clipped: detectors name no place beyond.
 _TOLERANCE_PX = 0.3  # root mean square of what the chosen keypoints do not explain
+# Margin to which points outside the picture are clipped: detectors name no place beyond.
 _BORDER_PX = 0.5
 
 
