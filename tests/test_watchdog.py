@@ -60,6 +60,11 @@ def test_the_watchdog_waits_for_less_than_the_200_ms_it_promises():
     assert TIMEOUT_S < 0.2
 
 
+def written(latch: Latch) -> str:
+    """Why it is closed; the file is there a moment before its text."""
+    return latch.file.read_text() if latch.file.exists() else ""
+
+
 def kill(controller, latch: Latch, how: signal.Signals, after_s: float) -> float:
     """Start a process that moves the arm, and end it on the way; seconds until it was stopped."""
     script = Path(__file__).with_name("move_until_killed.py")
@@ -76,10 +81,10 @@ def kill(controller, latch: Latch, how: signal.Signals, after_s: float) -> float
         killed_s = time.monotonic()
         os.kill(process.pid, how)
         deadline_s = killed_s + 30
-        while not (controller.stops and latch.file.exists()) and time.monotonic() < deadline_s:
+        while not (controller.stops and written(latch)) and time.monotonic() < deadline_s:
             time.sleep(0.005)
         assert controller.stops, "it was never stopped"
-        assert re.search("died|stalled", latch.file.read_text())
+        assert re.search("died|stalled", written(latch))
         return controller.stops[0] - killed_s
     finally:
         process.kill()
