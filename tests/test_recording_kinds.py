@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
+from simtune.between_rows import typical_step_s
 from simtune.checking.check import look_through
 from simtune.config import RecordingsConfig
 from simtune.errors import InputError
@@ -21,7 +22,7 @@ from simtune.footage import Footage
 from simtune.recordings import Dataset, decode, open_dataset, write_dataset, write_video
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.lerobot.features import _names
-from simtune.recordings.resample import step_actions, step_times, typical_step_s
+from simtune.recordings.resample import step_actions, step_times
 from simtune.recordings.source import Rows
 from simtune.recordings.steps import make_steps
 from simtune.trajectory import Trajectory

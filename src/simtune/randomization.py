@@ -47,6 +47,11 @@ class Distribution:
         """The same kind of distribution with another interval."""
         return replace(self, mean=mean, low=self.space.clip(low), high=self.space.clip(high))
 
+    @property
+    def unit_width(self) -> np.ndarray:
+        """(N,) of the interval, in unit coordinates."""
+        return self.space.to_unit(self.high) - self.space.to_unit(self.low)
+
     def state(self) -> dict[str, list[float]]:
         """Input of `with_state`; JSON."""
         return {key: getattr(self, key).tolist() for key in ("mean", "low", "high")}

@@ -105,7 +105,8 @@ def combine(
     weighted = count[:, None, None] * (information @ shrink)
     slopes = count[:, None] * np.einsum("wqp,wq->wp", shrink, slope)
     total = slopes.sum(0) + prior * np.concatenate([np.zeros(num), common])
-    whole = weighted.sum(0) + np.diag(prior)
+    by_data = weighted.sum(0)
+    whole = by_data + np.diag(prior)
     inverse = np.linalg.inv(whole + _RIDGE * eye)
     deviations = slopes - weighted @ (inverse @ total)
     # Degrees of freedom used by the fit; a common error uses the share that its data, not its
@@ -113,8 +114,8 @@ def combine(
     found = num + len(common) - (prior * np.diag(inverse)).sum()
     shares = np.einsum("pq,wqr,rp->wp", inverse, weighted, inverse, optimize=True)
     few, claim = _corrections(shares, found)
-    scattered = inverse @ (deviations.T @ deviations) @ inverse
-    covariance = few * scattered + claim * (inverse @ weighted.sum(0) @ inverse)
+    covariance = few * (inverse @ (deviations.T @ deviations) @ inverse)
+    covariance += claim * (inverse @ by_data @ inverse)
     covariance += inverse @ np.diag(prior + _RIDGE) @ inverse
     informative = np.trace(information[:, :num, :num], axis1=1, axis2=2) * variance > 1
     if informative.sum() >= _FEWEST_INFORMATIVE:

@@ -74,7 +74,7 @@ def analyze(
     first = Distribution.first(space, nominal)
     changed = one_by_one(space, nominal)
     scale = _along_scale(space, space.high) - _along_scale(space, space.low)
-    width = scale * (space.to_unit(first.high) - space.to_unit(first.low))
+    width = scale * first.unit_width
     prior = width / np.sqrt(12)  # of a uniform distribution
     information, seen = np.diag(prior**-2), _Seen.nothing(len(space))
     if simulator.views:

@@ -65,9 +65,7 @@ def calibrated(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> F
 
 def in_range(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
     """(N,) means and standard deviations in coordinates of the range, 0 to 1."""
-    space = distribution.space
-    width = space.to_unit(distribution.high) - space.to_unit(distribution.low)
-    return distribution.to_range_unit(fit.parameters), fit.std / width
+    return distribution.to_range_unit(fit.parameters), fit.std / distribution.unit_width
 
 
 def tell_apart(correlation: np.ndarray, space: ParameterSpace) -> dict[str, float]:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from simtune.between_rows import typical_step_s
 from simtune.errors import InputError
 from simtune.recordings import video
 from simtune.recordings.csv_table import MEASURED, is_reading, is_time, read_header, read_rows
 from simtune.recordings.readings import gather, readings_of
-from simtune.recordings.resample import typical_step_s
 from simtune.recordings.source import Lines, Reading, Rows, first_wrong, is_rate, natural, short
 
 VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # case-insensitive

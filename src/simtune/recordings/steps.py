@@ -5,14 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from simtune.between_rows import typical_step_s
 from simtune.errors import InputError
-from simtune.recordings.resample import (
-    find_gaps,
-    step_actions,
-    step_readings,
-    step_times,
-    typical_step_s,
-)
+from simtune.recordings.resample import find_gaps, step_actions, step_readings, step_times
 from simtune.recordings.source import MOST_ROWS, Reading, Rows, first_wrong, short
 
 _LARGEST_READING = 1e9  # larger than any joint reading in any unit, counts of encoders too

@@ -50,9 +50,8 @@ def point_estimate(prob_higher: np.ndarray, distribution: Distribution) -> Point
     """Medians of (N, C) curves, and half the width of their central 68 %."""
     space = distribution.space
     middle = distribution.from_range_unit(quantile(prob_higher, 0.5))
-    width = space.to_unit(distribution.high) - space.to_unit(distribution.low)
     spread = quantile(prob_higher, 0.84) - quantile(prob_higher, 0.16)
-    return PointEstimate(space.clip(middle), spread / 2 * width)
+    return PointEstimate(space.clip(middle), spread / 2 * distribution.unit_width)
 
 
 def with_fit(
@@ -73,9 +72,7 @@ def normal_curves(mean: np.ndarray, std: np.ndarray) -> np.ndarray:
 
 def blurred(prob_higher: np.ndarray, std: np.ndarray, distribution: Distribution) -> np.ndarray:
     """(N, C) curves with independent normal errors added, of (N,) `std` in unit coordinates."""
-    space = distribution.space
-    width = space.to_unit(distribution.high) - space.to_unit(distribution.low)
-    points = std / width / (_GRID[1] - _GRID[0])
+    points = std / distribution.unit_width / (_GRID[1] - _GRID[0])
     rows = zip(prob_higher, np.where(points > _FEWEST_POINTS, points, 0), strict=True)
     return np.stack([gaussian_filter1d(row, n, mode="nearest") if n else row for row, n in rows])
 

@@ -19,6 +19,7 @@ from simtune.budget import Budget
 from simtune.fit import FitConfig, JointMotion, OpenLoop, PointEstimate
 from simtune.fit.uncertainty import tell_apart
 from simtune.observation import advanced, finds_offset, joints_of
+from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
@@ -119,7 +120,7 @@ class Told:
     def start(self, guess: PointEstimate) -> PointEstimate:
         """Start of a fit: held parameters as readings have them, the others from `guess`."""
         space, told = self._range.space, self._estimate
-        std = (space.to_unit(told.high) - space.to_unit(told.low)) / _CENTRAL
+        std = _std(told, space)
         return PointEstimate(
             np.where(self.is_held, told.mean, guess.parameters),
             np.where(self.is_held, std, guess.std),
@@ -132,11 +133,11 @@ class Told:
         contradict each other, the interval covers both.
         """
         space, told = self._range.space, self._estimate
-        widths = [space.to_unit(e.high) - space.to_unit(e.low) for e in (told, estimate)]
+        std, of_both = _std(told, space), _std(estimate, space)
         is_told = ~space.is_appearance & self.is_used
-        own = (widths[0] <= widths[1]) & is_told
+        own = (std <= of_both) & is_told
         distance = np.abs(space.to_unit(told.mean) - space.to_unit(estimate.mean))
-        apart = is_told & (distance > _CONTRADICTS * np.hypot(*widths) / _CENTRAL)
+        apart = is_told & (distance > _CONTRADICTS * np.hypot(std, of_both))
         mixed = _covering(apart, _mixed(own, told, estimate), told, estimate, space.names)
         doubts = told.warnings
         if not own.any():
@@ -151,6 +152,11 @@ class Told:
             offsets=told.offsets if own.any() else estimate.offsets,
             warnings=list(dict.fromkeys([*doubts, *mixed.warnings])),
         )
+
+
+def _std(estimate: Estimate, space: ParameterSpace) -> np.ndarray:
+    """(N,) standard deviations in unit coordinates, if an interval is a normal distribution's."""
+    return (space.to_unit(estimate.high) - space.to_unit(estimate.low)) / _CENTRAL
 
 
 def _covering(
