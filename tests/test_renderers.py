@@ -208,12 +208,14 @@ def test_one_thread_draws_what_many_draw(scene):
 
 def test_the_sky_of_a_fixed_camera_is_the_one_drawn_for_a_camera_that_may_turn(scene):
     states, parameters = states_of(scene, [0.0, 0.3]), painted((RED, BLUE), (GREY, RED))
-    fixed = Raycaster(scene, SPACE, "above", (SIZE, SIZE), num_threads=1, sky_samples=1)
+    fixed = Raycaster(scene, SPACE, "above", (SIZE, SIZE), num_threads=1)
     turning = ParameterSpace([*SPACE, *camera_pose("camera", "above", (0, -1, 1))])
     own = Raycaster(scene, turning, "above", (SIZE, SIZE), num_threads=1)
     frames = own.render(states, np.hstack([parameters, np.tile(turning.nominal[6:], (2, 1))]))
     assert len(np.unique(frames[0, :8].reshape(-1, 3), axis=0)) > 5  # there is a gradient
-    np.testing.assert_array_equal(fixed.render(states, parameters), frames)
+    difference = fixed.render(states, parameters).astype(int) - frames
+    assert np.abs(difference).max() <= 1  # a fixed camera's is the mean over each pixel
+    assert abs(difference.mean()) < 0.1
 
 
 @functools.lru_cache(maxsize=2)
@@ -234,9 +236,12 @@ def without_grids(monkeypatch):
 
 
 def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
-    difference = np.abs(frames.astype(int) - expected).max(axis=-1)
+    """mujoco_warp cuts levels off where `Primitives` round them, as OpenGL does."""
+    difference = frames.astype(int) - expected
+    assert difference.min() >= -1
     assert difference.max() <= 1
-    assert (difference > 0).mean() < 0.001
+    assert (difference < 0).any(axis=-1).mean() < 0.001
+    assert difference.mean() < 0.6
     assert len(np.unique(frames.reshape(-1, 3), axis=0)) > 100  # it is no empty picture
 
 

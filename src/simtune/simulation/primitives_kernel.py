@@ -14,7 +14,6 @@ from simtune.simulation.primitives_light import DIRECTIONAL, Light, reflect, ref
 
 _OFF = wp.constant(1e-4)  # m, by which rays begin off a surface, not to meet it at once
 _ENDLESS = wp.constant(1e6)
-_FULL = wp.constant(1.0 + 1e-5)  # rounded off, since pixels are cut off to whole levels
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
@@ -72,7 +71,7 @@ def _shade(
         texel = texture_at(geom, texels, point, normal)
         rgb = wp.cw_mul(rgb, texel)
         if geom.texture_last:
-            full = _FULL * texel
+            full = texel
     light = wp.cw_mul(rgb, geom.glow)
     together = wp.cw_mul(rgb, geom.glow)
     for i in range(lights.shape[1]):
@@ -90,6 +89,14 @@ def _shade(
             light += reflected
     light -= wp.max(together - full, wp.vec3(0.0))
     return wp.max(wp.min(light, wp.vec3(1.0)), wp.vec3(0.0))
+
+
+@wp.func
+def _pack(light: wp.vec3):
+    """0 to 1 to the nearest level of 255, as OpenGL does; packing alone cuts off."""
+    return pack_rgba_to_uint32(
+        255.0 * light[0] + 0.5, 255.0 * light[1] + 0.5, 255.0 * light[2] + 0.5, 255.0
+    )
 
 
 @wp.func
@@ -160,8 +167,7 @@ def draw(
         if hit < 0:
             pixels[world, pixel] = NOTHING
             if sky >= 0:
-                shade = 255.0 * render.sample_skybox(skies[sky], sky_texel, direction)
-                pixels[world, pixel] = pack_rgba_to_uint32(shade[0], shade[1], shade[2], 255.0)
+                pixels[world, pixel] = _pack(render.sample_skybox(skies[sky], sky_texel, direction))
             continue
         point = origin + direction * nearest
         stray = strays[world]
@@ -174,5 +180,4 @@ def draw(
                 image = start + mirrored * away
                 its = _shade(geoms, lights, stray, texels, world, seen, image, facing, start)
                 light = wp.lerp(light, its, stray.mirror)
-        light = 255.0 * light
-        pixels[world, pixel] = pack_rgba_to_uint32(light[0], light[1], light[2], 255.0)
+        pixels[world, pixel] = _pack(light)

@@ -43,24 +43,21 @@ class Raycaster:
         camera: str,
         size: tuple[int, int],
         num_threads: int = 0,
-        sky_samples: int = 4,
         plate: np.ndarray | None = None,
         background_is_unknown: bool = False,
         device: str = "cpu",
     ):
-        """`sky_samples` per pixel and axis: stars are smaller than pixels and would sparkle.
-
-        `size`: (height, width) of pictures. `plate`: (height, width, 3) uint8 RGB in place of the
-        sky and of static geoms, see `before_plate`. An unknown background is a random picture in
-        their place. `device`: cpu, cuda or cuda:N. Raises InputError for a plate with a camera that
-        moves.
+        """`size`: (height, width) of pictures. `plate`: (height, width, 3) uint8 RGB in place of
+        the sky and of static geoms, see `before_plate`. An unknown background is a random picture
+        in their place. `device`: cpu, cuda or cuda:N. Raises InputError for a plate with a camera
+        that moves.
         """
         init_warp(device)
         self.size, self._device = size, device
         num_threads, is_cpu = num_threads or _num_cores(), device == "cpu"
         self._alone: Callable[[], Raycaster] | None = None  # draws one picture
         if not is_cpu and size[0] * size[1] <= _ONE:
-            settings = (1, sky_samples, plate, background_is_unknown)
+            settings = (1, plate, background_is_unknown)
             self._alone = cache(partial(Raycaster, model, space, camera, size, *settings))
         self._num_threads = num_threads if is_cpu else 1
         self._chunk = pictures_at_once(device, *size)
@@ -73,7 +70,7 @@ class Raycaster:
         elif can_turn(model, space, model.camera(camera).id):
             model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / size[0])
         else:
-            sky = constant_sky(model, camera, size, sky_samples)
+            sky = constant_sky(model, camera, size)
         threads = 1 if is_cpu else num_threads
         self._idle = [  # with the beginning of the chunk that each drew last; the latest is last
             (-1, Context(model, space, camera, size, sky, self._chunk, threads))

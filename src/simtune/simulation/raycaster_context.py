@@ -23,6 +23,7 @@ from simtune.simulation.warp_model import put_model
 
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 _COMPILING = Lock()  # Warp builds modules one at a time
+_SKY_SAMPLES = 4  # per pixel and axis: stars are smaller than pixels and would sparkle
 _LEFT_IN_SHADOW = 0.1  # of a lamp's light; `Primitives` take each room's own share
 
 
@@ -189,14 +190,13 @@ def assign(target, values: np.ndarray) -> None:
         target[: len(values)].assign(values)
 
 
-def constant_sky(
-    model: mujoco.MjModel, camera: str, size: tuple[int, int], samples: int
-) -> np.ndarray:
+def constant_sky(model: mujoco.MjModel, camera: str, size: tuple[int, int]) -> np.ndarray:
     """(H, W) packed pixels behind everything."""
     model = copy.copy(model)
     model.geom_rgba[:] = model.flex_rgba[:] = 0
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    context = make_context(model, camera, size, render_skybox=True, samples_per_pixel=samples)
-    pixels = _draw(put_model(model), mujoco_warp.put_data(model, data), context)
-    return pixels.numpy().reshape(size).copy()
+    context = make_context(model, camera, size, render_skybox=True, samples_per_pixel=_SKY_SAMPLES)
+    _draw(put_model(model), mujoco_warp.put_data(model, data), context)
+    sums = context.aa_accum.numpy().reshape(*size, 3)  # of 255; its pixels are cut off, not rounded
+    return packed(np.rint(sums / _SKY_SAMPLES**2).astype(np.uint8))
