@@ -243,6 +243,19 @@ def test_refit_worlds_are_drawn_no_farther_than_was_known_before():
     assert np.abs(np.array(replay_fit.starts) - unit).max() > 0.2
 
 
+def test_fits_that_do_not_arrive_are_not_taken_for_biased_to_the_side_where_they_began():
+    """Five independent beginnings all lie on one side of the truth once in sixteen times."""
+    real = replace(a_fit(), parameters=SPACE.from_unit(np.full(len(SPACE), 0.5)))
+    start = PointEstimate(real.parameters, np.full(len(SPACE), 0.05))
+    replay_fit = FakeReplayFit(lambda begun_at: replace(real, parameters=begun_at))
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        made = run_bootstrap(replay_fit, observe_nothing, real, start, 4, rng)
+        assert np.abs(made.errors).max() > 1
+        assert (made.bias() == 0).all()
+        np.testing.assert_allclose(made.errors[::2], -made.errors[1::2], atol=1e-9)
+
+
 def test_refit_errors_are_in_units_of_the_claimed_std():
     std, discrepancy = np.full(len(SPACE), 0.03), np.full(len(SPACE), 0.04)
     unit = SPACE.to_unit(SPACE.nominal).clip(0.2, 0.8)

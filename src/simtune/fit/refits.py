@@ -3,7 +3,7 @@
 Simulated worlds near the estimate are filmed and fitted exactly as the real one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +54,7 @@ def run_bootstrap(
     # At least as far as the real fit moved: a fit that starts near the truth converges easily.
     away = np.maximum(start.std, np.abs(unit - start_unit))
     refits: list[_Refit] = []
-    for number in range(num):
+    for number, offset in zip(range(num), _in_opposite_pairs(rng, len(unit)), strict=False):
         if number and not budget.allows_another(number):
             break
         budget.report("fitting known worlds for comparison", number / num)
@@ -62,13 +62,25 @@ def run_bootstrap(
         observed = synthesize(space.from_unit(truth), fit.latency_steps)
         if observed is None:
             continue
-        begin = PointEstimate(space.from_unit(truth + away * rng.normal(size=len(unit))), start.std)
+        begin = PointEstimate(space.from_unit(truth + away * offset), start.std)
         try:
             refit = replay_fit.fit(observed, begin, (fit.latency_steps,), extend_horizon)
         except OutOfTime:
             break
         refits.append(_Refit(refit, space.to_unit(refit.parameters) - truth))
     return _compared(fit, refits)
+
+
+def _in_opposite_pairs(rng: np.random.Generator, size: int) -> Iterator[np.ndarray]:
+    """(size,) normal numbers without end, each followed by its opposite (antithetic variates).
+
+    A fit that does not arrive errs towards where it began. Of a few independent beginnings all may
+    lie on one side, by chance, and that would look like a bias.
+    """
+    while True:
+        offset = rng.normal(size=size)
+        yield offset
+        yield -offset
 
 
 def _world_near(
