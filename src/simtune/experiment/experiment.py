@@ -45,7 +45,7 @@ from simtune.vision.keypoints import Keypoints
 
 
 @dataclass(frozen=True, kw_only=True)
-class World:
+class TuningProblem:
     """A real world, and the simulator to be tuned to it."""
 
     config: TuneConfig | TrainConfig
@@ -82,7 +82,7 @@ class World:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Experiment(World):
+class Experiment(TuningProblem):
     """What `tune` works with; `TrainingExperiment` adds what learns to act."""
 
     settings: Settings
@@ -134,12 +134,12 @@ def build_experiment(
     report("looking at the real world", 0.0)
     size = choose_image_size(config, task, name)
     device = choose_device(config.device)
-    world = build_world(config, task, size, config.real_episodes, device)
-    search = build_search(world, name, settings)
-    return Experiment(**vars(world), settings=settings, search_name=name, search=search)
+    problem = build_problem(config, task, size, config.real_episodes, device)
+    search = build_search(problem, name, settings)
+    return Experiment(**vars(problem), settings=settings, search_name=name, search=search)
 
 
-def build_world(
+def build_problem(
     config: TuneConfig | TrainConfig,
     task: AnyTask,
     image_size: int,
@@ -147,7 +147,7 @@ def build_world(
     device: str,
     *,
     trained: Mapping[str, Any] | None = None,
-) -> World:
+) -> TuningProblem:
     """The real world that was asked for, with its first `num_recorded` episodes (None: a few).
 
     `tune` works with these. In a training, where a robot or a policy films later, they are read
@@ -179,7 +179,7 @@ def build_world(
         known=known_values(task, task.parameters),
         device=device,
     )
-    return World(
+    return TuningProblem(
         config=config,
         run_config=run_config,
         task=task,
@@ -221,24 +221,26 @@ def _simulator_like(
     )
 
 
-def build_search(world: World, name: SearchName, settings: Settings) -> Search:
+def build_search(problem: TuningProblem, name: SearchName, settings: Settings) -> Search:
     """The search with this name. Raises InputError if the recordings do not suit it."""
-    if not world.context.observation.cameras:
-        search = _search_readings(world, name)
+    if not problem.context.observation.cameras:
+        search = _search_readings(problem, name)
     else:
-        usual = choose_search_settings(world.config, name, world.task, world.recordings)
-        search = make_search(name, world.context, settings.search or usual)
-    if world.recordings:
-        search.check(world.recordings)
+        usual = choose_search_settings(problem.config, name, problem.task, problem.recordings)
+        search = make_search(name, problem.context, settings.search or usual)
+    if problem.recordings:
+        search.check(problem.recordings)
     return search
 
 
-def _search_readings(world: World, name: SearchName) -> Search:
+def _search_readings(problem: TuningProblem, name: SearchName) -> Search:
     if name != "posterior":
         raise InputError(f"--search {name} looks at pictures: have a camera observed")
-    if not isinstance(world.config, TuneConfig):
+    if not isinstance(problem.config, TuneConfig):
         raise InputError("a policy acts on pictures: have --observe name cameras too")
-    shown = [p.name for p in world.space if p.is_appearance]
-    if shown and not world.task.cameras:
+    shown = [p.name for p in problem.space if p.is_appearance]
+    if shown and not problem.task.cameras:
         raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
-    return ReadingsSearch(world.context, ReadingsConfig(precision=world.config.relative_precision))
+    return ReadingsSearch(
+        problem.context, ReadingsConfig(precision=problem.config.relative_precision)
+    )

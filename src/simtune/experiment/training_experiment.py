@@ -11,7 +11,7 @@ import torch
 from simtune.agents import Agent, AgentSpec, Observation
 from simtune.config import TrainConfig
 from simtune.devices import choose_device
-from simtune.experiment.experiment import Experiment, World, build_search, build_world
+from simtune.experiment.experiment import Experiment, TuningProblem, build_problem, build_search
 from simtune.experiment.settings import Settings
 from simtune.networks import under
 from simtune.presets import choose_agent, choose_range, choose_schedule, choose_search
@@ -135,35 +135,19 @@ def build_training(
     schedule = settings.schedule or choose_schedule(config, task, name)
     report("looking at the real world", 0.0)
     num = config.real_episodes if name else 0
-    world = build_world(config, task, schedule.image_size, num, device, trained=trained)
-    if world.recordings:  # without a requested number there may be fewer than usual
+    problem = build_problem(config, task, schedule.image_size, num, device, trained=trained)
+    if problem.recordings:  # without a requested number there may be fewer than usual
         later = schedule.real_episodes[1:]
-        schedule = replace(schedule, real_episodes=(len(world.recordings), *later))
-    assert isinstance(world.simulator, Simulator), "load_task gives models' only"
-    assert isinstance(world.keypoints, Keypoints)
-    most_late = _most_late(world)
-    stacked = schedule.num_stacked
-    environment = Environment(
-        task,
-        world.simulator,
-        stacked,
-        world.keypoints,
-        most_late=most_late,
-        observation=world.real.observation,
-    )
-    agent = _agent(config, settings, schedule, environment, world, device)
+        schedule = replace(schedule, real_episodes=(len(problem.recordings), *later))
+    environment, scored_in = _environments(config, schedule, task, problem)
+    agent = _agent(config, settings, schedule, environment, problem, device)
     if not agent.needs_keypoints:
         environment.keypoints = None  # finding them in each step takes time
-    gap = RealityGap.of(config, schedule.image_size)
-    scored_in = environment
-    if gap:
-        simulator = gap.simulator(task, world.real.observation.views())
-        scored_in = Environment(task, simulator, stacked, gap=gap, most_late=most_late)
     return TrainingExperiment(
-        **vars(world),
+        **vars(problem),
         settings=settings,
         search_name=name,
-        search=build_search(world, name, settings) if name else _fixed_range(config, world),
+        search=build_search(problem, name, settings) if name else _fixed_range(config, problem),
         schedule=schedule,
         environment=environment,
         scored_in=scored_in,
@@ -172,9 +156,32 @@ def build_training(
     )
 
 
-def _most_late(world: World) -> int:
+def _environments(
+    config: TrainConfig, schedule: Schedule, task: Task, problem: TuningProblem
+) -> tuple[Environment, Environment]:
+    """Where the policy learns, and where it is scored: with the reality gap, if there is one."""
+    assert isinstance(problem.simulator, Simulator), "load_task gives models' only"
+    assert isinstance(problem.keypoints, Keypoints)
+    most_late, seen = _most_late(problem), problem.real.observation
+    environment = Environment(
+        task,
+        problem.simulator,
+        schedule.num_stacked,
+        problem.keypoints,
+        most_late=most_late,
+        observation=seen,
+    )
+    gap = RealityGap.of(config, schedule.image_size)
+    if not gap:
+        return environment, environment
+    simulator = gap.simulator(task, seen.views())
+    scored_in = Environment(task, simulator, schedule.num_stacked, gap=gap, most_late=most_late)
+    return environment, scored_in
+
+
+def _most_late(problem: TuningProblem) -> int:
     """Steps by which actions may be late: by a parameter, or as a search may find them to be."""
-    seen, step_s, space = world.real.observation, world.simulator.step_s, world.space
+    seen, step_s, space = problem.real.observation, problem.simulator.step_s, problem.space
     if space.is_delay.any():
         return math.ceil(space.high[space.is_delay].max() / step_s - _ROUNDED)
     if not seen.max_latency_steps:
@@ -183,13 +190,13 @@ def _most_late(world: World) -> int:
     return by_readings + seen.max_latency_steps
 
 
-def _fixed_range(config: TrainConfig, world: World) -> FixedRange:
+def _fixed_range(config: TrainConfig, problem: TuningProblem) -> FixedRange:
     """The range of a method without a search."""
-    mean = world.start
+    mean = problem.start
     if config.method == "oracle":
-        assert world.truth is not None, "checked"
-        mean = world.truth.for_oracle()
-    return FixedRange(Distribution.proportional(world.space, mean, choose_range(config)))
+        assert problem.truth is not None, "checked"
+        mean = problem.truth.for_oracle()
+    return FixedRange(Distribution.proportional(problem.space, mean, choose_range(config)))
 
 
 def _agent(
@@ -197,7 +204,7 @@ def _agent(
     settings: Settings,
     schedule: Schedule,
     environment: Environment,
-    world: World,
+    problem: TuningProblem,
     device: str,
 ) -> Agent:
     assert environment.keypoints is not None, "given above"
@@ -209,7 +216,7 @@ def _agent(
         num_positions=environment.num_positions,
         num_actions=environment.simulator.num_actions,
         most_late=environment.most_late,
-        image_noise=world.real.observation.image_noise,
+        image_noise=problem.real.observation.image_noise,
         privileged=~environment.task.parameters.is_appearance,
         total_steps=schedule.total_steps,
         first_tried=schedule.first_tried,
