@@ -254,17 +254,30 @@ def test_fit_to_budget_counts_particles_and_windows(simulator, monkeypatch):
     derived = 1 + 2 * 2 + 2 * 2
     window_s = 2 * 1e-3 * shooting.steps_per_window(derived)  # from two sides
     window_s += 1e-3 * shooting.steps_of_longer(derived)  # from one
-    num_windows = 1000 / shooting.stages[-1].window  # there are no more in so many steps
-    needed_s = 1e-3 * 1000 * 10_000 + num_windows * window_s
+    num_windows = 84  # there are no more in so many steps, of 12 each
+    particles_s, windows_s = 1e-3 * 1000 * 10_000, num_windows * window_s
+    needed_s = particles_s + windows_s
+    # Particles take the larger share of the two: seconds / needed_s
     assert size.particles.num == pytest.approx(10_000 * seconds / needed_s, rel=1e-3)
-    assert size.shooting.num_windows == pytest.approx(10_000 * seconds / needed_s, rel=1e-3)
+    assert size.shooting.num_windows == 20
     assert size.shooting.stages == shooting.stages
-    assert fit_to_budget(config, physics, SPACE.nominal, work, 2 * needed_s) == config
+    # Where particles are cheap they take up to a quarter of the time, and windows the rest.
+    cheap = replace(config, particles=ParticleConfig(num=100))  # 1 s each
+    derived = 1 + 2 * 2 + 2 * 20
+    all_s = 84e-3 * (2 * shooting.steps_per_window(derived) + shooting.steps_of_longer(derived))
+    half_s = (100 + all_s) / 2
+    size = fit_to_budget(cheap, physics, SPACE.nominal, work._replace(num_fitted=20), half_s)
+    assert size.particles.num == int(half_s / 4) > 60
+    windows = 84 * (half_s - half_s / 4) / all_s  # of the 84 that there are
+    assert size.shooting.num_windows == pytest.approx(windows, abs=1)
+    ample = fit_to_budget(config, physics, SPACE.nominal, work, 2 * needed_s)
+    assert ample == config.at_most(10_000, 84)
     assert fit_to_budget(config, physics, SPACE.nominal, work, math.inf) == config
     # As few as tell enough, unless those take too long with all that is not counted, twice that
-    few = config.scaled(0.0)
+    few = config.at_most(0, 0)
     few_s = 1e-3 * 1000 * few.particles.num
     few_s += few.shooting.num_windows * window_s
-    for at_most_s, its in ((2.001 * few_s, few), (1.999 * few_s, config.least())):
+    in_time = int(0.25 * 1.999 * few_s / 2)  # particles, of 1 s each
+    for at_most_s, its in ((2.001 * few_s, few), (1.999 * few_s, config.least(in_time))):
         its = replace(its, longer_within_s=0.8 * at_most_s)
         assert fit_to_budget(config, physics, SPACE.nominal, work, 1e-3, at_most_s) == its

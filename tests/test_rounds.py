@@ -248,21 +248,23 @@ def test_steps_of_a_fit_by_hand():
     assert count_fit_steps(FIT, FitWork(900, 4, 2)) == (900 * 50, 30 * (2 * 190 + 560))
 
 
-def test_a_scaled_fit_keeps_the_fewest_that_tell_anything():
+def test_a_smaller_fit_keeps_the_fewest_that_tell_anything():
     def size(config: FitConfig) -> tuple[int, int]:
         return config.particles.num, config.shooting.num_windows
 
     config = FitConfig(
         particles=ParticleConfig(num=200), shooting=ShootingConfig(stages=STAGES, num_windows=90)
     )
-    assert size(config.scaled(0.5)) == (100, 45)
-    assert config.scaled(0.5).shooting.stages == STAGES
-    assert size(config.scaled(0.2)) == (40, 20)
-    assert size(config.scaled(0.0)) == (32, 20)
-    assert config.scaled(1.0) == config
+    assert size(config.at_most(100, 36)) == (100, 36)
+    assert config.at_most(100, 36).shooting.stages == STAGES
+    assert size(config.at_most(40, 18)) == (40, 20)
+    assert size(config.at_most(0, 0)) == (32, 20)
+    assert config.at_most(300, 100) == config
     few = FitConfig(particles=ParticleConfig(num=8), shooting=ShootingConfig(num_windows=6))
-    assert few.scaled(0.0) == few, "no more than were asked for"
+    assert few.at_most(0, 0) == few, "no more than were asked for"
     assert size(config.least()) == (16, 12)
+    assert size(config.least(50)) == (50, 12)
+    assert size(config.least(300)) == (200, 12)
     assert config.least().shooting.longer == ()
     assert (config.num_pictures, config.least().num_pictures) == (40, 20)
     assert size(few.least()) == (8, 6)

@@ -26,7 +26,7 @@ _FAST_SEARCH = PosteriorSearchConfig(
     detector_updates=(1000, 1500),
     posterior_updates=300,
     state_updates=300,
-    fit=FitConfig().scaled(0.5),
+    fit=FitConfig().at_most(32, 45),
     num_refits=(2, 2),
 )
 

@@ -94,9 +94,20 @@ def _follow(
     followed = particles.follow(observed, guessed, unit, np.clip(start.std, *_PARTICLE_STD))
     estimates = followed.unit[fitted]
     unit[moving] = np.median(estimates, 0)
-    if len(estimates) > 1:  # one episode does not show the spread between episodes
-        std[moving] = estimates.std(0, ddof=1) / np.sqrt(len(estimates))
+    std[moving] = std_of_mean(estimates, start.std[moving])
     return Followed(followed.states, PointEstimate(setup.space.from_unit(unit), std))
+
+
+def std_of_mean(estimates: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """(P,) of the mean of (E, P) estimates, one an episode, with (P,) std known `before`.
+
+    Few episodes may agree by chance, so what was known before counts like one degree of freedom:
+    √((σ² + Σ_e (u_e − ū)²) / E) / √E. Fits that begin close together on the wrong side may both
+    end there, and look sure: with it, six of rope_peg's refits erred by .8 of their claims (rms),
+    without by 1.5.
+    """
+    scatter = np.square(estimates - estimates.mean(0)).sum(0)
+    return np.sqrt(np.square(before) + scatter) / len(estimates)
 
 
 def _find_latency(

@@ -13,6 +13,10 @@ from simtune.fit.shooting_config import ShootingConfig
 _SIDES = 2  # of the start, from which windows are fitted
 _FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20
 _LEAST_PARTICLES, _LEAST_WINDOWS, _LEAST_PICTURES = 16, 12, 20  # if even those take too long
+# Of a fit's time, that all particles may take: they cost little, and where they end decides whether
+# windows arrive. Six of rope_peg's refits of 10 windows left a rope .20, .15 and .12 off, in unit
+# coordinates, after 16, 32 and 64 particles (12.6, 13.0 and 15.5 s).
+_FOR_PARTICLES = 0.25
 # Factor on the time of particles and windows, for latencies, offsets and the held-out episode.
 _IN_ALL = 2.0
 _WITH_LONGER = 0.8  # of the most that a fit may take: two refits that take as long have time, too
@@ -36,14 +40,14 @@ class FitConfig:
     longer_within_s: float = np.inf
     held: tuple[int, ...] = ()  # parameters that keep their start and its std
 
-    def scaled(self, share: float) -> "FitConfig":
-        """With this share of the particles and windows, but never fewer than tell enough."""
-        num = max(_FEWEST_PARTICLES, int(share * self.particles.num))
-        return self._at_most(num, max(_FEWEST_WINDOWS, int(share * self.shooting.num_windows)))
+    def at_most(self, num_particles: int, num_windows: int) -> "FitConfig":
+        """With no more particles and windows, but never fewer than tell enough."""
+        fewest = max(_FEWEST_PARTICLES, num_particles), max(_FEWEST_WINDOWS, num_windows)
+        return self._at_most(*fewest)
 
-    def least(self) -> "FitConfig":
-        """With the fewest that tell anything, and no longer windows."""
-        config = self._at_most(_LEAST_PARTICLES, _LEAST_WINDOWS)
+    def least(self, num_particles: int = 0) -> "FitConfig":
+        """With the fewest that tell anything, or as many particles, and no longer windows."""
+        config = self._at_most(max(num_particles, _LEAST_PARTICLES), _LEAST_WINDOWS)
         num_pictures = min(_LEAST_PICTURES, self.num_pictures)
         shooting = replace(config.shooting, longer=())
         return replace(config, shooting=shooting, num_pictures=num_pictures)
@@ -57,10 +61,14 @@ class FitConfig:
         )
 
 
+def count_windows(config: FitConfig, work: FitWork) -> int:
+    """As many as are asked for, if there are so many."""
+    return min(config.shooting.num_windows, -(-work.num_steps // config.shooting.stages[-1].window))
+
+
 def count_fit_steps(config: FitConfig, work: FitWork) -> tuple[int, int]:
     """Policy steps that particles and windows play."""
-    shooting = config.shooting
-    windows = min(shooting.num_windows, -(-work.num_steps // shooting.stages[-1].window))
+    shooting, windows = config.shooting, count_windows(config, work)
     num_derived = 1 + work.num_unknown + 2 * work.num_fitted
     played = _SIDES * shooting.steps_per_window(num_derived) + shooting.steps_of_longer(num_derived)
     return work.num_steps * config.particles.num, windows * played
@@ -74,23 +82,32 @@ def fit_to_budget(
     seconds: float,
     at_most_s: float = np.inf,
 ) -> FitConfig:
-    """With as many particles and windows as `seconds` allow.
+    """With as many particles and windows as `seconds` allow, particles first.
 
-    With the fewest that tell enough it may take longer. If that exceeds `at_most_s`, the least
-    configuration is taken. Longer windows must end within a share of `at_most_s`: where little is
-    told, all lengths are tried, and no time would be left for refits.
+    With the fewest that tell enough it may take longer. If that exceeds `at_most_s`, the fewest
+    windows that tell anything are taken. Longer windows must end within a share of `at_most_s`:
+    where little is told, all lengths are tried, and no time would be left for refits.
     """
     if not np.isfinite(seconds):
         return config
     step_s, begun_step_s = _seconds_per_step(physics, parameters)
 
-    def needed_s(sized: FitConfig) -> float:
+    def needed_s(sized: FitConfig) -> np.ndarray:
         of_particles, of_windows = count_fit_steps(sized, work)
-        return begun_step_s / sized.particles.steps * of_particles + step_s * of_windows
+        return np.array([begun_step_s / sized.particles.steps * of_particles, step_s * of_windows])
 
     config = replace(config, longer_within_s=_WITH_LONGER * at_most_s)
-    scaled = config.scaled(min(1.0, seconds / needed_s(config)))
-    return scaled if _IN_ALL * needed_s(scaled) <= at_most_s else config.least()
+    particles_s, windows_s = needed_s(config)
+    share = max(seconds / (particles_s + windows_s), _FOR_PARTICLES * seconds / particles_s)
+    of_windows = (seconds - min(1.0, share) * particles_s) / windows_s
+    num_particles, num_windows = config.particles.num, count_windows(config, work)
+    planned = config.at_most(
+        int(min(1.0, share) * num_particles), int(min(1.0, of_windows) * num_windows)
+    )
+    if _IN_ALL * needed_s(planned).sum() <= at_most_s:
+        return planned
+    share = _FOR_PARTICLES * at_most_s / _IN_ALL / particles_s
+    return config.least(int(min(1.0, share) * num_particles))
 
 
 def _seconds_per_step(physics: Physics, parameters: np.ndarray) -> tuple[float, float]:
