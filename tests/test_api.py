@@ -12,6 +12,7 @@ import pytest
 
 import simtune
 from simtune.config import TuneConfig
+from simtune.errors import InputError
 from simtune.outcome import asked
 from simtune.run import write_json
 from simtune.tasks import cartpole
@@ -130,6 +131,9 @@ def test_curves_and_pairs_are_drawn_as_figures(result, monkeypatch):
     for plot in (result.plot_curves, result.plot_pairs):
         with pytest.raises(ValueError, match="no parameter 'pole_mas'"):
             plot(["pole_mas"])
+    monkeypatch.setattr(type(result), "curves", {})
+    with pytest.raises(InputError, match="tells no curve of pole_mass"):
+        result.plot_curves()
 
 
 @pytest.mark.thorough

@@ -287,6 +287,16 @@ def test_what_may_be_anywhere_is_no_robot(task, tmp_path):
     assert [model.geom(g).name for g in np.flatnonzero(~moves)] == ["fore"]
 
 
+def test_a_play_leaves_nothing_anywhere(task):
+    file = Path(task.source)
+    file.write_text(TUNING + '[[backlash]]\njoint = "elbow"\nplay = 0.01\narmature = 0.1\n')
+    loose = load_task(str(file))
+    seen = ObservationModel.of_reality(loose.sensors, loose.cameras)
+    model, camera = loose.load_model(), loose.cameras[0].camera
+    assert model.njnt == 4
+    assert not anywhere(model, camera, seen).any()
+
+
 def test_the_field_of_view_is_looked_for_if_asked(task):
     options = CheckConfig(task="", real=Path("r"), camera_pose=Path("c.toml"), within_fov_deg=8)
     space = with_any_camera(task, task.cameras[0], options).parameters

@@ -1,7 +1,9 @@
 """Several cameras of any shape, side by side: drawn, seen, recorded and read again."""
 
 import json
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -9,7 +11,8 @@ import pytest
 import torch
 from mujoco.batch import Batch
 
-from simtune.config import RecordConfig
+from simtune.checking import check
+from simtune.config import CheckConfig, RecordConfig
 from simtune.errors import InputError
 from simtune.footage import Footage
 from simtune.observation import ObservationModel
@@ -217,6 +220,24 @@ def test_record_films_with_every_camera(task, tmp_path):
     keys = [footage.key for footage in task.cameras]
     assert [camera["key"] for camera in dataset.facts(1)["cameras"]] == keys
     assert set(keys) <= set(json.loads((config.out / "meta/stats.json").read_text()))
+
+
+@pytest.mark.thorough
+def test_check_draws_a_picture_of_each_camera(task, tmp_path, monkeypatch):
+    tuning = tmp_path / "tune.toml"
+    tuning.write_text(TUNING.replace('"above"', '"left/above"'))
+    record(RecordConfig(task=str(tuning), out=tmp_path / "data", episodes=1, image_size=HEIGHT))
+    (tmp_path / "temp").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temp"))
+    monkeypatch.setattr("simtune.checking.film._own_gain", lambda _: 1.0)  # takes longest
+    module = sys.modules["simtune.checking.check"]
+    monkeypatch.setattr(module, "draw_film", lambda path, *_: path.touch())
+
+    found = check(CheckConfig(task=str(tuning), real=tmp_path / "data"))
+    pictures = sorted((tmp_path / "temp").iterdir())
+    assert sorted(Path(film["pictures"]) for film in found["films"].values()) == pictures
+    named = sorted(path.name.split("-", 3)[-1] for path in pictures)
+    assert named == ["front.png", "left_above.png"]
 
 
 def filmed(folder, sizes: dict[str, tuple[int, int]], num: int = 20):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from simtune import cli
-from simtune.checking import check
+from simtune.checking import check, table
 from simtune.checking.conclusions import conclude
 from simtune.checking.promise import promises
 from simtune.checking.recording_warnings import warnings
@@ -206,6 +206,32 @@ def test_a_sum_is_of_one_unit():
     ]
 
 
+def test_a_reason_why_nothing_shows_is_given_only_where_nothing_does():
+    """A ball that bounces between the states looked at touches nothing in any of them."""
+    space = ParameterSpace(
+        [
+            dynamics(name, "body_mass", (name,), nominal=1.0, unit="kg")
+            for name in ("felt", "unfelt")
+        ]
+    )
+    size, few = np.array([0.5, 0.0]), np.full(2, 0.1)
+    sensitivity = Sensitivity(
+        parameters=space.nominal,
+        changed=space.nominal + few,
+        levels=size,
+        pixel_share=size,
+        rms_px=size,
+        largest_px=size,
+        motion_std=np.array([0.5, np.inf]),
+        picture_std=np.full(2, np.inf),
+        first_width=np.full(2, 2.2),
+        correlation=np.eye(2),
+    )
+    found = conclude(space, sensitivity, dict.fromkeys(space.names, "touches nothing"))
+    notes = {name: facts["note"] for name, facts in found["parameters"].items()}
+    assert notes == {"felt": "", "unfelt": "touches nothing"}
+
+
 def test_mass_of_a_slider_shows_where_its_gain_is_known(sliding):
     covariance = motion_covariance(
         sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0])
@@ -353,12 +379,12 @@ def test_warnings():
 
 def test_rows_that_a_log_lacks_are_warned_of_in_one_line():
     facts = {"control_hz": 12.5, "cameras": [], "gaps": {"swing1": [[2.9, 6.0]]}}
-    (said,) = warnings(pendulum(), facts, [np.eye(2)], 1)
+    (said,) = warnings(pendulum(), facts, [np.eye(8, 2)], 1)
     assert said == (
         "swing1: no row between 2.9 and 6 s: the action before is held; was the log cut?"
     )
     facts["gaps"] |= {"swing2": [[1.0, 1.5], [3.0, 9.0]]}
-    (said,) = warnings(pendulum(), facts, [np.eye(2)], 1)
+    (said,) = warnings(pendulum(), facts, [np.eye(8, 2)], 1)
     assert said.startswith("swing2: no row between 3 and 9 s, the longest of 3 gaps: the action")
 
 
@@ -418,6 +444,19 @@ def test_the_table(simtune):
     (box,) = (line for line in lines if line.startswith("box_mass"))
     assert box.endswith("changes neither picture nor motion: it cannot be found from video")
     assert "visible" in next(line for line in lines if line.startswith("arm_r"))
+
+
+def test_the_table_says_how_late_the_worst_camera_is():
+    times = [{"largest": 31.5, "mean": 9.0}, {"largest": 0.0, "mean": 0.0}]
+    cameras = [
+        {"source_size": (48, 64), "codec": "h264", "key": f"c{i}", "time_error_ms": late}
+        for i, late in enumerate(times)
+    ]
+    facts = dict.fromkeys(("folder", "kind", "episodes", "steps", "dataset_hash"), "")
+    facts |= {"fps": 10.0, "control_hz": 10.0, "action_ranges": {}, "cameras": cameras}
+    result = {"task": "t", "episodes": 1, "steps": 30, "step_s": 0.1, "recordings": facts}
+    said = "\n".join(table(result | {"parameters": {}, "pairs": []}))
+    assert "away from their steps by 31.5 ms at most, 9 ms on average" in said
 
 
 @pytest.mark.thorough

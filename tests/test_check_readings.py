@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -130,19 +131,22 @@ def episodes(task: Task, num: int = 3) -> list[Trajectory]:
     ]
 
 
-@pytest.fixture(scope="module")
-def recorded(blind, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("recorded") / "dataset"
+def write_recordings(folder: Path, trajectories: list[Trajectory]) -> Path:
     names = {"arm": ["elbow"], "cart": ["slide"]}
     write_dataset(
         folder,
-        episodes(blind),
+        trajectories,
         action_names=["push", "servo"],
         robot_type="arm",
         task="swing",
         reading_names=names,
     )
     return folder
+
+
+@pytest.fixture(scope="module")
+def recorded(blind, tmp_path_factory) -> Path:
+    return write_recordings(tmp_path_factory.mktemp("recorded") / "dataset", episodes(blind))
 
 
 def test_changes_equal_a_plain_replay(blind):
@@ -310,6 +314,23 @@ def test_check_with_a_camera_and_sensors_shows_both(tmp_path):
     assert "reading" not in one["parameters"]["servo_gain"]
     printed = "\n".join(table(both))
     assert "best fit to such videos and readings could have" in printed
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_an_episode_that_broke_off_is_warned_of(blind, tmp_path, steps):
+    whole, other = episodes(blind, 2)
+    broken = replace(
+        other,
+        frames=other.frames[: steps + 1],
+        actions=other.actions[:steps],
+        readings={name: values[: steps + 1] for name, values in other.readings.items()},
+    )
+    folder = write_recordings(tmp_path / "recorded", [whole, broken])
+    write_task(tmp_path)
+    result = check(CheckConfig(task=str(tmp_path / "tune.toml"), real=folder))
+    assert set(result["servos"]) == {"elbow"}
+    (said,) = [warning for warning in result["warnings"] if "leave it out" in warning]
+    assert f"episode 1, counted from 0, has {steps} steps: `simtune tune` needs at least 8" in said
 
 
 def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, capsys):

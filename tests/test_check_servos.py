@@ -179,6 +179,15 @@ def test_other_units_and_signs(factor, unit, said):
     assert found.startswith("elbow moves ")
 
 
+@pytest.mark.parametrize("lag", [0.3, 0.8, 1.3])
+def test_half_a_period_of_a_sine_is_no_reversed_sign(lag):
+    asked = [0.5 * np.sin(2 * np.pi * np.arange(600) / 10)]
+    read = reads(delayed_by(asked[0], lag), 0.001)
+    assert said_of(asked, [read]) == []
+    (said,) = said_of(asked, [-read])
+    assert "moves -1 times as far" in said
+
+
 def test_another_joint_s_column():
     (said,) = said_of(commands(), [reads(c) for c in commands(seed=7)])
     assert "hardly follows its command" in said

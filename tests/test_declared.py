@@ -82,6 +82,21 @@ def test_meshes_that_a_spec_holds_are_written_with_it():
     assert spec.meshes[0].file == "m.obj"  # the caller's own is as it was
 
 
+@pytest.mark.parametrize("is_attached", [False, True])
+@pytest.mark.parametrize("path", ["m.obj", "parts/m.obj"])
+def test_meshes_are_found_by_the_path_that_a_spec_holds_them_by(path, is_attached):
+    xml = SCENE.replace("<asset>", '<compiler meshdir="parts"/><asset>')
+    spec = mujoco.MjSpec.from_string(xml, assets={path: TETRAHEDRON})
+    prefix = "left/" if is_attached else ""
+    if is_attached:
+        hand, spec = spec, mujoco.MjSpec()
+        spec.attach(hand, prefix=prefix, frame=spec.worldbody.add_frame())
+    mass = {"name": "mass", "kind": "mass", "objects": f"{prefix}b"}
+    values = {"model": spec, "camera": f"{prefix}front", "control_timestep_s": 0.05}
+    task = simtune.load_task(values | {"parameters": [mass]})
+    assert (task.load_model().mesh_vertnum, task.parameters["mass"].nominal) == (4, 1.5)
+
+
 @pytest.fixture
 def opened(quickly, monkeypatch):
     """Makes `simtune.tune` open a run, and write its first estimate as a result."""

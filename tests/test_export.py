@@ -237,6 +237,17 @@ def test_the_script_makes_a_tuned_copy_of_a_file(scene, tmp_path):
     np.testing.assert_array_equal(model.actuator_history, expected.actuator_history)
 
 
+def test_the_script_leaves_no_file_that_cannot_find_its_meshes(scene, tmp_path):
+    run, _ = a_run(tmp_path / "run", str(scene))
+    script = export(ExportConfig(run_folder=run, out=tmp_path / "out")) / "apply.py"
+    files = [scene.parent / "scene.xml", tmp_path / "tuned.xml"]
+    called = subprocess.run([sys.executable, script, *files], capture_output=True, text=True)
+    assert called.returncode == 1
+    said = r"\S+tuned.xml would not load: .*parts/left/cube.obj.*; write it beside \S+scene.xml.*\n"
+    assert re.fullmatch(said, called.stderr)
+    assert not files[1].exists()
+
+
 def test_the_script_says_what_it_lacks(scene, tmp_path):
     run, _ = a_run(tmp_path / "run", str(scene))
     script = export(ExportConfig(run_folder=run, out=tmp_path / "out")) / "apply.py"

@@ -12,6 +12,7 @@ from test_export import a_run, differences, the_tuned_world
 from simtune.config import ExportConfig
 from simtune.errors import InputError
 from simtune.export import export
+from simtune.export.inferred import write_down_inferred
 
 pytestmark = pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass'")
 
@@ -134,8 +135,31 @@ parameters = [
 ]
 """
 
+# The compiler's bounds, which tuned values are below
+BOUNDED = """
+<mujoco>
+  <compiler boundmass="2" boundinertia=".2" balanceinertia="true"/>
+  <worldbody>
+    <camera name="front" pos="0 -2 .5" xyaxes="1 0 0 0 0 1"/>
+    <body name="arm" pos="0 0 .5">
+      <joint name="shoulder" axis="0 1 0"/><geom name="rod" size=".1" mass="1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+OF_BOUNDED = """
+model = "scene.xml"
+camera = "front"
+control_timestep_s = 0.05
+parameters = [
+  {name = "mass", field = "body_mass", objects = ["arm"], low = 0.1, high = 2.1},
+]
+"""
 
-@pytest.mark.parametrize(("xml", "toml"), [(DERIVED, OF_DERIVED), (OMITTED, OF_OMITTED)])
+
+@pytest.mark.parametrize(
+    ("xml", "toml"), [(DERIVED, OF_DERIVED), (OMITTED, OF_OMITTED), (BOUNDED, OF_BOUNDED)]
+)
 def test_nothing_is_inferred_anew_or_left_out(xml, toml, tmp_path):
     (tmp_path / "scene.xml").write_text(xml)
     (tmp_path / "scene.toml").write_text(toml)
@@ -172,3 +196,14 @@ def test_a_file_that_cannot_be_copied_is_said_as_what_it_is(scene, tmp_path, mon
     monkeypatch.setattr("simtune.export.mjcf._copy", missing)
     with pytest.raises(InputError, match=r"^cannot copy a\.obj"):
         export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+
+
+def test_an_attached_model_s_compiler_changes_no_tuned_value():
+    hand = mujoco.MjSpec.from_string(
+        BOUNDED.replace("<compiler", '<compiler inertiafromgeom="true"')
+    )
+    spec = mujoco.MjSpec()
+    spec.attach(hand, prefix="left_", frame=spec.worldbody.add_frame())
+    write_down_inferred(spec)
+    spec.body("left_arm").mass = 0.3
+    np.testing.assert_array_equal(spec.compile().body("left_arm").mass, 0.3)

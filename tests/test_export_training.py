@@ -16,6 +16,7 @@ from test_export import TUNING, a_run_with_a_posterior, scene, the_tuned_world
 from simtune.config import ExportConfig
 from simtune.errors import InputError
 from simtune.export import export
+from simtune.export.worlds import refuse_unfit
 from simtune.parameters import ModelWriter
 from simtune.tasks import load_task
 
@@ -128,6 +129,20 @@ def test_what_does_not_fit_a_library_is_refused(scene, tmp_path):
     assert "mjlab has one opt.gravity for all worlds" in refused(TUNING)
     assert "needs --samples" in refused(TUNING, samples=None)
     assert "a folder as --out" in refused(TUNING, out=tmp_path / "worlds.npz")
+
+
+@pytest.mark.parametrize(("name", "fits"), [("one", True), ("link 3", True), ("body 1", False)])
+def test_an_object_needs_a_name_of_its_own(name, fits, scene):
+    model = scene.parent / "scene.xml"
+    own = f'name="{name}"' if fits else ""
+    model.write_text(model.read_text().replace('name="one"', own))
+    scene.write_text(TUNING.replace('"one"', f'"{name}"'))
+    space = load_task(str(scene)).parameters
+    if fits:
+        refuse_unfit(space, "playground")
+        return
+    with pytest.raises(InputError, match="masses is of body 1, which has no name"):
+        refuse_unfit(space, "playground")
 
 
 @pytest.mark.slow

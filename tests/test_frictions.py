@@ -2,10 +2,14 @@
 
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 
 from simtune.checking import check
+from simtune.checking.frictions import unfelt_frictions
 from simtune.config import CheckConfig
+from simtune.tasks import load_task
 
 SCENE = """
 <mujoco>
@@ -45,7 +49,7 @@ OUTWEIGHED = (
         (".2", "", ""),
         ("1", 'priority="-1"', OUTWEIGHED),
         ("1", 'priority="1" condim="1"', 'needs contacts of condim="3", and those of block have 1'),
-        ("1", 'contype="0" conaffinity="0"', "block touches nothing in these episodes"),
+        ("1", 'contype="0" conaffinity="0"', "block touches nothing in the states looked at"),
     ],
 )
 def test_the_reason_is_told_if_a_friction_does_not_show(tmp_path: Path, table, more, note):
@@ -55,3 +59,18 @@ def test_the_reason_is_told_if_a_friction_does_not_show(tmp_path: Path, table, m
     friction = found["parameters"]["friction"]
     assert friction["note"] == note
     assert (friction["verdict"] == "does not show") == bool(note)
+
+
+def test_a_flex_may_have_the_friction(tmp_path: Path):
+    cloth = """<flexcomp name="cloth" type="grid" count="4 4 1" spacing=".05 .05 .1" dim="2"
+        pos="0 0 .2" mass=".1" radius=".01"><contact friction="1"/><edge equality="true"/>
+        </flexcomp></worldbody>"""
+    scene = SCENE.format(table=1, more="").replace("</worldbody>", cloth)
+    (tmp_path / "scene.xml").write_text(scene)
+    (tmp_path / "tune.toml").write_text(TUNING)
+    simulator = load_task(str(tmp_path / "tune.toml")).simulator(image_size=64, views=())
+    data = mujoco.MjData(simulator.model)
+    state = np.empty(mujoco.mj_stateSize(simulator.model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(simulator.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    reasons = unfelt_frictions(simulator, state[None, None])
+    assert "its contacts have the friction of a flex, table: " in reasons["friction"]

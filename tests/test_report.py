@@ -13,6 +13,7 @@ import matplotlib.path
 import numpy as np
 import pytest
 
+from simtune.api.result import Result
 from simtune.before_after import overlay
 from simtune.errors import InputError
 from simtune.moving_parts import MovingParts
@@ -227,6 +228,41 @@ def test_report_says_what_a_verdict_is_measured_by(run_path):
         del facts["interval_share"]  # as an earlier version wrote it
     write_json(run_path / "result.json", result)
     assert "first range" not in _Page(write_report(run_path).read_text()).text
+
+
+@pytest.mark.parametrize("search", ["paper", "regression"])
+def test_report_of_a_search_without_intervals_calls_the_range_what_it_is(run_path, search):
+    def searched(result):
+        del result["ranks"], result["correlations"]
+        result["search"] = search
+        for facts in result["parameters"].values():
+            facts["verdict"] = "weak"
+
+    _edit(run_path / "result.json", searched)
+    for of_intervals in ("curves.json", "events.jsonl"):
+        (run_path / of_intervals).unlink()
+    html, page = _report(run_path)
+    assert "Searched range" in page.text
+    assert "It is no interval: how far off the truth may be, this search does not tell." in html
+    for absent in ("90 %", "take the interval", "known worlds", "crosses one half", "identified,"):
+        assert absent not in page.text
+    assert "class='interval'" not in html
+    table = repr(Result(read_run(run_path)))
+    assert "searched range" in table
+    assert "90 %" not in table
+
+
+def test_report_of_a_run_without_a_fit_speaks_of_none(run_path):
+    """As in a gymnasium environment."""
+    fitted = ("are fitted to the videos", "measured on known worlds")
+    for words in fitted:
+        assert words in _report(run_path)[0]
+    _edit(run_path / "result.json", lambda result: result.update(ranks={}, held_out={}))
+    html, page = _report(run_path)
+    for words in fitted:
+        assert words not in html
+    assert "The curve in the second plot of each card is" in html
+    assert "90 % interval" in page.text
 
 
 def test_report_without_truth(run_path):
@@ -773,6 +809,8 @@ def test_curves_that_diverged_before_tuning_leave_the_others_to_be_seen(readings
         (0.0645, 0.0656, "[0.0645, 0.0656]"),
         (0.999841, 1.0, "[0.9998, 1.0000]"),
         (2e-5, 3e-5, "[2.00e-05, 3.00e-05]"),
+        (1.198e-4, 1.202e-4, "[1.198e-04, 1.202e-04]"),
+        (1_234_567.0, 1_234_571.0, "[1.234567e+06, 1.234571e+06]"),
         (5.0, 5.0, "[5.00, 5.00]"),
         (-0.5, 0.25, "[-0.500, 0.250]"),
         (None, 1.0, ""),

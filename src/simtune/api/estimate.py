@@ -14,7 +14,7 @@ class Estimate:
     nominal: float  # value in the original model
     initial: float  # start of the search
     mean: float  # the estimate
-    low: float  # ends of the 90 % interval
+    low: float  # ends of the 90 % interval; of the searched range if the search gives none
     high: float
     interval_share: float | None  # width of the interval, as a share of the first searched range
     verdict: str  # depends on that share: identified, weak, not identifiable

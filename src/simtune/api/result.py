@@ -21,6 +21,7 @@ from simtune.errors import InputError, UnknownName
 from simtune.export import draw_samples, export, tuned_model
 from simtune.names import ExportFormat
 from simtune.report.data import RunData
+from simtune.report.words import between
 from simtune.tasks import with_model
 
 if TYPE_CHECKING:
@@ -145,16 +146,23 @@ class Result:
     def plot(self, names: Sequence[str] | None = None, ax: "Axes | None" = None) -> "Axes":
         """Plot estimates with 90 % intervals, relative to the bounds, along each scale.
 
-        `names`: parameters, by default all. `ax`: a matplotlib axes, by default a new one.
+        Without intervals, with the searched ranges. `names`: parameters, by default all. `ax`: a
+        matplotlib axes, by default a new one.
         """
-        title = f"{self.task}: estimates, 90 % intervals"
+        title = f"{self.task}: estimates, {between(self._run.search)}s"
         chosen = self._chosen(names)
         coordinates = {axis["name"]: axis for axis in self.content["covariance"]["coordinates"]}
         return plot_estimates(chosen, coordinates, title, ax)
 
     def plot_curves(self, names: Sequence[str] | None = None) -> "Figure":
-        """Plot P(truth > value) of each parameter, with its 90 % interval, in a new figure."""
-        return plot_curves(self._chosen(names), self.curves)
+        """Plot P(truth > value) of each parameter, with its 90 % interval, in a new figure.
+
+        Raises InputError for a search without such curves.
+        """
+        chosen = self._chosen(names)
+        if missing := [estimate.name for estimate in chosen if estimate.name not in self.curves]:
+            raise InputError(f"this search tells no curve of {missing[0]}: --search posterior does")
+        return plot_curves(chosen, self.curves)
 
     def plot_pairs(self, names: Sequence[str] | None = None) -> "Figure":
         """Plot draws of the joint posterior for each pair of parameters, in a new figure."""
@@ -181,9 +189,9 @@ class Result:
 
     def __repr__(self) -> str:
         head = f"simtune.Result of {self.task}, {self.path}"
-        rows = table.lines(self._run.parameters, self._run.is_tuned)
+        rows = table.lines(self._run.parameters, self._run.search)
         return "\n".join([head, *rows, *(f"warning: {w}" for w in self.warnings)])
 
     def _repr_html_(self) -> str:
         warnings = "".join(f"<p>Please note: {table.escape(w)}</p>" for w in self.warnings)
-        return table.html(self._run.parameters, self._run.is_tuned) + warnings
+        return table.html(self._run.parameters, self._run.search) + warnings

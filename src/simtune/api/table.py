@@ -5,7 +5,7 @@ from html import escape
 from typing import Any
 
 from simtune.columns import aligned
-from simtune.report.words import MISSING, interval, number, percent, share, unit
+from simtune.report.words import MISSING, between, interval, number, percent, share, unit
 from simtune.validate import is_number
 
 Rows = Sequence[Sequence[str]]
@@ -13,18 +13,18 @@ _TEXTS = ("parameter", "unit", "verdict")  # left-aligned; numbers are right-ali
 _CELL = "<{0} style='text-align:{1}'>{2}</{0}>"
 
 
-def lines(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) -> list[str]:
+def lines(parameters: Mapping[str, Mapping[str, Any]], search: str | None) -> list[str]:
     """Lines of plain text, from result.json's facts on each parameter.
 
-    `verdicts`: whether the run searched for parameters.
+    `search`: how the run searched for parameters; None if it did not.
     """
-    rows = table_rows(parameters, verdicts)
+    rows = table_rows(parameters, search)
     return aligned(rows, left=[i for i, name in enumerate(rows[0]) if name in _TEXTS])
 
 
-def html(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) -> str:
+def html(parameters: Mapping[str, Mapping[str, Any]], search: str | None) -> str:
     """The same table as HTML."""
-    head, *rows = table_rows(parameters, verdicts)
+    head, *rows = table_rows(parameters, search)
 
     def line(tag: str, row: Sequence[str]) -> str:
         aligns = ("left" if name in _TEXTS else "right" for name in head)
@@ -35,17 +35,17 @@ def html(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool = True) -> 
     return f"<table>\n<thead>{line('th', head)}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
 
 
-def table_rows(parameters: Mapping[str, Mapping[str, Any]], verdicts: bool) -> Rows:
+def table_rows(parameters: Mapping[str, Mapping[str, Any]], search: str | None) -> Rows:
     """Texts of the cells: the head, then one row per parameter."""
     is_known = any(is_number(p.get("real")) for p in parameters.values())
-    named = ("estimate", "90 % interval", "of first range", "verdict")
-    named = named if verdicts else ("mean", "worlds trained in")
+    named = ("estimate", between(search), "of first range", "verdict")
+    named = named if search else ("mean", between(search))
     heads = ("parameter", "unit", "start", *named, *("truth", "off by") * is_known)
     rows: list[tuple[str, ...]] = [heads]
     for name, p in parameters.items():
         cells = [name, unit(p), number(p["initial"]), number(p["mean"]), interval(p)]
         covered = p.get("interval_share")
-        if verdicts:
+        if search:
             cells += [share(covered) if is_number(covered) else MISSING, str(p.get("verdict"))]
         cells += [number(p.get("real")), percent(p.get("percent_error"))] * is_known
         rows.append(tuple(cells))

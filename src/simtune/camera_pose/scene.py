@@ -10,6 +10,7 @@ from simtune.errors import InputError
 from simtune.footage import Footage
 from simtune.observation import ObservationModel, joints_of, measured_places
 from simtune.parameters import ParameterSpace, camera_pose, field_of_view
+from simtune.parameters.backlash import driven_through
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
 from simtune.vision.keypoints import ENDLESS, is_drawn, moves_before
@@ -62,7 +63,12 @@ def anywhere(model: mujoco.MjModel, camera: str, observation: ObservationModel) 
     is_measured = np.zeros(model.nq, bool)
     is_measured[measured_places(joints_of(observation.sensors))] = True
     of_joints = np.split(is_measured, model.jnt_qposadr[1:])
-    unknown = [joint for joint, places in enumerate(of_joints) if not places.all()]
+    # A play rests in its middle, where nobody measures it.
+    unknown = [
+        joint
+        for joint, places in enumerate(of_joints)
+        if not places.all() and driven_through(model, joint) < 0
+    ]
     behind = np.zeros((len(unknown), model.nbody), bool)  # bodies that each of these joints moves
     behind[np.arange(len(unknown)), model.jnt_bodyid[unknown]] = True
     for body in range(1, model.nbody):

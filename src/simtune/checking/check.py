@@ -62,7 +62,7 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
         act = simulator.explore(num, task.episode_steps, rng)
         actions = simulator.play(worlds, act, task.episode_steps, rng).actions
         facts["actions"] = "scripted" if task.script else "random"
-        facts["warnings"] += too_short(task.episode_steps) if seen.cameras else []
+        facts["warnings"] += too_short(task.episode_steps, are_filmed=bool(seen.cameras))
     readings = None
     if seen.sensors:
         report("replaying readings", 0.5)
@@ -122,7 +122,11 @@ def _of_recordings(
 
 def _beside(pictures: Path | None, is_taken: bool) -> Path | None:
     """Where joints are drawn, if the pictures' file is said, which a film may have taken."""
-    return pictures.with_stem(f"{pictures.stem}-servos") if pictures and is_taken else pictures
+    return _named(pictures, "-servos" * is_taken)
+
+
+def _named(pictures: Path | None, which: str) -> Path | None:
+    return pictures and pictures.with_stem(pictures.stem + which)
 
 
 class _Films(NamedTuple):
@@ -160,13 +164,14 @@ def _look_at(
         films.names, libraries, films.films, films.views, strict=True
     ):
         comparison = compare(film, library, is_judged=not view.background_is_unknown)
-        path, warned = config.pictures or new_file(), comparison.warnings
+        warned = comparison.warnings
         if warned and comparison.is_judged and camera_moves(simulator.model, view.camera):
             warned = [f"{warned[0]}; {_NOT_MODELLED}"]
-        if len(libraries) > 1:
-            path = path.with_stem(f"{path.stem}-{name}")
+        which = f"-{name.replace('/', '_')}" if len(libraries) > 1 else ""
+        if which:
             warned = [f"camera {name}: {warning}" for warning in warned]
         found += warned
+        path = _named(config.pictures, which) or new_file(which)
         draw_film(path, task, Shown(film, view, library), comparison)
         facts[name] = comparison.facts() | {"pictures": str(path)}
     return facts, found

@@ -24,7 +24,7 @@ def conclude(
 ) -> dict[str, Any]:
     """{"parameters": an object each, by name, "pairs": what shows only together}; JSON.
 
-    `reasons`: why parameters do not show, by name, if they do not.
+    `reasons`: why parameters show nowhere, by name, if they do not.
     """
     # Parameters that a single picture shows need no motion; the others do, however they look.
     picture_std = np.where(space.is_visible, sensitivity.picture_std, np.inf)
@@ -33,7 +33,7 @@ def conclude(
     shows: list[Shows] = [_shows(s) for s in share]
     together = np.abs(np.triu(sensitivity.correlation, 1)) > _TOGETHER
     pairs = [_pair(space, sensitivity, shows, i, j) for i, j in np.argwhere(together)]
-    reasons = _nothing(space, sensitivity) | dict(reasons or {})
+    reasons = _nothing(space, sensitivity, reasons or {})
     parameters = {
         name: _numbers(space, sensitivity, i)
         | {
@@ -58,11 +58,14 @@ def _shows(share: float) -> Shows:
     return "shows weakly" if share <= limits.weak_share else "does not show"
 
 
-def _nothing(space: ParameterSpace, sensitivity: Sensitivity) -> dict[str, str]:
+def _nothing(
+    space: ParameterSpace, sensitivity: Sensitivity, reasons: Mapping[str, str]
+) -> dict[str, str]:
     """Notes on parameters that show nowhere."""
     said = _NOTHING_AT_ALL if sensitivity.sees_pictures else _NOTHING_READ
     said = _NOTHING if sensitivity.readings is None else said
-    return {space.names[i]: said for i in np.flatnonzero(sensitivity.shows_nothing)}
+    nothing = [space.names[i] for i in np.flatnonzero(sensitivity.shows_nothing)]
+    return {name: reasons.get(name, said) for name in nothing}
 
 
 def _note(name: str, reason: str, pairs: list[dict[str, Any]]) -> str:

@@ -32,9 +32,9 @@ _WIDTH_IN, _CELL_IN, _HEAD_IN, _FOOT_IN = 9.0, 2.62, 0.72, 0.78
 _LEFT, _RIGHT = 0.11, 0.985
 
 
-def new_file() -> Path:
+def new_file(which: str = "") -> Path:
     """A new empty file in the system's temporary folder."""
-    handle, name = tempfile.mkstemp(prefix="simtune-check-", suffix=".png")
+    handle, name = tempfile.mkstemp(prefix="simtune-check-", suffix=f"{which}.png")
     os.close(handle)
     return Path(name)
 

@@ -59,7 +59,7 @@ def _why_unfelt(
     touching = np.isin(found.geoms, geoms).any(1)
     objects = ", ".join(parameter.objects)
     if not touching.any():
-        return f"{objects} touches nothing in these episodes"
+        return f"{objects} touches nothing in the states looked at"
     if (condim := found.condim[touching].max()) < (needed := _CONDIM[column]):
         return f'needs contacts of condim="{needed}", and those of {objects} have {condim}'
     nominal = model.geom_friction[geoms, column].copy()
@@ -79,8 +79,14 @@ def _outweighed(model: mujoco.MjModel, objects: str, others: list[int]) -> str:
     """Said if all contacts have the friction of other geoms, or their own."""
     if not others or model.npair:
         return "its contacts have another friction: that of a geom they are with, or of a <pair>"
-    names = ", ".join(model.geom(other).name or f"geom {other}" for other in others)
+    names = ", ".join(_name(model, other) for other in others)
     return (
         f"its contacts have the friction of {names}: MuJoCo takes the larger one, or that of "
         f'higher priority; give {objects} a priority="1"'
     )
+
+
+def _name(model: mujoco.MjModel, geom: int) -> str:
+    if geom < 0:  # MuJoCo's index where a contact is with a flex
+        return "a flex"
+    return model.geom(geom).name or f"geom {geom}"

@@ -36,7 +36,7 @@ class ReadEpisodes(NamedTuple):
 
     trajectories: list[Trajectory]  # without pictures
     servos: dict[str, Servo]  # by reading
-    curves: dict[str, Curve]  # of the first episode
+    curves: dict[str, Curve]  # of the first episode that is long enough
     facts: dict[str, Any]  # JSON
     warnings: list[str]
 
@@ -62,18 +62,21 @@ def look_at_servos(
     followed = servos_of(simulator, sensors)
     commands = commands_of(simulator, sensors, trajectories) if any(followed) else []
     read = Readings.of(trajectories, sensors).values
+    long = [e for e, c in enumerate(commands) if len(c) >= _FEWEST_STEPS]
     for column, command_of in enumerate(followed):
-        if command_of is None or len(trajectories[0]) < _FEWEST_STEPS:
+        if command_of is None or not long:
             continue
         asked = [command_of.targets(c) for c in commands]
         measured = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
-        servo = fit_servo(asked, measured, simulator.step_s)
         label, unit = labels[column], units[column]
-        play = find_play(servo, asked, measured, simulator.step_s)
+        fitted = [asked[e] for e in long], [measured[e] for e in long]
+        servo = fit_servo(*fitted, simulator.step_s)
+        play = find_play(servo, *fitted, simulator.step_s)
         servos[label], plays[label] = servo, play.width if play.is_clear(servo.noise) else None
         found += doubts(label, unit, asked, measured, servo, simulator.step_s)
-        (predicted,) = predict(servo, asked[:1], simulator.step_s)
-        curves[label] = Curve(unit, asked[0], measured[0], predicted, servo)
+        command = asked[long[0]]
+        (predicted,) = predict(servo, [command], simulator.step_s)
+        curves[label] = Curve(unit, command, measured[long[0]], predicted, servo)
     facts = {
         label: plain({"unit": units[labels.index(label)], **asdict(servo), "play": plays[label]})
         for label, servo in servos.items()

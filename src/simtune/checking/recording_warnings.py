@@ -9,6 +9,7 @@ from simtune.recordings.source import short
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory
+from simtune.tuning.readings_fits import FEWEST_STEPS
 
 _LATE = 0.3  # of a step: the simulator films exactly at each step's end
 
@@ -41,8 +42,9 @@ def warnings(
             "take a smaller --control-hz"
         )
     found += _of_gaps(facts.get("gaps", {}))
-    if search == "posterior" and facts["cameras"]:  # readings use all steps
-        found += _of_lengths([len(actions) for actions in recorded[:num_replayed]])
+    if search == "posterior":
+        lengths = [len(actions) for actions in recorded[:num_replayed]]
+        found += _of_lengths(lengths, are_filmed=bool(facts["cameras"]))
     found += _of_order(facts.get("action_names", ()), task.load_actions().names)
     return found + _of_actions(task, np.concatenate(recorded))
 
@@ -72,28 +74,33 @@ def _of_gaps(gaps: Mapping[str, Sequence[tuple[float, float]]]) -> list[str]:
     ]
 
 
-def _of_lengths(lengths: list[int]) -> list[str]:
+def _of_lengths(lengths: list[int], *, are_filmed: bool) -> list[str]:
     """On episodes of these numbers of steps."""
-    found = []
+    found, least = [], _fewest_steps(are_filmed=are_filmed)
     unused = sum(lengths) - len(lengths) * min(lengths)
-    if unused:
+    if unused and are_filmed:  # readings use all steps
         found.append(
             f"episodes last {min(lengths)} to {max(lengths)} steps: all are cut to the shortest, "
             f"{unused} of {sum(lengths)} steps are not used"
         )
-    if min(lengths) < SHORTEST_STEPS:
+    if min(lengths) < least:
         found.append(
             f"episode {lengths.index(min(lengths))}, counted from 0, has {min(lengths)} steps: "
-            f"`simtune tune` needs at least {SHORTEST_STEPS} of each, so leave it out"
+            f"`simtune tune` needs at least {least} of each, so leave it out"
         )
     return found
 
 
-def too_short(num_steps: int) -> list[str]:
-    """On simulated episodes before a camera."""
-    if num_steps >= SHORTEST_STEPS:
+def too_short(num_steps: int, *, are_filmed: bool) -> list[str]:
+    """On simulated episodes."""
+    if num_steps >= (least := _fewest_steps(are_filmed=are_filmed)):
         return []
-    return [f"episodes have {num_steps} steps, `simtune tune` needs at least {SHORTEST_STEPS}"]
+    return [f"episodes have {num_steps} steps, `simtune tune` needs at least {least}"]
+
+
+def _fewest_steps(*, are_filmed: bool) -> int:
+    """Of an episode that can be tuned to."""
+    return SHORTEST_STEPS if are_filmed else FEWEST_STEPS
 
 
 def _of_order(recorded: Sequence[str], own: Sequence[str]) -> list[str]:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.checking.servos import Episodes, Servo, delayed_by, predict
+from simtune.checking.servos import Episodes, Servo, delay_of, delayed_by, predict
 
 _MOVED = 0.05  # of what is commanded: a joint that moves less stands still
 _STUCK_S = 0.7  # with exactly the same reading
@@ -37,7 +37,7 @@ def doubts(
             f"{name} reads {value:.4g} {unit} all the time, while it is commanded over "
             f"{servo.commanded:.3g} {unit}: is the sensor stuck, or another column meant?"
         ]
-    following = follows(commands, measured, servo)
+    following = follows(commands, measured, servo, step_s)
     if odd := _other_scale(name, unit, following):
         return [odd]
     if servo.travel < _MOVED * servo.commanded:
@@ -55,12 +55,14 @@ def doubts(
     return found + _falls_short(name, unit, commands, measured, servo, step_s)
 
 
-def follows(commands: Episodes, measured: Episodes, servo: Servo) -> Following:
+def follows(commands: Episodes, measured: Episodes, servo: Servo, step_s: float) -> Following:
     """Correlation of readings with commands, for any unit and sign."""
     longest = 2 * servo.lag_steps + 0.5 * _WAYS
     y = np.concatenate([read[: len(c)] for c, read in zip(commands, measured, strict=True)])
     known, best = np.isfinite(y), Following(0.0, 0.0)
-    for lag in np.linspace(0, longest, _WAYS):
+    # Of a sine, half a period more looks reversed: each sign is compared where it fits best.
+    reversed_ = delay_of(commands, [-read for read in measured], step_s)
+    for lag in (servo.lag_steps, reversed_, *np.linspace(0, longest, _WAYS)):
         x = np.concatenate([delayed_by(c, lag) for c in commands])[known]
         (xx, xy), (_, yy) = np.cov(x, y[known])
         if xx > 0 and yy > 0 and abs(xy) > abs(best.correlation) * np.sqrt(xx * yy):

@@ -49,14 +49,9 @@ def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> Servo:
     if not commanded > 0 or not np.isfinite(travel):
         unknown = dict.fromkeys(Servo.__annotations__, np.nan)
         return Servo(**(unknown | {"noise": noise, "travel": travel, "commanded": commanded}))
-    longest = max(_FEWEST_LAG_STEPS, _LONGEST_LAG_S / step_s)
-
-    def left(lag: float) -> float:
-        return _offset_and_rms(commands, measured, lag)[1]
-
-    lag = _lowest(left, longest)
+    lag = delay_of(commands, measured, step_s)
     offset, rms = _offset_and_rms(commands, measured, lag)
-    time_constant, its_lag = _first_order(commands, measured, longest)
+    time_constant, its_lag = _first_order(commands, measured, _longest_lag(step_s))
     filtered = [filtered_by(c, time_constant) for c in commands]
     its_offset, its_rms = _offset_and_rms(filtered, measured, its_lag)
     return Servo(
@@ -72,6 +67,15 @@ def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> Servo:
         travel=travel,
         commanded=commanded,
     )
+
+
+def delay_of(commands: Episodes, measured: Episodes, step_s: float) -> float:
+    """The constant delay in steps that leaves least of the readings."""
+
+    def left(lag: float) -> float:
+        return _offset_and_rms(commands, measured, lag)[1]
+
+    return _lowest(left, _longest_lag(step_s))
 
 
 def predict(servo: Servo, commands: Episodes, step_s: float) -> list[np.ndarray]:
@@ -108,6 +112,10 @@ def noise_of(measured: Episodes) -> float:
     second = np.concatenate([np.diff(values, 2) for values in measured])
     second = np.abs(second[np.isfinite(second)])
     return float(_NORMAL * np.median(second) / np.sqrt(6)) if len(second) else float("nan")
+
+
+def _longest_lag(step_s: float) -> float:
+    return max(_FEWEST_LAG_STEPS, _LONGEST_LAG_S / step_s)
 
 
 def _offset_and_rms(commands: Episodes, measured: Episodes, lag: float) -> tuple[float, float]:

@@ -83,11 +83,13 @@ def _of_recordings(facts: dict[str, Any]) -> list[str]:
     ranges = (f"{n} {low:.3g} to {high:.3g}" for n, (low, high) in facts["action_ranges"].items())
     films, lateness = [], ""
     for camera in facts["cameras"]:
-        (height, width), late = camera["source_size"], camera["time_error_ms"]
+        height, width = camera["source_size"]
         films.append(f"{width}×{height} {camera['codec']}, camera {camera['key']}")
+    if late := [camera["time_error_ms"] for camera in facts["cameras"]]:
+        worst = max(late, key=lambda its: its["largest"])
         lateness = (
-            f"; frames away from their steps by {late['largest']:g} ms at most, "
-            f"{late['mean']:g} ms on average"
+            f"; frames away from their steps by {worst['largest']:g} ms at most, "
+            f"{worst['mean']:g} ms on average"
         )
     film = " and ".join(films) or "no pictures looked at"
     return [

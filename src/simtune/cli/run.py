@@ -160,7 +160,7 @@ def _say_result(result: dict[str, Any], out: Path, say: Say) -> Done:
     from simtune.api.table import lines
 
     if result["method"] not in UNTUNED:
-        say("\n".join(lines(result["parameters"])))
+        say("\n".join(lines(result["parameters"], result["search"])))
         if "percent_error" in result:
             say(f"mean error {result['percent_error']:.1f} %")
     for warning in result["warnings"]:

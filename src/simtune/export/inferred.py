@@ -12,7 +12,13 @@ def write_down_inferred(spec: mujoco.MjSpec) -> None:
     actuators the damping by a `dampratio`, inherited ranges, and the lengths of muscles.
     """
     model = spec.compile()
-    spec.compiler.inertiafromgeom, spec.compiler.settotalmass = 0, -1
+    spec.compiler.settotalmass = -1
+    for compiler in [
+        spec.compiler,
+        *(body.compiler for body in spec.bodies),
+    ]:  # attached: their own
+        compiler.inertiafromgeom = compiler.boundmass = compiler.boundinertia = 0
+        compiler.balanceinertia = False
     for body in spec.bodies[1:]:
         body.explicitinertial, body.fullinertia = True, [float("nan")] * 6
         body.mass, body.inertia = model.body_mass[body.id], model.body_inertia[body.id]

@@ -78,7 +78,7 @@ def _write(spec: mujoco.MjSpec, folder: Path, files: Sequence[Path]) -> mujoco.M
     copied: dict[Path, str] = {}
     for rename, where, name in _files(spec):
         name = PurePath(name).name if spec.strippath else name
-        held = spec.assets.get(name)
+        held = _held(spec, where, name)
         source = Path(spec.modelfiledir or "") / where / name
         if held is None and not source.is_file():
             source = _of_attached(name, files) or source
@@ -139,6 +139,19 @@ def _files(spec: mujoco.MjSpec) -> Iterator[tuple[Callable[[str], None], str, st
         for side, name in enumerate(texture.cubefiles):
             if name:
                 yield partial(texture.cubefiles.__setitem__, side), spec.texturedir, name
+
+
+def _held(spec: mujoco.MjSpec, where: str, name: str) -> bytes | None:
+    """The file's content, if the spec has it in memory, under whatever folder.
+
+    As in MuJoCo the base name decides; of several, the one whose path ends alike.
+    """
+    held = {Path(path): content for path, content in spec.assets.items()}
+    for path in (Path(name), Path(where, name)):
+        if path in held:
+            return held[path]
+    path = _of_attached(name, list(held)) or _of_attached(PurePath(name).name, list(held))
+    return held[path] if path else None
 
 
 def _of_attached(name: str, files: Sequence[Path]) -> Path | None:

@@ -23,6 +23,7 @@ have the same names as in the one that was tuned.{note}
 """
 
 import sys
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -63,12 +64,27 @@ if __name__ == "__main__":
     apply(model)
     spec.copy_back(model)
     spec.to_file(sys.argv[2])
+    try:
+        mujoco.MjModel.from_xml_path(sys.argv[2])
+    except ValueError as error:  # meshes, say, that it names from another folder
+        Path(sys.argv[2]).unlink()
+        where = f"write it beside {{sys.argv[1]}}, or take model.xml"
+        sys.exit(f"{{sys.argv[2]}} would not load: {{' '.join(str(error).split())}}; {{where}}")
 '''
 _PREPARED = """
 Before it is compiled, actuators need what those of model.xml have: a memory of controls (nsample)
 where they are late, a filter (dyntype) where they lag, and the limits (forcelimited) found; bodies
 need some gravcomp where weight is compensated, and simple="false" where their centre (ipos, iquat),
 or the place or axis of a joint, was found."""
+
+_BY_INDEX = re.compile(
+    r"(body|joint|geom|site|camera|light|tendon|actuator|equality|keyframe) \d+"
+)  # names that `name_all` gives
+
+
+def is_nameless(name: str) -> bool:
+    """Whether the object has no name of its own, by which to find it in another model."""
+    return bool(_BY_INDEX.fullmatch(name))
 
 
 def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
@@ -85,7 +101,7 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
     )
     functions = "\n\n".join(map(inspect.getsource, (rows_of_object, write_down_inferred)))
     named = ""
-    if any(re.fullmatch(r"\w+ \d+", name) for _, _, name, _ in _found(writer, model)):
+    if any(is_nameless(name) for _, _, name, _ in _found(writer, model)):
         functions = f"{inspect.getsource(name_all)}\n\n{functions}"
         named = "    name_all(spec)\n"
     rest = {

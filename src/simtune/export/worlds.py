@@ -2,7 +2,6 @@
 
 import copy
 import io
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import mujoco
 import numpy as np
 
 from simtune.errors import InputError
+from simtune.export.script import is_nameless
 from simtune.export.training import module_text
 from simtune.names import ExportFormat
 from simtune.parameters import ModelWriter, ParameterSpace, field_of, rows_of
@@ -20,7 +20,7 @@ from simtune.run import write_atomically
 def refuse_unfit(space: ParameterSpace, library: ExportFormat) -> None:
     """Raises InputError if a parameter has an unnamed object, or cannot differ among worlds."""
     for parameter in space:
-        if nameless := [name for name in parameter.objects if re.fullmatch(r"\w+ \d+", name)]:
+        if nameless := [name for name in parameter.objects if is_nameless(name)]:
             raise InputError(
                 f"{parameter.name} is of {nameless[0]}, which has no name to find it by in another "
                 "model: give it one in the model, and tune that"

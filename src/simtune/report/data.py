@@ -26,7 +26,7 @@ class Estimate(NamedTuple):
 
     round: float
     mean: float
-    low: float  # 90 % interval
+    low: float  # 90 % interval, if the search gives one
     high: float
     range_low: float  # the searched range
     range_high: float
@@ -129,6 +129,25 @@ class RunData:
     def is_tuned(self) -> bool:
         """Whether the run searched for parameters."""
         return self.get("method") not in UNTUNED
+
+    @property
+    def search(self) -> str | None:
+        """How the run searched for parameters; None if it did not."""
+        if not self.is_tuned:
+            return None
+        # A training that goes on has it as its method.
+        is_baseline = self.get("method") == "regression"
+        return "regression" if is_baseline else self.get("search") or "posterior"
+
+    @property
+    def has_intervals(self) -> bool:
+        """Whether low and high are an interval's ends; otherwise they are the searched range's."""
+        return self.search == "posterior"
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether motion was fitted, as far as known; in an environment it is not."""
+        return not self.result or bool(self.object("ranks") or self.object("held_out"))
 
     @property
     def parameters(self) -> dict[str, dict[str, Any]]:

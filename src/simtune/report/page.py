@@ -82,6 +82,7 @@ def _environment() -> Environment:
     drawn += (rank_plots.rank_dots, pair_plots.pair_plot)
     drawn += (joint_plots.reading_plot, joint_plots.error_plot, part_plots.part_plot)
     environment.globals |= {f.__name__: f for f in drawn} | {
+        "between": words.between,
         "how": words.how,
         "reasons": promise.reasons,
         "ends_farther": part_plots.ends_farther,

@@ -7,7 +7,7 @@ from simtune.validate import is_number
 
 
 def estimate_plot(run: RunData, name: str) -> Plot | None:
-    """The estimate, its 90 % interval and the searched range against rounds."""
+    """The estimate, its 90 % interval, if any, and the searched range against rounds."""
     history = run.history(name)
     if not history:
         return None
@@ -25,7 +25,8 @@ def estimate_plot(run: RunData, name: str) -> Plot | None:
         labels = {first: "start"} | {r: s for r, s in labels.items() if x(r) - x(first) > 26}
     plot.label_x(labels, "round")
     _band(plot, [(e.round, e.range_low, e.range_high) for e in history], "range")
-    _band(plot, [(e.round, e.low, e.high) for e in history], "interval")
+    if run.has_intervals:
+        _band(plot, [(e.round, e.low, e.high) for e in history], "interval")
     if truth is not None:
         plot.across(truth, "truth")
     if initial is not None:

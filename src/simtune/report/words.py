@@ -45,12 +45,22 @@ def interval(facts: Mapping[str, Any]) -> str:
     return f"[{_apart(low, high)}, {_apart(high, low)}]"
 
 
+def between(search: str | None) -> str:
+    """What low and high are the ends of, by how the run searched for parameters."""
+    if search is None:
+        return "worlds trained in"
+    return "90 % interval" if search == "posterior" else "searched range"
+
+
 def _apart(value: float, other: float) -> str:
     """Like `number`, with more digits if `value` and `other` would look alike."""
     text, width = number(value), abs(value - other)
-    if "e" in text or not width:
+    if not width:
         return text
     places = -math.floor(math.log10(width))
+    if "e" in text:
+        places += math.floor(math.log10(abs(value)))
+        return f"{value:.{max(places, 2)}e}"
     return f"{value:,.{places}f}" if places > len(text.partition(".")[2]) else text
 
 
