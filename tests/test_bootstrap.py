@@ -119,14 +119,19 @@ def test_intervals_inflated_by_few_refits_cover_as_often_as_they_say(num_refits,
     assert least < others.mean() < 0.98
 
 
-def test_bias_is_the_mean_error_as_far_as_it_stands_out_from_chance():
+def test_bias_is_what_errors_share_as_far_as_it_stands_out_from_chance():
     errors = np.zeros((4, len(SPACE)))
     errors[:, 0], errors[:, 1] = [1.0, 1.2, 0.8, 1.0], [1.0, -1.0, 0.5, -0.5]
     bias = bootstrap_of(errors).bias()
     # By hand: squares .08, and two of what is claimed; (.08 + 2) / (3 + 2) / 4 = .104 of variance.
-    assert bias[0] == pytest.approx(1.0 - 0.104)
+    # The lower quartile is .95
+    assert bias[0] == pytest.approx(0.95 * (1.0 - 0.104))
     assert (bias[1:] == 0).all()
     assert (bootstrap_of(errors[:2]).bias() == 0).all()  # two may well agree by chance
+    errors[:, 2] = [-3.0, 0.1, -2.5, -0.1]  # half of them did not arrive, from one side
+    # The upper quartile is −.05, the mean −1.375, and its variance (7.71 + 2) / 5 / 4 = .485.
+    expected = -0.05 * (1 - 0.485 / 1.375**2)
+    assert bootstrap_of(errors).bias()[2] == pytest.approx(expected, rel=1e-2)
     wild = np.vstack([errors, 100 * np.ones(len(SPACE))])
     assert bootstrap_of(wild).bias().max() < 1.5
 

@@ -23,6 +23,7 @@ _POOLED_COUNT = 3.0  # the pooled variance of a kind counts like three refits of
 _EXPECTED_COUNT = 2.0
 _USUAL = 0.85  # quantile of the errors that gives their scale: outliers lie above
 _FEWEST_FOR_BIAS = 3  # refits
+_SHARED = 0.25, 0.75  # quantiles of the errors, between which 0 is no bias
 _FARTHEST = 3.0  # standard deviations at which errors are clipped: an outlier proves no bias
 
 
@@ -82,7 +83,7 @@ class Bootstrap:
     def bias(self) -> np.ndarray:
         """(N,) bias of fits like these, in units of the standard deviations they claim.
 
-        Subtract it from the estimate (Efron 1979). It is the mean error of the refits, shrunk by
+        Subtract it from the estimate (Efron 1979). It is what three refits of four share, shrunk by
         how much of it may be chance.
         """
         return _bias_and_inflation(self.errors, self._kinds)[0]
@@ -155,10 +156,12 @@ def _ratio(value: float, known: Sequence[float]) -> float:
 
 
 def _bias(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) mean of (K, N) errors, shrunk towards 0 by its uncertainty, and its variance.
+    """(N,) what (K, N) errors share, shrunk towards 0 by its uncertainty, and its variance.
 
-    With mean m and its variance v: m (1 − v / m²), or 0 if that is negative (James and Stein 1961).
-    v has a prior, errors as large as claimed, which counts like two of them.
+    Fits that do not arrive may err towards one side only, since from the other they arrive: their
+    mean is no bias of one that did. So it is the quartile nearest to 0, or 0 between the two. With
+    the mean m and its variance v it shrinks by 1 − v / m², or to 0 if that is negative (James and
+    Stein 1961). v has a prior, errors as large as claimed, which counts like two of them.
     """
     count = len(errors)
     if count < _FEWEST_FOR_BIAS:
@@ -167,7 +170,8 @@ def _bias(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     mean, squares = near.mean(0), count * near.var(0)
     variance = (squares + _EXPECTED_COUNT) / (count - 1 + _EXPECTED_COUNT) / count
     share = np.clip(1 - variance / np.maximum(mean**2, 1e-12), 0, 1)
-    return share * mean, share**2 * variance
+    shared = np.clip(0.0, *np.quantile(near, _SHARED, axis=0))
+    return share * shared, share**2 * variance
 
 
 def _bias_and_inflation(
