@@ -175,7 +175,7 @@ TRUTH = {"elbow_kp": 15, "elbow_friction": 0.15, "play": 0.03}
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("is_behind", [True, False])
+@pytest.mark.parametrize("is_behind", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_play_is_found_again(tmp_path: Path, is_behind: bool):
     """Behind it a reading shows it; before it only the motion does, and the interval says so."""
     head = servo_arm.HEAD.replace("0.002\n", "0.001\noffset = 0\n")

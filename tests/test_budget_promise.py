@@ -104,7 +104,7 @@ def test_a_run_ends_in_time_however_slow_the_machine_is(tmp_path, settings, fact
     ends_in_time(tmp_path, settings, factor, budget)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_intervals_are_three_times_as_wide_where_there_is_no_time_for_refits(
     tmp_path, settings, bootstraps
 ):

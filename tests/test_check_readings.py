@@ -9,18 +9,23 @@ from types import SimpleNamespace
 from typing import cast
 from unittest.mock import MagicMock
 
+import mujoco
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from simtune import cli
 from simtune.checking import check, table
+from simtune.checking.joint_ranges import beyond_ranges
 from simtune.checking.readings import read_episodes, reading_changes
 from simtune.checking.servo_commands import commands_of, servos_of
 from simtune.config import CheckConfig, TuneConfig
+from simtune.errors import InputError
 from simtune.experiment.settings import Settings
+from simtune.fit.open_loop import OpenLoop
 from simtune.fit.reading_sensitivity import ReplayedReadings
 from simtune.fit.sensitivity import one_by_one
+from simtune.observation import JointSensor
 from simtune.real.choose import observed, open_recordings
 from simtune.recordings import write_dataset
 from simtune.tasks import Task, load_task
@@ -353,3 +358,52 @@ def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, cap
     picture = imread(drawn)
     assert picture.shape[1] == 1100
     assert np.ptp(picture[..., :3]) > 0.5
+
+
+def test_readings_that_span_more_than_a_joint_without_a_servo_can_move_are_noticed():
+    scene = SCENE.replace('type="slide"', 'type="slide" limited="true" range="-.2 .3"')
+    model = mujoco.MjModel.from_xml_string(scene)
+    slide = SimpleNamespace(joints=("slide",), is_velocity=False, unit="m")
+    sensors = cast(list[JointSensor], [slide])
+    read = np.linspace(0, 1, 200).reshape(2, 100, 1)
+    (said,) = beyond_ranges(model, sensors, read, [False])
+    assert said.startswith("slide reads 0.01 to 0.99 m, farther apart than the model's joint can")
+    assert "-0.2 to 0.3" in said
+    assert not beyond_ranges(model, sensors, 5 + 0.5 * read, [False]), "its zero may be anywhere"
+    assert not beyond_ranges(model, sensors, read, [True]), "compared with its commands"
+    free = mujoco.MjModel.from_xml_string(SCENE)
+    assert not beyond_ranges(free, sensors, read, [False])
+    assert not beyond_ranges(model, sensors, np.full_like(read, np.nan), [False])
+
+
+def astray(monkeypatch, which: slice) -> None:
+    """The model diverges from where the readings of some of three stretches begin."""
+    play = OpenLoop.play
+
+    def diverging(self, stretches, starts, worlds):
+        predicted, states = play(self, stretches, starts, worlds)
+        if predicted.shape[1] == 3:
+            predicted[:, which] = np.nan
+        return predicted, states
+
+    monkeypatch.setattr(OpenLoop, "play", diverging)
+
+
+def test_a_model_that_goes_astray_is_told_with_what_readings_show(recorded, tmp_path, monkeypatch):
+    write_task(tmp_path, BLIND.replace('unit = "deg"\nnoise = 0.1', 'unit = "rad"'))
+    astray(monkeypatch, slice(None))
+    with pytest.raises(InputError, match=r"are its readings degrees.*the model goes astray there"):
+        check(CheckConfig(task=str(tmp_path / "tune.toml"), real=recorded))
+
+
+def test_episodes_from_which_the_model_goes_astray_tell_nothing(blind, monkeypatch):
+    simulator, space = blind.simulator(image_size=16), blind.parameters
+    seen, changed = observed(blind, None, is_simulated=True), one_by_one(space, space.nominal)
+    actions = np.stack([t.actions for t in episodes(blind)])
+    replayed = ReplayedReadings(simulator, seen, space.nominal, actions)
+    whole = replayed.changes(changed, np.array([1e-3, 1e-3]))
+    astray(monkeypatch, slice(1))
+    found = replayed.changes(changed, np.array([1e-3, 1e-3]))
+    assert np.isfinite(found.rms).all()
+    assert 0 < np.abs(found.rms - whole.rms).max() < whole.rms.max()
+    assert np.isfinite(found.information).all()

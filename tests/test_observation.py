@@ -229,7 +229,7 @@ def fit_errors(simulator, keypoints, observation: ObservationModel) -> np.ndarra
     return np.abs(errors)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_fit_recovers_mass_and_gain_from_a_sensor_where_keypoints_tell_nothing(
     simulator, keypoints
 ):

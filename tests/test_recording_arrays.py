@@ -87,6 +87,7 @@ def test_only_what_is_needed_is_read(tmp_path, monkeypatch):
     [
         ({"hz": None}, "has no hz; there are: actions, frames"),
         ({"hz": 0.0}, "expected hz as rows a second, got 0"),
+        ({"hz": np.array([20.0])}, "expected hz as one number, got (1,) float64"),
         ({"frames": None}, "has no pictures; expected frames (T + 1, H, W, 3) uint8"),
         ({"frames": np.zeros((25, 8, 8, 3))}, "expected frames as (T + 1, H, W, 3) uint8"),
         ({"frames": np.zeros((25, 8, 8), np.uint8)}, "expected frames as numbers of 4 axes"),
@@ -216,7 +217,7 @@ def test_check_takes_arrays(small_library):
     assert "folder of arrays" in str(found)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_run_of_arrays_keeps_them_and_goes_on_with_the_same(quickly, tmp_path, monkeypatch):
     with quickly() as settings:
         world, _, _ = choose_real(RealConfig(), load_task("cartpole"), 64)

@@ -199,7 +199,7 @@ high = 0.5
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_delay_that_nobody_declared_is_found_between_steps_too(truth: Path, tmp_path: Path):
     (tmp_path / "real").mkdir()
     late, its_truth = write_arm(tmp_path / "real", TUNE + LATE), tmp_path / "truth.json"

@@ -66,7 +66,10 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
     readings = None
     if seen.sensors:
         report("replaying readings", 0.5)
-        readings, assumed = reading_changes(simulator, seen, actions, read, config.seed)
+        try:
+            readings, assumed = reading_changes(simulator, seen, actions, read, config.seed)
+        except RuntimeError as error:  # what was found before may say why
+            raise InputError("; ".join([*facts["warnings"], str(error)])) from error
         facts["assumed"] = assumed
     sensitivity = analyze(simulator, actions, config.seed, seen, readings, report)
     states = nominal_states(simulator, actions, config.seed)

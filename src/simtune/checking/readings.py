@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.checking.joint_ranges import beyond_ranges
 from simtune.checking.play import find_play
 from simtune.checking.servo_commands import commands_of, servos_of
 from simtune.checking.servo_doubts import doubts
@@ -62,6 +63,8 @@ def look_at_servos(
     followed = servos_of(simulator, sensors)
     commands = commands_of(simulator, sensors, trajectories) if any(followed) else []
     read = Readings.of(trajectories, sensors).values
+    has_servo = [servo is not None for servo in followed]
+    found += beyond_ranges(simulator.model, sensors, read, has_servo)
     long = [e for e, c in enumerate(commands) if len(c) >= _FEWEST_STEPS]
     for column, command_of in enumerate(followed):
         if command_of is None or not long:

@@ -20,6 +20,10 @@ from simtune.simulation import Simulator
 
 MOST_EPISODES, _LONGEST_S = 4, 8.0  # replayed; any others are assumed to tell as much
 _TOO_FAR = 1e3  # more than any reading: such predictions come from a diverged world
+_ASTRAY = (
+    "no episode can be replayed from where its readings begin: the model goes astray there. Are "
+    "the readings' columns, their unit and their sign right?"
+)
 
 
 @dataclass(frozen=True)
@@ -86,24 +90,29 @@ class ReplayedReadings:
         self._stretches = self._loop.cut(few, self._unit, no_offsets, 10**9, MOST_EPISODES)
 
     def changes(self, changed: np.ndarray, noise: np.ndarray) -> ReadingChanges:
-        """For (N, N) parameters, one changed in each row; noise (D,) of independent readings."""
+        """For (N, N) parameters, one changed in each row; noise (D,) of independent readings.
+
+        Raises RuntimeError if all episodes go astray.
+        """
         worlds = np.vstack([self._unit, self._loop.physics.parameters.to_unit(changed)])
         starts = np.repeat(self._stretches.states[None], len(worlds), 0)
         predicted, _ = self._loop.play(self._stretches, starts, worlds)
-        kept = (np.abs(predicted) < _TOO_FAR).all((0, 2, 3))
-        away = (predicted[1:] - predicted[0])[:, kept if kept.any() else slice(None)]
+        kept = np.asarray((np.abs(predicted) < _TOO_FAR).all((0, 2, 3)))
+        if not kept.any():
+            raise RuntimeError(_ASTRAY)
+        away = (predicted[1:] - predicted[0])[:, kept]
         return ReadingChanges(
             self._labels,
             units_of(self._loop.sensors),
             np.sqrt(np.square(away).mean((1, 2))),
             np.abs(away).max((1, 2)),
             noise,
-            self._information(noise),
+            self._information(self._stretches.of(kept), noise),
         )
 
-    def _information(self, noise: np.ndarray) -> np.ndarray:
+    def _information(self, stretches: Stretches, noise: np.ndarray) -> np.ndarray:
         """(N, N) Fisher information, with offsets and initial states marginalised."""
-        stretches, loop, num = self._stretches, self._loop, len(self._unit)
+        loop, num = self._loop, len(self._unit)
         start_std = loop.start_std(usual_noise(loop.sensors), stretches.values)
         where = Where(stretches, stretches.states, self._unit, start_std)
         slopes = differentiate(loop, where)

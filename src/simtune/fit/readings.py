@@ -48,6 +48,16 @@ class Stretches(NamedTuple):
     # (W, 2 nv) derivative of `states` by a lateness's unit coordinate; None: there is no lateness
     drift: np.ndarray | None = None
 
+    def of(self, chosen: np.ndarray) -> "Stretches":
+        """Those that (W,) bool chooses."""
+        return Stretches(
+            actions=self.actions[chosen],
+            values=self.values[chosen],
+            states=self.states[chosen],
+            actuator_states=self.actuator_states[chosen],
+            drift=None if self.drift is None else self.drift[chosen],
+        )
+
     def first(self, steps: int) -> "Stretches":
         """The first `steps` steps of each."""
         return self._replace(actions=self.actions[:, :steps], values=self.values[:, : steps + 1])

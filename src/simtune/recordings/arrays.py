@@ -112,9 +112,10 @@ class _Episode:
             raise InputError(f"{self.path}: has no {key}; there are: {short(sorted(self.arrays))}")
         found = self._seen(key)
         if found.dtype.kind not in "fiu" or ndim not in (None, found.ndim):
-            axes = "" if ndim is None else f" of {ndim} axes"
+            wanted = "one number" if ndim == 0 else "numbers"
+            wanted += f" of {ndim} axes" * bool(ndim)
             raise InputError(
-                f"{self.path}: expected {key} as numbers{axes}, got {found.shape} {found.dtype}"
+                f"{self.path}: expected {key} as {wanted}, got {found.shape} {found.dtype}"
             )
         return found
 
