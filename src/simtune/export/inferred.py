@@ -13,10 +13,8 @@ def write_down_inferred(spec: mujoco.MjSpec) -> None:
     """
     model = spec.compile()
     spec.compiler.settotalmass = -1
-    for compiler in [
-        spec.compiler,
-        *(body.compiler for body in spec.bodies),
-    ]:  # attached: their own
+    # What is attached has a compiler of its own.
+    for compiler in [spec.compiler, *(body.compiler for body in spec.bodies)]:
         compiler.inertiafromgeom = compiler.boundmass = compiler.boundinertia = 0
         compiler.balanceinertia = False
     for body in spec.bodies[1:]:
