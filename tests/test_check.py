@@ -181,19 +181,28 @@ def test_mass_and_gain_of_a_slider_show_only_in_their_ratio(sliding):
     json.dumps(said)
 
 
+def seen_alike(space: ParameterSpace, size: np.ndarray, **others: np.ndarray) -> Sensitivity:
+    """Of parameters at their nominal values, which show by (N,) `size` in each way."""
+    return Sensitivity(
+        parameters=space.nominal,
+        levels=size,
+        pixel_share=size,
+        rms_px=size,
+        largest_px=size,
+        **others,
+    )
+
+
 def test_a_sum_is_of_one_unit():
     """Metres and radians of a camera add to nothing; what looks like what is said instead."""
     space = ParameterSpace(camera_pose("cam", "front", (0.0, -1.5, 1.0)))
     few, correlation = np.full(len(space), 0.01), np.eye(len(space))
     for a, b, value in ((0, 1, 0.9), (2, 3, -0.9)):  # x and y; z and pitch
         correlation[a, b] = correlation[b, a] = value
-    sensitivity = Sensitivity(
-        parameters=space.nominal,
+    sensitivity = seen_alike(
+        space,
+        few,
         changed=space.nominal + few,
-        levels=few,
-        pixel_share=few,
-        rms_px=few,
-        largest_px=few,
         motion_std=few,
         picture_std=few,
         first_width=np.full(len(space), 0.2),
@@ -215,13 +224,10 @@ def test_a_reason_why_nothing_shows_is_given_only_where_nothing_does():
         ]
     )
     size, few = np.array([0.5, 0.0]), np.full(2, 0.1)
-    sensitivity = Sensitivity(
-        parameters=space.nominal,
+    sensitivity = seen_alike(
+        space,
+        size,
         changed=space.nominal + few,
-        levels=size,
-        pixel_share=size,
-        rms_px=size,
-        largest_px=size,
         motion_std=np.array([0.5, np.inf]),
         picture_std=np.full(2, np.inf),
         first_width=np.full(2, 2.2),

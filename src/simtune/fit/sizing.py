@@ -98,16 +98,15 @@ def fit_to_budget(
 
     config = replace(config, longer_within_s=_WITH_LONGER * at_most_s)
     particles_s, windows_s = needed_s(config)
-    share = max(seconds / (particles_s + windows_s), _FOR_PARTICLES * seconds / particles_s)
-    of_windows = (seconds - min(1.0, share) * particles_s) / windows_s
     num_particles, num_windows = config.particles.num, count_windows(config, work)
-    planned = config.at_most(
-        int(min(1.0, share) * num_particles), int(min(1.0, of_windows) * num_windows)
-    )
+    share = max(seconds / (particles_s + windows_s), _FOR_PARTICLES * seconds / particles_s)
+    share = min(1.0, share)
+    of_windows = min(1.0, (seconds - share * particles_s) / windows_s)
+    planned = config.at_most(int(share * num_particles), int(of_windows * num_windows))
     if _IN_ALL * needed_s(planned).sum() <= at_most_s:
         return planned
-    share = _FOR_PARTICLES * at_most_s / _IN_ALL / particles_s
-    return config.least(int(min(1.0, share) * num_particles))
+    in_time = min(1.0, _FOR_PARTICLES * at_most_s / _IN_ALL / particles_s)
+    return config.least(int(in_time * num_particles))
 
 
 def _seconds_per_step(physics: Physics, parameters: np.ndarray) -> tuple[float, float]:
