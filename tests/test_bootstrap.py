@@ -19,9 +19,9 @@ from simtune.fit import (
     run_bootstrap,
     tell_apart,
 )
+from simtune.fit.calibration.uncertainty import too_late_warning
 from simtune.fit.lateness import is_too_late
 from simtune.fit.result import Misfit, block_correlation
-from simtune.fit.uncertainty import too_late_warning
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution

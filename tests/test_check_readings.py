@@ -22,8 +22,8 @@ from simtune.checking.servo_commands import commands_of, servos_of
 from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.settings import Settings
-from simtune.fit.open_loop import OpenLoop
-from simtune.fit.reading_sensitivity import ReplayedReadings
+from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.sensitivity import ReplayedReadings
 from simtune.fit.sensitivity import one_by_one
 from simtune.observation import JointSensor
 from simtune.real.choose import observed, open_recordings

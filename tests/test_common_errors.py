@@ -7,8 +7,8 @@ import numpy as np
 from keypoint_evidence import tracks_at
 
 from simtune.fit import Observed, Physics, ShootingConfig
-from simtune.fit.common_errors import directions
-from simtune.fit.shooting import Shooting, ShootingFit
+from simtune.fit.motion.common_errors import directions
+from simtune.fit.motion.shooting import Shooting, ShootingFit
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.tasks import load_task

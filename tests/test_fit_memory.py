@@ -10,8 +10,8 @@ from keypoint_evidence import observed_keypoints
 from servo import cartpole_with_servo
 
 from simtune.fit import Observed, ParticleConfig, Physics, ShootingConfig
-from simtune.fit.particles import Particles
-from simtune.fit.shooting import Shooting
+from simtune.fit.motion.particles import Particles
+from simtune.fit.motion.shooting import Shooting
 from simtune.parameters import Parameter, ParameterSpace, delay
 from simtune.randomization import Distribution
 from simtune.simulation import JointActions, random_actions

@@ -7,11 +7,11 @@ import pytest
 
 from simtune.budget import Budget, OutOfTime
 from simtune.fit import FitConfig, Observed, Physics, PointEstimate
-from simtune.fit.linearization import LinearizationPoint, WindowPlayer
+from simtune.fit.motion.linearization import LinearizationPoint, WindowPlayer
+from simtune.fit.motion.shooting import ShootingFit
+from simtune.fit.motion.shooting_config import Spans
+from simtune.fit.motion.windows import Windows
 from simtune.fit.replay_fit import ReplayFit
-from simtune.fit.shooting import ShootingFit
-from simtune.fit.shooting_config import Spans
-from simtune.fit.windows import Windows
 from simtune.observation import AllEvidence
 from simtune.tasks import load_task
 

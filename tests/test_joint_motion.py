@@ -8,9 +8,9 @@ import pytest
 from keypoint_evidence import tracks_at
 
 from simtune.fit import JointMotion, Observed, OpenLoop, Physics, left_open
-from simtune.fit.joint_motion import of_unknowns, smoothed, without_readings
-from simtune.fit.shooting import Shooting, ShootingFit
-from simtune.fit.shooting_config import ShootingConfig
+from simtune.fit.motion.shooting import Shooting, ShootingFit
+from simtune.fit.motion.shooting_config import ShootingConfig
+from simtune.fit.readings.joint_motion import of_unknowns, smoothed, without_readings
 from simtune.observation import AllEvidence, ObservationModel, finds_offset
 from simtune.tasks import Task, load_task
 from simtune.vision.keypoints import Keypoints, every_keypoint

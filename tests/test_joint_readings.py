@@ -9,11 +9,11 @@ from test_fit import MOVING, SPACE, observed_of, rough_states, simulator  # noqa
 
 from simtune.errors import InputError
 from simtune.fit import Observed, Physics
-from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
-from simtune.fit.residuals import correlation_times
-from simtune.fit.shooting import Shooting
-from simtune.fit.shooting_config import ShootingConfig, Stage
-from simtune.fit.slopes import Groups, Slopes, agreed
+from simtune.fit.motion.offsets import has_unknown_offsets, loosened, without_offsets
+from simtune.fit.motion.shooting import Shooting
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
+from simtune.fit.readings.residuals import correlation_times
+from simtune.fit.readings.slopes import Groups, Slopes, agreed
 from simtune.observation import (
     AllEvidence,
     JointReadings,

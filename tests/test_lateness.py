@@ -15,9 +15,9 @@ from test_fit import (  # noqa: F401
 )
 
 from simtune.fit.lateness import Lateness, as_seen
+from simtune.fit.motion.shooting import Shooting
+from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.fit.physics import Physics
-from simtune.fit.shooting import Shooting
-from simtune.fit.shooting_config import ShootingConfig
 from simtune.simulation import Rollouts
 
 SUBSTEPS = CARTPOLE.action_repeat

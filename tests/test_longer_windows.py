@@ -8,8 +8,8 @@ import pytest
 from keypoint_evidence import observed_keypoints
 
 from simtune.fit import Observed, Physics, ShootingConfig
-from simtune.fit.shooting import Shooting, ShootingFit
-from simtune.fit.windows import even_length, not_longer
+from simtune.fit.motion.shooting import Shooting, ShootingFit
+from simtune.fit.motion.windows import even_length, not_longer
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
@@ -123,8 +123,8 @@ def test_no_second_longer_windows_are_begun_that_would_not_end_in_time(pendulum,
         return cut(self, observed, states, unit, steps)
 
     monkeypatch.setattr(Shooting, "_cut", cut_in_ten_seconds)
-    monkeypatch.setattr("simtune.fit.shooting.time.monotonic", lambda: now_s[0])
-    monkeypatch.setattr("simtune.fit.shooting._ENOUGH", 0.0)  # nothing is known well enough
+    monkeypatch.setattr("simtune.fit.motion.shooting.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("simtune.fit.motion.shooting._ENOUGH", 0.0)  # nothing is known well enough
     swings.shooting.extend_horizon(*arguments, short, until_s=now_s[0] + 19)
     assert begun == [24]
     swings.shooting.extend_horizon(*arguments, short, until_s=now_s[0] + 21)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simtune.fit import Observed, ParticleConfig, Physics
-from simtune.fit.particles import Particles
+from simtune.fit.motion.particles import Particles
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation import StateSpace, random_actions

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from simtune.errors import InputError
-from simtune.fit.picture_scene import Slopes
-from simtune.fit.pictures import PictureFit, Pictures, exposed, fit_pictures
-from simtune.fit.response import CameraResponse, step_by_known_colours
+from simtune.fit.pictures.picture_fit import PictureFit, Pictures, exposed, fit_pictures
+from simtune.fit.pictures.response import CameraResponse, step_by_known_colours
+from simtune.fit.pictures.scene import Slopes
 from simtune.recordings import decode, write_video
 from simtune.tasks import load_any_task, load_task, with_known_colours
 from simtune.vision.image_noise import ImageNoise

@@ -6,8 +6,8 @@ import pytest
 from keypoint_evidence import tracks_at
 
 from simtune.fit import Observed, Physics, ShootingConfig, Stage
-from simtune.fit.poses import align_to_images, uncertain_poses
-from simtune.fit.shooting import Shooting
+from simtune.fit.motion.shooting import Shooting
+from simtune.fit.pictures.poses import align_to_images, uncertain_poses
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation.states import StateSpace

@@ -12,8 +12,8 @@ from simtune.budget import Budget
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import build_experiment
 from simtune.fit import Guess, Lateness, OpenLoop, OutputError, Readings, ReplayStage
-from simtune.fit.differences import Where, differentiate, refresh
-from simtune.fit.slopes import Groups
+from simtune.fit.readings.differences import Where, differentiate, refresh
+from simtune.fit.readings.slopes import Groups
 from simtune.observation import JointSensor, ObservationModel, finds_offset
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
@@ -109,7 +109,7 @@ def test_worlds_that_memory_does_not_hold_at_once_are_played_in_turn(arm, sizes,
     whole = late.play(*begun)
     assert sizes == [(6, 60)]
     num_bytes = 61 * begun[0].actuator_states.shape[1] * 8
-    monkeypatch.setattr("simtune.fit.parts._MOST_BYTES", 2 * num_bytes + 1)
+    monkeypatch.setattr("simtune.fit.readings.parts._MOST_BYTES", 2 * num_bytes + 1)
     for found, expected in zip(late.play(*begun), whole, strict=True):
         np.testing.assert_array_equal(found, expected)
     assert sizes[1:] == 3 * [(2, 60)]

@@ -9,7 +9,7 @@ from simtune.before_after import film_from
 from simtune.checking import check
 from simtune.config import CheckConfig
 from simtune.errors import InputError
-from simtune.fit.pictures import Pictures, fit_pictures
+from simtune.fit.pictures.picture_fit import Pictures, fit_pictures
 from simtune.recordings import write_dataset
 from simtune.simulation import StrayLight
 from simtune.simulation.backdrops import Backdrops

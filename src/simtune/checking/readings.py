@@ -13,7 +13,7 @@ from simtune.checking.servo_doubts import doubts
 from simtune.checking.servo_picture import Curve
 from simtune.checking.servos import Servo, fit_servo, predict
 from simtune.fit import Readings
-from simtune.fit.reading_sensitivity import ReadingChanges, ReplayedReadings
+from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one, where_analyzed
 from simtune.observation import ObservationModel, joints_of, units_of, usual_noise
 from simtune.real.recorded import read_episode

@@ -1,24 +1,8 @@
 """Fits of physics and appearance to observations: refine a rough estimate to about one per cent."""
 
-from simtune.fit.bootstrap import Bootstrap
-from simtune.fit.estimator import StateEstimator
-from simtune.fit.joint_motion import JointMotion, left_open
-from simtune.fit.lateness import Lateness, as_seen
-from simtune.fit.observed import Observed
-from simtune.fit.open_loop import OpenLoop
-from simtune.fit.output_error import Descent, OutputError, OutputErrorFit, ReplayStage
-from simtune.fit.particles import ParticleConfig
-from simtune.fit.physics import Physics
-from simtune.fit.reading_sensitivity import MOST_EPISODES
-from simtune.fit.readings import Readings
-from simtune.fit.refits import FEW_EPISODES, MANY_EPISODES, run_bootstrap
-from simtune.fit.replay_cost import Guess
-from simtune.fit.replay_fit import ReplayFit, num_fitted
-from simtune.fit.response import Photometry
-from simtune.fit.result import FitResult, PointEstimate
-from simtune.fit.shooting_config import ShootingConfig, Stage
-from simtune.fit.sizing import FitConfig, FitWork, count_fit_steps, fit_to_budget
-from simtune.fit.uncertainty import (
+from simtune.fit.calibration.bootstrap import Bootstrap
+from simtune.fit.calibration.refits import FEW_EPISODES, MANY_EPISODES, run_bootstrap
+from simtune.fit.calibration.uncertainty import (
     bound_warnings,
     calibrated,
     held_out_misfit,
@@ -29,7 +13,23 @@ from simtune.fit.uncertainty import (
     ranks,
     tell_apart,
 )
-from simtune.fit.whole_episodes import replay_whole
+from simtune.fit.lateness import Lateness, as_seen
+from simtune.fit.motion.estimator import StateEstimator
+from simtune.fit.motion.particles import ParticleConfig
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
+from simtune.fit.observed import Observed
+from simtune.fit.physics import Physics
+from simtune.fit.pictures.response import Photometry
+from simtune.fit.readings.joint_motion import JointMotion, left_open
+from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.output_error import Descent, OutputError, OutputErrorFit, ReplayStage
+from simtune.fit.readings.replay_cost import Guess
+from simtune.fit.readings.sensitivity import MOST_EPISODES
+from simtune.fit.readings.stretches import Readings
+from simtune.fit.readings.whole_episodes import replay_whole
+from simtune.fit.replay_fit import ReplayFit, num_fitted
+from simtune.fit.result import FitResult, PointEstimate
+from simtune.fit.sizing import FitConfig, FitWork, count_fit_steps, fit_to_budget
 
 __all__ = [
     "FEW_EPISODES",

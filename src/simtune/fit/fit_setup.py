@@ -5,12 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
-from simtune.fit.estimator import StateEstimator
-from simtune.fit.joint_motion import JointMotion
 from simtune.fit.lateness import Lateness
+from simtune.fit.motion.estimator import StateEstimator
+from simtune.fit.motion.shooting import Shooting
+from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.fit.physics import Physics
-from simtune.fit.shooting import Shooting
-from simtune.fit.shooting_config import ShootingConfig
+from simtune.fit.readings.joint_motion import JointMotion
 from simtune.fit.sizing import FitConfig, FitWork
 from simtune.parameters import ParameterSpace
 

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.fit_setup import FitSetup
-from simtune.fit.joint_motion import JointMotion, of_unknowns, without_readings
+from simtune.fit.motion.offsets import has_unknown_offsets, loosened, without_offsets
+from simtune.fit.motion.particles import Particles
+from simtune.fit.motion.shooting import ShootingFit
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.observed import Observed
-from simtune.fit.offsets import has_unknown_offsets, loosened, without_offsets
-from simtune.fit.particles import Particles
+from simtune.fit.readings.joint_motion import JointMotion, of_unknowns, without_readings
 from simtune.fit.result import PointEstimate
-from simtune.fit.shooting import ShootingFit
-from simtune.fit.shooting_config import ShootingConfig, Stage
 
 _PARTICLE_STD = (0.02, 0.1)  # bounds of the particles' parameter spread, in unit coordinates
 _QUICK_STAGES = Stage(4, 3, 3.0), Stage(12, 4)
@@ -22,8 +22,8 @@ _LOOKED_AT = 8  # steps, at one of which it is looked which keypoints something 
 _CLEARLY, _SURELY = 0.05, 1.5
 
 
-class Followed(NamedTuple):
-    """Result of the particle filter for all episodes."""
+class FirstGuess(NamedTuple):
+    """By the particle filter, of all episodes."""
 
     states: np.ndarray  # (E, T + 1, nq + nv)
     start: PointEstimate  # of the fit
@@ -35,7 +35,7 @@ class LinedUp(NamedTuple):
     observed: Observed
     latency_steps: int  # delay of the actions
     offsets: np.ndarray  # (D,) of all encoders; (0,) if none is unknown
-    states: np.ndarray  # as in `Followed`
+    states: np.ndarray  # as in `FirstGuess`
     start: PointEstimate
 
 
@@ -83,7 +83,7 @@ def _by_readings(
 
 def _follow(
     setup: FitSetup, observed: Observed, guessed: np.ndarray, fitted: slice, start: PointEstimate
-) -> Followed:
+) -> FirstGuess:
     """Follow all episodes from (E, T + 1, nq + nv) first guesses at states.
 
     The parameters are estimated from the `fitted` episodes.
@@ -95,7 +95,7 @@ def _follow(
     estimates = followed.unit[fitted]
     unit[moving] = np.median(estimates, 0)
     std[moving] = std_of_mean(estimates, start.std[moving])
-    return Followed(followed.states, PointEstimate(setup.space.from_unit(unit), std))
+    return FirstGuess(followed.states, PointEstimate(setup.space.from_unit(unit), std))
 
 
 def std_of_mean(estimates: np.ndarray, before: np.ndarray) -> np.ndarray:
@@ -114,7 +114,7 @@ def _find_latency(
     setup: FitSetup,
     observed: Observed,
     fitted: slice,
-    followed: Followed,
+    followed: FirstGuess,
     latencies: Sequence[int],
 ) -> int:
     """The latency of the actions, in steps, with which the motion fits clearly best.

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit.estimator import StateEstimator
 from simtune.fit.fit_setup import FitSetup
-from simtune.fit.joint_motion import JointMotion
 from simtune.fit.lateness import as_seen, is_too_late
 from simtune.fit.line_up import line_up
+from simtune.fit.motion.estimator import StateEstimator
+from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
-from simtune.fit.pictures import PictureFit
-from simtune.fit.response import Photometry
+from simtune.fit.pictures.picture_fit import PictureFit
+from simtune.fit.pictures.response import Photometry
+from simtune.fit.pictures.window_pictures import fit_window_pictures
+from simtune.fit.readings.joint_motion import JointMotion
 from simtune.fit.result import FitResult, Misfit, PointEstimate, block_correlation, diluted
-from simtune.fit.shooting import ShootingFit
 from simtune.fit.sizing import FitConfig, fit_to_budget
-from simtune.fit.window_pictures import fit_window_pictures
 
 _SMALLEST_STD = {"moving": 5e-4, "appearance": 2e-4}  # in unit coordinates: no fit is exact
 _FEWEST_TO_FIT = 2  # episodes

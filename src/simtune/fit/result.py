@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.fit.response import CameraResponse
+from simtune.fit.pictures.response import CameraResponse
 
 
 class PointEstimate(NamedTuple):

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.fit.motion.shooting import Shooting
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
-from simtune.fit.reading_sensitivity import MOST_EPISODES, ReadingChanges
-from simtune.fit.shooting import Shooting
-from simtune.fit.shooting_config import ShootingConfig, Stage
+from simtune.fit.readings.sensitivity import MOST_EPISODES, ReadingChanges
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.progress import ReportProgress, silent

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.fit.particles import ParticleConfig
+from simtune.fit.motion.particles import ParticleConfig
+from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.fit.physics import Physics
-from simtune.fit.shooting_config import ShootingConfig
 
 _SIDES = 2  # of the start, from which windows are fitted
 _FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20

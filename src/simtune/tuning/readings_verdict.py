@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.fit import OutputErrorFit
-from simtune.fit.lateness import is_too_late
-from simtune.fit.replay_cost import PRIOR_STD
-from simtune.fit.result import block_correlation, diluted
-from simtune.fit.uncertainty import (
+from simtune.fit.calibration.uncertainty import (
     bound_warnings,
     latency_warning,
     lateness_warning,
     tell_apart,
     too_late_warning,
 )
+from simtune.fit.lateness import is_too_late
+from simtune.fit.readings.replay_cost import PRIOR_STD
+from simtune.fit.result import block_correlation, diluted
 from simtune.observation import ObservationModel, declared_noise, joints_of, usual_noise
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution

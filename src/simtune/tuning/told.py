@@ -3,11 +3,11 @@
 With video the motion is fitted in windows of a quarter of a second, which tell less of a servo than
 a whole episode. So readings are fitted first. The parameters that they identify are held while
 videos determine the rest, if two fits agree. If everything is read but loose objects, readings give
-the robot's motion as well (`fit.joint_motion`), and all that they tell of its parameters is held,
-even if there was no time for a second fit: measured angles correct the motion, and no window of a
-quarter of a second knows servos better. Refits of known worlds include the cost, since they start
-as far from the truth as the readings' fit may be. In the end each parameter is taken from the
-better of both.
+the robot's motion as well (`fit.readings.joint_motion`), and all that they tell of its parameters
+is held, even if there was no time for a second fit: measured angles correct the motion, and no
+window of a quarter of a second knows servos better. Refits of known worlds include the cost, since
+they start as far from the truth as the readings' fit may be. In the end each parameter is taken
+from the better of both.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit import FitConfig, JointMotion, OpenLoop, PointEstimate
-from simtune.fit.uncertainty import tell_apart
+from simtune.fit.calibration.uncertainty import tell_apart
 from simtune.observation import advanced, finds_offset, joints_of
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution

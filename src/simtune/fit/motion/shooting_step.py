@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import COMMON_STD, combine, robust_weights
-from simtune.fit.common_errors import directions
 from simtune.fit.lateness import Lateness
-from simtune.fit.linearization import (
+from simtune.fit.motion.common_errors import directions
+from simtune.fit.motion.linearization import (
     LinearizationPoint,
     NormalEquations,
     Slopes,
@@ -16,9 +16,9 @@ from simtune.fit.linearization import (
     diagonal,
     ridged,
 )
+from simtune.fit.motion.shooting_config import Spans
+from simtune.fit.motion.windows import Windows
 from simtune.fit.physics import Physics
-from simtune.fit.shooting_config import Spans
-from simtune.fit.windows import Windows
 
 _PRIOR = 3.0  # factor on the std of first guesses: the estimator overstates its accuracy
 # A further factor in stages without blur: guesses come from worlds with other parameters, so they

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import binary_erosion, generate_binary_structure
 
-from simtune.fit.response import NUM_UNKNOWN, CameraResponse
+from simtune.fit.pictures.response import NUM_UNKNOWN, CameraResponse
 from simtune.simulation import Simulator
 from simtune.views import apart, parts
 from simtune.vision.smoothing import with_smooth_chroma

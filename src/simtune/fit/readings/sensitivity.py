@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simtune.fit.differences import Where, differentiate
-from simtune.fit.normal_equations import by_shared, normal_equations
-from simtune.fit.open_loop import OpenLoop
 from simtune.fit.physics import Physics
-from simtune.fit.readings import Readings, Stretches
+from simtune.fit.readings.differences import Where, differentiate
+from simtune.fit.readings.normal_equations import by_shared, normal_equations
+from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.observation import (
     ObservationModel,
     finds_offset,

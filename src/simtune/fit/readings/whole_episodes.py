@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from simtune.fit.differences import Where, differentiate
-from simtune.fit.normal_equations import normal_equations
-from simtune.fit.open_loop import OpenLoop
-from simtune.fit.readings import Readings, Stretches
+from simtune.fit.readings.differences import Where, differentiate
+from simtune.fit.readings.normal_equations import normal_equations
+from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.observation import usual_noise
 
 _FIRST, _ITERATIONS = 5, 3  # steps used for the initial state

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
-from simtune.fit.pictures import PictureFit, Pictures, fit_pictures
-from simtune.fit.poses import align_to_images, uncertain_poses
-from simtune.fit.response import Photometry
-from simtune.fit.shooting import ShootingFit
+from simtune.fit.pictures.picture_fit import PictureFit, Pictures, fit_pictures
+from simtune.fit.pictures.poses import align_to_images, uncertain_poses
+from simtune.fit.pictures.response import Photometry
 
 # Of all frames, only those that the motion fits best: a thin leg that is a pixel off takes the
 # ground's colour. Choosing by windows was not enough: at 2 px, colours were 5 % too dark.

@@ -23,14 +23,14 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit.differences import differentiate, refresh
 from simtune.fit.lateness import Lateness
-from simtune.fit.normal_equations import NormalEquations, jackknife, jackknife_std
-from simtune.fit.open_loop import OpenLoop
-from simtune.fit.readings import Readings
-from simtune.fit.replay_cost import Guess, Point, ReplayCost
-from simtune.fit.residuals import correlation_times, spread
-from simtune.fit.slopes import Groups, Slopes
+from simtune.fit.readings.differences import differentiate, refresh
+from simtune.fit.readings.normal_equations import NormalEquations, jackknife, jackknife_std
+from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.replay_cost import Guess, Point, ReplayCost
+from simtune.fit.readings.residuals import correlation_times, spread
+from simtune.fit.readings.slopes import Groups, Slopes
+from simtune.fit.readings.stretches import Readings
 
 _FIRST_DAMPING = 1e-2
 _DAMPING = (1e-4, 1e6)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.budget import Budget, OutOfTime
-from simtune.fit.bootstrap import Bootstrap, believed_std, usual_std
+from simtune.fit.calibration.bootstrap import Bootstrap, believed_std, usual_std
 from simtune.fit.observed import Observed
 from simtune.fit.replay_fit import ReplayFit
 from simtune.fit.result import FitResult, PointEstimate

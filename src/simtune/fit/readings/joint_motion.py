@@ -12,10 +12,10 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from simtune.fit.observed import Observed
-from simtune.fit.open_loop import OpenLoop
 from simtune.fit.physics import Physics
-from simtune.fit.readings import Readings, filled, parabolas
-from simtune.fit.whole_episodes import begin_whole
+from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.stretches import Readings, filled, parabolas
+from simtune.fit.readings.whole_episodes import begin_whole
 from simtune.observation import AllEvidence, JointReadings
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints

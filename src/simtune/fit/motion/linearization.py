@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.fit.common_errors import directions
 from simtune.fit.lateness import Lateness
+from simtune.fit.motion.common_errors import directions
+from simtune.fit.motion.shooting_config import Spans
+from simtune.fit.motion.windows import Windows
 from simtune.fit.physics import Physics
-from simtune.fit.shooting_config import Spans
-from simtune.fit.windows import Windows
 
 _SMALLEST_DELTA = 1e-5  # of a state's unknowns
 _RIDGE = 1e-6  # of a Hessian, relative to its diagonal

@@ -1,4 +1,4 @@
-"""The objective of `fit.output_error`: residuals, cost, and a step that lowers it."""
+"""The objective of `output_error`: residuals, cost, and a step that lowers it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import step_within_bounds
-from simtune.fit.differences import Where
-from simtune.fit.normal_equations import NormalEquations, by_shared, normal_equations
-from simtune.fit.open_loop import OpenLoop
-from simtune.fit.readings import Stretches
-from simtune.fit.residuals import HUBER
-from simtune.fit.slopes import Slopes
+from simtune.fit.readings.differences import Where
+from simtune.fit.readings.normal_equations import NormalEquations, by_shared, normal_equations
+from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.residuals import HUBER
+from simtune.fit.readings.slopes import Slopes
+from simtune.fit.readings.stretches import Stretches
 
 PRIOR_STD = 0.3  # of parameters, in unit coordinates: weak, a factor of 3 or so
 _OFFSET_STD = 1.0  # rad or m, of offsets: as good as unknown

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.fit.open_loop import OpenLoop
-from simtune.fit.readings import Stretches
-from simtune.fit.slopes import Groups, Slopes, agreed
+from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.slopes import Groups, Slopes, agreed
+from simtune.fit.readings.stretches import Stretches
 
 _UNIT_DELTA = 5e-3
 _STATE_DELTA = 0.05  # in units of `start_std`

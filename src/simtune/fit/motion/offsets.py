@@ -9,9 +9,9 @@ from typing import TypeGuard
 
 import numpy as np
 
+from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
-from simtune.fit.shooting import ShootingFit
 from simtune.observation import AllEvidence, JointReadings
 
 _LOOSE = 300.0  # factor on the noise: offsets then hardly bias the fit

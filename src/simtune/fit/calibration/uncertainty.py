@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from simtune.fit.bootstrap import Bootstrap
+from simtune.fit.calibration.bootstrap import Bootstrap
 from simtune.fit.result import FitResult, diluted
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution

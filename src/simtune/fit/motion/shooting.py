@@ -16,14 +16,14 @@ from functools import partial
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE
-from simtune.fit.common_errors import directions
 from simtune.fit.lateness import Lateness
-from simtune.fit.linearization import LinearizationPoint
+from simtune.fit.motion.common_errors import directions
+from simtune.fit.motion.linearization import LinearizationPoint
+from simtune.fit.motion.shooting_config import DERIVED_EVERY, ShootingConfig, Stage
+from simtune.fit.motion.shooting_step import ShootingStep
+from simtune.fit.motion.windows import Windows, cut, even_length, not_longer
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
-from simtune.fit.shooting_config import DERIVED_EVERY, ShootingConfig, Stage
-from simtune.fit.shooting_step import ShootingStep
-from simtune.fit.windows import Windows, cut, even_length, not_longer
 
 _STATES_ONLY = 3.0  # above this blur only the states move
 _FIRST_DAMPING = 1e-2

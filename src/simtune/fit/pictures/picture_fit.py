@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE, combine, robust_weights
-from simtune.fit.picture_scene import SHOWN, PictureScene, Slopes
-from simtune.fit.response import (
+from simtune.fit.pictures.response import (
     NUM_CHANNELS,
     NUM_UNKNOWN,
     CameraResponse,
     ResponseStep,
     step_by_known_colours,
 )
+from simtune.fit.pictures.scene import SHOWN, PictureScene, Slopes
 from simtune.simulation import Simulator
 from simtune.vision.image_noise import ImageNoise
 

@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 
 from simtune.fit.lateness import Lateness
-from simtune.fit.parts import parts_to_play
+from simtune.fit.motion.windows import evenly
 from simtune.fit.physics import Physics
-from simtune.fit.readings import Readings, Stretches, filled, is_within, velocities
-from simtune.fit.windows import evenly
+from simtune.fit.readings.parts import parts_to_play
+from simtune.fit.readings.stretches import Readings, Stretches, filled, is_within, velocities
 from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
 from simtune.parameters.backlash import play_of
 from simtune.simulation import AnySimulator, Simulator

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from simtune.fit.residuals import HUBER
-from simtune.fit.slopes import Slopes
+from simtune.fit.readings.residuals import HUBER
+from simtune.fit.readings.slopes import Slopes
 
 _RIDGE = 1e-9  # of information
 

@@ -1,0 +1,1 @@
+"""The motion in pictures: first guesses at states, particles, multiple shooting."""

@@ -1,0 +1,1 @@
+"""Colours and light, once the motion says where everything is."""

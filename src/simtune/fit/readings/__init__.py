@@ -1,0 +1,1 @@
+"""The motion in joint readings: open-loop replay, and fits by its errors."""
