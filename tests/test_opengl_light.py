@@ -7,7 +7,7 @@ from test_renderers import initial_state, opengl_or_skip
 
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.simulation import OpenGLQuality
-from simtune.simulation.raycaster import Raycaster
+from simtune.simulation.rendering.raycaster import Raycaster
 
 SIZE = 64
 NO_SHADOWS, SHADOWS = OpenGLQuality(), OpenGLQuality(shadow_map_px=512)

@@ -29,7 +29,8 @@ from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
 from simtune.rollout import Environment
 from simtune.run import read_jsonl
-from simtune.simulation import Simulator, acting_late, make_renderer, opengl
+from simtune.simulation import Simulator, acting_late, make_renderer
+from simtune.simulation.rendering import opengl
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory, delayed
 from simtune.vision.image_noise import ImageNoise

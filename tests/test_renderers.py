@@ -24,14 +24,14 @@ from simtune.simulation import (
     Renderer,
     Simulator,
     make_renderer,
-    opengl,
-    primitives,
     random_actions,
 )
-from simtune.simulation.depths import Depths
-from simtune.simulation.primitives import Primitives
-from simtune.simulation.raycaster import Raycaster
-from simtune.simulation.sky import smooth_sky
+from simtune.simulation.rendering import opengl
+from simtune.simulation.rendering.depths import Depths
+from simtune.simulation.rendering.primitives import primitives
+from simtune.simulation.rendering.primitives.primitives import Primitives
+from simtune.simulation.rendering.raycaster import Raycaster
+from simtune.simulation.rendering.sky import smooth_sky
 from simtune.tasks import TASKS, load_task
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION

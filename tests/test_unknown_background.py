@@ -12,8 +12,8 @@ from simtune.errors import InputError
 from simtune.fit.pictures.picture_fit import Pictures, fit_pictures
 from simtune.recordings import write_dataset
 from simtune.simulation import StrayLight
-from simtune.simulation.backdrops import Backdrops
-from simtune.simulation.plate import camera_moves
+from simtune.simulation.rendering.backdrops import Backdrops
+from simtune.simulation.rendering.plate import camera_moves
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
 from simtune.views import View

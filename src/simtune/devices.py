@@ -35,7 +35,7 @@ def pictures_at_once(device: torch.device | str, height: int, width: int) -> int
 
 
 def _can_draw(device: str) -> bool:
-    from simtune.simulation.raycaster_context import init_warp  # slow to load
+    from simtune.simulation.rendering.raycaster_context import init_warp  # slow to load
 
     try:
         init_warp(device)

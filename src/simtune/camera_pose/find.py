@@ -18,7 +18,7 @@ from simtune.progress import ReportProgress, silent
 from simtune.real.choose import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.simulation import Simulator
-from simtune.simulation.plate import camera_moves
+from simtune.simulation.rendering.plate import camera_moves
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
 

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 from simtune.camera_pose.geometry import CameraGeometry, Pose
 from simtune.camera_pose.scene import has_outlines, robot_before
 from simtune.errors import InputError
-from simtune.simulation.depths import Depths
+from simtune.simulation.rendering.depths import Depths
 
 _MESH, _EACH = mujoco.mjtGeom.mjGEOM_MESH.value, 4  # points of a geom
 _ELSEWHERE_M = 1e4  # position of geoms to be hidden

@@ -29,7 +29,7 @@ from simtune.real.recorded import how_many
 from simtune.recordings import Dataset
 from simtune.run.files import plain
 from simtune.simulation import Simulator
-from simtune.simulation.plate import camera_moves
+from simtune.simulation.rendering.plate import camera_moves
 from simtune.tasks import Task, load_task
 from simtune.views import View, apart
 

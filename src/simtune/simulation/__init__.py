@@ -50,13 +50,17 @@ from simtune.simulation.any_simulator import Act, AnySimulator, Rollouts, random
 from simtune.simulation.delays import count_substeps
 from simtune.simulation.environment import EnvironmentSimulator, Points
 from simtune.simulation.mocap import MocapActions
-from simtune.simulation.opengl_quality import OPENGL_DM_CONTROL, OPENGL_FAST, OpenGLQuality
 from simtune.simulation.prepare import prepare_spec
-from simtune.simulation.renderer import Renderer, RendererName, make_renderer
+from simtune.simulation.rendering.opengl_quality import (
+    OPENGL_DM_CONTROL,
+    OPENGL_FAST,
+    OpenGLQuality,
+)
+from simtune.simulation.rendering.renderer import Renderer, RendererName, make_renderer
+from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.scene import Drawing, Scene, Script
 from simtune.simulation.simulator import Simulator
 from simtune.simulation.states import StateSpace
-from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import Worlds
 
 __all__ = [

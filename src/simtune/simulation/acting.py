@@ -8,7 +8,7 @@ import numpy as np
 
 from simtune.simulation.actions import ActionSpace
 from simtune.simulation.any_simulator import Act, AnySimulator
-from simtune.simulation.stray_light import StrayLight
+from simtune.simulation.rendering.stray_light import StrayLight
 
 # (n, K, H, W, 3) uint8, the latest frames of n worlds, to (n, A) actions in [−1, 1]
 PixelPolicy = Callable[[np.ndarray], np.ndarray]

@@ -9,8 +9,8 @@ import numpy as np
 
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import ActionSpace
+from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.states import StateSpace
-from simtune.simulation.stray_light import StrayLight
 from simtune.views import View
 
 # A Batch of n worlds, or an environment's (n, L, 2) points, to (n, D) numbers

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from simtune.parameters import ParameterSpace
-from simtune.simulation.renderer import Renderer, make_renderer
+from simtune.simulation.rendering.renderer import Renderer, make_renderer
+from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.scene import Drawing
-from simtune.simulation.stray_light import StrayLight
 from simtune.views import View
 
 _CHUNK = 256  # supersampled pictures drawn at a time, to limit memory

@@ -10,7 +10,7 @@ from mujoco.batch import Batch
 from simtune.names import RendererName
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import DirectActions, MapActions
-from simtune.simulation.opengl_quality import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.rendering.opengl_quality import OPENGL_FAST, OpenGLQuality
 from simtune.views import View
 
 Script = Callable[[Batch], np.ndarray]  # worlds in their present state to (n, A) actions

@@ -11,9 +11,9 @@ from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollout
 from simtune.simulation.delays import count_substeps
 from simtune.simulation.filming import Filming
 from simtune.simulation.held_controls import HeldControls
+from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.scene import Drawing, Scene
 from simtune.simulation.states import StateSpace
-from simtune.simulation.stray_light import StrayLight
 from simtune.simulation.worlds import Worlds
 
 _BATCHES_KEPT = 2  # a fit alternates between many worlds for derivatives and a few for trials

@@ -15,7 +15,7 @@ from mujoco.batch import Batch
 from simtune.lens import focal_px
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
-from simtune.simulation.plate import stands_still
+from simtune.simulation.rendering.plate import stands_still
 from simtune.views import View
 
 # As values, since MuJoCo's enums do not equal the integers in its arrays.

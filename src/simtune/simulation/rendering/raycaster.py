@@ -12,14 +12,14 @@ import warp
 
 from simtune.devices import pictures_at_once
 from simtune.parameters import ParameterSpace
-from simtune.simulation import packing
-from simtune.simulation.appearance import as_opengl_reads
-from simtune.simulation.backdrops import Backdrops
-from simtune.simulation.packing import packed
-from simtune.simulation.plate import before_plate, check_stands_still
-from simtune.simulation.raycaster_context import Context, constant_sky, init_warp
-from simtune.simulation.sky import can_turn, smooth_sky
-from simtune.simulation.stray_light import StrayLight
+from simtune.simulation.rendering import packing
+from simtune.simulation.rendering.appearance import as_opengl_reads
+from simtune.simulation.rendering.backdrops import Backdrops
+from simtune.simulation.rendering.packing import packed
+from simtune.simulation.rendering.plate import before_plate, check_stands_still
+from simtune.simulation.rendering.raycaster_context import Context, constant_sky, init_warp
+from simtune.simulation.rendering.sky import can_turn, smooth_sky
+from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.worlds import no_printed_warnings
 
 _GREY = 0xFF808080  # packed; of a background that is unknown

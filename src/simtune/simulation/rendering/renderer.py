@@ -8,8 +8,8 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.names import RendererName
 from simtune.parameters import ParameterSpace
-from simtune.simulation.opengl_quality import OPENGL_FAST, OpenGLQuality
-from simtune.simulation.stray_light import StrayLight
+from simtune.simulation.rendering.opengl_quality import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.rendering.stray_light import StrayLight
 
 
 class Renderer(Protocol):
@@ -54,7 +54,7 @@ def make_renderer(
         raise InputError(f"the model has no camera {camera!r}")
     # Imported only when asked for: Warp and OpenGL are slow or noisy to load.
     if name == "raycaster":
-        from simtune.simulation.raycaster import Raycaster
+        from simtune.simulation.rendering.raycaster import Raycaster
 
         return Raycaster(
             model,
@@ -68,7 +68,7 @@ def make_renderer(
     if name == "opengl":
         if plate is not None:
             raise ValueError("OpenGL draws no plate")
-        from simtune.simulation.opengl import OpenGLRenderer
+        from simtune.simulation.rendering.opengl import OpenGLRenderer
 
         return OpenGLRenderer(model, space, camera, size, quality)
     raise InputError(f"no renderer {name!r}; there are: raycaster, opengl")

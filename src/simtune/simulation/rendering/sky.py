@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from simtune.parameters import ParameterSpace, field_of
-from simtune.simulation.plate import can_move
+from simtune.simulation.rendering.plate import can_move
 
 
 def can_turn(model: mujoco.MjModel, space: ParameterSpace, camera: int) -> bool:

@@ -5,7 +5,7 @@
 
 import warp as wp
 
-from simtune.simulation.primitives_geoms import Geom
+from simtune.simulation.rendering.primitives.geoms import Geom
 
 SPOT, DIRECTIONAL = wp.constant(0), wp.constant(1)  # the other kinds shine everywhere
 _ENDLESS = wp.constant(1e6)

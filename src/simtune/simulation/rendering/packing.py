@@ -26,7 +26,7 @@ def unpack(
 ):
     """(n, H · W) pixels, before others if there are any, (n or 1 or 0, H · W), to (n, H · W, 3).
 
-    In runs of successive ones, like `primitives_kernel.draw`.
+    In runs of successive ones, like `primitives.kernel.draw`.
     """
     world, part = wp.tid()
     first = part * run

@@ -7,8 +7,8 @@ import mujoco_warp
 import numpy as np
 import warp
 
-from simtune.simulation.raycaster_context import assign, init_warp
-from simtune.simulation.warp_model import put_model
+from simtune.simulation.rendering.raycaster_context import assign, init_warp
+from simtune.simulation.rendering.warp_model import put_model
 
 _CHUNK = 16  # pictures per launch
 _DRAWN_GROUP, _HIDDEN_GROUP = 0, 5

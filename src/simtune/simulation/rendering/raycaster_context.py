@@ -14,12 +14,12 @@ import warp
 from mujoco.batch import Batch
 
 from simtune.parameters import ModelWriter, field_of
-from simtune.simulation import packing
-from simtune.simulation.appearance import LEAST_SHININESS
-from simtune.simulation.packing import packed
-from simtune.simulation.primitives import Primitives
-from simtune.simulation.stray_light import StrayLight
-from simtune.simulation.warp_model import put_model
+from simtune.simulation.rendering import packing
+from simtune.simulation.rendering.appearance import LEAST_SHININESS
+from simtune.simulation.rendering.packing import packed
+from simtune.simulation.rendering.primitives.primitives import Primitives
+from simtune.simulation.rendering.stray_light import StrayLight
+from simtune.simulation.rendering.warp_model import put_model
 
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 _COMPILING = Lock()  # Warp builds modules one at a time

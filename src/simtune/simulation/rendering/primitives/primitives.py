@@ -14,12 +14,12 @@ import warp as wp
 from mujoco_warp import Data, GeomType, Model, RenderContext
 from mujoco_warp._src.render_util import texture_pixels
 
-from simtune.simulation import primitives_kernel, primitives_scene
-from simtune.simulation.primitives_geoms import Geom
-from simtune.simulation.primitives_kernel import Stray, draw
-from simtune.simulation.primitives_light import DIRECTIONAL, Light
-from simtune.simulation.primitives_scene import Surroundings, gather_geoms, gather_lights
-from simtune.simulation.stray_light import StrayLight
+from simtune.simulation.rendering.primitives import kernel, scene
+from simtune.simulation.rendering.primitives.geoms import Geom
+from simtune.simulation.rendering.primitives.kernel import Stray, draw
+from simtune.simulation.rendering.primitives.light import DIRECTIONAL, Light
+from simtune.simulation.rendering.primitives.scene import Surroundings, gather_geoms, gather_lights
+from simtune.simulation.rendering.stray_light import StrayLight
 
 _MAX_GEOMS = 64  # as many as bits; with more, a search tree is faster than to test each
 _STRAY = np.dtype(Stray.numpy_dtype())  # pyright: ignore
@@ -45,7 +45,7 @@ class Primitives:
 
     def __init__(self, model: mujoco.MjModel, context: RenderContext):
         self._device = device = context.rgb_data.device
-        for module in (primitives_scene, primitives_kernel):
+        for module in (scene, kernel):
             wp.load_module(module, device=device)  # compiles it
         self._context, self._camera = context, int(context.cam_id_map.numpy()[0])
         self._run = int(context.cam_res.numpy()[0][0]) if device.is_cpu else 1  # of pixels

@@ -12,8 +12,8 @@ import numpy as np
 
 from simtune.errors import InputError
 from simtune.parameters import ModelWriter, ParameterSpace
-from simtune.simulation.opengl_quality import OPENGL_FAST, OpenGLQuality
-from simtune.simulation.stray_light import StrayLight
+from simtune.simulation.rendering.opengl_quality import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.rendering.stray_light import StrayLight
 
 _HEADLESS = {"egl": "EGL", "osmesa": "OSMesa"}  # libraries of the backends without a display
 _MAX_GEOMS = 10_000  # as in mujoco.Renderer

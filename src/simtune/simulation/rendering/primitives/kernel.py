@@ -8,9 +8,15 @@ from mujoco_warp import GeomType
 from mujoco_warp._src import ray, render
 from mujoco_warp._src.render_util import pack_rgba_to_uint32
 
-from simtune.simulation.packing import NOTHING
-from simtune.simulation.primitives_geoms import Geom, first_hit, intersect, texture_at
-from simtune.simulation.primitives_light import DIRECTIONAL, Light, reflect, reflect_flat, way_to
+from simtune.simulation.rendering.packing import NOTHING
+from simtune.simulation.rendering.primitives.geoms import Geom, first_hit, intersect, texture_at
+from simtune.simulation.rendering.primitives.light import (
+    DIRECTIONAL,
+    Light,
+    reflect,
+    reflect_flat,
+    way_to,
+)
 
 _OFF = wp.constant(1e-4)  # m, by which rays begin off a surface, not to meet it at once
 _ENDLESS = wp.constant(1e6)

@@ -10,8 +10,8 @@ import warp as wp
 from mujoco_warp import GeomType
 from mujoco_warp._src import render
 
-from simtune.simulation.primitives_geoms import Geom
-from simtune.simulation.primitives_light import Light
+from simtune.simulation.rendering.primitives.geoms import Geom
+from simtune.simulation.rendering.primitives.light import Light
 
 _ENDLESS = wp.constant(1e6)  # radius of unbounded geoms
 _NEVER = wp.constant(1e30)

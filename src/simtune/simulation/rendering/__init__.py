@@ -1,0 +1,1 @@
+"""Pictures of worlds: two renderers, and what they share."""
