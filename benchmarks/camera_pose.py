@@ -23,13 +23,13 @@ from scipy.spatial.transform import Rotation
 from wheel_arms import ARMS, Arm, middle, tuning_file, unpack, wandering
 
 from simtune.camera_pose import find_camera_pose
+from simtune.cameras.views import View
 from simtune.config import CheckConfig
 from simtune.observation import ObservationModel
 from simtune.real.choose import observed
 from simtune.recordings import write_dataset
 from simtune.simulation import OPENGL_DM_CONTROL
 from simtune.tasks import Task, load_task
-from simtune.views import View
 
 _EPISODES, _STEPS, _THINGS = 4, 60, 10
 _OFF_M, _OFF_DEG = 0.3, 25.0

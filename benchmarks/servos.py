@@ -19,11 +19,11 @@ from common import machine, record_figures
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
+from simtune.before_after.readings import Replayed, Tuned, replay
 from simtune.budget import Budget
 from simtune.checking.servos import delayed_by
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import Experiment, build_experiment
-from simtune.replayed import Replayed, Tuned, replay
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.readings import ReadingsSearch

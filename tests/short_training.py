@@ -18,10 +18,10 @@ from simtune.agents.student import StudentConfig
 from simtune.agents.teacher import TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
 from simtune.algorithm import train
-from simtune.before_after import StartSearchConfig
+from simtune.before_after.videos import StartSearchConfig
 from simtune.config import TrainConfig
+from simtune.experiment.schedule import SCHEDULES, Schedule, fast
 from simtune.experiment.settings import Settings
-from simtune.schedule import SCHEDULES, Schedule, fast
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import TASKS, Task, cartpole
 from simtune.vision.detector import DetectorConfig

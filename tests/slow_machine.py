@@ -3,9 +3,9 @@
 import time
 from dataclasses import dataclass
 
+from simtune.networks.training import TrainingClock
 from simtune.search_param_model import posterior
 from simtune.simulation import Simulator
-from simtune.training import TrainingClock
 
 
 @dataclass

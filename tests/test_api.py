@@ -13,7 +13,7 @@ import pytest
 import simtune
 from simtune.config import TuneConfig
 from simtune.errors import InputError
-from simtune.outcome import asked
+from simtune.experiment.outcome import asked
 from simtune.run import write_json
 from simtune.tasks import cartpole
 from simtune.tuning_run import tune as tune_from_options
@@ -45,7 +45,7 @@ def test_import_loads_nothing_heavy_and_no_module_hides_a_public_name():
     import sys
     import simtune
     assert not {"torch", "mujoco", "numpy"} & set(sys.modules), sys.modules
-    import simtune.cli, simtune.api, simtune.algorithm, simtune.record, simtune.evaluate
+    import simtune.cli, simtune.api, simtune.algorithm, simtune.record, simtune.evaluation.policy
     assert all(type(getattr(simtune, name)).__name__ != "module" for name in simtune.__all__)
     """
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

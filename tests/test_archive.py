@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simtune.footage import Footage
+from simtune.cameras.footage import Footage
 from simtune.real.archive import RecordingArchive
 from simtune.trajectory import Trajectory
 

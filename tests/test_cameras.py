@@ -11,10 +11,11 @@ import pytest
 import torch
 from mujoco.batch import Batch
 
+from simtune.cameras.footage import Footage
+from simtune.cameras.views import View, apart
 from simtune.checking import check
 from simtune.config import CheckConfig, RecordConfig
 from simtune.errors import InputError
-from simtune.footage import Footage
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, colour
 from simtune.randomization import Distribution
@@ -26,7 +27,6 @@ from simtune.simulation import Simulator, make_renderer
 from simtune.simulation.rendering.primitives.primitives import Primitives
 from simtune.tasks import Task, before_one_camera, load_task
 from simtune.trajectory import Trajectory
-from simtune.views import View, apart
 from simtune.vision.detector import DetectorConfig, KeypointDetector, detect, to_input
 from simtune.vision.keypoints import Keypoints, candidate_keypoints, find_keypoints
 

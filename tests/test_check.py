@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from simtune import cli
+from simtune.cameras.footage import Footage
+from simtune.cameras.views import View
 from simtune.checking import check, table
 from simtune.checking.conclusions import conclude
 from simtune.checking.promise import promises
@@ -27,14 +29,12 @@ from simtune.fit.sensitivity import (
     picture_changes,
     windows,
 )
-from simtune.footage import Footage
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, camera_pose, colour, delay, dynamics
 from simtune.recordings import write_dataset
 from simtune.simulation import Rollouts, Simulator, random_actions
 from simtune.tasks import TASKS, Task
 from simtune.trajectory import Trajectory
-from simtune.views import View
 from simtune.vision.keypoints import candidate_keypoints
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION

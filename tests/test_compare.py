@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simtune import outcome
 from simtune.compare import compare, table
 from simtune.compare.compare import FALSE_ALARM_RATE, differences, largest_allowed, p_value
 from simtune.config import CompareConfig
 from simtune.errors import InputError
+from simtune.experiment import outcome
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.run import read_json, write_json

@@ -11,9 +11,10 @@ from test_teacher_student import SMALL, SPEC, dots, make_teacher, transitions
 
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.agents.student import Student
-from simtune.cuda_graph import graphed, make_capturable
-from simtune.networks import seeded
-from simtune.pixel_encoder import PixelEncoder
+from simtune.networks.cuda_graph import graphed, make_capturable
+from simtune.networks.layers import seeded
+from simtune.networks.pixel_encoder import PixelEncoder
+from simtune.networks.training import TrainingClock
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
 from simtune.search_param_model.posterior_batches import DetectorErrors
@@ -21,7 +22,6 @@ from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.simulation import StrayLight, random_actions
 from simtune.tasks import load_task
-from simtune.training import TrainingClock
 
 pytestmark = pytest.mark.gpu
 

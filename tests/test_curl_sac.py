@@ -17,8 +17,8 @@ from simtune.agents.pixel_networks import (
     move_towards,
     sample_squashed,
 )
-from simtune.cuda_graph import GraphedStep
-from simtune.pixel_encoder import PixelConvolutions, PixelEncoder
+from simtune.networks.cuda_graph import GraphedStep
+from simtune.networks.pixel_encoder import PixelConvolutions, PixelEncoder
 
 SMALL = CurlSacConfig(
     image_size=18, crop_size=16, num_stacked=2, hidden_size=32, batch_size=4, random_steps=0
@@ -28,7 +28,9 @@ SMALL = CurlSacConfig(
 @pytest.fixture(autouse=True)
 def float32(monkeypatch):
     """On any CPU: networks are used themselves, and patched."""
-    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: device.type == "cuda")
+    monkeypatch.setattr(
+        "simtune.networks.layers.has_fast_bf16", lambda device: device.type == "cuda"
+    )
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import simtune
-from simtune import outcome
 from simtune.api import declared
+from simtune.experiment import outcome
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.run import Run
 

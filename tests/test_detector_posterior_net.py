@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch.nn import functional as F
 
+from simtune.networks.training import TrainingClock
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
@@ -21,7 +22,6 @@ from simtune.search_param_model.posterior_net import (
 )
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.search_param_model.training_pictures import TrainingPictures
-from simtune.training import TrainingClock
 from simtune.vision.detector import (
     Detections,
     DetectorConfig,
@@ -171,7 +171,7 @@ def test_a_detector_that_rounds_finds_the_same_and_learns_in_float32(monkeypatch
     rounded.load_state_dict(fine.state_dict())
 
     def learn(detector: KeypointDetector, is_fast: bool) -> tuple[torch.Tensor, torch.Tensor]:
-        monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: is_fast)
+        monkeypatch.setattr("simtune.networks.layers.has_fast_bf16", lambda device: is_fast)
         heatmaps, visible = detector(pictures)
         assert heatmaps.dtype == visible.dtype == torch.float32
         detector.zero_grad()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from simtune.before_after import StartSearchConfig
+from simtune.before_after.videos import StartSearchConfig
 from simtune.config import TuneConfig
 from simtune.experiment.settings import Settings
 from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage

@@ -17,9 +17,9 @@ from mujoco.batch import MODEL_FIELDS
 from scipy.special import ndtr
 from scipy.stats import spearmanr
 
-from simtune import outcome
 from simtune.config import ExportConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.experiment import outcome
 from simtune.export import export
 from simtune.parameters import ModelWriter
 from simtune.randomization import Distribution

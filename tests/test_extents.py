@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simtune.cameras.views import View
 from simtune.checking.extents import extents_px, small, unclear_of
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.table import _extents
@@ -13,7 +14,6 @@ from simtune.config import CheckConfig, TuneConfig
 from simtune.recordings import write_dataset
 from simtune.tasks import load_any_task
 from simtune.trajectory import Trajectory
-from simtune.views import View
 
 SCENE = """
 <mujoco>

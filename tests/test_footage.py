@@ -7,14 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from simtune.cameras.footage import PLAIN, Footage
+from simtune.cameras.lens import Lens
+from simtune.cameras.pictures import middle_square, resize
+from simtune.cameras.rectify import rectify
 from simtune.errors import InputError
-from simtune.footage import PLAIN, Footage
-from simtune.lens import Lens
 from simtune.parameters import Parameter, ParameterSpace
-from simtune.pictures import middle_square, resize
 from simtune.recordings import Dataset, write_dataset
 from simtune.recordings.open import open_dataset
-from simtune.rectify import rectify
 from simtune.simulation.rendering.renderer import Renderer, make_renderer
 from simtune.trajectory import Trajectory
 

@@ -10,14 +10,14 @@ from torch import nn
 from simtune.agents.curl_sac import CurlSac
 from simtune.agents.half_copy import HalfCopy
 from simtune.agents.pixel_networks import TwinQ, descend
-from simtune.networks import autocast
+from simtune.networks.layers import autocast
 
 CPU = torch.device("cpu")
 
 
 @pytest.fixture
 def fast_bf16(monkeypatch):
-    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: True)
+    monkeypatch.setattr("simtune.networks.layers.has_fast_bf16", lambda device: True)
 
 
 def twin() -> TwinQ:
@@ -26,7 +26,7 @@ def twin() -> TwinQ:
 
 
 def test_where_bfloat16_is_not_faster_the_network_is_used_itself(monkeypatch):
-    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: False)
+    monkeypatch.setattr("simtune.networks.layers.has_fast_bf16", lambda device: False)
     network = twin()
     assert HalfCopy(network, CPU).used is network
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
+from simtune.cameras.views import View
 from simtune.parameters import (
     ModelWriter,
     ParameterSpace,
@@ -16,7 +17,6 @@ from simtune.parameters import (
 )
 from simtune.simulation import Worlds, make_renderer
 from simtune.tasks import TASKS, load_task
-from simtune.views import View
 from simtune.vision.keypoints import (
     _project,
     candidate_keypoints,

@@ -10,10 +10,10 @@ from mujoco.batch import Batch
 
 from simtune.config import RecordConfig
 from simtune.errors import InputError
+from simtune.experiment.rollout import Environment
 from simtune.parameters import ModelWriter
 from simtune.randomization import Distribution
 from simtune.record import record
-from simtune.rollout import Environment
 from simtune.simulation import Simulator, random_actions
 from simtune.tasks import Task, load_task
 from simtune.tasks.xarm7.scene import place_of

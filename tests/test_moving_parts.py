@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from simtune.moving_parts import MovingParts, follow_parts
+from simtune.before_after.moving_parts import MovingParts, follow_parts
 from simtune.tasks import load_task
 from simtune.trajectory import seen_late
 from simtune.vision.detector import Detections

@@ -19,11 +19,11 @@ from simtune.fit import (
     Stage,
     StateEstimator,
 )
+from simtune.networks.training import TrainingClock
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator, random_actions
-from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.vision.keypoints import find_keypoints

@@ -12,10 +12,10 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.networks import positional_encoding, predicting
+from simtune.networks.layers import positional_encoding, predicting
+from simtune.networks.pixel_encoder import PixelEncoder
 from simtune.observation import JointSensor, ObservationModel
 from simtune.parameters import Parameter, ParameterSpace
-from simtune.pixel_encoder import PixelEncoder
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel, count_votes
 from simtune.search_param_model.windows import Windows, split
 from simtune.simulation import Points, Rollouts, Simulator
@@ -234,7 +234,7 @@ def test_predictions_have_no_dropout():
 
 @torch.inference_mode()
 def test_candidates_at_once_equal_the_plain_loop(monkeypatch):
-    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: False)
+    monkeypatch.setattr("simtune.networks.layers.has_fast_bf16", lambda device: False)
     model = a_model().eval()
     windows = some_windows(3)
     candidates = SPACE.from_unit(np.random.default_rng(1).uniform(size=(5, 2)))

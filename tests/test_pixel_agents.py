@@ -285,7 +285,7 @@ def test_updates_in_bfloat16_go_the_way_of_those_in_float32(make, monkeypatch):
     batch, plain = a_batch(64), make()
     for _ in range(2):
         plain.learn(batch)
-    monkeypatch.setattr("simtune.networks.has_fast_bf16", lambda device: True)
+    monkeypatch.setattr("simtune.networks.layers.has_fast_bf16", lambda device: True)
     cast = make()
     first = {name: tensor for name, tensor in everything(cast).items() if "optimizer" not in name}
     for _ in range(2):

@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 from lerobot_v21 import DATA, write_v21
 
+from simtune.cameras.footage import Footage
 from simtune.checking.recording_warnings import warnings
 from simtune.checking.table import table
 from simtune.errors import InputError
-from simtune.footage import Footage
 from simtune.recordings import open_dataset, write_dataset, write_video
 from simtune.recordings.readings import choose_readings, readings_of
 from simtune.recordings.resample import step_readings

@@ -15,8 +15,9 @@ from simtune.agents import Observation
 from simtune.algorithm import train
 from simtune.config import EvaluateConfig, RealConfig, TuneConfig
 from simtune.errors import InputError
-from simtune.evaluate import evaluate
+from simtune.evaluation.policy import evaluate
 from simtune.experiment.experiment import build_experiment
+from simtune.experiment.rollout import Environment
 from simtune.experiment.training_experiment import (
     TrainingExperiment,
     _most_late,
@@ -27,7 +28,6 @@ from simtune.parameters import ParameterSpace, delay
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
-from simtune.rollout import Environment
 from simtune.run import read_jsonl
 from simtune.simulation import Simulator, acting_late, make_renderer
 from simtune.simulation.rendering import opengl

@@ -10,9 +10,9 @@ from test_recording_kinds import FPS, NUM_STEPS, actions, assert_whole, grey, me
 
 import simtune
 from simtune.api.arrays import film_once, write_arrays
+from simtune.cameras.footage import Footage
 from simtune.config import RealConfig
 from simtune.errors import InputError
-from simtune.footage import Footage
 from simtune.real.choose import choose_real
 from simtune.recordings import open_dataset
 from simtune.tasks import load_task

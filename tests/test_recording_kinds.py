@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from simtune.between_rows import typical_step_s
+from simtune.cameras.footage import Footage
 from simtune.checking.check import look_through
 from simtune.config import RecordingsConfig
 from simtune.errors import InputError
-from simtune.footage import Footage
 from simtune.recordings import Dataset, decode, open_dataset, write_dataset, write_video
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.lerobot.features import _names

@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 from av.video.reformatter import Interpolation
 
+from simtune.cameras.footage import Footage
+from simtune.cameras.pictures import resize
 from simtune.errors import InputError
-from simtune.footage import Footage
-from simtune.pictures import resize
 from simtune.real import RealWorld
 from simtune.real.recorded import RecordedReal
 from simtune.recordings import (

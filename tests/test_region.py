@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from simtune.cameras.views import View
 from simtune.config import RecordConfig
 from simtune.errors import InputError
 from simtune.record import _aspect, filming_whole
 from simtune.simulation import Simulator
 from simtune.tasks import Task
-from simtune.views import View
 
 SCENE = """
 <mujoco>

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from simtune.api.result import Result
-from simtune.before_after import overlay
+from simtune.before_after.moving_parts import MovingParts
+from simtune.before_after.videos import overlay
 from simtune.errors import InputError
-from simtune.moving_parts import MovingParts
 from simtune.report import write_report
 from simtune.report.data import read_run
 from simtune.report.joint_plots import error_plot, reading_plot

@@ -8,8 +8,8 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
+from simtune.before_after.moving_parts import MovingParts
 from simtune.errors import InputError
-from simtune.moving_parts import MovingParts
 from simtune.recordings import write_video
 from simtune.report.rerun_file import write_rerun
 from simtune.run import write_json

@@ -16,10 +16,10 @@ import pytest
 from servo import cartpole_with_servo
 
 from simtune import cli
+from simtune.cameras.lens import Lens
 from simtune.config import RealConfig, TuneConfig
-from simtune.cuda_graph import CALLS_BEFORE_REPLAY
 from simtune.errors import InputError, RobotError
-from simtune.lens import Lens
+from simtune.networks.cuda_graph import CALLS_BEFORE_REPLAY
 from simtune.real import robot
 from simtune.real.choose import choose_real
 from simtune.real.recorded import RecordedReal

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simtune.before_after.readings import Tuned, replay
 from simtune.budget import Budget
 from simtune.checking import check
 from simtune.config import CheckConfig, TuneConfig
 from simtune.experiment.experiment import build_experiment
-from simtune.replayed import Tuned, replay
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "servos"
 ALMOST = 0.005  # rad: a share of an angle near zero means little

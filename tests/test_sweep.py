@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 from sweep_driver import STAND_IN, drive_quietly
 
-from simtune import outcome
 from simtune.config import SweepConfig
 from simtune.errors import InputError
+from simtune.experiment import outcome
 from simtune.real.choose import read_parameters
 from simtune.real.truth import Truth
 from simtune.recordings import dataset, open_dataset

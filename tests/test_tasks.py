@@ -14,8 +14,8 @@ import pytest
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from simtune.errors import UnknownName
+from simtune.experiment.rollout import Environment, _charge_failures
 from simtune.parameters import ModelWriter
-from simtune.rollout import Environment, _charge_failures
 from simtune.simulation import scale_actions
 from simtune.tasks import TASKS, load_task
 

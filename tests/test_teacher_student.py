@@ -12,7 +12,7 @@ from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
 from simtune.errors import InputError
-from simtune.networks import seeded
+from simtune.networks.layers import seeded
 from simtune.parameters import ParameterSpace
 from simtune.replay import Episodes, Replay, Transitions
 from simtune.tasks import load_task

@@ -25,8 +25,9 @@ from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig
 from simtune.errors import InputError
-from simtune.evaluate import evaluate, load_trained
+from simtune.evaluation.policy import evaluate, load_trained
 from simtune.experiment.run import Run
+from simtune.experiment.schedule import Schedule, fast, paper
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import build_training
 from simtune.randomization import Distribution
@@ -37,7 +38,6 @@ from simtune.recordings import write_dataset
 from simtune.replay import Replay
 from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
-from simtune.schedule import Schedule, fast, paper
 from simtune.simulation import scale_actions
 from simtune.tasks import load_task
 from simtune.tuning.estimate import Estimate, Verdict, unsure

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from simtune.budget import Budget
-from simtune.training import TrainingClock, train_network
+from simtune.networks.training import TrainingClock, train_network
 
 
 class Clock:

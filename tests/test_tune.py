@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 from other_keypoints import find_others
 
-from simtune import before_after, outcome, tuning, tuning_run
-from simtune.before_after import StartSearchConfig
+from simtune import tuning, tuning_run
+from simtune.before_after import videos
+from simtune.before_after.videos import StartSearchConfig
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.experiment import outcome
 from simtune.experiment.experiment import build_experiment
+from simtune.experiment.presets import choose_search_settings
 from simtune.observation import ObservationModel
 from simtune.parameters import Parameter
-from simtune.presets import choose_search_settings
 from simtune.real.choose import choose_real, read_parameters
 from simtune.real.pseudo import PseudoReal
 from simtune.real.truth import Truth
@@ -583,7 +585,7 @@ def test_the_start_of_an_episode_is_found_in_its_pictures(one_renderer_each):
         frames = simulator.render(starts, np.tile(parameters, (len(starts), 1)))
         return np.square(frames.astype(float) - trajectory.frames[0]).mean((1, 2, 3))
 
-    found = before_after.find_start(simulator, trajectory, parameters, rng, config=config)
+    found = videos.find_start(simulator, trajectory, parameters, rng, config=config)
     actions = np.zeros((64, 1, simulator.num_actions))
     others = simulator.roll_out(np.tile(parameters, (64, 1)), actions, rng).states[:, 0]
     assert distance(found[None])[0] < 0.1 * np.median(distance(others))
@@ -606,13 +608,13 @@ def test_films_begin_where_the_fit_found_the_start_or_else_where_one_is_found(
         filmed.append(start)
         return film_from(simulator, real, parameters, start, late_steps)
 
-    film_from = before_after.film_from
-    monkeypatch.setattr(before_after, "film_from", watch)
+    film_from = videos.film_from
+    monkeypatch.setattr(videos, "film_from", watch)
     estimate = Estimate(parameters, SPACE.low, SPACE.high, ["weak"] * len(SPACE), {})
     for start, is_there in ((began[0].tolist(), True), (None, False)):
         found = dataclasses.replace(estimate, start=start)
-        late, at = before_after.episode_and_start(simulator, film, found, 0, config)
-        before_after.write_videos(tmp_path, simulator, late, at, (parameters, parameters))
+        late, at = videos.episode_and_start(simulator, film, found, 0, config)
+        videos.write_videos(tmp_path, simulator, late, at, (parameters, parameters))
         one, other = filmed[-2:]  # before and after
         np.testing.assert_array_equal(one, other)
         assert np.array_equal(one, began[0]) == is_there
@@ -638,7 +640,7 @@ def test_a_world_that_diverges_is_shown_by_its_first_picture(monkeypatch, one_re
     start = simulator.roll_out(SPACE.nominal[None], np.zeros((1, 1, 1)), rng).states[0, 0]
     start[2] = np.nan
     real = Trajectory(np.zeros((4, 64, 64, 3), np.uint8), np.zeros((3, 1), np.float32), 0.02)
-    frames = before_after.film_from(simulator, real, SPACE.nominal, start)
+    frames = videos.film_from(simulator, real, SPACE.nominal, start)
     assert frames.shape == (1, 64, 64, 3)
 
 
@@ -651,7 +653,7 @@ def test_a_start_is_searched_for_no_longer_than_is_said(monkeypatch, one_rendere
         filmed.clear()
         config = StartSearchConfig(num_starts=256, seconds=seconds)
         rng = np.random.default_rng(0)
-        before_after.find_start(simulator, real, SPACE.nominal, rng, config)
+        videos.find_start(simulator, real, SPACE.nominal, rng, config)
         assert len(filmed) == batches
 
 

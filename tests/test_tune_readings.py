@@ -11,11 +11,12 @@ import pytest
 from scipy.special import ndtri, stdtrit
 from servo_arm import HEAD, TUNE, write_arm
 
+from simtune.before_after.readings import Tuned, replay
 from simtune.budget import Budget
 from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
-from simtune.evaluate import evaluate
-from simtune.evaluate_replay import _late
+from simtune.evaluation.policy import evaluate
+from simtune.evaluation.replay import _late
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import Guess, OpenLoop, OutputError, OutputErrorFit, Readings, ReplayStage
 from simtune.fit.readings.differences import Where, differentiate
@@ -24,7 +25,6 @@ from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
 from simtune.record import record
-from simtune.replayed import Tuned, replay
 from simtune.report.data import RunData
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory

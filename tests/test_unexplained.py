@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simtune.unexplained import marked, unexplained
+from simtune.before_after.unexplained import marked, unexplained
 
 
 def films(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

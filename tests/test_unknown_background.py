@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simtune.before_after import film_from
+from simtune.before_after.videos import film_from
+from simtune.cameras.views import View
 from simtune.checking import check
 from simtune.config import CheckConfig
 from simtune.errors import InputError
@@ -16,7 +17,6 @@ from simtune.simulation.rendering.backdrops import Backdrops
 from simtune.simulation.rendering.plate import camera_moves
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
-from simtune.views import View
 from simtune.vision.image_noise import ImageNoise
 from simtune.vision.keypoints import candidate_keypoints
 

@@ -19,7 +19,7 @@ import torch
 from torch import nn
 
 from baselines import Found, Problem
-from simtune.networks import predicting, seeded
+from simtune.networks.layers import predicting, seeded
 from simtune.vision.detector import to_input
 
 _STRETCHES = 5  # filmed of an episode

@@ -12,7 +12,7 @@ import matplotlib.cbook
 import mujoco
 import numpy as np
 
-from simtune.lens import Lens
+from simtune.cameras.lens import Lens
 from simtune.tasks import Task
 
 WRIST = Lens(

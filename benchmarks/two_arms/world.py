@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simtune.cameras.views import View
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.record import filming_whole
@@ -14,7 +15,6 @@ from simtune.recordings import write_dataset
 from simtune.simulation import OPENGL_DM_CONTROL
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
-from simtune.views import View
 from two_arms.pushes import Operator
 
 _FACTOR = 2.0  # a parameter of motion is as many times too high or too low at most

@@ -9,7 +9,7 @@ for step k
     update simulation from real                           _film_real_world, _update_simulator
 
 The last three form a loop; here a cycle begins with the real world, since the first, random one
-must begin there. The parts are in `experiment/`, their numbers in `schedule.py`.
+must begin there. The parts are in `experiment/`, their numbers in its `schedule.py`.
 """
 
 import time
@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from simtune import outcome
 from simtune.budget import Budget
 from simtune.config import TrainConfig
+from simtune.experiment import outcome
+from simtune.experiment.presets import choose_range
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
-from simtune.presets import choose_range
 from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.recordings import write_video

@@ -40,7 +40,7 @@ def _devices() -> Iterator[tuple[str, str]]:
     import torch
 
     from simtune.devices import choose_device
-    from simtune.networks import has_fast_bf16
+    from simtune.networks.layers import has_fast_bf16
 
     cpu = torch.device("cpu")
     yield "cpu", f"{torch.get_num_threads()} threads, fast bfloat16: {has_fast_bf16(cpu)}"

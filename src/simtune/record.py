@@ -7,12 +7,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from simtune.cameras.lens import Lens
+from simtune.cameras.views import View
 from simtune.config import RecordConfig
 from simtune.errors import InputError
-from simtune.evaluate import load_trained
+from simtune.evaluation.policy import load_trained
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment
-from simtune.lens import Lens
 from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import observed, read_parameters
@@ -30,7 +31,6 @@ from simtune.simulation import (
 )
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
-from simtune.views import View
 
 
 def record(

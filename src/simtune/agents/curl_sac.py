@@ -35,8 +35,8 @@ from simtune.agents.pixel_networks import (
     sample_squashed,
 )
 from simtune.agents.saving import Stateful
-from simtune.networks import autocast, seeded
-from simtune.pixel_encoder import NUM_FEATURES, PixelEncoder
+from simtune.networks.layers import autocast, seeded
+from simtune.networks.pixel_encoder import NUM_FEATURES, PixelEncoder
 from simtune.replay import Transitions
 
 

@@ -19,8 +19,8 @@ from simtune.agents.noise import disturbed, falling
 from simtune.agents.pixel_agent import PixelAgent, PixelAgentConfig
 from simtune.agents.pixel_networks import TwinQ, descend, initialize, move_towards
 from simtune.agents.saving import Stateful
-from simtune.networks import autocast, mlp, seeded
-from simtune.pixel_encoder import NUM_FEATURES, PixelConvolutions, feature_head
+from simtune.networks.layers import autocast, mlp, seeded
+from simtune.networks.pixel_encoder import NUM_FEATURES, PixelConvolutions, feature_head
 from simtune.replay import Replay, Transitions
 
 

@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 import torch
 from torch import nn
 
-from simtune import networks
+from simtune.networks import layers
 
 _Network = TypeVar("_Network", bound=nn.Module)
 
@@ -22,7 +22,7 @@ class HalfCopy(Generic[_Network]):
         """Of a network on its device; it shares what stays float32: `FineLinear`, normalisation."""
         self.used = network
         self._pairs: list[tuple[nn.Parameter, nn.Parameter]] = []
-        if networks.has_fast_bf16(device):
+        if layers.has_fast_bf16(device):
             parts = [part for part in network.modules() if _is_cast(part)]
             cast = {id(weight) for part in parts for weight in part.parameters()}
             memo = {id(p): p for p in network.parameters() if id(p) not in cast}
@@ -65,4 +65,4 @@ def _copy_all(into: list[torch.Tensor], values: list[torch.Tensor]) -> None:
 
 
 def _is_cast(part: nn.Module) -> bool:
-    return isinstance(part, nn.Linear | nn.Conv2d) and not isinstance(part, networks.FineLinear)
+    return isinstance(part, nn.Linear | nn.Conv2d) and not isinstance(part, layers.FineLinear)

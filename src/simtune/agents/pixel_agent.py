@@ -12,7 +12,7 @@ import torch
 from simtune.agents.agent import Observation
 from simtune.agents.noise import uniform_actions
 from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
-from simtune.cuda_graph import Step, graphed
+from simtune.networks.cuda_graph import Step, graphed
 from simtune.replay import Replay, Transitions
 
 

@@ -7,8 +7,8 @@ from torch import nn
 from torch.nn import functional
 
 from simtune.agents.half_copy import HalfCopy
-from simtune.networks import FineLinear, mlp
-from simtune.pixel_encoder import NUM_FEATURES, feature_head
+from simtune.networks.layers import FineLinear, mlp
+from simtune.networks.pixel_encoder import NUM_FEATURES, feature_head
 
 
 class GaussianActor(nn.Module):

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import torch
 from torch import nn
 
-from simtune.networks import (
+from simtune.networks.layers import (
     load_generator,
     load_optimizer_tensors,
     load_weights,

@@ -17,9 +17,9 @@ from torch.nn import functional
 
 from simtune.agents.agent import AgentSpec
 from simtune.agents.pixel_networks import descend
-from simtune.cuda_graph import graphed, make_capturable, set_rate
 from simtune.devices import pictures_at_once
-from simtune.networks import Standardizer, mlp, predicting
+from simtune.networks.cuda_graph import graphed, make_capturable, set_rate
+from simtune.networks.layers import Standardizer, mlp, predicting
 from simtune.vision.detector import DetectorConfig, KeypointDetector, to_input
 from simtune.vision.noisy_cameras import NoisyCameras
 

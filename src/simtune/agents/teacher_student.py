@@ -16,8 +16,8 @@ from simtune.agents.recollection import Recollection
 from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
 from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
-from simtune.cuda_graph import graphed, make_capturable
-from simtune.networks import seeded, under
+from simtune.networks.cuda_graph import graphed, make_capturable
+from simtune.networks.layers import seeded, under
 from simtune.replay import Replay, Transitions, in_parts
 
 # What a teacher learns from, of `Transitions`

@@ -23,7 +23,7 @@ from simtune.api.spelling import in_python
 from simtune.checking import carry_out as carry_out_check
 from simtune.config import CheckConfig, TrainConfig, TuneConfig, check_types
 from simtune.errors import InputError, UnknownName
-from simtune.outcome import asked
+from simtune.experiment.outcome import asked
 from simtune.progress import ProgressBar, ReportProgress, silent
 from simtune.report.data import read_finished
 from simtune.run.config import FILMED, check_asked, stored_config

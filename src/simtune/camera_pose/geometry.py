@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simtune.lens import focal_px
+from simtune.cameras.lens import focal_px
 from simtune.parameters import ParameterSpace
 
 _LEAST_DEPTH_M = 0.01

@@ -5,9 +5,9 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from simtune.cameras.footage import Footage
 from simtune.config.camera_pose import CameraPoseOptions
 from simtune.errors import InputError
-from simtune.footage import Footage
 from simtune.observation import ObservationModel, joints_of, measured_places
 from simtune.parameters import ParameterSpace, camera_pose, field_of_view
 from simtune.parameters.backlash import driven_through

@@ -14,8 +14,8 @@ from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Robot
 from simtune.camera_pose.silhouettes import likely_camera, moving_masks
 from simtune.camera_pose.tracking import FAR, FINE, MIDDLE, NEAR, Alike, Fit, Tracker
+from simtune.cameras.pictures import resize
 from simtune.errors import InputError
-from simtune.pictures import resize
 
 _STARTS, _FEWEST_STARTS = 3, 2  # the given camera, and by silhouettes; the latter if time is short
 _STARTING = 0.5  # of the time, within which more starts are tried if no end is sure

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.cameras.pictures import resize
+from simtune.cameras.views import View, apart
 from simtune.checking.conclusions import CLEAR, conclude
 from simtune.checking.extents import extents_px, small, unclear_of
 from simtune.checking.film import compare
@@ -22,7 +24,6 @@ from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.fit.sensitivity import analyze
 from simtune.observation import ObservationModel
-from simtune.pictures import resize
 from simtune.progress import ReportProgress, silent
 from simtune.real.choose import observed, open_recordings
 from simtune.real.recorded import how_many
@@ -31,7 +32,6 @@ from simtune.run.files import plain
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import camera_moves
 from simtune.tasks import Task, load_task
-from simtune.views import View, apart
 
 _EPISODES = 5
 _MOST_NAMED = 5  # of unsound episodes

@@ -8,9 +8,9 @@ from itertools import product
 import mujoco
 import numpy as np
 
+from simtune.cameras.views import View
 from simtune.parameters import Parameter
 from simtune.simulation import Simulator
-from simtune.views import View
 from simtune.vision.keypoints import Keypoints, candidate_keypoints, is_drawn
 
 _STEPS, _EPISODES = 12, 4  # used at most

@@ -12,12 +12,12 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from simtune.cameras.pictures import resize
+from simtune.cameras.views import View
 from simtune.checking.features import outlines
 from simtune.checking.film import Comparison
 from simtune.checking.library import Library
-from simtune.pictures import resize
 from simtune.tasks import Task
-from simtune.views import View
 
 _HEIGHT_PX = 192  # least height of the pictures
 _OUTLINES_PX = 96  # height for outlines: finer detail is mostly texture

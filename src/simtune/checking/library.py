@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simtune.cameras.pictures import resize
+from simtune.cameras.views import apart
 from simtune.checking.features import SIZE, Features, describe
-from simtune.pictures import resize
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
-from simtune.views import apart
 
 MOST_STEPS = 200  # of an episode that are used
 _WORLDS, _PICTURES = 32, 24  # of each world

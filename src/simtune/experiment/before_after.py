@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from simtune.before_after import episode_and_start, write_videos
+from simtune.before_after.moving_parts import MovingParts, follow_parts
+from simtune.before_after.readings import Replayed, Tuned, replay
+from simtune.before_after.videos import episode_and_start, write_videos
 from simtune.experiment.experiment import Experiment
-from simtune.moving_parts import MovingParts, follow_parts
-from simtune.replayed import Replayed, Tuned, replay
 from simtune.run import RunFolder
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory

@@ -8,18 +8,19 @@ from typing import Any
 import numpy as np
 import torch
 
-from simtune import outcome
+from simtune.cameras.views import apart
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.recording_warnings import warnings_of
 from simtune.config import TrainConfig, TuneConfig
 from simtune.devices import choose_device
 from simtune.errors import InputError
+from simtune.experiment import outcome
 from simtune.experiment.keypoints import keypoints_of_run
+from simtune.experiment.presets import choose_search_settings
 from simtune.experiment.settings import Settings
 from simtune.names import SearchName
-from simtune.networks import under
+from simtune.networks.layers import under
 from simtune.parameters import ParameterSpace
-from simtune.presets import choose_search_settings
 from simtune.progress import ReportProgress, silent
 from simtune.real import RealWorld
 from simtune.real.choose import choose_real, observed
@@ -40,7 +41,6 @@ from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, make_search
 from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
 from simtune.tuning.search import Search
-from simtune.views import apart
 from simtune.vision.keypoints import Keypoints
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from simtune import outcome
 from simtune.columns import cut
+from simtune.experiment import outcome
 from simtune.experiment.before_after import write_before_after
 from simtune.experiment.experiment import Experiment
 from simtune.progress import ReportProgress, silent

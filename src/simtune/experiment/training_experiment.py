@@ -12,16 +12,16 @@ from simtune.agents import Agent, AgentSpec, Observation
 from simtune.config import TrainConfig
 from simtune.devices import choose_device
 from simtune.experiment.experiment import Experiment, TuningProblem, build_problem, build_search
+from simtune.experiment.presets import choose_agent, choose_range, choose_schedule, choose_search
+from simtune.experiment.rollout import Environment
+from simtune.experiment.schedule import Schedule
 from simtune.experiment.settings import Settings
-from simtune.networks import under
-from simtune.presets import choose_agent, choose_range, choose_schedule, choose_search
+from simtune.networks.layers import under
 from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
 from simtune.replay import Replay
-from simtune.rollout import Environment
-from simtune.schedule import Schedule
 from simtune.simulation import Simulator
 from simtune.tasks import Task, before_one_camera, load_task, need_reward, with_known_colours
 from simtune.tuning import FixedRange

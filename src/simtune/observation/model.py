@@ -7,11 +7,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from simtune.footage import PLAIN, Footage
+from simtune.cameras.footage import PLAIN, Footage
+from simtune.cameras.views import View, apart
 from simtune.observation.evidence import AllEvidence, Evidence
 from simtune.simulation import AnySimulator, Rollouts, StrayLight
 from simtune.trajectory import Trajectory
-from simtune.views import View, apart
 from simtune.vision.image_noise import ImageNoise
 
 # Of motion and of appearance, in unit coordinates: 2 % of a value, and the effect of shadows,

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simtune.footage import Footage
+from simtune.cameras.footage import Footage
 from simtune.real.meaning import Meaning, check_meaning
 from simtune.recordings import Dataset, open_dataset, write_dataset
 from simtune.run.files import append_jsonl, write_json

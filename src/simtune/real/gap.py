@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from simtune.cameras.pictures import resize
+from simtune.cameras.views import View
 from simtune.config import RealConfig
 from simtune.errors import InputError
-from simtune.pictures import resize
 from simtune.recordings import decode, write_video
 from simtune.simulation import OPENGL_DM_CONTROL, LiveCamera, Simulator
 from simtune.tasks import AnyTask, Task
-from simtune.views import View
 
 _DRAWN_PX = 128  # height of the drawn pictures
 _BRIGHTNESS = (0.9, 1.1)

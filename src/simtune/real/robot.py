@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from simtune.cameras.pictures import resize
 from simtune.config.robot import RobotConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
-from simtune.pictures import resize
 from simtune.real import RealWorld
 from simtune.real.archive import RecordingArchive, RecordingSession
 from simtune.real.meaning import meaning_of

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from simtune.cameras.pictures import middle_square, resize
 from simtune.config.robot import RobotConfig
-from simtune.cuda_graph import CALLS_BEFORE_REPLAY
 from simtune.errors import InputError, RobotError
-from simtune.pictures import middle_square, resize
+from simtune.networks.cuda_graph import CALLS_BEFORE_REPLAY
 from simtune.robot.displacements import Displacements
 from simtune.robot.latch import Latch
 from simtune.robot.limits import Limits

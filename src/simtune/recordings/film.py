@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.cameras.footage import Footage
+from simtune.cameras.views import width_of
 from simtune.errors import InputError
-from simtune.footage import Footage
 from simtune.recordings.facts import Seen, SeenPictures, picture_facts
 from simtune.recordings.source import Source
-from simtune.views import width_of
 
 
 class Shot(NamedTuple):

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from simtune.cameras.footage import PLAIN, Footage
 from simtune.errors import InputError
-from simtune.footage import PLAIN, Footage
 from simtune.recordings.arrays import ENDING as ARRAYS
 from simtune.recordings.arrays import ArraysSource, holds_episodes
 from simtune.recordings.dataset import Dataset

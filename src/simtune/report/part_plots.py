@@ -1,6 +1,6 @@
 """Moving parts: distance between video and simulator over time."""
 
-from simtune.moving_parts import MovingParts
+from simtune.before_after.moving_parts import MovingParts
 from simtune.report.data import RunData
 from simtune.report.joint_plots import plot_over_time
 from simtune.report.plot import Plot

@@ -25,7 +25,7 @@ import safetensors.torch
 import torch
 
 from simtune.errors import InputError
-from simtune.networks import under
+from simtune.networks.layers import under
 from simtune.run import checkpoint
 from simtune.run.config import check_same, stored_config, versions
 from simtune.run.files import (

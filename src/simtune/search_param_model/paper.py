@@ -13,9 +13,9 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from simtune.networks import autocast, mlp, positional_encoding, predicting
+from simtune.networks.layers import autocast, mlp, positional_encoding, predicting
+from simtune.networks.pixel_encoder import NUM_FEATURES, PixelEncoder
 from simtune.parameters import ParameterSpace
-from simtune.pixel_encoder import NUM_FEATURES, PixelEncoder
 from simtune.search_param_model.windows import Windows, split
 from simtune.trajectory import Trajectory
 

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from simtune.cuda_graph import CALLS_BEFORE_REPLAY, Step, graphed
-from simtune.networks import seeded
+from simtune.networks.cuda_graph import CALLS_BEFORE_REPLAY, Step, graphed
+from simtune.networks.layers import seeded
+from simtune.networks.training import TrainingClock, train_network
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior_batches import DetectorErrors, PosteriorBatches
 from simtune.search_param_model.posterior_net import (
@@ -27,7 +28,6 @@ from simtune.search_param_model.posterior_net import (
 )
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.search_param_model.training_pictures import TrainingPictures
-from simtune.training import TrainingClock, train_network
 from simtune.vision.detector import (
     Detections,
     DetectorConfig,

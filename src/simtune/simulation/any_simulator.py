@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from simtune.cameras.views import View
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import ActionSpace
 from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.states import StateSpace
-from simtune.views import View
 
 # A Batch of n worlds, or an environment's (n, L, 2) points, to (n, D) numbers
 Observe = Callable[[Any], np.ndarray]

@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
+from simtune.cameras.pictures import middle_square, resize
+from simtune.cameras.views import View
 from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
-from simtune.pictures import middle_square, resize
 from simtune.simulation.actions import ActionSpace
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 from simtune.simulation.rendering.stray_light import StrayLight
-from simtune.views import View
 
 _BORDER_PX = 0.5  # points outside the picture are clipped so far inside, as `Keypoints` are
 

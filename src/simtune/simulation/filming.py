@@ -5,11 +5,11 @@ from itertools import product
 import mujoco
 import numpy as np
 
+from simtune.cameras.views import View
 from simtune.parameters import ParameterSpace
 from simtune.simulation.rendering.renderer import Renderer, make_renderer
 from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.scene import Drawing
-from simtune.views import View
 
 _CHUNK = 256  # supersampled pictures drawn at a time, to limit memory
 

@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from simtune.cameras.views import View
 from simtune.names import RendererName
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import DirectActions, MapActions
 from simtune.simulation.rendering.opengl_quality import OPENGL_FAST, OpenGLQuality
-from simtune.views import View
 
 Script = Callable[[Batch], np.ndarray]  # worlds in their present state to (n, A) actions
 

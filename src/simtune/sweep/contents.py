@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from simtune.config import NO_RECORDINGS, TrainConfig, TuneConfig
-from simtune.outcome import asked
+from simtune.experiment.outcome import asked
 from simtune.real.choose import observed, open_recordings, read_parameters
 from simtune.real.truth import Truth
 from simtune.run.config import check_asked, stored_config

@@ -6,13 +6,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from simtune.cameras.footage import Footage
+from simtune.cameras.views import View
 from simtune.errors import InputError, blame
-from simtune.footage import Footage
 from simtune.parameters import ParameterSpace
 from simtune.simulation import EnvironmentSimulator
 from simtune.simulation.environment import BoxActions
 from simtune.tasks.task import content_hash
-from simtune.views import View
 
 _SLACK = 0.01  # relative difference allowed between the recordings' step and the environment's
 

@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from simtune.footage import Footage
+from simtune.cameras.footage import Footage
 from simtune.observation import JointSensor
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.tasks.task import Task

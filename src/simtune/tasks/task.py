@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.footage import Footage
+from simtune.cameras.footage import Footage
+from simtune.cameras.views import View
 from simtune.observation import JointSensor
 from simtune.parameters import ParameterSpace
 from simtune.simulation import (
@@ -26,7 +27,6 @@ from simtune.simulation import (
     Simulator,
     prepare_spec,
 )
-from simtune.views import View
 
 MOST_STEPS = 100_000  # of an episode, as of a recorded one
 _SIZES = ("nbuffer", "signature")  # of an MjModel; they depend on the lengths of its file paths

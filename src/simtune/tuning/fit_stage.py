@@ -20,11 +20,11 @@ from simtune.fit import (
     as_seen,
     run_bootstrap,
 )
+from simtune.networks.training import TrainingClock
 from simtune.observation import AllEvidence, JointReadings
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.simulation import Simulator
-from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import SearchContext

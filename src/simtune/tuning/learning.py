@@ -8,11 +8,11 @@ import torch
 
 from simtune.budget import Budget
 from simtune.fit import num_fitted
+from simtune.networks.training import TrainingClock
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.search_param_model.training_pictures import TrainingPictures
-from simtune.training import TrainingClock
 from simtune.trajectory import Trajectory
 from simtune.tuning.fit_stage import Detected, HeldOut
 from simtune.tuning.posterior_config import PosteriorSearchConfig

@@ -8,7 +8,7 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.networks import (
+from simtune.networks.layers import (
     load_optimizer_tensors,
     load_weights,
     optimizer_tensors,

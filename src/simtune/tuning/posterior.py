@@ -18,7 +18,7 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.networks import load_generator, load_weights, under
+from simtune.networks.layers import load_generator, load_weights, under
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS

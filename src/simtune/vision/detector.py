@@ -14,7 +14,7 @@ from torch import nn
 from torch.nn import functional as F
 
 from simtune.devices import pictures_at_once
-from simtune.networks import autocast, mlp
+from simtune.networks.layers import autocast, mlp
 
 _CPU = torch.device("cpu")
 _STRIDE = 2  # pixels per cell of the heatmaps

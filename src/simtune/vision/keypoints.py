@@ -12,11 +12,11 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.lens import focal_px
+from simtune.cameras.lens import focal_px
+from simtune.cameras.views import View
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
 from simtune.simulation.rendering.plate import stands_still
-from simtune.views import View
 
 # As values, since MuJoCo's enums do not equal the integers in its arrays.
 _SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value  # its ends add nothing to its centre

@@ -6,9 +6,9 @@ from torch import nn
 from torch.nn import functional as F
 
 from simtune.fit.observed import Observed
-from simtune.networks import seeded
+from simtune.networks.layers import seeded
+from simtune.networks.training import TrainingClock, train_network
 from simtune.simulation.states import StateSpace
-from simtune.training import TrainingClock, train_network
 
 _CHANNELS = 96
 _DILATIONS = (1, 2, 4)  # with kernels of 5: 14 frames to either side

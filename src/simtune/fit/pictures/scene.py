@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import binary_erosion, generate_binary_structure
 
+from simtune.cameras.views import apart, parts
 from simtune.fit.pictures.response import NUM_UNKNOWN, CameraResponse
 from simtune.simulation import Simulator
-from simtune.views import apart, parts
 from simtune.vision.smoothing import with_smooth_chroma
 
 SHOWN = 0.05  # change of a pixel, of the full scale, over a parameter's whole range

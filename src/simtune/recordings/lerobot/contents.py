@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from simtune.cameras.views import apart
 from simtune.recordings.lerobot.layout import STATE
 from simtune.recordings.lerobot.stats import count_colours
 from simtune.trajectory import Trajectory
-from simtune.views import apart
 
 # Columns of the table of rows; STATE is missing without readings
 COLUMNS = {

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from simtune.cameras.footage import Footage
 from simtune.errors import InputError, UnknownName
-from simtune.footage import Footage
 from simtune.tasks.tuning_file.camera_sensor import has_sensor
 from simtune.tasks.tuning_file.footage import KEYS as FOOTAGE
 from simtune.tasks.tuning_file.footage import read_footage

@@ -6,9 +6,9 @@ from typing import Any
 
 import yaml
 
+from simtune.cameras.footage import Footage
+from simtune.cameras.lens import Lens
 from simtune.errors import InputError
-from simtune.footage import Footage
-from simtune.lens import Lens
 from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.validate import is_number
 

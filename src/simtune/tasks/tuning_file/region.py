@@ -6,8 +6,8 @@ from typing import Any
 
 import mujoco
 
+from simtune.cameras.lens import Lens
 from simtune.errors import InputError
-from simtune.lens import Lens
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 

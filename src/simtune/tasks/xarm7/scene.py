@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.footage import Footage
+from simtune.cameras.footage import Footage
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.simulation import MocapActions
 from simtune.tasks.batch_state import computed, reset_to_default

@@ -6,8 +6,8 @@ import math
 import numpy as np
 from scipy.sparse import csr_array
 
+from simtune.cameras.lens import Lens
 from simtune.errors import InputError
-from simtune.lens import Lens
 
 _FEWEST_POINTS, _POINTS_PER_PIXEL = 2, 2  # per new pixel; per old one, along an axis
 

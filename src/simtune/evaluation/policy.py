@@ -6,10 +6,10 @@ from typing import Any
 
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
-from simtune.evaluate_replay import evaluate_replay
+from simtune.evaluation.replay import evaluate_replay
+from simtune.experiment.outcome import summary
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
-from simtune.outcome import summary
 from simtune.real.choose import read_parameters
 from simtune.run import checkpoint
 from simtune.run.config import stored_config

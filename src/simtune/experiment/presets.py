@@ -6,9 +6,9 @@ from typing import Any
 
 from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.experiment.schedule import PAPER_STEPS, SCHEDULES, Schedule
 from simtune.fit import FitConfig
 from simtune.names import SearchName
-from simtune.schedule import PAPER_STEPS, SCHEDULES, Schedule
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import AnyTask, Task
 from simtune.trajectory import Trajectory

@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from simtune.budget import Budget
-from simtune.cuda_graph import graphed, make_capturable, set_rate
+from simtune.networks.cuda_graph import graphed, make_capturable, set_rate
 
 _WARM_UP = 50  # updates
 _REPORT_EVERY = 20  # updates

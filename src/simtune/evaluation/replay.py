@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from simtune.before_after.readings import Tuned, replay
 from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.real.choose import observed, open_recordings
 from simtune.real.recorded import RecordedReal
-from simtune.replayed import Tuned, replay
 from simtune.report.data import RunData, read_run
 from simtune.tasks import Task, with_model
 

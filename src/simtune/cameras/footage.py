@@ -9,10 +9,10 @@ from typing import Literal
 import av.error
 import numpy as np
 
+from simtune.cameras.lens import Lens
+from simtune.cameras.pictures import resize
+from simtune.cameras.rectify import rectify
 from simtune.errors import InputError
-from simtune.lens import Lens
-from simtune.pictures import resize
-from simtune.rectify import rectify
 
 _FRAMES = 200  # used, evenly spread: a median of more is no better
 _NARROWER = 0.02  # relative difference of the ratio of width and height

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from simtune.before_after.unexplained import marked, unexplained
 from simtune.recordings import write_video
 from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory, delayed, seen_late
 from simtune.tuning.estimate import Estimate
-from simtune.unexplained import marked, unexplained
 
 _COMPARED_STEPS = 4  # the first pictures, which also show velocities
 _ELITE = 8

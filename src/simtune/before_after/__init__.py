@@ -1,0 +1,1 @@
+"""The real world beside the simulator, before and after tuning."""

@@ -1,0 +1,1 @@
+"""What makes a camera's pictures: lenses, backgrounds, several views."""

@@ -1,0 +1,1 @@
+"""`simtune evaluate`: a run's policy once more, or other recordings in its simulator."""
