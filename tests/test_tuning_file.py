@@ -359,6 +359,11 @@ def test_the_pose_of_a_camera_of_its_own_can_be_a_parameter(load):
             6,
             "must be below 180",
         ),
+        (
+            "[camera]\nposition_m = [0, 0, 1]\nlook_at_m = [1, 0, 0]\nfield_of_view_deg = 0.8\n",
+            6,
+            "is in degrees, got 0.8; in radians that would be 46 degrees",
+        ),
         ("[camera]\nposition_m = [0, 0, 1]\nquat = [0, 0, 0, 0]\n", 5, "must not be zero"),
         (
             "[camera]\nposition_m = [0, 0, 1]\nquat = [1, 0, 0, 0]\nup = [1, 0, 0]\n",
@@ -731,6 +736,7 @@ def test_a_delay_is_remembered(load):
         ("name = 'p'\nkind = 'mass'\nobjects = 'bob'\nlow = 3\nhigh = 2\n", 7, "low must be below"),
         ("name = 'p'\nkind = 'mass'\nobjects = 'bob'\nlow = 0.3\n", 7, "nominal 0.2 lies outside"),
         ("name = 'p'\nkind = 'mass'\nobjects = 'bob'\nlow = -2\n", 7, "mass cannot be negative"),
+        ("name = 'p'\nkind = 'mass'\nobjects = 'world'\n", 6, "world cannot move, so its mass"),
         ("name = 'p'\nkind = 'mass'\nobjects = 'bob'\nscale = 'lg'\n", 7, "no scale 'lg'.*'log'"),
         (
             "name = 'p'\nkind = 'mass'\nobjects = 'bob'\nscale = 'log'\nlow = 0\n",

@@ -146,6 +146,8 @@ class Field:
         """Reason why this object's value cannot be tuned, although it has the field; "" if none."""
         if self.name == "geom_size" and model.geom_type[rows].item() in _SHAPED_BY_ASSETS:
             return f"{name} has the size of its mesh or height field: scale that"
+        if self.name in ("body_mass", "body_inertia") and model.body_weldid[rows].item() == 0:
+            return f"{name} cannot move, so its {self.name[5:]} changes nothing"
         if self.form == "shift" and model.joint(name).type[0] not in HINGE_OR_SLIDE:
             return f"{name} is neither a hinge nor a slide, so it has no one zero"
         if self.form == "negative" and model.actuator_biasprm[rows, 1].item() >= 0:

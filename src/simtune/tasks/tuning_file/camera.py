@@ -15,6 +15,7 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _ORTHOGRAPHIC = mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC
 _POSE = ("position_m", "look_at_m", "up", "quat", "field_of_view_deg", "body")
+_NARROWEST_DEG = 2.0  # field of view of a camera; less are radians
 _ADDED = "simtune_camera"  # default name of a new camera in the model
 
 
@@ -162,6 +163,12 @@ def _posed(table: TomlTable) -> FilmingCamera:
     if fovy_deg >= 180:
         raise table.error(
             f"field_of_view_deg must be below 180, got {fovy_deg:g}", "field_of_view_deg"
+        )
+    if fovy_deg < _NARROWEST_DEG:
+        raise table.error(
+            f"field_of_view_deg is in degrees, got {fovy_deg:g}; in radians that would be "
+            f"{np.rad2deg(fovy_deg):.0f} degrees",
+            "field_of_view_deg",
         )
     footage = Footage(camera=table.text("name", _ADDED))
     return FilmingCamera(footage, position, quaternion, fovy_deg)
