@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -22,9 +23,10 @@ import torch
 from simtune import cli
 from simtune.cli import commands
 from simtune.devices import choose_device
-from simtune.errors import InputError
+from simtune.errors import InputError, blame
 from simtune.progress import ProgressBar
 from simtune.recordings import write_dataset
+from simtune.robot.signals import ToldToEnd
 from simtune.run import RunFolder
 from simtune.trajectory import Trajectory
 
@@ -117,6 +119,14 @@ def dataset(recorded, tmp_path) -> Path:
             "--episodes must be a whole number, got 'two'",
         ),
         (["check", "cartpole", "--real", "pseudo"], "leave out --real pseudo"),
+        (["check", "cartpole", "--real", "lerobot"], "lerobot is a robot, and check moves none"),
+        (["check", "cartpole", "--real", "psuedo"], "psuedo: no such folder or file$"),
+        (
+            ["tune", "cartpole", "--out", "OUT", "--real", "psuedo"],
+            "no such folder or file; did you mean pseudo",
+        ),
+        (["check", "<mujoco>" + 300 * "\n"], "the task is XML text: give a tuning file, or a dict"),
+        (["check", 300 * "a"], "no task 'a+' in simtune"),
         (["train", "cartpole", "--out", "OUT", "--device", "gpu"], "auto, cpu, cuda or cuda:N"),
         (
             ["tune", "cartpole", "--out", "OUT", "--real", "NOWHERE", "--start-factor", "3"],
@@ -261,7 +271,7 @@ def test_chosen_actions(simtune, tmp_path, dataset):
     arguments = ("tune", "cartpole", "--out", tmp_path / "out", "--real", dataset)
     message = f"no action 'slider' in {dataset}; did you mean 'slide'?"
     simtune.refuses(*arguments, "--actions", "slider", message=message)
-    message = "takes 1 actions, --actions names 2"
+    message = "action 'slide' is asked for twice; name it once"
     simtune.refuses(*arguments, "--actions", "slide,slide", message=message)
 
 
@@ -642,6 +652,11 @@ def test_help_prints_the_usage_and_the_options_of_tune(simtune, command):
         for option in ("--real", "--real-parameters", "--real-episodes", "--search", "--seed"):
             assert option in out
         assert "minutes" in out
+
+
+def test_an_order_to_end_is_not_blamed_on_a_users_code():
+    with pytest.raises(ToldToEnd), blame("the code failed"):
+        raise ToldToEnd(signal.SIGTERM)
 
 
 def test_a_folder_in_place_of_its_tuning_file_is_told(simtune, tmp_path):

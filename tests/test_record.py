@@ -1,24 +1,28 @@
 """`record`: what it films comes back by reading it, and simtune tunes to it."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from servo_arm import write_arm
+from servo_arm import HEAD, write_arm
 
 from simtune import record as recording
 from simtune.algorithm import train
+from simtune.cameras.lens import Lens
+from simtune.cameras.views import View
 from simtune.config import RecordConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.real.recorded import RecordedReal
-from simtune.record import _check_written, record
+from simtune.record import _aspect, _check_written, record
 from simtune.recordings import open_dataset
-from simtune.tasks import load_task
+from simtune.tasks import Task, load_task
 
 STEPS = 24
 TASK = load_task("cartpole")
+PARAMETER = '[[parameters]]\nname = "upper"\nkind = "mass"\nobjects = "upper"\n'
 
 
 @pytest.fixture(autouse=True)
@@ -108,6 +112,11 @@ def test_record_refuses_a_folder_that_is_not_empty(tmp_path):
     [
         ([{"latency_s": 0.1}], "encoders of .* has a latency_s, and what simtune films is in time"),
         ([{}, {"name": "speeds"}], "two sensors of .* would both be written as 'shoulder'"),
+        (
+            [{"columns": ("observation.state[1]", "observation.state[0]")}],
+            r"'observation.state\[1\]' of .* would be written as number 0 of",
+        ),
+        ([{"columns": ("elbow", "observation.state[2]")}], "would be written as number 1 of"),
         ([{"columns": ("observation.qpos",)}], "reads all of 'observation.qpos', and simtune"),
     ],
 )
@@ -117,3 +126,52 @@ def test_what_would_not_be_read_back_is_not_recorded(changes, said, tmp_path):
     with pytest.raises(InputError, match=said):
         _check_written(replace(task, sensors=sensors))
     _check_written(task)
+    in_order = ("observation.state[0]", "observation.state[1]")
+    _check_written(replace(task, sensors=(replace(task.sensors[0], columns=in_order),)))
+
+
+def test_a_model_without_actuators_is_not_recorded(tmp_path):
+    write_arm(tmp_path, HEAD + PARAMETER)
+    model = tmp_path / "arm.xml"
+    model.write_text(re.sub("<actuator>.*</actuator>", "", model.read_text(), flags=re.DOTALL))
+    out = tmp_path / "dataset"
+    with pytest.raises(InputError, match="has no actions, and a LeRobotDataset needs some"):
+        record(RecordConfig(task=str(tmp_path / "tune.toml"), out=out))
+    assert not out.exists()
+
+
+def looking_at_a_region(task: Task, width: int, height: int) -> Task:
+    """The same whose camera films width × height pixels, of which the middle is used."""
+    (camera,) = task.cameras
+    model = task.load_model()
+    lens = Lens.pinhole(width, height, float(model.camera(camera.camera).fovy[0]))
+    middle = (0.25 * width, 0.25 * height, 0.75 * width, 0.75 * height)
+    return replace(task, cameras=(replace(camera, lens=replace(lens, region=middle)),))
+
+
+@pytest.mark.parametrize(("size", "width"), [(128, 228), (96, 170)])
+def test_a_region_of_a_wide_picture_has_an_even_width(size, width, tmp_path):
+    lens = Lens.pinhole(1280, 720, fovy_deg=45)
+    aspect = _aspect(asked(tmp_path, image_size=size), lens)
+    assert View("front", aspect).width(size) == width
+    assert _aspect(asked(tmp_path, image_size=size, width=width), lens) == aspect
+
+
+@pytest.mark.thorough
+def test_a_region_of_a_wide_picture_is_recorded_with_the_default_options(tmp_path, monkeypatch):
+    task = replace(looking_at_a_region(TASK, 1280, 720), episode_steps=2)
+    monkeypatch.setattr(recording, "load_task", lambda _: task)
+    folder = record(asked(tmp_path / "dataset", episodes=1, image_size=128))
+    dataset = open_dataset(folder, cameras=task.cameras, image_size=64)
+    assert dataset.read(0).frames.shape == (3, 64, 113, 3)
+    assert dataset.facts(1)["cameras"][0]["source_size"] == [128, 228]
+
+
+@pytest.mark.parametrize("size", [{"width": 128, "image_size": 128}, {"image_size": 64}])
+def test_pictures_of_another_shape_than_a_regions_are_not_recorded(size, tmp_path, monkeypatch):
+    """Whoever reads them would be told that they are not of the tuning file's shape."""
+    task = looking_at_a_region(TASK, 640, 480)
+    monkeypatch.setattr(recording, "load_task", lambda _: task)
+    with pytest.raises(InputError, match=r"of another shape than those .* 640×480; leave --width"):
+        record(asked(tmp_path / "dataset", **size))
+    assert not list(tmp_path.iterdir())

@@ -15,6 +15,8 @@ from simtune.config import RealConfig
 from simtune.errors import InputError
 from simtune.real.choose import choose_real
 from simtune.recordings import open_dataset
+from simtune.recordings.arrays import ArraysSource
+from simtune.recordings.source import Rows
 from simtune.tasks import load_task
 from simtune.tuning_run import tune as tune_from_options
 
@@ -82,6 +84,64 @@ def test_only_what_is_needed_is_read(tmp_path, monkeypatch):
     assert read == {"hz", "actions", "joints", "frames.front"}
 
 
+def of_two_cameras(num_wrist: int, num_front: int = NUM_STEPS + 1) -> dict:
+    """With frames that show their number."""
+    wrist = np.arange(num_wrist) % (NUM_STEPS + 1)
+    both = {"frames.front": grey(range(num_front)), "frames.wrist": grey(wrist.tolist())}
+    return episode(frames=None, **both)
+
+
+@pytest.mark.parametrize("names", [("front", "wrist"), ("wrist", "front")])
+@pytest.mark.parametrize("num_wrist", [5, 400])
+def test_each_camera_has_a_frame_before_each_action(tmp_path, names, num_wrist):
+    folder = write(tmp_path / "a", of_two_cameras(NUM_STEPS + 1), of_two_cameras(num_wrist))
+    dataset = open_dataset(folder, cameras=[Footage(key=name) for name in names])
+    dataset.read(0)
+    with pytest.raises(InputError, match=rf"swing10\.npz: .* rows \{{'frames.wrist': {num_wrist}"):
+        dataset.skim(1)
+
+
+@pytest.mark.parametrize("names", [("front", "wrist"), ("wrist", "front")])
+def test_an_episode_ends_where_its_shortest_camera_does(tmp_path, names):
+    folder = write(tmp_path / "a", of_two_cameras(NUM_STEPS))
+    trajectory = open_dataset(folder, cameras=[Footage(key=name) for name in names]).read(0)
+    np.testing.assert_array_equal(trajectory.actions, actions()[: NUM_STEPS - 1])
+    for view in np.split(trajectory.frames, 2, axis=2):
+        assert shown(view) == list(range(NUM_STEPS))
+
+
+def test_a_late_camera_ends_an_episode_no_earlier_if_it_films_on(tmp_path):
+    folder = write(tmp_path / "a", of_two_cameras(NUM_STEPS + 1, num_front=NUM_STEPS))
+    late = [Footage(key="front"), Footage(key="wrist", latency_s=1 / FPS)]
+    front, wrist = np.split(open_dataset(folder, cameras=late).read(0).frames, 2, axis=2)
+    assert shown(front) == list(range(NUM_STEPS))
+    assert shown(wrist) == list(range(1, NUM_STEPS + 1))
+
+
+def test_rows_are_read_once_for_each_camera(tmp_path, monkeypatch):
+    folder = write(tmp_path / "a", *[of_two_cameras(NUM_STEPS + 1)] * 2)
+    dataset = open_dataset(folder, cameras=[Footage(key=name) for name in ("front", "wrist")])
+    dataset.read(0)
+    read, rows = [], ArraysSource.rows
+
+    def note(self, *args) -> Rows:
+        read.append(self.camera)
+        return rows(self, *args)
+
+    monkeypatch.setattr(ArraysSource, "rows", note)
+    dataset.read(1)
+    assert read == ["frames.front", "frames.wrist"]
+
+
+def test_no_picture_stands_in_for_one_beyond_the_last(tmp_path):
+    source = ArraysSource(write(tmp_path / "a"))
+    last_s = NUM_STEPS / FPS
+    ((_, frame),) = source.pictures(0, np.array([last_s + 0.4 / FPS]))
+    assert shown(frame[None]) == [NUM_STEPS]
+    with pytest.raises(InputError, match=r"swing9\.npz: has 25 pictures at 10 Hz; expected one at"):
+        next(source.pictures(0, np.array([last_s + 0.6 / FPS])))
+
+
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
@@ -112,7 +172,12 @@ def test_damaged_files_and_other_episodes_are_said_in_a_line(tmp_path):
     )
     path = folder / "swing9.npz"
     whole = path.read_bytes()
-    for damaged in (b"", b"no zip", whole[: len(whole) // 2], b"PK" + whole[40:]):
+    listed = whole.index(b"PK\x01\x02")  # the first of the zip's list: 8 bytes on, its flags
+    encrypted = whole[: listed + 8] + b"\1" + whole[listed + 9 :]
+    packed_oddly = whole[: listed + 10] + b"\x63" + whole[listed + 11 :]
+    unfinished = whole.replace(b"}", b" ", 1)  # in the header of an array
+    cut = whole[: len(whole) // 2]
+    for damaged in (b"", b"no zip", cut, b"PK" + whole[40:], encrypted, packed_oddly, unfinished):
         path.write_bytes(damaged)
         assert "not readable as arrays" in message(folder)
 

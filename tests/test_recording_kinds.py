@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import struct
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -295,6 +296,19 @@ def test_demos_with_another_number_of_actions_are_refused(tmp_path, num):
         dataset.read(1)
 
 
+@pytest.mark.parametrize("names", [("agentview", "wrist"), ("wrist", "agentview")])
+@pytest.mark.parametrize("num", [5, 400])
+def test_demos_whose_cameras_have_other_numbers_of_pictures_are_refused(tmp_path, names, num):
+    write_hdf5(tmp_path / "image.hdf5")
+    with h5py.File(tmp_path / "image.hdf5", "r+") as file:
+        del file["data/demo_10/obs/wrist_image"]
+        file["data/demo_10/obs/wrist_image"] = grey(list(range(5)) * (num // 5))
+    dataset = open_dataset(tmp_path, cameras=[Footage(key=name) for name in names])
+    dataset.read(0)
+    with pytest.raises(InputError, match=rf"demo_10 has 25 actions and {num} pictures; expected"):
+        dataset.read(1)
+
+
 def test_robomimic_cameras_and_rate(tmp_path):
     write_hdf5(tmp_path / "image.hdf5")
     said = message(tmp_path)
@@ -353,8 +367,21 @@ def test_actions_that_do_not_fit(tmp_path):
     assert message(tmp_path / "pairs", actions=("x", "z")) == (
         "no action 'z' in HERE; there are: x, y, grip"
     )
+    assert message(tmp_path / "pairs", actions=("x", "y", "x")) == (
+        "HERE: action 'x' is asked for twice; name it once"
+    )
     said = message(tmp_path / "pairs", actions=("x",), num_actions=2)
     assert "takes 2 actions, --actions names 1 of 3 (x, y, grip)" in said
+
+
+@pytest.mark.parametrize("name", ["waist", "shoulder"])
+def test_an_action_whose_name_two_have_is_not_chosen_by_it(tmp_path, name):
+    names = ["waist", "shoulder", "waist", "shoulder", "grip"]
+    trajectory = Trajectory(grey(range(3)), np.eye(2, 5, dtype=np.float32), 1 / FPS)
+    write_dataset(tmp_path / "arms", [trajectory], action_names=names, robot_type="", task="")
+    assert message(tmp_path / "arms", actions=["grip", name]).startswith(
+        f"HERE: more than one action {name!r}; there are: waist, shoulder, "
+    )
 
 
 def test_columns_are_separated_by_commas(tmp_path):
@@ -381,6 +408,13 @@ def test_longer_steps_keep_the_impulse():
     thirds = step_actions(rows, step_times(rows, 0.15))
     np.testing.assert_allclose(thirds, [[(1 + 2 / 2) / 1.5], [(2 / 2 + 4) / 1.5]])
     np.testing.assert_allclose(step_actions(rows, step_times(rows, 0.1)), rows.actions[:4])
+
+
+def test_long_steps_do_not_reach_beyond_the_last_row():
+    times_s = np.arange(180) / 60
+    rows = Rows(np.zeros((180, 1)), times_s, times_s[-1])
+    np.testing.assert_allclose(step_times(rows, 1.0), [0, 1, 2])
+    np.testing.assert_allclose(step_times(replace(rows, until_s=2.9999), 1.0), [0, 1, 2, 3])
 
 
 def test_shorter_steps_hold():

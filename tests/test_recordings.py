@@ -237,6 +237,15 @@ def test_second_camera(dataset: Path):
         assert facts_of(dataset, name)["key"] == second
 
 
+def test_long_steps_do_not_show_the_next_episodes_first_frame(tmp_path: Path):
+    actions = np.zeros((119, 1), np.float32)
+    frames = np.stack([picture(index) for index in range(240)])
+    episodes = [Trajectory(half, actions, 1 / 60) for half in np.split(frames, 2)]
+    write(tmp_path / "dataset", episodes)
+    read = read_dataset(tmp_path / "dataset", control_hz=1).trajectories
+    assert [[number(frame) for frame in its.frames] for its in read] == [[0, 60], [120, 180]]
+
+
 def cut_off(rows: list[dict], episode: int, num: int) -> list[dict]:
     """Without an episode's first rows; the others keep their moments in its video."""
     ours = [row for row in rows if row["episode_index"] == episode]
@@ -317,6 +326,20 @@ def test_existing_folder_is_refused(dataset: Path, tmp_path: Path):
     assert open_dataset(tmp_path / "empty").num_episodes == 3
 
 
+@pytest.mark.parametrize("out", [".", "link"])
+def test_an_empty_folder_is_filled_where_it_is(
+    tmp_path: Path, out: str, monkeypatch: pytest.MonkeyPatch
+):
+    target = tmp_path / "empty"
+    target.mkdir()
+    monkeypatch.chdir(target if out == "." else tmp_path)
+    (tmp_path / "link").symlink_to("empty")
+    write(Path(out), make_trajectories())
+    assert open_dataset(out).num_episodes == 3  # also by who is in it
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "link"]
+    assert sorted(path.name for path in target.iterdir()) == ["data", "meta", "videos"]
+
+
 def test_nothing_is_left_of_a_failed_write(tmp_path: Path):
     def failing() -> Iterator[Trajectory]:
         yield make_trajectories()[0]
@@ -377,6 +400,30 @@ def test_colours_of_hdr_are_refused(tmp_path: Path):
         container.mux(stream.encode(None))
     with pytest.raises(InputError, match="its colours are HDR"):
         list(decode(path))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "complaint"),
+    [
+        (lambda content: content.replace(b"Ubung", b"\xdcbung"), None),  # Latin-1
+        (lambda content: content.replace(b"avc1", b"zzzz"), "no decoder for its codec; convert it"),
+    ],
+)
+def test_titles_and_codecs_of_any_kind(tmp_path: Path, spoil: Callable, complaint: str | None):
+    path = tmp_path / "video.mp4"
+    with av.open(str(path), "w") as container:
+        container.metadata["title"] = "Ubung"
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = SIZE, SIZE, "yuv420p"
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(3), format="rgb24")))
+        container.mux(stream.encode(None))
+    path.write_bytes(spoil(path.read_bytes()))
+    if complaint is None:
+        assert [number(frame) for _, frame in decode(path)] == [3]
+        assert number(Footage(background=path).plate([], (SIZE, SIZE))) == 3
+    else:
+        with pytest.raises(InputError, match=rf"video\.mp4: {complaint}"):
+            probe(path)
 
 
 @pytest.mark.parametrize("options", [{}, {"use_editlist": "0"}])
@@ -456,6 +503,22 @@ def test_colours_are_not_darkened(tmp_path: Path):
     write_video(tmp_path / "video.mp4", [frame], 10, crf=0)
     ((_, decoded),) = decode(tmp_path / "video.mp4")
     assert np.abs((decoded.astype(float) - frame).mean((0, 1))).max() < 0.5
+
+
+@pytest.mark.parametrize("matrix", ["ITU601", "ITU709"])
+def test_colours_are_those_of_the_matrix_that_a_video_names(tmp_path: Path, matrix: str):
+    """PyAV before 17 takes all for BT.601's, which is why it is not enough."""
+    path, colour = tmp_path / "video.mp4", np.array([200, 30, 30], np.uint8)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=10, options={"crf": "0"})
+        stream.width, stream.height, stream.pix_fmt = SIZE, SIZE, "yuv420p"
+        stream.codec_context.colorspace = {"ITU601": 6, "ITU709": 1}[matrix]  # as H.273 counts
+        frame = av.VideoFrame.from_ndarray(np.full((SIZE, SIZE, 3), colour), format="rgb24")
+        frame = frame.reformat(format="yuv420p", dst_colorspace=matrix)
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    ((_, decoded),) = decode(path)
+    assert np.abs(decoded.astype(int) - colour).max() <= 3
 
 
 def test_odd_sides_are_padded(tmp_path: Path):

@@ -74,19 +74,34 @@ def record(
 
 
 def _check_written(task: Task) -> None:
-    """Raises InputError for what would not be read back as it was recorded."""
+    """Raises InputError for what could not be written, or would be read back otherwise."""
+    if not task.load_actions().names:
+        raise InputError(
+            f"{task.name} has no actions, and a LeRobotDataset needs some: give the model actuators"
+        )
     late = [part.name for part in (*task.cameras, *task.sensors) if part.latency_s]
     if late:
         raise InputError(
             f"{late[0]} of {task.name} has a latency_s, and what simtune films is in time: record "
             "with a copy of the tuning file without it"
         )
+    _check_columns(task)
+
+
+def _check_columns(task: Task) -> None:
+    """Raises InputError if a reading would not be found again by its column's name."""
     names = [name for sensor in task.sensors for name in sensor.column_names]
     if doubled := [name for i, name in enumerate(names) if name in names[:i]]:
         raise InputError(
             f"two sensors of {task.name} would both be written as {doubled[0]!r}; name their "
             "columns one by one: columns = [...]"
         )
+    for i, name in enumerate(names):
+        if name.startswith(f"{STATE}[") and name != f"{STATE}[{i}]":
+            raise InputError(
+                f"{name!r} of {task.name} would be written as number {i} of {STATE!r}; list the "
+                "columns in their order, from 0 on, or give them names"
+            )
     for sensor in task.sensors:
         first = sensor.columns[0]
         reads_all = len(sensor.columns) == 1 and (sensor.size > 1 or first == STATE)
@@ -97,11 +112,25 @@ def _check_written(task: Task) -> None:
             )
 
 
+_SHAPE = 0.01  # of width over height: pictures that differ by more are not read through a lens
+
+
 def _aspect(config: RecordConfig, lens: Lens | None) -> float:
-    """Width over height; a lens defines its own."""
-    if lens and config.width is None:
-        return lens.width / lens.height
-    return (config.width or config.image_size) / config.image_size
+    """Width over height of what is filmed, an even number of pixels wide.
+
+    Raises InputError if these are not of a lens's shape, and would not be read as its pictures.
+    """
+    size = config.image_size
+    if lens is None:
+        return (config.width or size) / size
+    width = config.width or 2 * round(size * lens.width / lens.height / 2)
+    if abs(width / size - lens.width / lens.height) > _SHAPE:
+        raise InputError(
+            f"pictures of {width}×{size} pixels are of another shape than those that the tuning "
+            f"file names, {lens.width}×{lens.height}; leave --width out, and give an --image-size "
+            "of 128 or more"
+        )
+    return width / size
 
 
 def filming_whole(task: Task) -> Task:

@@ -106,7 +106,7 @@ def median_picture(recorded: Iterable[np.ndarray]) -> np.ndarray:
 def _read_picture(path: Path) -> np.ndarray:
     """(H, W, 3) uint8 RGB."""
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="ignore") as container:
             frame = next(container.decode(video=0))
     except (OSError, av.error.FFmpegError, StopIteration) as error:
         why = getattr(error, "strerror", None) or "it holds no picture"

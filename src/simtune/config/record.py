@@ -34,7 +34,8 @@ class RecordConfig(Prints):
     image_size: int = 128
     """Height of the pictures in pixels, an even number."""
     width: int | None = None
-    """Width of the pictures in pixels, an even number; by default they are square."""
+    """Width of the pictures in pixels, an even number; by default they are square. With a region
+    they have the shape of the whole picture."""
     seed: int = 0
     """Random seed of the actions and of the initial states."""
 

@@ -18,6 +18,7 @@ from simtune.recordings.source import (
     choose_camera,
     is_rate,
     natural,
+    nearest_rows,
     short,
 )
 from simtune.recordings.video import MOST_PIXELS
@@ -80,7 +81,7 @@ class ArraysSource:
         assert self.camera is not None, "opened with pictures"
         stored = _Episode.load(self.files[episode])
         frames, hz = stored.pictures(self.camera), stored.hz()
-        for row in np.rint(times_s * hz).astype(int).clip(max=len(frames) - 1):
+        for row in nearest_rows(stored.path, times_s, hz, len(frames)):
             yield row / hz, frames[row]
 
     def _read(self, stored: "_Episode", key: str) -> np.ndarray:

@@ -157,11 +157,10 @@ class Dataset:
         rows = self._source.rows(episode, asked)
         if self._own_rate:
             check_rate(where, rows, self.step_s)
-        late_s = self._film.latency_s if self._film else 0.0  # the end of the episode is not seen
         rows = replace(
             rows,
             actions=rows.actions[:, self._columns],
-            until_s=rows.until_s - late_s,
+            until_s=self._film.until_s(episode, self._source, rows) if self._film else rows.until_s,
             # Before resampling: on a line across the jump, an encoder would turn back.
             readings=counted_on(rows.readings, self._of_all(periods)),
         )

@@ -11,7 +11,7 @@ from simtune.cameras.footage import Footage
 from simtune.cameras.views import width_of
 from simtune.errors import InputError
 from simtune.recordings.facts import Seen, SeenPictures, picture_facts
-from simtune.recordings.source import Source
+from simtune.recordings.source import Rows, Source
 
 
 class Shot(NamedTuple):
@@ -35,10 +35,16 @@ class Film:
         """All files that the content depends on."""
         return sorted({path for source, _ in self._shots for path in source.files})
 
-    @property
-    def latency_s(self) -> float:
-        """The longest latency of a camera."""
-        return max((footage.latency_s for _, footage in self._shots), default=0.0)
+    def until_s(self, episode: int, read: Source, rows: Rows) -> float:
+        """Seconds up to which every camera shows an episode; what comes later is not seen.
+
+        `rows` were read from the source `read`, and are not read again.
+        Raises InputError if a camera's pictures do not fit the episode.
+        """
+        return min(
+            (rows if source is read else source.rows(episode)).until_s - footage.latency_s
+            for source, footage in self._shots
+        )
 
     @functools.cached_property
     def _sizes(self) -> list[tuple[int, int]]:

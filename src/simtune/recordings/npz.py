@@ -1,5 +1,6 @@
 """NumPy's NAME.npz: arrays that are read when asked for, since pictures fill the memory."""
 
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -9,7 +10,16 @@ import numpy as np
 
 from simtune.errors import InputError
 
-UNREADABLE = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error)
+UNREADABLE = (
+    OSError,
+    ValueError,
+    EOFError,
+    KeyError,
+    RuntimeError,  # encrypted; packed in a way that is not implemented
+    tokenize.TokenError,  # from NumPy, of a header
+    zipfile.BadZipFile,
+    zlib.error,
+)
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,

@@ -7,7 +7,7 @@ import numpy as np
 from simtune.between_rows import BRIDGED, gaps_at, read_between, typical_step_s
 from simtune.recordings.source import Rows
 
-_ON_TIME = 0.02  # of a step: rows this near to a step's start are not resampled
+_ON_TIME = 0.02  # of a step, or a row: rows this near to a step's start are not resampled
 _ROUNDED = 0.25  # of a step: the same, of rows at the steps' own rate, whose clock rounds
 _NEAR = 1.5  # steps between readings: on a row without one, those before and after are as near
 _FEWEST = 20  # rows that show whether a log is regular
@@ -35,7 +35,10 @@ def find_gaps(times_s: np.ndarray) -> list[tuple[float, float]]:
 def step_times(rows: Rows, step_s: float) -> np.ndarray:
     """(K + 1,) seconds: starts of the K whole steps that fit into an episode, and the end."""
     lasts_s = rows.until_s - rows.times_s[0]
-    return rows.times_s[0] + step_s * np.arange(int(lasts_s / step_s + _ON_TIME) + 1)
+    row_s = typical_step_s(rows.times_s) if len(rows) > 1 else step_s
+    # Of the shorter of both: a share of a long step would reach into what follows the episode.
+    spare_s = _ON_TIME * min(row_s, step_s)
+    return rows.times_s[0] + step_s * np.arange(int((lasts_s + spare_s) / step_s) + 1)
 
 
 def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from simtune.recordings.source import (
     Rows,
     choose_camera,
     is_rate,
+    nearest_rows,
     short,
 )
 from simtune.recordings.video import MOST_PIXELS
@@ -93,7 +94,7 @@ class RobomimicSource:
         stored = self._pictures(episode)
         size = max(1, _BLOCK_BYTES // math.prod(stored.shape[1:]))
         block, first = np.empty((0,)), 0
-        for row in np.rint(times_s * self.fps).astype(int).clip(max=len(stored) - 1):
+        for row in nearest_rows(self._where(episode), times_s, self.fps, len(stored)):
             if not first <= row < first + len(block):
                 first = row
                 with hdf5.sound(f"{self.path}, row {row}"):

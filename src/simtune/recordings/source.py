@@ -102,6 +102,20 @@ def first_wrong(wrong: np.ndarray) -> int | None:
     return int(wrong.argmax()) if wrong.any() else None
 
 
+def nearest_rows(where: object, times_s: np.ndarray, hz: float, num_rows: int) -> np.ndarray:
+    """(K,) rows nearest to (K,) rising times, of `num_rows` at `hz`.
+
+    Raises InputError, which begins with `where`, if one would be after the last.
+    """
+    rows = np.rint(times_s * hz).astype(int)
+    if rows.max(initial=0) >= num_rows:
+        raise InputError(
+            f"{where}: has {num_rows} pictures at {hz:g} Hz; expected one at {times_s[-1]:g} s, "
+            "leave the episode out"
+        )
+    return rows
+
+
 def natural(name: str) -> list[tuple[int, str]]:
     """Sort key that puts swing2 before swing10."""
     return [(int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", name)]
@@ -133,17 +147,19 @@ def choose_actions(
 ) -> list[int]:
     """Columns of the actions `names` (None: all). Raises InputError if one does not exist.
 
-    Also if there are not `num_actions`, if given.
+    Also if one is not the only one of its name, or there are not `num_actions`, if given.
     """
     known = source.action_names
-    doubled = next((name for name in known if known.count(name) > 1), None)
-    for name in names or ():
-        if name == doubled:
+    names = names or ()
+    for i, name in enumerate(names):
+        if name not in known:
+            raise UnknownName("action", name, str(source.path), known)
+        if known.count(name) > 1:
             raise InputError(
                 f"{source.path}: more than one action {name!r}; there are: {short(known)}"
             )
-        if name not in known:
-            raise UnknownName("action", name, str(source.path), known)
+        if name in names[:i]:
+            raise InputError(f"{source.path}: action {name!r} is asked for twice; name it once")
     chosen = [known.index(name) for name in names] if names else list(range(len(known)))
     if num_actions is not None and len(chosen) != num_actions:
         hint = (

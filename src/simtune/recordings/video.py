@@ -184,7 +184,7 @@ def _open(
 ) -> Iterator[tuple[av.container.InputContainer, av.video.stream.VideoStream]]:
     """The file and its first video stream. Raises InputError if it has none."""
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), metadata_errors="ignore")  # a title may be in Latin-1
     except (av.error.FFmpegError, OSError) as error:
         if not Path(path).exists():
             raise InputError(f"{path}: no such video") from None
@@ -196,6 +196,8 @@ def _open(
         if not container.streams.video:
             raise InputError(f"{path}: holds no video stream")
         stream = container.streams.video[0]
+        if stream.codec_context is None:  # PyAV's types know nothing of it
+            raise InputError(f"{path}: no decoder for its codec; convert it to h264")
         width = _square(stream.codec_context.width, _pixel_aspect(stream))
         height = stream.codec_context.height
         if width * height > MOST_PIXELS:

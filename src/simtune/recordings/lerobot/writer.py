@@ -49,7 +49,7 @@ def write_dataset(
     so a generator needs memory for one only. `task` describes the task in words, `crf` is x264's
     quality (less is better). All episodes share one mp4 per camera and one parquet file.
 
-    The folder is written completely or not at all: it is written beside its place, then renamed.
+    The folder is written completely or not at all: it is written beside its place, then moved.
 
     Raises:
         InputError: the folder exists and is not empty, or the pictures have an odd side.
@@ -91,10 +91,11 @@ def _check_names(reading_names: Mapping[str, Sequence[str]]) -> None:
 
 @contextmanager
 def _whole_or_not_at_all(folder: Path) -> Iterator[Path]:
-    """A temporary folder, renamed to `folder` at the end. Raises InputError if that exists."""
+    """A temporary folder, moved to `folder` at the end. Raises InputError if that is not empty."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         what = "is not empty" if folder.is_dir() else "is a file"
         raise InputError(f"{folder}: exists already and {what}; choose another name")
+    folder = folder.resolve()  # "." has no name, and a link's target may be on another disk
     unfinished = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:  # fails before anything is filmed
         shutil.rmtree(unfinished, ignore_errors=True)  # left by a killed process
@@ -105,7 +106,11 @@ def _whole_or_not_at_all(folder: Path) -> Iterator[Path]:
         ) from None
     try:
         yield unfinished
-        os.replace(unfinished, folder)
+        if folder.exists():  # filled, not replaced: it may be the one that the user's shell is in
+            for part in unfinished.iterdir():
+                os.replace(part, folder / part.name)
+        else:
+            os.replace(unfinished, folder)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
 
