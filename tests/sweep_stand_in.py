@@ -3,7 +3,7 @@
 It goes on where it was killed, refuses a folder that another process writes, and writes its result
 and then its report, as the real one does. Beside the sweep's folder it notes, in STAND_IN: a line
 in `begun` as it starts; `doubled` where it should not have been started. Seed 1013 always fails;
-seed 1014 finds the disk full until there is a file `room`.
+seed 1015 finds its input unusable; seed 1014 finds the disk full until there is a file `room`.
 """
 
 import fcntl
@@ -28,6 +28,9 @@ def main() -> None:
     note("begun", f"{out.name} {os.getpid()} {os.getppid()} {cores}")
     if seed == 1013:
         sys.exit("simtune: unlucky")
+    if seed == 1015:
+        print("simtune: no such recordings", file=sys.stderr)
+        sys.exit(2)
     if seed == 1014 and not (Path(os.environ["STAND_IN"]) / "room").exists():
         note("full", out.name)
         sys.exit("simtune: [Errno 28] No space left on device: 'checkpoint'")

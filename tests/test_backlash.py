@@ -139,6 +139,42 @@ def test_a_play_that_the_model_has_is_found_by_its_shape(load, scene, folder):
     assert model.joint("gears").range.tolist() == pytest.approx([-0.005, 0.005])
 
 
+HAND = MASS.replace("arm", "hand")
+PAIR = """<mujoco><worldbody><body name="arm"><joint name="left_1" axis="0 1 0" armature="1"/>
+  <geom size=".1"/><body name="hand"><joint name="left_2" armature="1"/><geom size=".1"/></body>
+</body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("joints", ["'left_*'", "['joints of arm', 'joints of hand']"])
+def test_a_play_is_not_among_joints_meant_by_a_pattern(load, folder, joints):
+    (folder / "scene.xml").write_text(PAIR)
+    tables = f"""
+[[backlash]]
+joint = {joints}
+[[actuators]]
+joint = {joints}
+kp = 1
+[[sensors]]
+name = "s"
+joints = {joints}
+[[parameters]]
+name = "zero"
+kind = "joint_offset"
+objects = {joints}
+[[parameters]]
+name = "plays"
+kind = "backlash"
+objects = "*_backlash"
+"""
+    task = load(HEAD + tables)
+    assert task.load_actions().names == task.sensors[0].columns == ("left_1", "left_2")
+    zero, plays = (parameter.objects for parameter in task.parameters)
+    assert (zero, plays) == (("left_1", "left_2"), ("left_1_backlash", "left_2_backlash"))
+    (folder / "scene.xml").write_text(task.spec_for().to_xml())  # the plays are the model's own
+    fixed = load(HEAD + 'fixed_joints = "*_1*"\n' + SENSOR.replace("elbow", "left_2") + HAND)
+    assert [fixed.load_model().joint(i).name for i in range(2)] == ["left_2", "left_2_backlash"]
+
+
 @pytest.mark.parametrize(("place", "expected"), [("0 0 0", (1, 0)), (".1 0 0", (-1, -1))])
 def test_a_hinge_at_another_place_of_the_body_is_no_play(place: str, expected: tuple[int, int]):
     play = f'<joint axis="0 -1 0" pos="{place}" range="-2 2" limited="true"/><geom name="bob"'

@@ -91,6 +91,61 @@ def test_bodies_stay_where_the_pose_has_them_and_other_joints_move_as_before(loa
         np.testing.assert_allclose(found[body], pose, atol=1e-6, err_msg=body)
 
 
+LOOPS = """
+<mujoco>
+  <worldbody>
+    <camera name="front" pos="0 -3 1" xyaxes="1 0 0 0 0 1"/>
+    <body name="base">
+      <joint name="lift" axis="0 1 0"/>
+      <geom size=".1"/>
+      <body name="arm" pos="1 0 0">
+        <joint name="elbow" axis="0 1 0" springdamper=".1 1"/>
+        <geom size=".1" pos=".5 0 0"/>
+        <site name="near" pos=".5 0 0"/>
+      </body>
+    </body>
+    <body name="rod" pos="2 0 0">
+      <joint name="pivot" axis="0 1 0"/>
+      <geom size=".1" pos="0 0 .5"/>
+      <site name="far" pos="0 0 .5"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <spatial name="cord" stiffness="3"><site site="near"/><site site="far"/></spatial>
+  </tendon>
+  <equality>
+    <connect body1="arm" body2="rod" anchor=".5 0 0"/>
+    <connect body1="arm" anchor=".3 0 0"/>
+    <weld body1="arm" body2="rod"/>
+    <tendon tendon1="cord"/>
+  </equality>
+  <actuator><position joint="elbow" kp="10" dampratio="1"/></actuator>
+  <keyframe><key name="up" qpos=".5 .1 .2"/></keyframe>
+</mujoco>
+"""
+
+
+def forces(model: mujoco.MjModel) -> list[np.ndarray]:
+    """Of ties (how far they are off), springs and dampers, in the last two joints."""
+    data = mujoco.MjData(model)
+    data.qpos[-2:], data.qvel[-2:] = (0.1, 0.2), (1, 2)
+    if model.nq == 3:
+        data.qpos[0] = 0.5
+    mujoco.mj_forward(model, data)
+    return [data.efc_pos[:12], data.qfrc_passive[-2:], data.qfrc_actuator[-2:]]
+
+
+def test_springs_dampers_and_loops_of_a_moved_model_stay_the_models(load, refuses, folder):
+    text = HEAD + 'fixed_joints = "lift"\nfixed_pose = "up"\n' + MASS
+    (folder / "scene.xml").write_text(LOOPS)
+    refuses(text, 3, "ties tendons by their lengths in the default state")
+    (folder / "scene.xml").write_text(LOOPS.replace('<tendon tendon1="cord"/>', ""))
+    whole = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
+    for found, expected in zip(forces(load(text).load_model()), forces(whole), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+        assert np.abs(expected).max() > 0.1
+
+
 def test_all_that_refers_to_a_fixed_joint_goes_along(load):
     task = load(HEAD + 'fixed_joints = ["left_*", "joint 0", "toe"]\n' + MASS)
     model = task.load_model()

@@ -3,15 +3,19 @@
 import re
 import subprocess
 import sys
+import tomllib
 
 import mujoco
 import numpy as np
 import pytest
 from test_servos import a_run
 
+import simtune
 from simtune.config import ExportConfig
 from simtune.errors import InputError, UnknownName
 from simtune.export import export
+from simtune.run.sources import keep_sources
+from simtune.tasks import load_task
 
 SCENE = """
 <mujoco>
@@ -177,10 +181,38 @@ def test_urdf_is_driven_by_added_servos(load, tmp_path):
     assert (tuned.body("forearm").mass[0], tuned.nmesh, tuned.nu) == (1.5, 1, 1)
 
 
-def test_urdf_is_drawn_as_a_camera_sees_it(load, tmp_path):
+@pytest.mark.parametrize("deep", ["", "robots/arm/"])
+def test_a_mesh_of_a_package_is_found_in_copies_of_the_package_s_files(tmp_path, deep, monkeypatch):
+    """A run's copies, and those of a dict, begin at the folder that holds all files, or above."""
+    mesh = f"package://my_desc/{deep}meshes/cube.obj"
+    texts = {
+        "meshes/cube.obj": CUBE,
+        "urdf/arm.urdf": f"""<robot name="arm"><link name="base"/><link name="forearm">{INERTIAL}
+            <visual><geometry><mesh filename="{mesh}"/></geometry></visual></link>
+            <joint name="elbow" type="continuous"><parent link="base"/><child link="forearm"/>
+            </joint></robot>""",
+        "tune.toml": URDF.replace("arm.urdf", "urdf/arm.urdf") + MASS,
+    }
+    folder = tmp_path / "my_desc" / deep
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    task = load_task(str(folder / "tune.toml"))
+    keep_sources(tmp_path / "run", task.files)
+    (copy,) = (tmp_path / "run").rglob("tune.toml")
+    monkeypatch.chdir(folder)
+    declared = simtune.load_task(tomllib.loads(texts["tune.toml"]))
+    (folder / "meshes" / "cube.obj").unlink()  # only the copies are left
+    for again in (load_task(str(copy)), declared):
+        assert again.load_model().mesh_vertnum == [4]
+        assert {file.name for file in again.files} >= {"arm.urdf", "cube.obj"}
+
+
+@pytest.mark.parametrize("comment", ["", '<!-- no <mujoco>,\nas <robot name="old"> had -->'])
+def test_urdf_is_drawn_as_a_camera_sees_it(load, tmp_path, comment):
     """By default MuJoCo drops what is to be seen, and draws what is meant for collisions."""
     (tmp_path / "arm.urdf").write_text(
-        f"""<robot name="arm"><link name="base"/><link name="forearm">{INERTIAL}
+        f"""{comment}<robot name="arm"><link name="base"/><link name="forearm">{INERTIAL}
         <visual><geometry><sphere radius=".1"/></geometry></visual>
         <collision><geometry><box size=".3 .3 .3"/></geometry></collision>
         </link><link name="hand">{INERTIAL}

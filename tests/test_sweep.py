@@ -27,6 +27,7 @@ from simtune.recordings import dataset, open_dataset
 from simtune.run import write_json
 from simtune.sweep import dry_run, sweep
 from simtune.sweep.asked import AskedRun
+from simtune.sweep.board import Board
 from simtune.sweep.estimate import Expectation, seconds_left
 from simtune.sweep.grid import read_grid
 from simtune.sweep.lease import Lease, cores_taken
@@ -123,6 +124,36 @@ def test_files_are_found_beside_the_grid(tmp_path):
     assert run.asked["real_parameters"] == "truth.json"  # the folder may move
 
 
+def test_whatever_is_varied_has_a_name_of_its_own(tmp_path):
+    example = Path(__file__).parents[1] / "examples" / "cart_pendulum"
+    for copy in ("left", "right", "my arm"):
+        shutil.copytree(example, tmp_path / copy, ignore=shutil.ignore_patterns("recordings"))
+    text = """
+        [[runs]]
+        command = "tune"
+        task = ["left/tune.toml", "right/tune.toml"]
+        precision = ["1%", "5%"]
+        [[runs]]
+        command = "tune"
+        task = "my arm/tune.toml"
+        observe = ["cameras", " cameras , cameras"]
+        real = ["left", "pseudo"]
+        """
+    runs = runs_of(tmp_path, text)
+    assert [run.name for run in runs] == [
+        "left-tune-precision=1-s0",
+        "left-tune-precision=5-s0",
+        "right-tune-precision=1-s0",
+        "right-tune-precision=5-s0",
+        "my_arm-tune-observe=cameras-real=left-s0",
+        "my_arm-tune-observe=cameras-real=pseudo-s0",
+        "my_arm-tune-observe=cameras_cameras-real=left-s0",
+        "my_arm-tune-observe=cameras_cameras-real=pseudo-s0",
+    ]
+    rows = [line.split("  ")[0] for line in Board(tmp_path, runs, 0, 1).table()]
+    assert rows[1:4] == ["left tune", "right tune", "my arm tune"]
+
+
 def test_the_docs_own_grid_is_one(tmp_path):
     root = Path(__file__).parents[1]
     text = (root / "docs" / "sweeps.md").read_text().split("```toml\n")[1].split("```")[0]
@@ -173,7 +204,17 @@ def test_the_docs_own_grid_is_one(tmp_path):
         (
             '[[runs]]\ncommand = "tune"\ntask = "cartpole"\n'
             '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nreal_episodes = 2',
-            "give one of their blocks a name",
+            "cartpole-tune-s0, of another real_episodes: put them into two blocks, and give one of",
+        ),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nobserve = "foo"', "no sensor 'foo' in"),
+        (
+            '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nknown_colour = "nope"',
+            "no colour 'nope'",
+        ),
+        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\ndevice = "gpu"', "cpu, cuda or cuda:N"),
+        (
+            '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nreal_parameters = "grid.toml"',
+            "grid.toml is not JSON",
         ),
     ],
 )
@@ -263,6 +304,15 @@ def test_a_failed_run_is_retried_and_then_listed_with_its_reason(beside):
     assert len(begun(beside)) == 4  # it is not tried for ever
     sweep(SweepConfig(**vars(config) | {"retries": 3}), STAND_IN)
     assert len(begun(beside)) == 5
+
+
+def test_a_run_that_finds_its_input_unusable_is_tried_once(beside):
+    config = SweepConfig(grid=grid(beside, [1015]), out=beside / "out", retries=2)
+    (standing,) = sweep(config, STAND_IN).values()
+    assert (standing.status, standing.failures, len(begun(beside))) == ("failed", 3, 1)
+    assert standing.reason == "exit status 2: simtune: no such recordings"
+    sweep(replace(config, retries=3), STAND_IN)
+    assert len(begun(beside)) == 2
 
 
 def test_runs_of_another_grid_in_the_same_folder_stay_listed(beside):

@@ -243,6 +243,19 @@ def test_a_model_that_mujoco_refuses(folder, refuses, xml, message):
     refuses('control_timestep_s = 0.05\nmodel = "bad.xml"\n' + MASS, 2, message)
 
 
+def test_a_model_that_is_no_file_is_told_in_one_line(refuses):
+    for name, message in (
+        ("<mujoco>\\n</mujoco>", "XML text: give a file, or mujoco.MjSpec.from_string"),
+        (300 * "a", "there is no model file"),
+    ):
+        refuses(f'control_timestep_s = 0.05\nmodel = "{name}"\n' + MASS, 2, message)
+
+
+def test_a_xacro_is_to_be_run_first(folder, refuses):
+    (folder / "arm.urdf.xacro").touch()
+    refuses('model = "arm.urdf.xacro"\n' + MASS, 1, "no model yet: run xacro on it, and give")
+
+
 def test_files_that_cannot_be_read(folder):
     with pytest.raises(InputError, match=r"^cannot read .*no\.toml: No such file"):
         load_task(str(folder / "no.toml"))
@@ -374,6 +387,13 @@ def test_the_pose_of_a_camera_of_its_own_can_be_a_parameter(load):
 )
 def test_what_is_wrong_with_a_camera(refuses, text, line, message):
     refuses(HEAD + text + MASS, line, message)
+
+
+def test_a_table_without_a_camera_means_the_models_only_one(load, folder):
+    xml = '<mujoco><worldbody><camera name="c"/><body name="bob"><joint/><geom size=".1"/></body>'
+    (folder / "scene.xml").write_text(xml + "</worldbody></mujoco>")
+    (footage,) = load(HEAD + '[camera]\nbackground = "recording"\n' + MASS).cameras
+    assert (footage.camera, footage.name, footage.background) == ("c", "c", "recording")
 
 
 def test_models_with_other_numbers_of_cameras(folder, refuses):
@@ -990,6 +1010,14 @@ def test_a_model_that_was_exported_can_be_tuned_again(folder, load):
     [
         ("field = 'opt.timestep'", 6, "it cannot be tuned"),
         ("kind = 'size'\nobjects = ['cube']\ncomponent = 0", 7, "cube has the size of its mesh"),
+        (
+            "kind = 'gain'\nobjects = 'brake'",
+            7,
+            "brake has no gain: it is a <damper>, whose −kv is",
+        ),
+        ("kind = 'gain'\nobjects = 'coil'", 7, "<dcmotor>, whose torque constant is component 1"),
+        ("kind = 'gain'\nobjects = 'biceps'", 7, "muscle, whose force is component 2, or 3"),
+        ("kind = 'tendon_length'\nobjects = 'rope'", 7, "rope has no limit: give it a range"),
     ],
 )
 def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, refuses):
@@ -999,8 +1027,14 @@ def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, re
   <worldbody>
     <camera name="front" pos="0 -2 .5"
     />
-    <body name="bar"><joint/><geom name="cube" type="mesh" mesh="tent"/></body>
+    <body name="bar"><joint name="hinge"/><geom name="cube" type="mesh" mesh="tent"/></body>
   </worldbody>
+  <tendon><fixed name="rope"><joint joint="hinge" coef="1"/></fixed></tendon>
+  <actuator>
+    <damper name="brake" joint="hinge" kv="1" ctrlrange="0 1"/>
+    <dcmotor name="coil" joint="hinge" motorconst="1" resistance="2"/>
+    <muscle name="biceps" joint="hinge" lengthrange="0 1"/>
+  </actuator>
 </mujoco>
 """)
     head = "model = 'scene.xml'\ncamera = 'front'\ncontrol_timestep_s = 0.05\n"
@@ -1092,6 +1126,7 @@ def test_a_change_of_the_reward_is_noticed_and_not_by_who_tunes(load, folder):
         ('reward = "gone.py:f"', "", "there is no file .*gone.py"),
         ('reward = "policy.py:f"', "", "policy.py has no f to call"),
         ('reward = "policy.py:f"', "1 / 0", "policy.py cannot be run: ZeroDivisionError"),
+        ('reward = "policy.py:f"', "raise SystemExit(3)", "policy.py cannot be run: SystemExit: 3"),
         ('reward = "policy.py:f"', "def f(): pass", "policy.py:f failed: TypeError"),
         (
             'reward = "policy.py:f"',

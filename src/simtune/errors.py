@@ -26,12 +26,17 @@ def one_line(error: ValueError) -> str:
 
 @contextmanager
 def blame(what: str, kind: type[Exception] = InputError) -> Iterator[None]:
-    """Turn whatever a user's code raises into `kind`, with a line on what failed."""
+    """Turn whatever a user's code raises, sys.exit() included, into `kind`: what failed, and why.
+
+    Ctrl-C and other orders to end pass.
+    """
     try:
         yield
     except InputError:  # already described
         raise
-    except Exception as error:
+    except BaseException as error:
+        if not isinstance(error, Exception) and type(error) is not SystemExit:
+            raise
         raise kind(f"{what}: {type(error).__name__}: {error}") from error
 
 

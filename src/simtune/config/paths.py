@@ -1,11 +1,12 @@
 """Check that the files and folders which a command reads exist, before anything slow happens."""
 
 import difflib
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from simtune.config.real import NO_RECORDINGS
+from simtune.config.real import NO_RECORDINGS, RealConfig
 from simtune.errors import InputError
 
 _RUNS = ("run_folder", "run_folders")
@@ -20,14 +21,15 @@ def check_paths(options: Any) -> None:
     for name in (*_RUNS, *_OTHERS):
         value = getattr(options, name, None)
         for path in value if isinstance(value, tuple) else (value,):
-            if path is None or path in NO_RECORDINGS or Path(path).exists():
+            # A text may be too long for a file's name, which Path would not take
+            if path is None or path in NO_RECORDINGS or os.path.exists(path):
                 continue
             if name == "task" and not path.endswith(".toml"):
                 continue
             said = f"{path}: no such folder or file"
             if name in _RUNS:
                 said = f"{path} is no run: there is no such folder"
-            others = NO_RECORDINGS if name == "real" else ()
+            others = NO_RECORDINGS if name == "real" and isinstance(options, RealConfig) else ()
             raise InputError(said + _alike(Path(path), others))
 
 

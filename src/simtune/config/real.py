@@ -1,5 +1,6 @@
 """Options of commands that read recordings or use a real world."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -116,4 +117,8 @@ class RealConfig(RecordingsConfig):
             usual_without(self, "--real pseudo only", *own)
         if not self.start_factor >= 1:
             raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
+        if not re.fullmatch(
+            r"auto|cpu|cuda(:\d+)?", self.device
+        ):  # is it here? once torch is loaded
+            raise InputError(f"--device must be auto, cpu, cuda or cuda:N, got {self.device}")
         check_seed(self.seed)

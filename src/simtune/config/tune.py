@@ -9,7 +9,7 @@ from tyro.conf import Positional, arg
 from simtune.config.camera_pose import CameraPoseOptions
 from simtune.config.checks import at_least, check_seed
 from simtune.config.prints import Prints
-from simtune.config.real import ObservesSized, RealConfig, RecordingsConfig
+from simtune.config.real import NO_RECORDINGS, ObservesSized, RealConfig, RecordingsConfig
 from simtune.errors import InputError
 from simtune.names import SearchName
 
@@ -84,8 +84,7 @@ class CheckConfig(Prints, ObservesSized, CameraPoseOptions, RecordingsConfig):
 
     def check(self) -> None:
         """Raises InputError for invalid options."""
-        if self.real is not None and str(self.real) == "pseudo" and not self.real.exists():
-            raise InputError("check simulates by itself what it needs: leave out --real pseudo")
+        self._check_real()
         self.check_recordings(self.real is not None)
         self.check_image_size()
         self.check_camera_pose(self.real)
@@ -93,6 +92,16 @@ class CheckConfig(Prints, ObservesSized, CameraPoseOptions, RecordingsConfig):
         check_seed(self.seed)
         if self.pictures is not None:
             self._check_pictures(self.pictures)
+
+    def _check_real(self) -> None:
+        if self.real is None or str(self.real) not in NO_RECORDINGS or self.real.exists():
+            return
+        if str(self.real) == "pseudo":
+            raise InputError("check simulates by itself what it needs: leave out --real pseudo")
+        raise InputError(
+            f"--real {self.real} is a robot, and check moves none: give recordings, or leave "
+            "--real out"
+        )
 
     def _check_pictures(self, path: Path) -> None:
         if self.real is None:

@@ -157,6 +157,8 @@ class Field:
                 f"{name} is no play between a motor and what it moves: declare [[backlash]] with "
                 f'joint = "{name}", and its play is "{name}_backlash"'
             )
+        if self.name == "tendon_range" and not model.tendon_limited[rows].item():
+            return f"{name} has no limit: give it a range in the model"
         if self.is_lag and model.actuator_dyntype[rows].item() not in FOLLOWS:
             return f"{name} has dynamics of its own (dyntype), so it can have no lag"
         return ""

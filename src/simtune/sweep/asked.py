@@ -8,6 +8,7 @@ from typing import Any
 
 from simtune.config import NO_RECORDINGS, TrainConfig, TuneConfig, check_paths, check_types
 from simtune.errors import UnknownName
+from simtune.tasks.tuning_file.toml_table import usual_name
 
 COMMANDS = {"tune": TuneConfig, "train": TrainConfig}
 _PATHS = ("robot", "real_parameters")
@@ -25,6 +26,11 @@ class AskedRun:
     def asked(self) -> dict[str, Any]:
         """Command and options, stored in sweep.json: a name must always mean the same run."""
         return {"command": self.command, **self.options}
+
+    @property
+    def task(self) -> str:
+        """The task's name: a tuning file's is that of the file, or of its folder."""
+        return short(self.options["task"], self.folder)
 
     @property
     def seed(self) -> int:
@@ -71,3 +77,11 @@ class AskedRun:
             elif name != "task":
                 typed += [f"--{flag}", str(value)]
         return typed
+
+
+def short(value: Any, folder: Path) -> str:
+    """An option's value in few words; of a file, which `value` names from `folder`, its name."""
+    text = str(value)
+    if text.endswith(".toml"):
+        return usual_name(folder / text)
+    return Path(text).stem if text.endswith(".json") else text

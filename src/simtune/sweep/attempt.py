@@ -17,6 +17,7 @@ _FULL = tuple(map(os.strerror, NO_ROOM))
 _ROOM_PAUSES_S = (1.0, 5.0, 20.0, 60.0)  # between attempts while the disk is full
 _OTHERS_PAUSE_S = 0.5  # after a look at a run that another process has
 _LONGEST_REASON = 300  # characters
+_UNUSABLE = 2  # exit status for unusable input, which is so the next time as well
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +84,8 @@ class Attempts:
         if status == 0:
             reason = "it ended without a result.json and a report.html"
         by = f"killed by {_signal_name(-status)}" if status < 0 else f"exit status {status}"
-        places.note(spent_s, f"{by}: {reason}", killed=status < 0)
+        failures = self.retries + 1 if status == _UNUSABLE else 1
+        places.note(spent_s, f"{by}: {reason}", killed=status < 0, failures=failures)
 
     def _sleep(self, seconds: float) -> None:
         end_s = time.monotonic() + seconds

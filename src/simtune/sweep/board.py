@@ -85,7 +85,7 @@ class Board:
         for run in self._runs:
             method = run.options.get("method", run.command)
             status = "running" if run.name in self._running else self.standings[run.name].status
-            groups.setdefault(f"{Path(run.options['task']).stem} {method}", Counter())[status] += 1
+            groups.setdefault(f"{run.task} {method}", Counter())[status] += 1
         rows: list[tuple[str, ...]] = [("", *_COLUMNS)]
         for name, counts in groups.items():
             rows.append((name, *(str(counts[column] or "·") for column in _COLUMNS)))

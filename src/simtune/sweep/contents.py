@@ -1,4 +1,4 @@
-"""Whether runs that have begun are of what the files that the grid names hold now."""
+"""Whether runs, and those that have begun, fit what the files that the grid names hold now."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +11,28 @@ from simtune.real.truth import Truth
 from simtune.run.config import check_asked, stored_config
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.standing import Places
-from simtune.tasks import AnyTask, load_any_task
+from simtune.tasks import (
+    AnyTask,
+    before_one_camera,
+    load_any_task,
+    need_reward,
+    with_known_colours,
+    with_model,
+)
+
+
+def check_options(config: TuneConfig | TrainConfig, task: AnyTask) -> None:
+    """Raises InputError for options that the task does not admit. Opens no recordings."""
+    is_training = isinstance(config, TrainConfig)
+    if is_training:
+        need_reward(task)
+    if config.known_colour:
+        with_known_colours(with_model(task), config.known_colour)
+    if is_training or config.search != "posterior":
+        before_one_camera(task)
+    observed(task, config.observed, is_simulated=False)
+    if config.real == "pseudo":
+        read_parameters(config.real_parameters, task.parameters)
 
 
 def check_contents(runs: Sequence[AskedRun], folder: Path) -> None:

@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError
-from simtune.sweep.asked import COMMANDS, AskedRun
-from simtune.tasks import load_any_task, need_reward
+from simtune.sweep.asked import COMMANDS, AskedRun, short
+from simtune.sweep.contents import check_options
+from simtune.tasks import AnyTask, load_any_task
 from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
 
+_PLAIN = r"[\w.=+-]"  # in the name of a folder
+_LONGEST = 200
 _OF_BLOCK = ("name", "command", "skip")  # every other key is an option of the command
 
 
@@ -29,10 +32,12 @@ def read_grid(file: Path) -> list[AskedRun]:
         raise table.error("it asks for no runs: declare some after a line [[runs]]")
     for block in blocks:
         for run in _multiplied(block, common):
-            if found.setdefault(run.name, run).asked != run.asked:
+            other = found.setdefault(run.name, run).asked
+            if other != run.asked:
+                keys = sorted({key for key, _ in other.items() ^ run.asked.items()})
                 raise block.error(
-                    f"two runs would be called {run.name}, of other options: give one of their "
-                    "blocks a name"
+                    f"two runs would be called {run.name}, of another {', '.join(keys)}: put "
+                    "them into two blocks, and give one of their blocks a name"
                 )
     return sorted(found.values(), key=lambda run: run.seed)
 
@@ -56,36 +61,37 @@ def _multiplied(block: TomlTable, common: dict[str, Any]) -> Iterator[AskedRun]:
     asked = [c for c in combined if not any(skip.items() <= c.items() for skip in skips)]
     if not asked:
         raise block.error("it asks for no runs: a list is empty, or skip leaves none")
-    loaded = set[str]()
+    tasks = dict[str, AnyTask]()
     for chosen in asked:
         with block.at():
-            name = _name(block.text("name", ""), command, chosen, varied)
-            run = AskedRun(name=name, command=command, options=chosen, folder=block.file.parent)
-            run.config()
-            if run.values["task"] not in loaded:
-                task = load_any_task(run.values["task"])
-                if command == "train":
-                    need_reward(task)
-                loaded.add(run.values["task"])
+            folder = block.file.parent
+            name = _name(block.text("name", ""), command, chosen, varied, folder)
+            run = AskedRun(name=name, command=command, options=chosen, folder=folder)
+            config, source = run.config(), run.values["task"]
+            if source not in tasks:
+                tasks[source] = load_any_task(source)
+            check_options(config, tasks[source])
         yield run
 
 
-def _name(block: str, command: str, options: dict[str, Any], varied: list[str]) -> str:
+def _name(
+    block: str, command: str, options: dict[str, Any], varied: list[str], folder: Path
+) -> str:
     """Name of a run's folder, from its task, method and varied options. Raises InputError."""
-    parts = [block, _short(options["task"]), options.get("method", command)]
+    values = {name: _plain(short(value, folder)) for name, value in options.items()}
+    parts = [block, values["task"], options.get("method", command)]
     others = [name for name in varied if name not in ("task", "method", "seed")]
-    parts += [f"{name}={_short(options[name])}" for name in others]
+    parts += [f"{name}={values[name]}" for name in others]
     parts.append(f"s{options.get('seed', 0)}")
     name = "-".join(str(part) for part in parts if part)
-    if not re.fullmatch(r"[\w.=+-]+", name):
+    if not re.fullmatch(rf"{_PLAIN}{{1,{_LONGEST}}}", name):
         raise InputError(
-            f"{name} can be no folder's name: give the block a name, of letters, digits and _.=+- "
-            "only, and plain values"
+            f"{name} can be no folder's name: give the block a name of letters, digits and _.=+- "
+            f"only, and keep all within {_LONGEST} characters"
         )
     return name
 
 
-def _short(value: Any) -> str:
-    """A value as part of a name; for a file, its name without ending."""
-    text = str(value)
-    return Path(text).stem if text.endswith((".toml", ".json")) else text
+def _plain(text: str) -> str:
+    """A text without what does not suit a file's name: 5% is 5, a/b is a_b."""
+    return "_".join(re.findall(f"{_PLAIN}+", text))

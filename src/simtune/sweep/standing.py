@@ -78,12 +78,17 @@ class Places:
         is_failed = noted["failures"] > retries or noted["kills"] > _MOST_KILLS
         return Standing(status="failed" if is_failed else "waiting", **noted)
 
-    def note(self, spent_s: float, reason: str | None = None, *, killed: bool = False) -> None:
-        """Count one more attempt, and its failure if any. Only the lease's holder may call this."""
+    def note(
+        self, spent_s: float, reason: str | None = None, *, killed: bool = False, failures: int = 1
+    ) -> None:
+        """Count one more attempt, and its failure if any. Only the lease's holder may call this.
+
+        `failures`: what a failure counts as.
+        """
         noted = self._read_noted()
         noted["spent_s"] += spent_s
         if reason is not None:
-            noted["kills" if killed else "failures"] += 1
+            noted["kills" if killed else "failures"] += 1 if killed else failures
             noted["reason"] = reason
         write_json(self.noted, noted)
 

@@ -3,6 +3,7 @@
 A new built-in task needs a file in this folder and a line in TASKS.
 """
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +14,11 @@ from simtune.tasks import ball_in_cup, cabinet_slide, cartpole, cheetah, finger,
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.known_colours import known_values, with_known_colours
 from simtune.tasks.task import Task
-from simtune.tasks.tuning_file import TomlTable, load_tuning_file, named_files, read_task
+from simtune.tasks.tuning_file import TomlTable, is_xml, load_tuning_file, named_files, read_task
 
 AnyTask = Task | EnvironmentTask
 IN_PYTHON = "in Python: "  # prefix of the names of tasks that were declared without a file
+_LONGEST = 100  # characters of a name, in a message
 
 TASKS: dict[str, Callable[[], Task]] = {
     "ball_in_cup": ball_in_cup.catch,
@@ -73,16 +75,21 @@ def load_any_task(name: str) -> AnyTask:
             f"the environment of {name.removeprefix(IN_PYTHON)!r} was an object in Python: no file "
             "holds it"
         )
+    if is_xml(name):
+        raise InputError(
+            "the task is XML text: give a tuning file, or a dict with "
+            "model = mujoco.MjSpec.from_string(...)"
+        )
     if name.endswith(".toml"):
         path = Path(name).resolve()
         task = load_tuning_file(Path(name))
         return replace(task, source=str(path), files=named_files(path))
     if name.endswith((".xml", ".mjcf", ".urdf")):
         raise InputError(f"{name} is a model: give a tuning file that names it, as NAME.toml")
-    if name not in TASKS and (Path(name) / "tune.toml").is_file():
+    if name not in TASKS and os.path.isfile(Path(name) / "tune.toml"):  # a name may be too long
         raise InputError(f"{name} is a folder: give its tuning file, {Path(name) / 'tune.toml'}")
     if name not in TASKS:
-        raise UnknownName("task", name, "simtune (tuning files end in .toml)", TASKS)
+        raise UnknownName("task", name[:_LONGEST], "simtune (tuning files end in .toml)", TASKS)
     return replace(TASKS[name](), source=name)
 
 

@@ -113,12 +113,15 @@ def _named(table: TomlTable, key: str, known: list[str]) -> str:
 
 
 def _of_table(table: TomlTable, spec: mujoco.MjSpec, known: list[str]) -> FilmingCamera:
-    """A camera of the model, or a new one, with its recordings."""
+    """A camera of the model, by default its only one, or a new one, with its recordings."""
     table.allow("name", "camera", *_POSE, *FOOTAGE)
     footage = read_footage(table)
     if footage.lens and "field_of_view_deg" in table:
         raise table.error("the lens says the field of view: leave this out", "field_of_view_deg")
-    if "camera" in table or ("name" in table and not any(key in table for key in _POSE)):
+    has_pose = any(key in table for key in _POSE)
+    if not has_pose and "camera" not in table and "name" not in table and len(known) == 1:
+        camera = _model_s(known[0])
+    elif "camera" in table or ("name" in table and not has_pose):
         for key in _POSE:
             if key in table:
                 raise table.error(f"camera is the model's, which has a pose: leave {key} out", key)

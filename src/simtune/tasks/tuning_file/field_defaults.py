@@ -1,6 +1,7 @@
 """Defaults of a tuning file, taken from the model, and checks that a field can be tuned."""
 
 import difflib
+from collections.abc import Iterable
 
 import mujoco
 import numpy as np
@@ -15,7 +16,13 @@ from simtune.parameters.model_writer import start_from_material
 _MODEL = mujoco.MjModel
 # Only of meshes is a geom_aabb not derived
 _DERIVED = {*_MODEL._setconst_outputs} - {*_MODEL._setconst_inputs} | {"geom_aabb"}
-_MUSCLE = mujoco.mjtGain.mjGAIN_MUSCLE.value
+# What actuators without a gain have instead, by components of actuator_gainprm
+_GAIN = mujoco.mjtGain
+_NO_GAINS = {
+    _GAIN.mjGAIN_MUSCLE.value: "muscle, whose force is component 2, or 3, if that is −1",
+    _GAIN.mjGAIN_DCMOTOR.value: "<dcmotor>, whose torque constant is component 1, resistance 0",
+    _GAIN.mjGAIN_AFFINE.value: "<damper>, whose −kv is component 2",
+}
 
 
 def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
@@ -68,14 +75,19 @@ def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
         rows = rows_of(model, parameter.field, name)
         if problem := parameter.field_info.object_problem(model, rows, name):
             raise InputError(problem)
-        is_gain = parameter.field == "actuator_gainprm" and not parameter.component
-        if is_gain and model.actuator_gaintype[rows].item() == _MUSCLE:
-            raise InputError(
-                f"{name} is a muscle, which has no gain: its force is component 2 of field = "
-                '"actuator_gainprm", or 3, if that is −1'
-            )
     if parameter.is_factor and parameter.field_info.form == "range":
         _without_form(model, parameter, own_values(model, parameter))
+
+
+def check_gains(model: mujoco.MjModel, actuators: Iterable[str]) -> None:
+    """Raises InputError for actuators of which no number is a gain."""
+    for name in actuators:
+        actuator = model.actuator(name)
+        kind = actuator.gaintype[0]
+        if kind in _NO_GAINS and not (kind == _GAIN.mjGAIN_AFFINE and actuator.gainprm[0]):
+            raise InputError(
+                f'{name} has no gain: it is a {_NO_GAINS[kind]} of field = "actuator_gainprm"'
+            )
 
 
 def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:

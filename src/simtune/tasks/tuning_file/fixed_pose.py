@@ -8,6 +8,7 @@ import numpy as np
 from simtune.errors import InputError
 
 _JNT = mujoco.mjtJoint
+_EQ, _OBJ = mujoco.mjtEq, mujoco.mjtObj
 _FREE, _BALL, _SLIDE = _JNT.mjJNT_FREE.value, _JNT.mjJNT_BALL.value, _JNT.mjJNT_SLIDE.value
 
 
@@ -80,3 +81,36 @@ def _displacement(model: mujoco.MjModel, joint: int, qpos: np.ndarray, at: int) 
         mujoco.mju_axisAngle2Quat(quat, axis, moved)
     turned = _Pose(np.zeros(3), quat).turn(anchor)
     return _Pose(anchor - turned, quat)
+
+
+def keep_ties(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """Let equalities tie bodies as in `model`, from before bodies were moved.
+
+    MuJoCo infers the poses of welds and the second anchors of connections from the bodies' default
+    places. Raises InputError for tied tendons whose default length has changed.
+    """
+    moved = spec.compile()
+    for tie in spec.equalities:
+        data, ids = model.eq_data[tie.id], (model.eq_obj1id[tie.id], model.eq_obj2id[tie.id])
+        if tie.type == _EQ.mjEQ_WELD and tie.objtype == _OBJ.mjOBJ_BODY:
+            tie.data = data
+        elif tie.type == _EQ.mjEQ_CONNECT and tie.objtype == _OBJ.mjOBJ_BODY:
+            if not np.allclose(data, moved.eq_data[tie.id]):
+                _connect_sites(spec, tie, (data[:3], data[3:6]))
+        elif tie.type == _EQ.mjEQ_TENDON:
+            lengths = [m.tendon_length0[[i for i in ids if i >= 0]] for m in (model, moved)]
+            if not np.allclose(*lengths):
+                raise InputError(
+                    f"equality {tie.name!r} ties tendons by their lengths in the default state, "
+                    "which the pose changes: leave fixed_pose out, or delete the equality"
+                )
+
+
+def _connect_sites(
+    spec: mujoco.MjSpec, tie: mujoco.MjsEquality, anchors: tuple[np.ndarray, np.ndarray]
+) -> None:
+    """Give a connection of bodies both of its anchors, as sites, which nobody sees."""
+    bodies, names = (tie.name1, tie.name2), (f"{tie.name} anchor 1", f"{tie.name} anchor 2")
+    for body, name, anchor in zip(bodies, names, anchors, strict=True):
+        spec.body(body or "world").add_site(name=name, pos=anchor, group=5, rgba=(0, 0, 0, 0))
+    tie.objtype, (tie.name1, tie.name2) = _OBJ.mjOBJ_SITE, names

@@ -1,5 +1,6 @@
 """The model of a tuning file: read from the model file, then changed as the tuning file says."""
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -43,7 +44,17 @@ def model_name(file: TomlTable) -> str:
     """The model's file name, or the name of the spec that a dict has instead. Raises InputError."""
     if "model" in file and isinstance(file.value("model"), mujoco.MjModel):
         raise file.error("a compiled MjModel: give the mujoco.MjSpec, or the file", "model")
-    return file.value("model").modelname if _is_spec(file) else file.text("model")
+    if _is_spec(file):
+        return file.value("model").modelname
+    name = file.text("model")
+    if is_xml(name):
+        raise file.error("XML text: give a file, or mujoco.MjSpec.from_string(...)", "model")
+    return name
+
+
+def is_xml(name: str) -> bool:
+    """Whether this is a model itself, or other text of many lines, where a name is expected."""
+    return "<" in name or "\n" in name
 
 
 def _is_spec(file: TomlTable) -> bool:
@@ -51,8 +62,10 @@ def _is_spec(file: TomlTable) -> bool:
 
 
 def _read(file: TomlTable, path: Path) -> mujoco.MjSpec:
-    if not path.is_file():
+    if not os.path.isfile(path):  # a name may be too long for a file's
         raise file.error(f"there is no model file {path}", "model")
+    if path.suffix.lower() == ".xacro":
+        raise file.error(f"{path} is no model yet: run xacro on it, and give the result", "model")
     try:
         is_urdf = path.suffix.lower() == ".urdf"
         return read_urdf(path) if is_urdf else mujoco.MjSpec.from_file(str(path))

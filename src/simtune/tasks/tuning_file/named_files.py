@@ -8,7 +8,7 @@ from pathlib import Path
 _TEXTS = (".toml", ".xml", ".mjcf", ".urdf", ".py")  # files that may name others
 _QUOTED = re.compile(r"""(?=(["'])([^"'\n]+)\1)""")  # also after an apostrophe in a comment
 _NUMBERS = re.compile(r"[-+.\deE\s]+")
-_PACKAGE = re.compile(r"package:/+(.+)")
+_PACKAGE = re.compile(r"package:/+([^/]+)/(.+)")
 _IN_CODE = re.compile(r"(.+\.py):\w+")
 _IMPORT = re.compile(r"^\s*(?:from|import)\s+(\w+)", re.MULTILINE)
 
@@ -44,13 +44,28 @@ def _names(file: Path) -> Iterator[str]:
     for _, quoted in _QUOTED.findall(text):
         if match := _IN_CODE.fullmatch(quoted):
             yield match[1]
-        elif match := _PACKAGE.fullmatch(quoted):  # in a folder above or beside, as in model.py
-            above = [folder / match[1] for folder in file.parents]
-            yield from map(str, (*above, file.parent / match[1].partition("/")[2]))
-            yield Path(quoted).name
+        elif _PACKAGE.fullmatch(quoted):
+            yield str(in_package(quoted, file) or Path(quoted).name)
         elif not _NUMBERS.fullmatch(quoted):
             yield quoted
     if file.suffix == ".py":
         for module in _IMPORT.findall(text):
             yield f"{module}.py"
             yield from map(str, (file.parent / module).rglob("*.py"))
+
+
+def in_package(named: str, file: Path) -> Path | None:
+    """What "package://NAME/FILE" in a `file`, an absolute path, means; None if it is not there.
+
+    The package is a folder NAME that holds `file`, or is beside such a folder. In copies of its
+    files its upper folders are missing, so the last parts of FILE are looked for as well.
+    """
+    if not (words := _PACKAGE.fullmatch(named)):
+        return None
+    package, inner = words[1], Path(words[2])
+    places = [folder / package / inner for folder in file.parents]
+    places += [folder / inner for folder in file.parents if folder.name == package]
+    places += [file.parent / inner, file.parent / inner.name]
+    parts = [Path(*inner.parts[i:]) for i in range(len(inner.parts))]
+    places += [folder / part for part in parts for folder in file.parents]
+    return next((place for place in places if place.is_file()), None)

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from simtune.errors import InputError, UnknownName
+from simtune.parameters.backlash import driven_through
 from simtune.parameters.fields import OBJECT_TYPES, OF_JOINTS
 
 _KINDS = {owner.name: owner for owner in OBJECT_TYPES.values()}
@@ -21,10 +22,13 @@ def names_of(model: mujoco.MjModel, kind: str) -> list[str]:
     return [mujoco.mj_id2name(model, owner.mjt, i) or "" for i in range(count)]
 
 
-def find_objects(model: mujoco.MjModel, kind: str, given: Sequence[str]) -> tuple[str, ...]:
+def find_objects(
+    model: mujoco.MjModel, kind: str, given: Sequence[str], *, plays: bool = False
+) -> tuple[str, ...]:
     """Names of the given objects; "left_*" and "geoms of gripper" may be several.
 
-    Raises UnknownName for objects that the model lacks, InputError if a body or joint has none.
+    Among several joints, those that are the play of another are meant with `plays` only. Raises
+    UnknownName for objects that the model lacks, InputError if a body or joint has none.
     """
     known, found = names_of(model, kind), []
     for text in given:
@@ -36,8 +40,15 @@ def find_objects(model: mujoco.MjModel, kind: str, given: Sequence[str]) -> tupl
             meant = [name for name in known if name and fnmatchcase(name, text)]
         if not meant:
             raise UnknownName(kind, text, "the model", filter(None, known))
+        if kind == "joint" and not plays:
+            meant = _without_plays(model, meant)
         found += [name for name in meant if name not in found]
     return tuple(found)
+
+
+def _without_plays(model: mujoco.MjModel, joints: list[str]) -> list[str]:
+    """The joints that are no play; all of them if all are plays, as with "*_backlash"."""
+    return [j for j in joints if driven_through(model, model.joint(j).id) < 0] or joints
 
 
 def _belonging(model: mujoco.MjModel, kind: str, given: str) -> list[str] | None:

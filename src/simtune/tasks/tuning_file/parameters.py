@@ -14,6 +14,7 @@ from simtune.tasks.known_colours import known_colour
 from simtune.tasks.tuning_file.field_defaults import (
     check_component,
     check_field,
+    check_gains,
     check_objects,
     moves_slide,
     own_nominal,
@@ -94,13 +95,22 @@ def _read(entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str]) -> li
     asks = kind.asks_component
     component = entry.whole("component", None, least=0) if asks else kind.component
     entry.allow("name", "kind", "objects", *["component"] * asks, *_NUMBERS)
-    objects = _objects(entry, model, field.name, films if field.prefix == "cam" else None)
+    films = films if field.prefix == "cam" else None
+    objects = _objects(entry, model, field.name, films, plays=kind.form == "play")
+    if kind.name == "gain":
+        with entry.at("objects"):
+            check_gains(model, objects)
     apart = kind.name if kind.is_apart else ""
     return [_number(entry, model, field.name, objects, component, apart)]
 
 
 def _objects(
-    entry: TomlTable, model: mujoco.MjModel, field: str, default: tuple[str, ...] | None = None
+    entry: TomlTable,
+    model: mujoco.MjModel,
+    field: str,
+    default: tuple[str, ...] | None = None,
+    *,
+    plays: bool = False,
 ) -> tuple[str, ...]:
     """The names meant by the key `objects`, which is required without a default."""
     given = entry.names("objects") if default is None else entry.names("objects", default)
@@ -108,7 +118,7 @@ def _objects(
     if owner is None or "objects" not in entry:
         return given
     with entry.at("objects"):
-        return find_objects(model, owner.name, given)
+        return find_objects(model, owner.name, given, plays=plays)
 
 
 def _number(

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import mujoco
 
+from simtune.tasks.tuning_file.named_files import in_package
+
 _HIDDEN = 3  # a group that no renderer draws
 _KEEP_VISUALS = '<mujoco><compiler discardvisual="false"/></mujoco>'
 
@@ -16,7 +18,13 @@ def read_urdf(path: Path) -> mujoco.MjSpec:
     hidden, in links that have both. A file with a <mujoco> of its own is read as it says. Raises
     ValueError if MuJoCo cannot read it.
     """
-    text = path.read_text(encoding="utf-8")
+    # Comments may name the same tags; lines keep their numbers
+    text = re.sub(
+        r"<!--.*?-->",
+        lambda comment: "\n" * comment[0].count("\n"),
+        path.read_text(encoding="utf-8"),
+        flags=re.DOTALL,
+    )
     if "<mujoco" in text:
         return mujoco.MjSpec.from_file(str(path))
     spec = mujoco.MjSpec.from_string(
@@ -33,14 +41,7 @@ def read_urdf(path: Path) -> mujoco.MjSpec:
 
 
 def find_packages(spec: mujoco.MjSpec, model: Path) -> None:
-    """Resolve "package://NAME/FILE" to a file in a folder NAME, or beside the model."""
+    """Resolve "package://NAME/FILE" to files near the model."""
     for mesh in spec.meshes:
-        if not (words := re.fullmatch(r"package:/+([^/]+)/(.+)", mesh.file)):
-            continue
-        package, file = words.groups()
-        folders = model.resolve().parents
-        places = [folder / package / file for folder in folders]
-        places += [folder / file for folder in folders if folder.name == package]
-        places += [folders[0] / file, folders[0] / Path(file).name]
-        if found := next((place for place in places if place.is_file()), None):
+        if found := in_package(mesh.file, model.resolve()):
             mesh.file = str(found)
