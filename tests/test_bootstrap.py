@@ -315,7 +315,8 @@ def test_known_worlds_begin_where_the_real_episodes_did():
     num, config = len(context.keypoints), PosteriorConfig()
     scale, visible, shape = simulator.action_scale, SPACE.is_visible, simulator.shape
     model = PosteriorSearchParamModel(num, scale, visible, shape, config, 0)
-    exact = DetectorNoise(np.zeros((num, 1)), np.ones((num, 1)), np.zeros((num, 2)))
+    nothing = np.zeros((num, 2))
+    exact = DetectorNoise(np.zeros((num, 1)), np.ones((num, 1)), nothing, nothing)
     rng = np.random.default_rng(0)
     begun = roll_out(np.repeat(SPACE.nominal[None], 4, 0), np.ones((4, 5, 1)), rng).states[:, 5]
     fit = replace(a_fit(), starts=begun)

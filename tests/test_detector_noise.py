@@ -53,7 +53,9 @@ def test_a_few_pictures_tell_one_noise():
 def test_what_errors_of_a_world_have_in_common_is_told_from_chance():
     rng = np.random.default_rng(0)
     truth, common = rng.uniform(10, 50, (300, 40, 2, 2)), np.array([[0.5, 0.0], [0.2, 1.0]])
-    right = truth + common * rng.normal(size=(300, 1, 2, 2)) + 0.4 * rng.normal(size=truth.shape)
+    usual = np.array([[0.0, 2.0], [-0.5, 0.0]])
+    right = truth + usual + common * rng.normal(size=(300, 1, 2, 2))
+    right += 0.4 * rng.normal(size=truth.shape)
     unseen = rng.random(truth.shape[:-1]) < 0.2
     candidates = np.stack([np.where(unseen[..., None], right + 20, right)] * 2, 2)
     found = detected(candidates, np.zeros(candidates.shape))
@@ -63,6 +65,7 @@ def test_what_errors_of_a_world_have_in_common_is_told_from_chance():
     ]
     noise = DetectorNoise.measured(found, truth)
     np.testing.assert_allclose(noise.common_px, common, atol=0.06, rtol=0.1)
+    np.testing.assert_allclose(noise.offset_px, usual, atol=0.12)
     tracks = KeypointTracks.of_detections(found[:1], (64, 64), noise)
     np.testing.assert_allclose(tracks.common_std, noise.common_px.ravel())
 

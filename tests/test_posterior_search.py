@@ -12,6 +12,7 @@ from search_context import CARTPOLE, SIZE, SPACE, START, STEPS, context_of, reco
 
 from simtune.budget import Budget
 from simtune.errors import InputError
+from simtune.fit import PointEstimate
 from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.real.truth import Truth
@@ -61,6 +62,20 @@ def test_rounds_give_estimates_and_ranges_within_bounds(simulator, real, tiny):
         assert np.isfinite(list(metrics.values())).all()
     assert search.stop_reason == "all rounds are done"
     assert keys[0] == keys[1]
+
+
+def test_the_detector_is_judged_in_worlds_as_near_the_real_one_as_its_start_tells(
+    simulator, real, tiny
+):
+    search, std = start(simulator, tiny), np.full(len(SPACE), 0.02)
+    std[0] = 1.0  # nothing is known: drawn from all there is
+    known = PointEstimate(START, std)
+    near = search._learning.film_near(real, search.distribution, known, Budget()).worlds
+    assert near.frames.shape[:2] == (tiny.near_worlds, tiny.near_steps)
+    away = np.abs(SPACE.to_unit(near.parameters) - SPACE.to_unit(START))
+    assert (away[:, 1:] <= 0.05 + 1e-9).all()
+    assert away[:, 1:].max() > 0.03
+    assert away[:, 0].max() > 0.2
 
 
 def test_make_search_makes_the_search_of_that_name(simulator, tiny):

@@ -225,6 +225,8 @@ SEARCH = PosteriorSearchConfig(
     pictures_per_world=5,
     held_out_worlds=80,
     held_out_steps=10,
+    near_worlds=12,
+    near_steps=5,
     detector_updates=(300, 900),
     posterior_updates=250,
     state_updates=100,
@@ -271,10 +273,10 @@ def test_a_smaller_fit_keeps_the_fewest_that_tell_anything():
 
 
 def test_seconds_of_a_round_by_hand():
-    # 2 episodes of 50 steps; 100 worlds play both of them, 80 held-out ones play one.
+    # 2 episodes of 50 steps; 100 worlds play both, 80 held-out ones and 12 near the real one one.
     work = Work(num_episodes=2, num_steps=50, num_tangent=4, num_fitted=2)
-    played_s = 1e-3 * 50 * (100 * 2 + 80)
-    drawn_s = 0.01 * (100 * 5 + 80 * 10) + 0.02 * 80 * 10
+    played_s = 1e-3 * 50 * (100 * 2 + 80 + 12)
+    drawn_s = 0.01 * (100 * 5 + 80 * 10 + 12 * 5) + 0.02 * (80 * 10 + 12 * 5)
     updates_s = 0.1 * (300 + 0.7 * (250 + 100))
     fit_s = 1.3 * 1e-3 * (100 * 50 + 10 * (2 * 190 + 560))
     looked_s = 0.02 * 2 * 51 + 5 * 2 * 51 * (0.01 + 0.02)  # real frames, and those of refits
@@ -288,7 +290,8 @@ def test_seconds_of_a_round_by_hand():
 
 
 def test_seconds_of_a_round_without_a_fit_by_hand():
-    # As above, and six times the worlds, of which nothing is drawn, and the updates.
+    # As above without worlds near the real one, and six times the worlds, of which nothing is
+    # drawn, and the updates.
     played_s = 1e-3 * 50 * (100 * 2 + 80 + 600 * 2)
     drawn_s = 0.01 * (100 * 5 + 80 * 10) + 0.02 * 80 * 10
     updates_s = 0.1 * (300 + 0.7 * 6 * 250)

@@ -48,6 +48,15 @@ class HeldOut(NamedTuple):
     worlds: SimulatedWorlds
     detections: Detections
 
+    @property
+    def episodes(self) -> list[Detections]:
+        """The detections in each world."""
+        return self.detections.episodes(len(self.worlds.frames))
+
+    def noise(self) -> DetectorNoise:
+        """The detector's, in these worlds."""
+        return DetectorNoise.measured(self.episodes, self.worlds.filmed_keypoints())
+
 
 class Detected(NamedTuple):
     """Trajectories, and the detections in the frames of each."""
@@ -88,19 +97,19 @@ class FitStage:
         context: SearchContext,
         model: PosteriorSearchParamModel,
         held_out: HeldOut,
+        near: HeldOut,
         config: PosteriorSearchConfig,
         budget: Budget,
         told: Told | None = None,
     ) -> "FitStage":
-        """Measure the detector's noise in held-out worlds and train the state estimator there.
+        """Train the state estimator in held-out worlds.
 
-        `told`: by readings alone; None if they are used in windows only, or there are none.
+        The detector's noise is measured in those `near` the real one. `told`: by readings alone;
+        None if they are used in windows only, or there are none.
         """
         worlds, simulator = held_out.worlds, context.simulator
         assert isinstance(simulator, Simulator), "see can_fit"
-        episodes = held_out.detections.episodes(len(worlds.frames))
-        noise = DetectorNoise.measured(episodes, worlds.filmed_keypoints())
-        tracks = KeypointTracks.of_detections(episodes, simulator.shape, noise)
+        tracks = KeypointTracks.of_detections(held_out.episodes, simulator.shape, held_out.noise())
         evidence = context.observation.evidence(tracks, worlds.readings)
         observed = Observed(evidence, worlds.filmed_actions().astype(float))
         joints, observe = told and told.joints, context.keypoints.observe
@@ -125,7 +134,7 @@ class FitStage:
         discrepancy = np.where(photometry.is_known, 0.0, discrepancy)
         replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit, photometry, joints)
         learnt_from = evidence.at(np.arange(0))  # its scales only
-        return cls(context, model, replay_fit, noise, learnt_from, is_blunt=told is None)
+        return cls(context, model, replay_fit, near.noise(), learnt_from, is_blunt=told is None)
 
     @property
     def reading_labels(self) -> tuple[str, ...]:

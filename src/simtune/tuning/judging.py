@@ -59,6 +59,8 @@ class Judging:
     """A round's fit, and what its refits showed."""
 
     stage: FitStage | None  # None: nothing can be fitted
+    prob_higher: np.ndarray  # (N, C) curves of the posterior network
+    start: PointEstimate  # of the fit, by these curves and by readings
     discrepancy_std: np.ndarray  # (N,) in unit coordinates, of errors that nothing can detect
     told: Told | None
     searched: Distribution  # in this round
@@ -77,22 +79,30 @@ class Judging:
         real: list[Trajectory],
         held_out: HeldOut,
         told: Told | None,
+        prob_higher: np.ndarray,
         searched: Distribution,
         first: Distribution,
         budget: Budget,
         earlier: Earlier,
         picture_s: float,
     ) -> "Judging":
-        """With a fit, if one is possible, that is as large as the time allows."""
-        stage, config = None, learning.config
+        """With a fit, if one is possible, that is as large as the time allows.
+
+        `prob_higher`: (N, C) curves of the posterior network.
+        """
+        stage, config, start = None, learning.config, point_estimate(prob_higher, searched)
         if learning.is_fitted:
             config = replace(config, fit=told.fitting(config.fit) if told else config.fit)
-            stage = FitStage.prepare(context, learning.model, held_out, config, budget, told)
+            start = told.start(start) if told else start
+            worlds = held_out, learning.film_near(real, searched, start, budget)
+            stage = FitStage.prepare(context, learning.model, *worlds, config, budget, told)
             num_steps = min(len(t) for t in real) * len(real)
             fits, left_s = 1 + _REFIT * config.num_refits[0], _FITS_SHARE * budget.seconds_left
             stage = stage.sized(num_steps, left_s / fits, left_s / _FEWEST_FITS)
         return cls(
             stage=stage,
+            prob_higher=prob_higher,
+            start=start,
             discrepancy_std=context.observation.discrepancy_std(first.space.is_appearance),
             told=told,
             searched=searched,
@@ -104,49 +114,39 @@ class Judging:
         )
 
     def judge(
-        self,
-        detected: Detected,
-        prob_higher: np.ndarray,
-        may_be_last: bool,
-        budget: Budget,
-        tell_early: TellEarly,
+        self, detected: Detected, may_be_last: bool, budget: Budget, tell_early: TellEarly
     ) -> tuple[Estimate, np.ndarray]:
         """Fit, compare with known worlds until the budget is over, and conclude.
 
-        `prob_higher`: (N, C) curves of the posterior network. If this cannot be the last round,
-        known worlds and longer windows are left out. Returns the (N, C) curves as well.
-        `tell_early` gets the fit's estimate before known worlds are compared.
+        If this cannot be the last round, known worlds and longer windows are left out. Returns the
+        (N, C) curves as well. `tell_early` gets the fit's estimate before known worlds are
+        compared.
         """
         if self.stage is None:
-            curves = blurred(prob_higher, self.discrepancy_std, self.searched)
+            curves = blurred(self.prob_higher, self.discrepancy_std, self.searched)
             read = read_curves(curves, self.searched, self.first, self.config.range_update)
             return read, curves
         budget.report("fitting", 0.55)
-        observed, start = self.stage.observed(*detected), self._start(prob_higher)
+        observed = self.stage.observed(*detected)
         finds_latency = self.told is None or not self.told.is_used
         try:
-            fit, fit_s = self._fit(observed, start, may_be_last, finds_latency, budget)
+            fit, fit_s = self._fit(observed, may_be_last, finds_latency, budget)
         except OutOfTime:
-            return self._without_fit(prob_higher), prob_higher
+            return self._without_fit(), self.prob_higher
         size = self._refits(observed.actions.shape[:2], budget, fit_s)
         size = size if may_be_last else (0, 0)
         if size[0]:
             bootstrap = self.earlier.known(Bootstrap.none(fit))
-            tell_early(self._conclude(fit, bootstrap, prob_higher)[0])
+            tell_early(self._conclude(fit, bootstrap)[0])
         part = budget.part(budget.seconds_left, (0.65, 1.0))
-        made = self.stage.bootstrap(observed, fit, start, size, self.rng, may_be_last, part)
+        made = self.stage.bootstrap(observed, fit, self.start, size, self.rng, may_be_last, part)
         bootstrap = self.earlier.known(made)
-        estimate, curves = self._conclude(fit, bootstrap, prob_higher)
+        estimate, curves = self._conclude(fit, bootstrap)
         self.earlier = Earlier(bootstrap, estimate)
         return estimate, curves
 
     def _fit(
-        self,
-        observed: Observed,
-        start: PointEstimate,
-        extend_horizon: bool,
-        finds_latency: bool,
-        budget: Budget,
+        self, observed: Observed, extend_horizon: bool, finds_latency: bool, budget: Budget
     ) -> tuple[FitResult, float]:
         """The planned fit, and the seconds it took; the least one if that took far too long.
 
@@ -159,29 +159,26 @@ class Judging:
         began_s = time.monotonic()
         try:
             part = budget.part(seconds, (0.55, 0.6))
-            fit = self.stage.fit(observed, start, extend_horizon, finds_latency, part)
+            fit = self.stage.fit(observed, self.start, extend_horizon, finds_latency, part)
         except OutOfTime:
             if not may_be_smaller:
                 raise
             self.stage, began_s = self.stage.least(), time.monotonic()
-            fit = self.stage.fit(observed, start, extend_horizon, finds_latency, budget)
+            fit = self.stage.fit(observed, self.start, extend_horizon, finds_latency, budget)
         return fit, time.monotonic() - began_s
 
-    def _without_fit(self, prob_higher: np.ndarray) -> Estimate:
+    def _without_fit(self) -> Estimate:
         """The estimate if a fit ran out of time: the previous one.
 
         If there is none, that of the networks alone.
         """
         if self.earlier.estimate:
             return self.earlier.estimate
-        estimate = read_curves(prob_higher, self.searched, self.first, self.config.range_update)
+        ranges = self.searched, self.first
+        estimate = read_curves(self.prob_higher, *ranges, self.config.range_update)
         verdict = at_most_weak(estimate.verdict)
         estimate = replace(estimate, verdict=verdict, warnings=[_NO_FIT])
         return self.told.better(estimate) if self.told else estimate
-
-    def _start(self, prob_higher: np.ndarray) -> PointEstimate:
-        guess = point_estimate(prob_higher, self.searched)
-        return self.told.start(guess) if self.told else guess
 
     def _refits(self, fitted: tuple[int, ...], budget: Budget, fit_s: float) -> tuple[int, int]:
         """Number of refits to begin, and episodes of each, after a fit that took `fit_s`.
@@ -200,12 +197,10 @@ class Judging:
         num = most if budget.seconds_left > _WORTH_BEGINNING * fit_s + few * film_s else 0
         return num, int(np.clip(each_s / (fit_s / num_episodes + film_s), few, many))
 
-    def _conclude(
-        self, fit: FitResult, bootstrap: Bootstrap, prob_higher: np.ndarray
-    ) -> tuple[Estimate, np.ndarray]:
+    def _conclude(self, fit: FitResult, bootstrap: Bootstrap) -> tuple[Estimate, np.ndarray]:
         assert self.stage is not None
-        ranges = (self.searched, self.first)
-        estimate, curves = conclude(prob_higher, fit, bootstrap, *ranges, self.config.range_update)
+        where = self.searched, self.first, self.config.range_update
+        estimate, curves = conclude(self.prob_higher, fit, bootstrap, *where)
         if len(fit.offsets):
             offsets = zip(self.stage.reading_labels, fit.offsets.tolist(), strict=True)
             estimate = replace(estimate, offsets=dict(offsets))

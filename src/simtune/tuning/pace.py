@@ -102,10 +102,12 @@ class Pace:
         """Of simulated steps, of pictures, and of training."""
         episodes, steps = work.num_episodes, work.num_steps
         worlds_s = self.step_s * steps * min(config.episodes_per_world, episodes)  # per world
-        held_out = config.held_out_worlds * config.held_out_steps
-        drawn = (config.num_worlds * config.pictures_per_world + held_out) / work.supersampling
-        played_s = config.num_worlds * worlds_s + config.held_out_worlds * self.step_s * steps
-        pictures_s = self.frame_s * drawn + self.detect_s * held_out / work.supersampling
+        num_near = config.near_worlds if work.num_tangent else 0
+        tested = config.held_out_worlds * config.held_out_steps + num_near * config.near_steps
+        drawn = (config.num_worlds * config.pictures_per_world + tested) / work.supersampling
+        played_s = config.num_worlds * worlds_s
+        played_s += (config.held_out_worlds + num_near) * self.step_s * steps
+        pictures_s = self.frame_s * drawn + self.detect_s * tested / work.supersampling
         pictures_s += self.detect_s * episodes * (steps + 1)  # the real ones
         trained_s = self.update_s * config.detector_updates[0]
         small_s = _SMALL_UPDATE * self.update_s

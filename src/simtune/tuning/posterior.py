@@ -6,7 +6,8 @@ A round is sequential neural posterior estimation with a truncated prior, follow
     train the detector          keypoints and visible parameters in single pictures
     train the posterior network survival curves from whole episodes with the detector's errors
     estimate                    detect in the real frames, once; read the curves
-    fit and judge               replay the motion, draw the pictures; a bootstrap widens intervals
+    fit and judge               test the detector in worlds like the real one; replay the motion,
+                                draw the pictures; a bootstrap widens intervals
     doubt                       if the robot is where no simulated world gets
 """
 
@@ -151,20 +152,21 @@ class PosteriorSearch:
         metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
         told, earlier = self._told, self._earlier
         detected = learning.detect(real)  # before a fit is sized by the time that is left
+        prob_higher = learning.curves(detected, searched)
         judging = Judging.prepare(
             self.context,
             learning,
             real=real,
             held_out=held_out,
             told=told,
+            prob_higher=prob_higher,
             searched=searched,
             first=self.first,
             budget=budget,
             earlier=earlier,
             picture_s=self._picture_s,
         )
-        prob_higher = learning.curves(detected, searched)
-        estimate, curves = judging.judge(detected, prob_higher, may_be_last, budget, tell_early)
+        estimate, curves = judging.judge(detected, may_be_last, budget, tell_early)
         if told is None or not told.is_used:
             estimate = doubted(estimate, how_strange(worlds.keypoints, held_out, detected))
         self.distribution, events = update_range(

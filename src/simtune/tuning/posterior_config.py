@@ -17,6 +17,8 @@ class PosteriorSearchConfig:
     pictures_per_world: int = 32  # to train the detector on
     held_out_worlds: int = 128  # per round, to test the detector on
     held_out_steps: int = 56  # filmed of each
+    near_worlds: int = 24  # that resemble the real one, for the same
+    near_steps: int = 32
     num_rounds: int = 4  # at most
     # Half-width of a 90 % interval, relative to the estimate, at which to stop; 0: never
     precision: float = 0.0

@@ -5,8 +5,9 @@ all possible places. So errors are predicted from the spread, and each picture c
 noise.
 
 The errors of one world are correlated, too: the detector puts what it hardly sees where it usually
-is, for example too high in all pictures. The size of such common errors is the variance of worlds'
-mean errors in excess of what independent errors would give (random effects).
+is, for example too high in all pictures. Worlds' errors have a mean, which is known and taken off;
+the size of what then is common to a world is the variance of worlds' mean errors in excess of what
+independent errors would give (random effects).
 """
 
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ _SURE = 0.8  # probability of both places together, from which errors are taken 
 _BINS, _FEWEST = 8, 40  # of spreads; least number of pictures in each
 _LEAST_PX = 0.05
 _FEWEST_OF_WORLD = 6  # least number of pictures in which a world's keypoint is seen
+_FEWEST_WORLDS = 4  # least number whose mean error is taken off
 _STD_OF_MEDIAN = 1.48  # standard deviation over median size, for normal errors
 
 
@@ -30,7 +32,8 @@ class DetectorNoise:
 
     spread_px: np.ndarray  # (L, B) ascending
     std_px: np.ndarray  # (L, B) of errors, non-decreasing
-    common_px: np.ndarray  # (L, 2) std of a world's common error
+    offset_px: np.ndarray  # (L, 2) mean of worlds' common errors, detected − true
+    common_px: np.ndarray  # (L, 2) std of a world's common error around it
 
     @classmethod
     def measured(cls, episodes: Sequence[Detections], truth: np.ndarray) -> "DetectorNoise":
@@ -48,15 +51,16 @@ class DetectorNoise:
         errors = np.take_along_axis(errors, better, -3)[..., 0, :, :]  # (E, K, L, 2)
         spread = np.take_along_axis(spread, better, -3)[..., 0, :, :]
         sure = known >= np.minimum(_SURE, np.median(known, (0, 1)))
-        common, errors = _common(np.where(sure[..., None], errors, np.nan)), np.abs(errors)
+        offset, common = _common(np.where(sure[..., None], errors, np.nan))
+        sizes = np.abs(errors - offset)
         bins = int(np.clip(sure.sum((0, 1)).min() // _FEWEST, 1, _BINS))
         curves = [
-            _curve(spread[..., keypoint, :][is_sure], errors[..., keypoint, :][is_sure], bins)
+            _curve(spread[..., keypoint, :][is_sure], sizes[..., keypoint, :][is_sure], bins)
             for keypoint, is_sure in enumerate(np.moveaxis(sure, -1, 0))
         ]
         shape = (len(curves), bins)
         middles, stds = (np.reshape([curve[i] for curve in curves], shape) for i in (0, 1))
-        return cls(middles, stds, common)
+        return cls(middles, stds, offset, common)
 
     @property
     def usual_px(self) -> np.ndarray:
@@ -71,23 +75,26 @@ class DetectorNoise:
         return std
 
 
-def _common(errors: np.ndarray) -> np.ndarray:
-    """(L, 2) standard deviation of each world's common error in (E, K, L, 2), NaN: unknown.
+def _common(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(L, 2) mean and standard deviation of worlds' common errors in (E, K, L, 2), NaN: unknown.
 
-    With worlds' medians m_w of n_w errors with variance s_w²: the robust variance of m_w minus
-    π/2 · s_w² / n_w, the variance of the median of independent errors.
+    With worlds' medians m_w of n_w errors with variance s_w²: the median of m_w, and the root of
+    their robust variance around it minus π/2 · s_w² / n_w, the variance of the median of
+    independent errors.
     """
     count = np.isfinite(errors).sum(1)  # (E, L, 2)
     enough = (count >= _FEWEST_OF_WORLD).all(-1)  # (E, L)
-    common = np.zeros(errors.shape[2:])
+    offset, common = np.zeros(errors.shape[2:]), np.zeros(errors.shape[2:])
     for keypoint in np.flatnonzero(enough.any(0)):
         of_keypoint = errors[enough[:, keypoint], :, keypoint]  # (e, K, 2)
         middles = np.nanmedian(of_keypoint, 1)  # (e, 2)
         spread = _STD_OF_MEDIAN * np.nanmedian(np.abs(of_keypoint - middles[:, None]), 1)
         chance = np.pi / 2 * np.square(spread) / count[enough[:, keypoint], keypoint]
-        found = np.square(_STD_OF_MEDIAN * np.median(np.abs(middles), 0))
+        if len(middles) >= _FEWEST_WORLDS:
+            offset[keypoint] = np.median(middles, 0)
+        found = np.square(_STD_OF_MEDIAN * np.median(np.abs(middles - offset[keypoint]), 0))
         common[keypoint] = np.sqrt(np.maximum(found - np.median(chance, 0), 0))
-    return common
+    return offset, common
 
 
 def _curve(spread: np.ndarray, errors: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray]:

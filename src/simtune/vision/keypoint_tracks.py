@@ -40,8 +40,8 @@ class KeypointTracks:
         shape: tuple[int, int],
         noise: DetectorNoise,
     ) -> "KeypointTracks":
-        """From the detections in E episodes of equal length."""
-        candidates = np.stack([found.candidates for found in episodes])
+        """From the detections in E episodes of equal length, without the errors usual there."""
+        candidates = np.stack([found.candidates for found in episodes]) - noise.offset_px
         probability = _SUREST * np.stack([found.probability for found in episodes])
         own_px = noise(np.stack([found.spread for found in episodes]))
         information = np.square(noise.usual_px[:, None] / own_px)
