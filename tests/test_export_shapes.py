@@ -12,7 +12,7 @@ from test_export import a_run, differences, the_tuned_world
 from simtune.config import ExportConfig
 from simtune.errors import InputError
 from simtune.export import export
-from simtune.export.inferred import write_down_inferred
+from simtune.parameters.inferred import write_down_inferred
 
 pytestmark = pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass'")
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import mujoco
 
-from simtune.export.inferred import write_down_inferred
 from simtune.export.mjcf import not_copied
 from simtune.export.training.rows import rows_of_object
 from simtune.parameters import ModelWriter, field_of, rows_of
 from simtune.parameters.fields import OF_JOINTS
+from simtune.parameters.inferred import write_down_inferred, write_down_springs
 from simtune.tasks.tuning_file.name_all import name_all
 
 _SCRIPT = '''"""Write what simtune found into a MuJoCo model.
@@ -99,7 +99,8 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
         f"    spec.{kind}({name!r}).{attribute} = {value!r}\n"
         for kind, name, attribute, value in not_copied(writer, model)
     )
-    functions = "\n\n".join(map(inspect.getsource, (rows_of_object, write_down_inferred)))
+    copied = rows_of_object, write_down_inferred, write_down_springs
+    functions = "\n\n".join(map(inspect.getsource, copied))
     named = ""
     if any(is_nameless(name) for _, _, name, _ in _found(writer, model)):
         functions = f"{inspect.getsource(name_all)}\n\n{functions}"

@@ -6,6 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from simtune.parameters.inferred import write_down_springs
 from simtune.tasks.tuning_file.fixed_pose import keep_ties, move_bodies
 from simtune.tasks.tuning_file.object_names import find_keyframe, find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
@@ -28,7 +29,7 @@ def fix_joints(file: TomlTable, spec: mujoco.MjSpec) -> None:
     with file.at("fixed_joints"):
         names = find_objects(model, "joint", file.names("fixed_joints"), plays=True)
         fixed = {model.joint(name).id for name in names}
-        _write_down_springs(spec, model)
+        write_down_springs(spec, model)
         if "fixed_pose" in file:
             with file.at("fixed_pose"):
                 pose = model.key_qpos[find_keyframe(model, file.text("fixed_pose"))]
@@ -38,23 +39,6 @@ def fix_joints(file: TomlTable, spec: mujoco.MjSpec) -> None:
             keep_ties(spec, model)
     actuators = _remove(spec, names)
     _shorten_keyframes(spec, model, fixed, {model.actuator(name).id for name in actuators})
-
-
-def _write_down_springs(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """Store springs and dampers that MuJoCo infers from the compiled `model`, which will change.
-
-    As `export.inferred`, whose function is also copied into scripts, and so stands alone.
-    """
-    for tendon in spec.tendons:
-        tendon.springlength = model.tendon_lengthspring[tendon.id]
-    for joint in spec.joints:
-        if any(joint.springdamper):
-            joint.springdamper = [0, 0]
-            joint.stiffness[0] = model.jnt_stiffness[joint.id]
-            joint.damping[0] = model.dof_damping[model.jnt_dofadr[joint.id]]
-    for actuator in spec.actuators:
-        actuator.biasprm = model.actuator_biasprm[actuator.id]
-        actuator.lengthrange = model.actuator_lengthrange[model.actuator_outadr[actuator.id]]
 
 
 def _remove(spec: mujoco.MjSpec, joints: Iterable[str]) -> list[str]:

@@ -1,5 +1,5 @@
-"""Makes values explicit that the compiler infers from shapes and masses, so that tuned ones do not
-change them.
+"""Makes values explicit that the compiler infers from shapes, masses and the default pose, so that
+other ones do not change them.
 """
 
 import mujoco
@@ -26,6 +26,16 @@ def write_down_inferred(spec: mujoco.MjSpec) -> None:
             geom.mass = float("nan")
         if geom.density > 0:
             geom.density = 1000  # MuJoCo's default, which it does not write
+    write_down_springs(spec, model)
+    for actuator in spec.actuators:
+        if actuator.inheritrange:
+            actuator.inheritrange = 0
+            actuator.ctrlrange = model.actuator_ctrlrange[model.actuator_ctrladr[actuator.id]]
+            actuator.actrange = model.actuator_actrange[actuator.id]
+
+
+def write_down_springs(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """Store in a spec the springs and dampers that MuJoCo inferred when it compiled the `model`."""
     for tendon in spec.tendons:
         tendon.springlength = model.tendon_lengthspring[tendon.id]
     for joint in spec.joints:
@@ -36,7 +46,3 @@ def write_down_inferred(spec: mujoco.MjSpec) -> None:
     for actuator in spec.actuators:
         actuator.biasprm = model.actuator_biasprm[actuator.id]
         actuator.lengthrange = model.actuator_lengthrange[model.actuator_outadr[actuator.id]]
-        if actuator.inheritrange:
-            actuator.inheritrange = 0
-            actuator.ctrlrange = model.actuator_ctrlrange[model.actuator_ctrladr[actuator.id]]
-            actuator.actrange = model.actuator_actrange[actuator.id]
