@@ -65,17 +65,22 @@ def test_rounds_give_estimates_and_ranges_within_bounds(simulator, real, tiny):
 
 
 def test_the_detector_is_judged_in_worlds_as_near_the_real_one_as_its_start_tells(
-    simulator, real, tiny
+    monkeypatch, simulator, real, tiny
 ):
     search, std = start(simulator, tiny), np.full(len(SPACE), 0.02)
     std[0] = 1.0  # nothing is known: drawn from all there is
     known = PointEstimate(START, std)
-    near = search._learning.film_near(real, search.distribution, known, Budget()).worlds
+    learning, searched = search._learning, search.distribution
+    others = learning.hold_out(real, searched, Budget())
+    near = learning.film_near(real, searched, known, others, Budget()).worlds
     assert near.frames.shape[:2] == (tiny.near_worlds, tiny.near_steps)
     away = np.abs(SPACE.to_unit(near.parameters) - SPACE.to_unit(START))
     assert (away[:, 1:] <= 0.05 + 1e-9).all()
     assert away[:, 1:].max() > 0.03
     assert away[:, 0].max() > 0.2
+    roll_out = simulator.roll_out
+    monkeypatch.setattr(simulator, "roll_out", lambda *given: roll_out(*given).only(slice(0)))
+    assert learning.film_near(real, searched, known, others, Budget()) is others
 
 
 def test_make_search_makes_the_search_of_that_name(simulator, tiny):

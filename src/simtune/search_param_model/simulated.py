@@ -15,6 +15,10 @@ from simtune.vision.keypoints import Keypoints
 _STREWN = 2.0  # width of the places of loose objects, relative to where episodes begin
 
 
+class NearlyAllDiverged(RuntimeError):
+    """Too few worlds are left to learn from."""
+
+
 @dataclass(frozen=True)
 class SimulatedWorlds:
     """One round of simulation: W worlds of E episodes of T steps each."""
@@ -115,8 +119,8 @@ def play_worlds(
     If actions may be late, they are, by a step, in half of the worlds, unless a parameter is a
     delay. In half of the episodes loose objects begin in other places than the task's, since they
     are pushed there later. Worlds with a diverged episode are left out, and those with an object
-    that went astray, since it would be all that a network of states learns. Raises RuntimeError if
-    hardly any is left.
+    that went astray, since it would be all that a network of states learns. Raises
+    NearlyAllDiverged if hardly any is left.
     """
     num_episodes, played = actions.shape[1], actions.astype(float)
     if observation.max_latency_steps and not simulator.space.is_delay.any():
@@ -134,7 +138,7 @@ def play_worlds(
         rollouts = rollouts.only(~lost)
     whole = whole_sets(rollouts.index, num_episodes)
     if len(whole) < 4:  # some for training, some to measure errors
-        raise RuntimeError("nearly every world diverged; check the timestep and the bounds")
+        raise NearlyAllDiverged("nearly every world diverged; check the timestep and the bounds")
     kept = actions[rollouts.index[whole[:, 0]] // num_episodes]
     return PlayedWorlds(simulator, keypoints, observation, kept, rollouts, whole)
 

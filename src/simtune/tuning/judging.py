@@ -94,8 +94,8 @@ class Judging:
         if learning.is_fitted:
             config = replace(config, fit=told.fitting(config.fit) if told else config.fit)
             start = told.start(start) if told else start
-            worlds = held_out, learning.film_near(real, searched, start, budget)
-            stage = FitStage.prepare(context, learning.model, *worlds, config, budget, told)
+            near = learning.film_near(real, searched, start, held_out, budget)
+            stage = FitStage.prepare(context, learning.model, held_out, near, config, budget, told)
             num_steps = min(len(t) for t in real) * len(real)
             fits, left_s = 1 + _REFIT * config.num_refits[0], _FITS_SHARE * budget.seconds_left
             stage = stage.sized(num_steps, left_s / fits, left_s / _FEWEST_FITS)

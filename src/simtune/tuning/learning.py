@@ -11,7 +11,7 @@ from simtune.fit import PointEstimate, num_fitted
 from simtune.networks.training import TrainingClock
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
-from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.simulated import NearlyAllDiverged, SimulatedWorlds
 from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.trajectory import Trajectory
 from simtune.tuning.fit_stage import Detected, HeldOut
@@ -59,9 +59,14 @@ class Learning:
         return HeldOut(worlds, self.model.detect(worlds.frames))
 
     def film_near(
-        self, real: list[Trajectory], searched: Distribution, start: PointEstimate, budget: Budget
+        self,
+        real: list[Trajectory],
+        searched: Distribution,
+        start: PointEstimate,
+        otherwise: HeldOut,
+        budget: Budget,
     ) -> HeldOut:
-        """Worlds that resemble the real one, as far as `start` tells.
+        """Worlds that resemble the real one, as far as `start` tells; `otherwise` if they diverge.
 
         What a detector gets wrong depends on looks: in all pictures of one peg, two pixels large,
         it was half a pixel too far to the right and too high, and a rope came out 10 % too short.
@@ -70,7 +75,10 @@ class Learning:
         ends = (np.clip(unit + side * _NEAR * start.std, 0, 1) for side in (-1, 1))
         near = searched.with_interval(start.parameters, *map(space.from_unit, ends))
         size = self.config.near_worlds, self.config.near_steps
-        worlds = self.worlds.film(real, near, *size, budget)
+        try:
+            worlds = self.worlds.film(real, near, *size, budget)
+        except NearlyAllDiverged:
+            return otherwise
         return HeldOut(worlds, self.model.detect(worlds.frames))
 
     def train_posterior_net(
