@@ -23,6 +23,8 @@ from simtune.tuning.posterior_config import PosteriorSearchConfig
 QUICK = PosteriorSearchConfig(
     num_worlds=32,
     held_out_worlds=16,
+    near_worlds=8,
+    near_steps=8,
     detector_updates=(10,),
     posterior_updates=10,
     state_updates=10,

@@ -19,7 +19,7 @@ from common import machine
 from simtune.agents import AgentSpec, Observation
 from simtune.agents.student import StudentConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
-from simtune.evaluation.policy import load_trained
+from simtune.evaluation.evaluate import load_trained
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment
 from simtune.randomization import Distribution

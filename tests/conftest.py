@@ -20,7 +20,7 @@ from tiny_search import TINY_SEARCH
 
 from simtune.algorithm import train
 from simtune.errors import InputError
-from simtune.evaluation.policy import evaluate
+from simtune.evaluation.evaluate import evaluate
 from simtune.experiment.settings import Settings
 from simtune.robot.latch import Latch
 from simtune.robot.safe_arm import SafeArm
@@ -113,7 +113,7 @@ def quick_commands(monkeypatch, quick):
     """Makes `simtune tune` and `simtune train` quick: no option asks for such settings."""
     monkeypatch.setattr("simtune.tuning_run.tune", partial(tune, settings=quick))
     monkeypatch.setattr("simtune.algorithm.train", partial(train, settings=quick))
-    monkeypatch.setattr("simtune.evaluation.policy.evaluate", partial(evaluate, settings=quick))
+    monkeypatch.setattr("simtune.evaluation.evaluate.evaluate", partial(evaluate, settings=quick))
 
 
 @pytest.fixture

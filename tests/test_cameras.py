@@ -24,7 +24,7 @@ from simtune.real.recorded import RecordedReal
 from simtune.record import record
 from simtune.recordings import open_dataset, write_dataset
 from simtune.simulation import Simulator, make_renderer
-from simtune.simulation.rendering.primitives.primitives import Primitives
+from simtune.simulation.rendering.primitives.drawing import Primitives
 from simtune.tasks import Task, before_one_camera, load_task
 from simtune.trajectory import Trajectory
 from simtune.vision.detector import DetectorConfig, KeypointDetector, detect, to_input

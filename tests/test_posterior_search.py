@@ -68,7 +68,7 @@ def test_the_detector_is_judged_in_worlds_as_near_the_real_one_as_its_start_tell
     monkeypatch, simulator, real, tiny
 ):
     search, std = start(simulator, tiny), np.full(len(SPACE), 0.02)
-    std[0] = 1.0  # nothing is known: drawn from all there is
+    std[0] = 1.0  # nothing is known: drawn from all that is searched
     known = PointEstimate(START, std)
     learning, searched = search._learning, search.distribution
     others = learning.hold_out(real, searched, Budget())
@@ -78,6 +78,8 @@ def test_the_detector_is_judged_in_worlds_as_near_the_real_one_as_its_start_tell
     assert (away[:, 1:] <= 0.05 + 1e-9).all()
     assert away[:, 1:].max() > 0.03
     assert away[:, 0].max() > 0.2
+    assert (near.parameters >= searched.low - 1e-9).all()
+    assert (near.parameters <= searched.high + 1e-9).all()
     roll_out = simulator.roll_out
     monkeypatch.setattr(simulator, "roll_out", lambda *given: roll_out(*given).only(slice(0)))
     assert learning.film_near(real, searched, known, others, Budget()) is others

@@ -15,7 +15,7 @@ from simtune.agents import Observation
 from simtune.algorithm import train
 from simtune.config import EvaluateConfig, RealConfig, TuneConfig
 from simtune.errors import InputError
-from simtune.evaluation.policy import evaluate
+from simtune.evaluation.evaluate import evaluate
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.rollout import Environment
 from simtune.experiment.training_experiment import (

@@ -28,8 +28,8 @@ from simtune.simulation import (
 )
 from simtune.simulation.rendering import opengl
 from simtune.simulation.rendering.depths import Depths
-from simtune.simulation.rendering.primitives import primitives
-from simtune.simulation.rendering.primitives.primitives import Primitives
+from simtune.simulation.rendering.primitives import drawing
+from simtune.simulation.rendering.primitives.drawing import Primitives
 from simtune.simulation.rendering.raycaster import Raycaster
 from simtune.simulation.rendering.sky import smooth_sky
 from simtune.tasks import TASKS, load_task
@@ -232,7 +232,7 @@ def mujoco_warps_own(monkeypatch, *args) -> Raycaster:
 @pytest.fixture
 def without_grids(monkeypatch):
     """mujoco_warp computes light at each pixel, also on flat faces, and adds highlights to it."""
-    monkeypatch.setattr(primitives, "_AS_OPENGL", False)
+    monkeypatch.setattr(drawing, "_AS_OPENGL", False)
 
 
 def assert_same_pictures(frames: np.ndarray, expected: np.ndarray) -> None:
@@ -612,7 +612,7 @@ def test_lamps_light_flat_faces_as_in_opengl(floor, extent):
     assert np.ptp(lit[lit > 0]) > 40  # the lamps are seen
     assert off() <= 1
     with pytest.MonkeyPatch.context() as patch:  # light at each pixel would be another
-        patch.setattr(primitives, "_AS_OPENGL", False)
+        patch.setattr(drawing, "_AS_OPENGL", False)
         assert off() > 10
 
 

@@ -25,7 +25,7 @@ from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig
 from simtune.errors import InputError
-from simtune.evaluation.policy import evaluate, load_trained
+from simtune.evaluation.evaluate import evaluate, load_trained
 from simtune.experiment.run import Run
 from simtune.experiment.schedule import Schedule, fast, paper
 from simtune.experiment.settings import Settings

@@ -15,7 +15,7 @@ from simtune.before_after.readings import Tuned, replay
 from simtune.budget import Budget
 from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
-from simtune.evaluation.policy import evaluate
+from simtune.evaluation.evaluate import evaluate
 from simtune.evaluation.replay import _late
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import Guess, OpenLoop, OutputError, OutputErrorFit, Readings, ReplayStage

@@ -8,10 +8,11 @@ import mujoco
 import numpy as np
 
 from simtune.cameras.lens import Lens
+from simtune.cameras.rectify import SHAPE
 from simtune.cameras.views import View
 from simtune.config import RecordConfig
 from simtune.errors import InputError
-from simtune.evaluation.policy import load_trained
+from simtune.evaluation.evaluate import load_trained
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment
 from simtune.observation import ObservationModel
@@ -112,9 +113,6 @@ def _check_columns(task: Task) -> None:
             )
 
 
-_SHAPE = 0.01  # of width over height: pictures that differ by more are not read through a lens
-
-
 def _aspect(config: RecordConfig, lens: Lens | None) -> float:
     """Width over height of what is filmed, an even number of pixels wide.
 
@@ -124,7 +122,7 @@ def _aspect(config: RecordConfig, lens: Lens | None) -> float:
     if lens is None:
         return (config.width or size) / size
     width = config.width or 2 * round(size * lens.width / lens.height / 2)
-    if abs(width / size - lens.width / lens.height) > _SHAPE:
+    if abs(width / size - lens.width / lens.height) > SHAPE:
         raise InputError(
             f"pictures of {width}×{size} pixels are of another shape than those that the tuning "
             f"file names, {lens.width}×{lens.height}; leave --width out, and give an --image-size "

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.evaluation.policy import load_trained
+from simtune.evaluation.evaluate import load_trained
 from simtune.simulation import scale_actions
 
 

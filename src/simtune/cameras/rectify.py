@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 from simtune.cameras.lens import Lens
 from simtune.errors import InputError
 
+SHAPE = 0.01  # of width over height, by which a lens's pictures may differ from its calibration
 _FEWEST_POINTS, _POINTS_PER_PIXEL = 2, 2  # per new pixel; per old one, along an axis
 
 
@@ -18,7 +19,7 @@ def rectify(picture: np.ndarray, lens: Lens, size: tuple[int, int]) -> np.ndarra
     Raises InputError for pictures of another shape than those of the calibration.
     """
     height, width = picture.shape[:2]
-    if abs(width / height - lens.width / lens.height) > 0.01:
+    if abs(width / height - lens.width / lens.height) > SHAPE:
         raise InputError(
             f"pictures of {width}×{height} pixels, the lens was calibrated with "
             f"{lens.width}×{lens.height}; give the calibration of these pictures"

@@ -65,7 +65,7 @@ def run(command: Any, say: Say) -> Done:
         case RecordConfig():
             return _record(command, say)
         case EvaluateConfig():
-            from simtune.evaluation.policy import evaluate
+            from simtune.evaluation.evaluate import evaluate
 
             return Done(evaluate(command))
         case ExportConfig():

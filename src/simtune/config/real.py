@@ -117,8 +117,7 @@ class RealConfig(RecordingsConfig):
             usual_without(self, "--real pseudo only", *own)
         if not self.start_factor >= 1:
             raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
-        if not re.fullmatch(
-            r"auto|cpu|cuda(:\d+)?", self.device
-        ):  # is it here? once torch is loaded
+        # Whether there is such a device shows once torch is loaded.
+        if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", self.device):
             raise InputError(f"--device must be auto, cpu, cuda or cuda:N, got {self.device}")
         check_seed(self.seed)

@@ -10,7 +10,7 @@ import numpy as np
 
 from simtune.columns import cut
 from simtune.experiment import outcome
-from simtune.experiment.before_after import write_before_after
+from simtune.experiment.comparison import write_before_after
 from simtune.experiment.experiment import Experiment
 from simtune.progress import ReportProgress, silent
 from simtune.report import write_report

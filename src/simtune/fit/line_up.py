@@ -22,7 +22,7 @@ _LOOKED_AT = 8  # steps, at one of which it is looked which keypoints something 
 _CLEARLY, _SURELY = 0.05, 1.5
 
 
-class FirstGuess(NamedTuple):
+class FollowedAll(NamedTuple):
     """By the particle filter, of all episodes."""
 
     states: np.ndarray  # (E, T + 1, nq + nv)
@@ -35,7 +35,7 @@ class LinedUp(NamedTuple):
     observed: Observed
     latency_steps: int  # delay of the actions
     offsets: np.ndarray  # (D,) of all encoders; (0,) if none is unknown
-    states: np.ndarray  # as in `FirstGuess`
+    states: np.ndarray  # as in `FollowedAll`
     start: PointEstimate
 
 
@@ -83,7 +83,7 @@ def _by_readings(
 
 def _follow(
     setup: FitSetup, observed: Observed, guessed: np.ndarray, fitted: slice, start: PointEstimate
-) -> FirstGuess:
+) -> FollowedAll:
     """Follow all episodes from (E, T + 1, nq + nv) first guesses at states.
 
     The parameters are estimated from the `fitted` episodes.
@@ -95,7 +95,7 @@ def _follow(
     estimates = followed.unit[fitted]
     unit[moving] = np.median(estimates, 0)
     std[moving] = std_of_mean(estimates, start.std[moving])
-    return FirstGuess(followed.states, PointEstimate(setup.space.from_unit(unit), std))
+    return FollowedAll(followed.states, PointEstimate(setup.space.from_unit(unit), std))
 
 
 def std_of_mean(estimates: np.ndarray, before: np.ndarray) -> np.ndarray:
@@ -114,7 +114,7 @@ def _find_latency(
     setup: FitSetup,
     observed: Observed,
     fitted: slice,
-    followed: FirstGuess,
+    followed: FollowedAll,
     latencies: Sequence[int],
 ) -> int:
     """The latency of the actions, in steps, with which the motion fits clearly best.

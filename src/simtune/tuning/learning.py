@@ -72,7 +72,8 @@ class Learning:
         it was half a pixel too far to the right and too high, and a rope came out 10 % too short.
         """
         space, unit = searched.space, searched.space.to_unit(start.parameters)
-        ends = (np.clip(unit + side * _NEAR * start.std, 0, 1) for side in (-1, 1))
+        learnt = space.to_unit(searched.low), space.to_unit(searched.high)  # by the detector
+        ends = (np.clip(unit + side * _NEAR * start.std, *learnt) for side in (-1, 1))
         near = searched.with_interval(start.parameters, *map(space.from_unit, ends))
         size = self.config.near_worlds, self.config.near_steps
         try:

@@ -49,7 +49,8 @@ def write_dataset(
     so a generator needs memory for one only. `task` describes the task in words, `crf` is x264's
     quality (less is better). All episodes share one mp4 per camera and one parquet file.
 
-    The folder is written completely or not at all: it is written beside its place, then moved.
+    The folder is written completely or not at all: it is written beside its place, then moved. Into
+    an empty folder its parts are moved one by one, and `meta`, without which it is none, last.
 
     Raises:
         InputError: the folder exists and is not empty, or the pictures have an odd side.
@@ -107,7 +108,7 @@ def _whole_or_not_at_all(folder: Path) -> Iterator[Path]:
     try:
         yield unfinished
         if folder.exists():  # filled, not replaced: it may be the one that the user's shell is in
-            for part in unfinished.iterdir():
+            for part in sorted(unfinished.iterdir(), key=lambda part: part.name == "meta"):
                 os.replace(part, folder / part.name)
         else:
             os.replace(unfinished, folder)

@@ -17,7 +17,7 @@ from simtune.parameters import ModelWriter, field_of
 from simtune.simulation.rendering import packing
 from simtune.simulation.rendering.appearance import LEAST_SHININESS
 from simtune.simulation.rendering.packing import packed
-from simtune.simulation.rendering.primitives.primitives import Primitives
+from simtune.simulation.rendering.primitives.drawing import Primitives
 from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.rendering.warp_model import put_model
 

@@ -58,7 +58,8 @@ def in_package(named: str, file: Path) -> Path | None:
     """What "package://NAME/FILE" in a `file`, an absolute path, means; None if it is not there.
 
     The package is a folder NAME that holds `file`, or is beside such a folder. In copies of its
-    files its upper folders are missing, so the last parts of FILE are looked for as well.
+    files its upper folders are missing, so the last parts of FILE are looked for as well, two or
+    more of them: a bare name may be another file's.
     """
     if not (words := _PACKAGE.fullmatch(named)):
         return None
@@ -66,6 +67,6 @@ def in_package(named: str, file: Path) -> Path | None:
     places = [folder / package / inner for folder in file.parents]
     places += [folder / inner for folder in file.parents if folder.name == package]
     places += [file.parent / inner, file.parent / inner.name]
-    parts = [Path(*inner.parts[i:]) for i in range(len(inner.parts))]
+    parts = [Path(*inner.parts[i:]) for i in range(len(inner.parts) - 1)]
     places += [folder / part for part in parts for folder in file.parents]
     return next((place for place in places if place.is_file()), None)

@@ -24,6 +24,8 @@ _PATHS = ("robot", "real_parameters")  # options that config.json stores as text
 def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[str, Any]:
     """Returns of the policy of a run that `train` wrote, in a simulated world; goals by name.
 
+    With `config.real`, how well those recordings are replayed instead: see `evaluate_replay`.
+
     Nothing is written. Raises InputError if there is no policy, or no world to score it in.
     """
     config.check()
