@@ -1,9 +1,8 @@
 """Which device computes and draws."""
 
-import re
-
 import torch
 
+from simtune.config.checks import check_device
 from simtune.errors import InputError
 
 _GPU_PIXELS = 2**23  # in pictures at once: some hundred MB for a detector
@@ -13,8 +12,7 @@ def choose_device(name: str) -> str:
     """What `--device NAME` stands for on this machine. Raises InputError if it is not available."""
     if name == "auto":
         return "cuda" if torch.cuda.is_available() and _can_draw("cuda") else "cpu"
-    if not re.fullmatch(r"cpu|cuda(:\d+)?", name):
-        raise InputError(f"--device must be auto, cpu, cuda or cuda:N, got {name}")
+    check_device(name)
     try:
         torch.empty(0, device=name)
     except (RuntimeError, AssertionError) as error:

@@ -1,4 +1,6 @@
-"""Checks of numbers for all commands."""
+"""Checks of options that several commands have."""
+
+import re
 
 from simtune.errors import InputError
 
@@ -24,6 +26,12 @@ def check_seed(seed: int) -> None:
     if not 0 <= seed < 2**63:
         bound = "not be negative" if seed < 0 else "be below 2^63"
         raise InputError(f"--seed must {bound}, got {seed}")
+
+
+def check_device(name: str) -> None:
+    """Raises InputError for a name that no device has. Whether it is here is not looked at."""
+    if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", name):
+        raise InputError(f"--device must be auto, cpu, cuda or cuda:N, got {name}")
 
 
 def flag(name: str) -> str:

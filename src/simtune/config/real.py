@@ -1,10 +1,9 @@
 """Options of commands that read recordings or use a real world."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from simtune.config.checks import check_seed, flag, usual_without
+from simtune.config.checks import check_device, check_seed, flag, usual_without
 from simtune.errors import InputError
 
 ROBOTS = ("xarm", "lerobot")
@@ -117,7 +116,5 @@ class RealConfig(RecordingsConfig):
             usual_without(self, "--real pseudo only", *own)
         if not self.start_factor >= 1:
             raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
-        # Whether there is such a device shows once torch is loaded.
-        if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", self.device):
-            raise InputError(f"--device must be auto, cpu, cuda or cuda:N, got {self.device}")
+        check_device(self.device)
         check_seed(self.seed)
