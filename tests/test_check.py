@@ -394,6 +394,15 @@ def test_rows_that_a_log_lacks_are_warned_of_in_one_line():
     assert said.startswith("swing2: no row between 3 and 9 s, the longest of 3 gaps: the action")
 
 
+@pytest.mark.parametrize(("ends_s", "is_warned_of"), [(0.9, False), (1.5, False), (4.0, True)])
+def test_a_video_that_goes_on_long_after_its_actions_may_have_another_clock(ends_s, is_warned_of):
+    facts = {"control_hz": 12.5, "cameras": [], "unused_s": {"swing1": [ends_s, 8.0]}}
+    said = warnings(pendulum(), facts, [np.eye(8, 2)], 1)
+    assert len(said) == is_warned_of
+    if is_warned_of:
+        assert said[0].startswith("swing1: the video goes on for 4 s after 8 s of actions")
+
+
 # --- the command --------------------------------------------------------------------------
 
 

@@ -124,6 +124,14 @@ def test_rows_that_say_when(tmp_path):
     assert_whole(open_dataset(tmp_path / "pairs", num_actions=3))
 
 
+def test_how_long_a_video_goes_on_after_its_actions_is_among_the_facts(tmp_path):
+    write_pair(tmp_path / "pairs", "swing", actions()[:-3], [t / FPS for t in range(NUM_STEPS - 3)])
+    dataset = open_dataset(tmp_path / "pairs", num_actions=3)
+    dataset.skim(0)
+    (unused,) = dataset.facts(1)["unused_s"].values()
+    assert unused == pytest.approx([3 / FPS, (NUM_STEPS - 3) / FPS])
+
+
 def test_a_frame_in_the_far_future_asks_for_no_memory(tmp_path):
     (tmp_path / "pairs").mkdir()
     times_s = [*(t / FPS for t in range(NUM_STEPS)), 1e5]

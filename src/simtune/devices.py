@@ -5,8 +5,6 @@ import torch
 from simtune.config.checks import check_device
 from simtune.errors import InputError
 
-_GPU_PIXELS = 2**23  # in pictures at once: some hundred MB for a detector
-
 
 def choose_device(name: str) -> str:
     """What `--device NAME` stands for on this machine. Raises InputError if it is not available."""
@@ -23,13 +21,6 @@ def choose_device(name: str) -> str:
             "give --device cpu"
         )
     return name
-
-
-def pictures_at_once(device: torch.device | str, height: int, width: int) -> int:
-    """How many are drawn, or looked at, together: what fits a CPU's cache, or fills a GPU."""
-    if torch.device(device).type == "cpu":
-        return 64
-    return max(16, min(1024, _GPU_PIXELS // (height * width)))
 
 
 def _can_draw(device: str) -> bool:

@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from simtune.agents.agent import AgentSpec
 from simtune.agents.pixel_networks import descend
-from simtune.devices import pictures_at_once
+from simtune.cameras.pictures import pictures_at_once
 from simtune.networks.cuda_graph import graphed, make_capturable, set_rate
 from simtune.networks.layers import Standardizer, mlp, predicting
 from simtune.vision.detector import DetectorConfig, KeypointDetector, to_input

@@ -1,8 +1,10 @@
-"""Resizing of pictures."""
+"""Pictures: resized, and how many at a time."""
 
 import functools
 
 import numpy as np
+
+_GPU_PIXELS = 2**23  # in pictures at once: some hundred MB for a detector
 
 
 def middle_square(frame: np.ndarray) -> np.ndarray:
@@ -52,3 +54,13 @@ def _area_taps(size: int, new_size: int, covered: float) -> list[tuple[np.ndarra
         weight = (overlap.clip(0) * (new_size / covered)).astype(np.float32)
         taps.append((pixel.clip(max=size - 1), weight))
     return taps
+
+
+def pictures_at_once(device: object, height: int, width: int) -> int:
+    """How many are drawn, or looked at, together: what fits a CPU's cache, or fills a GPU.
+
+    `device`: a torch.device, or its name.
+    """
+    if str(device).startswith("cpu"):
+        return 64
+    return max(16, min(1024, _GPU_PIXELS // (height * width)))

@@ -12,6 +12,7 @@ from simtune.trajectory import Trajectory
 from simtune.tuning.readings_fits import FEWEST_STEPS
 
 _LATE = 0.3  # of a step: the simulator films exactly at each step's end
+_SPARE_S, _SPARE = 1.0, 0.2  # of the actions' time: a camera usually stops that soon after them
 
 
 def warnings(
@@ -41,7 +42,7 @@ def warnings(
             "motion will seem to stand still and jump. If each video lasts as long as its actions, "
             "take a smaller --control-hz"
         )
-    found += _of_gaps(facts.get("gaps", {}))
+    found += _of_gaps(facts.get("gaps", {})) + _of_clocks(facts.get("unused_s", {}))
     if search == "posterior":
         lengths = [len(actions) for actions in recorded[:num_replayed]]
         found += _of_lengths(lengths, are_filmed=bool(facts["cameras"]))
@@ -71,6 +72,19 @@ def _of_gaps(gaps: Mapping[str, Sequence[tuple[float, float]]]) -> list[str]:
     return [
         f"{name}: no row between {start:.4g} and {end:.4g} s{of_several}: the action before is "
         "held; was the log cut?"
+    ]
+
+
+def _of_clocks(unused: Mapping[str, tuple[float, float]]) -> list[str]:
+    """On videos that go on after the last action, {episode: (for how long, its length)} in s."""
+    long = [(ends_s, lasts_s, name) for name, (ends_s, lasts_s) in unused.items()]
+    long = [one for one in long if one[0] > max(_SPARE_S, _SPARE * one[1])]
+    if not long:
+        return []
+    ends_s, lasts_s, name = max(long)
+    return [
+        f"{name}: the video goes on for {ends_s:.3g} s after {lasts_s:.3g} s of actions, and is "
+        "not used there; are the times in the table counted from the video's first frame?"
     ]
 
 

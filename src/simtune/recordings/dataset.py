@@ -141,6 +141,11 @@ class Dataset:
                 for name, its in zip(self.episodes, seen, strict=False)
                 if its.gaps_s
             },
+            "unused_s": {
+                name: [its.unused_s, its.num_steps * self.step_s]
+                for name, its in zip(self.episodes, seen, strict=False)
+                if its.unused_s
+            },
             "readings": {
                 sensor: [reading.full_name for reading in readings]
                 for sensor, readings in self._sensors.items()
@@ -194,4 +199,5 @@ class Dataset:
             highest=steps.actions.max(0),
             pictures=pictures,
             gaps_s=steps.gaps_s,
+            unused_s=steps.unused_s,
         )

@@ -22,6 +22,7 @@ class Seen:
     highest: np.ndarray  # (A,) actions
     pictures: Sequence[SeenPictures]  # of each camera; empty if no pictures were read
     gaps_s: Sequence[tuple[float, float]]  # start and end of each, see `find_gaps`
+    unused_s: float  # for which the pictures go on after the last action
 
 
 def action_ranges(seen: Sequence[Seen], names: Sequence[str]) -> dict[str, list[float]]:

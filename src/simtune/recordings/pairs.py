@@ -75,9 +75,9 @@ class PairsSource:
             )
         table, lines = read_rows(path, len(header))
         measured = table[:, [is_reading(name) for name in header]]
-        times_s, until_s = self._times(episode, table, lines)
+        times_s, until_s, unused_s = self._times(episode, table, lines)
         found = gather(readings, len(table), lambda _: measured)
-        return Rows(table[:, self._actions], times_s, until_s, found, lines)
+        return Rows(table[:, self._actions], times_s, until_s, found, lines, unused_s)
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
         path = self._video(episode)
@@ -119,8 +119,13 @@ class PairsSource:
             raise InputError(f"{where}: its rows come {fps:g} times a second; in seconds?")
         return fps
 
-    def _times(self, episode: int, table: np.ndarray, lines: Lines) -> tuple[np.ndarray, float]:
-        """(T,) start times of an episode's rows, and its end, seconds since the first frame."""
+    def _times(
+        self, episode: int, table: np.ndarray, lines: Lines
+    ) -> tuple[np.ndarray, float, float]:
+        """(T,) start times of an episode's rows, its end, and how long the video goes on then.
+
+        In seconds, since the first frame.
+        """
         if self._is_timed:
             is_told = [is_time(name) for name in self._header]
             return self._told_times(episode, table[:, is_told], lines)
@@ -131,11 +136,11 @@ class PairsSource:
                 f"{len(seen_s)} frames; expected a row a frame (the last may be missing), or a "
                 "column 'time'; is the video whole?"
             )
-        return seen_s[: len(table)], float(seen_s[-1])
+        return seen_s[: len(table)], float(seen_s[-1]), 0.0
 
     def _told_times(
         self, episode: int, column: np.ndarray, lines: Lines
-    ) -> tuple[np.ndarray, float]:
+    ) -> tuple[np.ndarray, float, float]:
         """Like `_times`, from the table's own column of times."""
         path, times_s = self._table(episode), column[:, 0]
         if (row := first_wrong(~(np.diff(times_s, prepend=-1e-9) > 0))) is not None:
@@ -144,7 +149,7 @@ class PairsSource:
                 f"got {times_s[row]:g}"
             )
         if self.camera is None:
-            return times_s, float(times_s[-1])
+            return times_s, float(times_s[-1]), 0.0
         step_s, seen_s = typical_step_s(times_s), video.frame_times(self._video(episode))
         spare_s = max(step_s, typical_step_s(seen_s)) if len(seen_s) > 1 else step_s
         if times_s[-1] > seen_s[-1] + 1.02 * spare_s:
@@ -153,7 +158,8 @@ class PairsSource:
                 f"{seen_s[-1]:g} s; expected seconds since the video's first frame; is the video "
                 "whole?"
             )
-        return times_s, min(float(seen_s[-1]), float(times_s[-1]) + step_s)
+        ends_s, until_s = float(seen_s[-1]), float(times_s[-1]) + step_s
+        return times_s, min(ends_s, until_s), max(0.0, ends_s - until_s)
 
 
 def _by_name(paths: Iterable[Path]) -> dict[str, Path]:

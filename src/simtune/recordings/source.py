@@ -48,6 +48,7 @@ class Rows:
     # (T, D) float64, NaN if missing; no rows if no readings were requested
     readings: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     lines: Lines | None = None  # None: not read from a text file
+    unused_s: float = 0.0  # for which the pictures go on after the last action
 
     def __len__(self) -> int:
         return len(self.actions)

@@ -21,6 +21,7 @@ class Steps:
     actions: np.ndarray  # (K, A) float32
     readings: Mapping[str, np.ndarray]  # {sensor: (K + 1, D) float64}
     gaps_s: Sequence[tuple[float, float]]  # in which an action is held since rows are missing
+    unused_s: float  # for which the pictures go on after the last action
 
 
 def make_steps(
@@ -52,7 +53,8 @@ def make_steps(
         )
     actions = step_actions(rows, times_s).astype(np.float32)
     gaps_s = find_gaps(rows.times_s) if actions.shape[1] else []
-    return Steps(times_s, actions, _by_sensor(where, rows, times_s, sensors), gaps_s)
+    readings = _by_sensor(where, rows, times_s, sensors)
+    return Steps(times_s, actions, readings, gaps_s, rows.unused_s)
 
 
 def _without_last(rows: Rows) -> Rows:

@@ -13,7 +13,7 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from simtune.devices import pictures_at_once
+from simtune.cameras.pictures import pictures_at_once
 from simtune.networks.layers import autocast, mlp
 
 _CPU = torch.device("cpu")

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import warp
 
-from simtune.devices import pictures_at_once
+from simtune.cameras.pictures import pictures_at_once
 from simtune.parameters import ParameterSpace
 from simtune.simulation.rendering import packing
 from simtune.simulation.rendering.appearance import as_opengl_reads
