@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import torch
@@ -19,7 +20,7 @@ from simtune.agents.teacher import TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
 from simtune.algorithm import train
 from simtune.before_after.videos import StartSearchConfig
-from simtune.config import TrainConfig
+from simtune.config import UNTUNED, TrainConfig
 from simtune.experiment.schedule import SCHEDULES, Schedule, fast
 from simtune.experiment.settings import Settings
 from simtune.search_param_model.paper import PaperConfig
@@ -70,11 +71,13 @@ def short_episodes() -> Iterator[None]:
 
 
 def config_of(out: Path, rounds: int = 4, **changes) -> TrainConfig:
-    steps = rounds * WORLDS * STEPS
-    config = TrainConfig(
-        task="cartpole", out=out, policy_steps=steps, real_episodes=2, scored_episodes=2
-    )
-    return replace(config, **changes)
+    """With few episodes, as far as the method and the real world use any."""
+    asked: dict[str, Any] = {"task": "cartpole", "policy_steps": rounds * WORLDS * STEPS}
+    if changes.get("method") not in UNTUNED:
+        asked["real_episodes"] = 2
+    if changes.get("real", "pseudo") == "pseudo":
+        asked["scored_episodes"] = 2
+    return TrainConfig(out=out, **asked | changes)
 
 
 def by_few_windows(config: TrainConfig) -> Settings:

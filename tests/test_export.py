@@ -315,6 +315,20 @@ def test_a_model_named_by_an_absolute_path_is_read_there_and_said_when_it_has_ch
         export(ExportConfig(run_folder=run, out=tmp_path / "again"))
 
 
+@pytest.mark.parametrize("change", ["built in", "kept", "gone"])
+def test_a_task_that_other_versions_read_otherwise_names_them(scene, change, tmp_path):
+    source = "cartpole" if change == "built in" else str(scene)
+    run, _ = a_run(tmp_path / "run", source)
+    stored = json.loads((run / "config.json").read_text())
+    stored["sources"] = keep_sources(run, load_task(source).files)
+    stored["config"]["task_content"] = "4f"
+    write_json(run / "config.json", stored)
+    if change == "gone":
+        scene.unlink()
+    with pytest.raises(InputError, match=rf"^{source} is read .* \(mujoco 3 → \S+\): go back to"):
+        export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+
+
 def test_the_physics_steps_are_those_of_the_run(tmp_path):
     run, _ = a_run(tmp_path / "run", "cartpole", step_s=0.025)  # of a camera at 40 frames/s
     out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))

@@ -5,6 +5,7 @@ import json
 import math
 import os
 import shutil
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
@@ -168,6 +169,32 @@ def test_a_run_keeps_its_sources_and_says_which_of_them_differ_wherever_they_lie
     (home / "parts/link.obj").write_text("parts/link.obj")
     with pytest.raises(InputError, match=r"with another content of the task, as this version of"):
         check_asked(path, asked | {"task_content": "5a"})
+
+
+@pytest.mark.parametrize(
+    ("asked", "new"), [({"search": "posterior"}, "image_size"), ({"method": "dr"}, "drop_far")]
+)
+def test_an_option_that_a_runs_version_did_not_have_counts_as_its_default(path, asked, new):
+    default = {"image_size": None, "drop_far": False}[new]
+    _create(path, **asked).close()
+    _create(path, **asked, **{new: default}).close()
+    _write_stored(path, lambda stored: stored["config"].pop(new))
+    with pytest.raises(InputError, match=f"holds a run with {new} = {default}, now = 32: give"):
+        _create(path, **asked, **{new: 32})
+
+
+def test_a_task_that_other_versions_read_otherwise_names_them(path):
+    asked = {"task": "cartpole", "task_content": "4f"}
+    _create(path, **asked).close()
+    _write_stored(path, lambda stored: stored["versions"].update(mujoco="3.0.0"))
+    with pytest.raises(InputError, match=r"or MuJoCo reads it \(mujoco 3.0.0 → [\d.]+\): give"):
+        _create(path, **asked | {"task_content": "5a"})
+
+
+def _write_stored(path: Path, change: Callable[[dict], object]) -> None:
+    stored = read_json(path / "config.json")
+    change(stored)
+    write_json(path / "config.json", stored)
 
 
 def test_a_run_killed_as_it_copied_its_sources_can_begin_anew(path, tmp_path):

@@ -181,6 +181,11 @@ def test_the_docs_own_grid_is_one(tmp_path):
         ),
         ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nseed = -1', "--seed must not be negative"),
         (
+            '[[runs]]\ncommand = "train"\ntask = "cartpole"\nmethod = ["autotune", "dr"]\n'
+            "real_episodes = 2",
+            "grid.toml:1: --real-episodes goes with --method autotune or regression",
+        ),
+        (
             '[[runs]]\ncommand = "train"\ntask = "cartpole"\nmethod = "rd"',
             "dr, untuned or oracle, got 'rd'",
         ),

@@ -25,11 +25,11 @@ from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig
 from simtune.errors import InputError
-from simtune.evaluation.evaluate import evaluate, load_trained
+from simtune.evaluation.evaluate import _check_unchanged, evaluate, load_trained
 from simtune.experiment.run import Run
 from simtune.experiment.schedule import Schedule, fast, paper
 from simtune.experiment.settings import Settings
-from simtune.experiment.training_experiment import build_training
+from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.randomization import Distribution
 from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
@@ -356,30 +356,28 @@ def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick):
 
 @pytest.mark.thorough
 def test_training_ranges_are_those_asked_for(tmp_path, quick):
-    ranges = {"range_policy": 0.02, "range_dr": 0.3}
-
     def training(**changes) -> Training:
         usual = dataclasses.replace(quick, search=None)
-        experiment = build_training(config_of(tmp_path, **ranges, **changes), settings=usual)
+        experiment = build_training(config_of(tmp_path, **changes), settings=usual)
         run = SimpleNamespace(estimate=unsure(experiment.search.distribution, "weak"))
         training = Training(experiment, run=run)
         training.num_filmings = 1
         return training
 
     of_methods = (
-        ("dr", 0.5, 0.3),
-        ("untuned", 0.5, 0.0),
-        ("oracle", 1, 0.0),
-        ("autotune", 0.5, 0.02),
+        ("dr", 0.5, 0.3, {"range_dr": 0.3}),
+        ("untuned", 0.5, 0.0, {}),
+        ("oracle", 1, 0.0, {}),
+        ("autotune", 0.5, 0.02, {"range_policy": 0.02}),
     )
-    for method, around, half in of_methods:
-        found = training(method=method)
+    for method, around, half, ranges in of_methods:
+        found = training(method=method, **ranges)
         mean = SPACE.nominal if around == 1 else found.experiment.start
         assert (np.abs(mean / SPACE.nominal - 1) > 0.2).any() == (around != 1)
         distribution = found.distribution_policy
         np.testing.assert_allclose(distribution.low, SPACE.clip((1 - half) * mean))
         np.testing.assert_allclose(distribution.high, SPACE.clip((1 + half) * mean))
-    pretraining = training(method="autotune")
+    pretraining = training(method="autotune", pretrain_steps=STEPS, range_dr=0.3)
     pretraining.num_filmings = 0
     start = pretraining.experiment.start
     np.testing.assert_allclose(pretraining.distribution_policy.low, SPACE.clip(0.7 * start))
@@ -443,6 +441,16 @@ def test_a_policy_that_begins_to_learn_too_late_gives_a_warning(tmp_path, quick)
         ({"method": "dr", "search": "paper"}, "--search goes with --method autotune only"),
         ({"method": "dr", "step_size": 0.3}, "--step-size goes with --search paper or"),
         ({"window": 5}, "--window goes with --search paper or --method regression"),
+        ({"method": "dr", "real_episodes": 3}, "--real-episodes goes with --method autotune or re"),
+        ({"method": "oracle", "tried_episodes": 0}, "--tried-episodes goes with --method autotune"),
+        ({"method": "untuned", "drop_far": True}, "--drop-far goes with --method autotune or regr"),
+        ({"method": "dr", "range_policy": 0.2}, "--range-policy goes with --method autotune or r"),
+        ({"method": "oracle", "range_dr": 0.2}, "--range-dr goes with --method dr or --pretrain-"),
+        ({"range_dr": 0.2}, "--range-dr goes with --method dr or --pretrain-steps"),
+        ({"real": "film", "scored_episodes": 5}, "--scored-episodes goes with --real pseudo only"),
+        ({"real": "film", "tried_episodes": 1}, "--tried-episodes goes with --real pseudo or a ro"),
+        ({"method": "dr", "known_colour": "pole"}, "--known-colour .* --search posterior, got dr"),
+        ({"preset": "paper", "known_colour": "pole"}, "--known-colour .* posterior, got paper"),
         ({"device": "cuda:99"}, "--device cuda:99 cannot be used here"),
         ({"task": "cartpol"}, "did you mean 'cartpole'"),
         ({"method": "regression", "window": 250}, "--window must be at most an episode's"),
@@ -500,6 +508,14 @@ def test_a_real_world_with_changed_parameters_is_refused(tmp_path, quick):
     next((config.out / "sources").rglob("real.json")).write_text('{"body_r": 0.8}')
     with pytest.raises(InputError, match="has other values now"):
         evaluate(EvaluateConfig(run_folder=config.out, episodes=2), settings=quick)
+
+
+def test_a_task_that_other_versions_read_otherwise_names_them(tmp_path):
+    task = SimpleNamespace(content_hash="5a", policy_hash=None)
+    config = {"task": "cartpole", "task_content": "4f", "policy_content": None}
+    stored = {"config": config, "versions": {"mujoco": "3.0.0"}}
+    with pytest.raises(InputError, match=r"^cartpole is read .* \(mujoco 3.0.0 → \S+\): go "):
+        _check_unchanged(SimpleNamespace(truth=None, task=task), stored, tmp_path)
 
 
 # --- killed and resumed -------------------------------------------------------------------
@@ -565,6 +581,7 @@ def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quic
     train(config_of(out, real_gap=True), settings=settings)
     stored = read_json(out / "config.json")
     stored["config"] |= {"real": "xarm", "robot": "gone.toml", "truth": None, "real_gap": False}
+    del stored["config"]["drop_far"]  # as if the run's version had not had it
     (out / "config.json").write_text(json.dumps(stored))
     trained = load_trained(out, settings=settings)
     assert trained.agent.can_act
@@ -573,7 +590,12 @@ def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quic
     assert trained.truth is None
     _, state = load(newest(out / "checkpoints"))
     found = Estimate.from_json(state["estimate"])
-    assert trained.late_steps == max(0, round(found.late_steps(TASK.step_s)))
+    late = found.late_steps(TASK.step_s)
+    assert trained.late_steps == max(0, round(late))
+    with monkeypatch.context() as patch:
+        patch.setattr(TrainingExperiment, "declared_late_steps", 1.0)  # by the camera's latency_s
+        later = load_trained(out, settings=settings)
+    assert later.late_steps == min(max(0, round(late + 1)), later.environment.most_late)
     with pytest.raises(InputError, match="is of the real world, where no return is known"):
         evaluate(EvaluateConfig(run_folder=out), settings=settings)
     (tmp_path / "world.json").write_text("{}")

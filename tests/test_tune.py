@@ -6,6 +6,7 @@ import math
 import shutil
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -383,6 +384,23 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
             assert (note in caplog.text) == (budget == minutes)
 
 
+@pytest.mark.parametrize(("real", "counted_s"), [("lerobot", 0), ("pseudo", 300), ("film", 300)])
+def test_what_a_robot_takes_to_film_is_no_part_of_the_budget(
+    real, counted_s, tmp_path, monkeypatch
+):
+    def build(*_) -> SimpleNamespace:
+        now_s[0] += 300.0  # to film, or to read recordings
+        search = SimpleNamespace(measure_time=lambda real: Needed(0.0, 0.0))
+        return SimpleNamespace(search=search, recordings=[], warnings=lambda recordings: [])
+
+    now_s, at_the_end_s = [0.0], 30.0
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr(tuning_run, "build_experiment", build)
+    config = config_of(tmp_path / "run", real=real, budget_minutes=0.1)
+    with pytest.raises(InputError, match=f"about {counted_s + at_the_end_s:.0f} s beside"):
+        tune(config)
+
+
 def test_a_time_too_short_for_a_search_that_cannot_tell_names_no_round():
     tuning_run._refuse_if_too_short(0.4, 20.0, Needed(0.0, 0.0))
     with pytest.raises(InputError) as refused:
@@ -402,6 +420,19 @@ def test_precision_is_a_percentage_that_the_search_gets(tmp_path, asked, share):
     search = choose_search_settings(config, "posterior", TASK, [])
     assert isinstance(search, PosteriorSearchConfig)
     assert search.precision == pytest.approx(share)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"search": "paper", "precision": "5%"}, "--precision goes with --search posterior"),
+        ({"search": "regression", "known_colour": "pole"}, "posterior, got regression"),
+        ({"observe": "joints", "image_size": 128}, "--image-size goes with pictures, and --obs"),
+    ],
+)
+def test_an_option_that_would_be_ignored_is_refused(changes, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        config_of(tmp_path, **changes).check()
 
 
 @pytest.mark.thorough
@@ -569,6 +600,16 @@ def test_estimates_survive_json():
     np.testing.assert_array_equal(back.correlation, known.correlation)
     for got, expected in zip(back.curves["pole_mass"], curves["pole_mass"], strict=True):
         np.testing.assert_array_equal(got, expected)
+
+
+def test_an_estimate_of_another_version_names_both_versions():
+    saved = Estimate(*np.zeros((3, 2)), ["weak", "weak"]).to_json()
+    with pytest.raises(InputError, match=r"simtune 9\.1, and simtune \S+ has other .* \(shape\)"):
+        Estimate.from_json(saved | {"simtune": "9.1", "shape": 1})
+    for name in ("verdict", "simtune"):
+        del saved[name]
+    with pytest.raises(InputError, match=r"simtune \(an older version\), .* \(verdict\): go on"):
+        Estimate.from_json(saved)
 
 
 @pytest.mark.thorough

@@ -21,6 +21,15 @@ def usual_without(config: object, what: str, *names: str) -> None:
             raise InputError(f"{flag(name)} goes with {what}")
 
 
+def check_known_colour(asked: str | None, search: str) -> None:
+    """Raises InputError if a known colour is `asked` for, and the search does not look for it.
+
+    `search`: its name, or what is done in its place.
+    """
+    if asked is not None and search != "posterior":
+        raise InputError(f"--known-colour goes with --search posterior, got {search}")
+
+
 def check_seed(seed: int) -> None:
     """Raises InputError for a seed that random number generators do not accept."""
     if not 0 <= seed < 2**63:

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from simtune.config.checks import at_least, check_seed, flag, usual_without
+from simtune.config.checks import at_least, check_known_colour, check_seed, flag, usual_without
 from simtune.config.prints import Prints
-from simtune.config.real import Observes, RealConfig
+from simtune.config.real import NO_RECORDINGS, Observes, RealConfig
 from simtune.errors import InputError
 
 Method = Literal["autotune", "regression", "dr", "untuned", "oracle"]
@@ -86,9 +86,25 @@ class TrainConfig(Prints, Observes, RealConfig):
             raise InputError("--observe goes with --method autotune or regression")
         if self.search and self.method != "autotune":
             raise InputError("--search goes with --method autotune only")
-        if self.method != "regression" and self.search != "paper":
+        self._check_ignored()
+
+    def _check_ignored(self) -> None:
+        """Raises InputError for options that the method, its search or the real world ignore."""
+        search = self.search or ("paper" if self.preset == "paper" else "posterior")
+        search = search if self.method == "autotune" else self.method
+        if search not in ("paper", "regression"):
             own = ("range_spm", "step_size", "window")
             usual_without(self, "--search paper or --method regression", *own)
+        check_known_colour(self.known_colour, search)
+        if self.method in UNTUNED:
+            own = ("real_episodes", "tried_episodes", "range_policy", "drop_far")
+            usual_without(self, "--method autotune or regression", *own)
+        if self.method != "dr" and not self.pretrain_steps:
+            usual_without(self, "--method dr or --pretrain-steps", "range_dr")
+        if self.real != "pseudo":
+            usual_without(self, "--real pseudo only", "scored_episodes")
+        if self.real not in NO_RECORDINGS:
+            usual_without(self, "--real pseudo or a robot", "tried_episodes")
 
 
 @dataclass(frozen=True, kw_only=True)

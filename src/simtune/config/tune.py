@@ -7,7 +7,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from simtune.config.camera_pose import CameraPoseOptions
-from simtune.config.checks import at_least, check_seed
+from simtune.config.checks import at_least, check_known_colour, check_seed, usual_without
 from simtune.config.prints import Prints
 from simtune.config.real import NO_RECORDINGS, ObservesSized, RealConfig, RecordingsConfig
 from simtune.errors import InputError
@@ -33,7 +33,8 @@ class TuneConfig(Prints, ObservesSized, RealConfig):
     """posterior: by survival curves; paper: by small steps up or down; regression: the paper's
     baseline."""
     budget_minutes: float = 8.0
-    """Maximum wall time, give or take seconds; the run ends earlier if the precision is reached."""
+    """Maximum wall time, give or take seconds; the run ends earlier if the precision is reached.
+    What a robot takes to film is not counted."""
     precision: str = "1%"
     """A percentage: stop once half of every 90 % interval is at most this share of the estimate. 0%
     uses all of the time."""
@@ -53,10 +54,13 @@ class TuneConfig(Prints, ObservesSized, RealConfig):
         at_least(self, 1, "real_episodes")
         if not self.budget_minutes > 0:
             raise InputError(f"--budget-minutes must be above 0, got {self.budget_minutes:g}")
-        if self.known_colour is not None and self.search != "posterior":
-            raise InputError(f"--known-colour goes with --search posterior, got {self.search}")
+        check_known_colour(self.known_colour, self.search)
         if not 0 <= self.relative_precision < 1:
             raise InputError(f"--precision must be a percentage such as 1%, got {self.precision}")
+        if self.search != "posterior":
+            usual_without(self, "--search posterior", "precision")
+        if self.observed == ("joints",):
+            usual_without(self, "pictures, and --observe joints looks at none", "image_size")
 
 
 @dataclass(frozen=True, kw_only=True)

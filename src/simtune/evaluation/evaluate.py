@@ -12,8 +12,8 @@ from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.real.choose import read_parameters
 from simtune.run import checkpoint
-from simtune.run.config import stored_config
-from simtune.run.sources import source_of
+from simtune.run.config import option_defaults, stored_config
+from simtune.run.sources import other_readers, source_of
 from simtune.tuning.estimate import Estimate
 
 _OPTIONS = [field.name for field in fields(TrainConfig)]
@@ -66,11 +66,11 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
     options |= {name: Path(options[name]) for name in _PATHS if options[name] is not None}
     options |= {"out": run_folder, "device": "auto"}  # its present folder, this machine
     trained = build_training(TrainConfig(**options), settings=settings, trained=state)
-    _check_unchanged(trained, run_config, run_folder)
+    _check_unchanged(trained, stored, run_folder)
     trained.load_agent(tensors, state)
     if run_config["real"] != "pseudo":
         found = Estimate.from_json(state["estimate"])
-        late = round(found.late_steps(trained.real.step_s))
+        late = round(found.late_steps(trained.real.step_s) + trained.declared_late_steps)
         trained = replace(trained, found_late=min(max(0, late), trained.environment.most_late))
     if not trained.agent.can_act:
         raise InputError(
@@ -80,10 +80,9 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
     return trained
 
 
-def _check_unchanged(
-    trained: TrainingExperiment, run_config: dict[str, Any], run_folder: Path
-) -> None:
+def _check_unchanged(trained: TrainingExperiment, stored: dict[str, Any], run_folder: Path) -> None:
     """Raises InputError if names in a run's options refer to something else now."""
+    run_config = stored["config"]
     if trained.truth is not None and trained.truth.digest != run_config["truth"]:
         raise InputError(
             f"--real-parameters {run_config['real_parameters']}, by which {run_folder} was made, "
@@ -91,20 +90,30 @@ def _check_unchanged(
         )
     task = trained.task
     now = {"task_content": task.content_hash, "policy_content": task.policy_hash}
-    if any(run_config[name] != content for name, content in now.items()):
+    if all(run_config[name] == content for name, content in now.items()):
+        return
+    source = run_config["task"]
+    if readers := other_readers(run_folder, stored):
         raise InputError(
-            f"{run_config['task']}, its model, or what is good there, is not what {run_folder} was "
-            "trained with: bring it back, or train anew"
+            f"{source} is read otherwise than when {run_folder} was trained ({readers}): go back "
+            "to the former versions, or train anew"
         )
+    raise InputError(
+        f"{source}, its model, or what is good there, is not what {run_folder} was trained with: "
+        "bring it back, or train anew"
+    )
 
 
 def _stored(run_folder: Path) -> dict[str, Any]:
-    """config.json of a training. Raises InputError if there is none."""
+    """config.json of a training, with defaults of options that its version did not have.
+
+    Raises InputError if there is none.
+    """
     is_run = (run_folder / "config.json").is_file()
     stored = stored_config(run_folder) if is_run else None
-    if stored is None or not set(_OPTIONS) <= stored["config"].keys():
+    if stored is None or not {"task", "method"} <= stored["config"].keys():
         raise InputError(
             f"{run_folder} is no folder that `simtune train` wrote; one of `simtune tune` with "
             "joint readings needs --real DIR"
         )
-    return stored
+    return stored | {"config": option_defaults(TrainConfig) | stored["config"]}

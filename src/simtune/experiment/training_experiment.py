@@ -23,7 +23,7 @@ from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
 from simtune.replay import Replay
 from simtune.simulation import Simulator
-from simtune.tasks import Task, before_one_camera, load_task, need_reward, with_known_colours
+from simtune.tasks import Task, check_reward, load_task, with_known_colours, with_one_square_camera
 from simtune.tuning import FixedRange
 from simtune.tuning.readings_fits import most_delayed
 from simtune.vision.keypoints import Keypoints
@@ -72,23 +72,26 @@ class TrainingExperiment(Experiment):
         scores = dict(zip(self.task.goals, played.reached.T, strict=True))
         return {"return": played.rewards.sum(1), **scores}, played.frames[0]
 
+    @property
+    def declared_late_steps(self) -> float:
+        """Steps by which a policy sees pictures late, as the tuning file declares."""
+        return _declared_late_s(self) / self.real.step_s
+
     def delay_steps(self, estimated: float | None, rng: np.random.Generator) -> int:
         """Delay of actions in simulated episodes: about `estimated` steps, or random if None.
 
         1.3 steps are two in 30 % of the calls, and else one. An oracle knows the reality gap's; a
-        simulator as it starts has none, and one with a parameter for the delay no other.
+        simulator as it starts has none, and one with a parameter for the delay no other. A camera's
+        declared lateness comes on top: searches see pictures that are put in time.
         """
-        if self.config.method == "untuned":
-            return 0
+        most_late, late = self.environment.most_late, self.declared_late_steps
         if self.config.method == "oracle" and self.scored_in.gap:
             return self.scored_in.gap.delay_steps
-        if self.space.is_delay.any() or not self.environment.most_late:
-            return 0
-        any_number = int(rng.integers(self.real.observation.max_latency_steps + 1))
-        if estimated is None:
-            return any_number
-        whole, part = divmod(max(0.0, estimated), 1)
-        return min(int(whole) + int(rng.random() < part), self.environment.most_late)
+        if self.config.method != "untuned" and most_late and not self.space.is_delay.any():
+            any_number = int(rng.integers(self.real.observation.max_latency_steps + 1))
+            late += any_number if estimated is None else estimated
+        whole, part = divmod(max(0.0, late), 1)
+        return min(int(whole) + int(part > 0 and rng.random() < part), most_late)
 
     def policy_warnings(self, num_skipped: int) -> list[str]:
         """Possible problems of the policy, which was too late for `num_skipped` real trials."""
@@ -127,10 +130,11 @@ def build_training(
     `trained`: state of a checkpoint whose agent is loaded, without resuming: no robot is used then,
     and no recording read. Raises InputError for invalid input.
     """
-    config.check()
-    task = before_one_camera(with_known_colours(load_task(config.task), config.known_colour))
+    if trained is None:  # what an earlier version took, and ignored, may be refused now
+        config.check()
+    task = with_one_square_camera(with_known_colours(load_task(config.task), config.known_colour))
     device, settings = choose_device(config.device), settings or Settings()
-    need_reward(task)
+    check_reward(task)
     name = choose_search(config)
     schedule = settings.schedule or choose_schedule(config, task, name)
     report("looking at the real world", 0.0)
@@ -180,14 +184,29 @@ def _environments(
 
 
 def _most_late(problem: TuningProblem) -> int:
-    """Steps by which actions may be late: by a parameter, or as a search may find them to be."""
+    """Steps by which actions may be late: by a parameter, or as a search may find them to be.
+
+    And by what a camera declares.
+    """
     seen, step_s, space = problem.real.observation, problem.simulator.step_s, problem.space
+    declared = math.ceil(_declared_late_s(problem) / step_s - _ROUNDED)
     if space.is_delay.any():
-        return math.ceil(space.high[space.is_delay].max() / step_s - _ROUNDED)
+        return declared + math.ceil(space.high[space.is_delay].max() / step_s - _ROUNDED)
     if not seen.max_latency_steps:
-        return 0
+        return declared
     by_readings = most_delayed(step_s) if seen.sensors else 0
-    return by_readings + seen.max_latency_steps
+    return declared + by_readings + seen.max_latency_steps
+
+
+def _declared_late_s(problem: TuningProblem) -> float:
+    """Seconds by which pictures come late to a policy, as the camera's `latency_s` says.
+
+    A pseudo-real world has no such camera: its pictures are in time, and a policy that was trained
+    for late ones would be scored in another world.
+    """
+    if problem.config.real == "pseudo":
+        return 0.0
+    return sum(camera.footage.latency_s for camera in problem.real.observation.cameras)
 
 
 def _fixed_range(config: TrainConfig, problem: TuningProblem) -> FixedRange:

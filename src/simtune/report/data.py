@@ -13,7 +13,7 @@ from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.folder import POSTERIOR
-from simtune.run.sources import changed_sources, source_of
+from simtune.run.sources import changed_sources, other_readers, source_of
 from simtune.tasks import AnyTask, load_any_task
 from simtune.validate import is_number
 
@@ -58,25 +58,32 @@ class RunData:
     def load_task(self) -> AnyTask:
         """The tuned task, from the copies that the run keeps, or else from the original files.
 
-        Raises InputError if both are gone or have changed.
+        Raises InputError if both are gone or have changed, or other versions read them otherwise.
         """
         source = self.config["task"]
         kept = source_of(self.path, self.stored, source)
         with suppress(InputError):  # e.g. a file that it names by an absolute path is gone
             if self._is_mine(task := load_any_task(kept)):
                 return task
-        if source.endswith(".toml") and not Path(source).exists():
+        files = changed_sources(self.path, self.stored, source)
+        readers = "" if files else other_readers(self.path, self.stored)
+        is_gone = source.endswith(".toml") and not Path(source).exists()
+        if is_gone and not readers:
             raise InputError(
                 f"{self.path} was made with {source}, which is not there: bring it back, or tune "
                 "anew"
             )
-        if not self._is_mine(task := load_any_task(source)):
-            files = changed_sources(self.path, self.stored, source) or [source, "its model"]
+        if not is_gone and self._is_mine(task := load_any_task(source)):
+            return task
+        if readers:
             raise InputError(
-                f"{' or '.join(files)} is not what {self.path} was made with: "
-                "bring it back, or tune anew"
+                f"{source} is read otherwise than when {self.path} was made ({readers}): go back "
+                "to the former versions, or tune anew"
             )
-        return task
+        raise InputError(
+            f"{' or '.join(files or [source, 'its model'])} is not what {self.path} was made with: "
+            "bring it back, or tune anew"
+        )
 
     def _is_mine(self, task: AnyTask) -> bool:
         return self.config.get("task_content") == task.content_hash

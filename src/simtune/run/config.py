@@ -1,16 +1,16 @@
 """config.json: the configuration of a run, and checks that a command has the same one."""
 
-import importlib.metadata
-import platform
 from collections.abc import Mapping
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-import simtune
 from simtune.columns import cut
+from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.run.files import read_json
 from simtune.run.sources import SOURCES, changed_sources
+from simtune.run.versions import changed_readers
 
 # Options that may change when a run is resumed, such as its place and duration
 _MAY_DIFFER = ("out", "budget_minutes", "device", "move", "task_name", "json")
@@ -57,9 +57,21 @@ def check_asked(path: Path, asked: dict[str, Any]) -> None:
         check_same(path, stored | {"config": known}, asked)
 
 
+def option_defaults(kind: type[TrainConfig] | type[TuneConfig]) -> dict[str, Any]:
+    """{option: default} of a command, for runs of versions that did not have all options."""
+    return {option.name: option.default for option in fields(kind) if option.default is not MISSING}
+
+
 def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> None:
-    """Raise InputError, naming the differences, if a run's config.json has another `config`."""
+    """Raise InputError, naming the differences, if a run's config.json has another `config`.
+
+    An option that the run's version did not have counts as its default.
+    """
     before, now = _flat(stored["config"]), _flat(config)
+    is_training = "method" in now
+    if ("method" in before) == is_training:
+        defaults = option_defaults(TrainConfig if is_training else TuneConfig)
+        before = {key: value for key, value in defaults.items() if key in now} | before
     differing = [
         key
         for key in sorted({*before, *now}, key=lambda key: (key.count("."), key))  # causes first
@@ -99,6 +111,8 @@ def _other_contents(
     if tasks := {"task_content", "policy_content"}.intersection(differing):
         files = changed_sources(path, stored, str(now.get("task")))
         said = "another content of the task, as this version of simtune or MuJoCo reads it"
+        if readers := changed_readers(stored):
+            said += f" ({readers})"
         if files:
             said = f"another content of {' and '.join(files)} (its own: {path / SOURCES})"
             words["task"] = ""  # explained by the changed files
@@ -121,13 +135,3 @@ def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def _show(flat: Mapping[str, Any], key: str) -> str:
     return f"= {flat[key]!r}" if key in flat else "not set"
-
-
-def versions() -> dict[str, str]:
-    packages = ("mujoco", "mujoco_warp", "torch")
-    return {
-        "simtune": simtune.__version__,
-        "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in packages},
-        "platform": platform.platform(),
-    }

@@ -27,7 +27,7 @@ import torch
 from simtune.errors import InputError
 from simtune.networks.layers import under
 from simtune.run import checkpoint
-from simtune.run.config import check_same, stored_config, versions
+from simtune.run.config import check_same, stored_config
 from simtune.run.files import (
     append_jsonl,
     keep_lines,
@@ -37,6 +37,7 @@ from simtune.run.files import (
     write_json,
 )
 from simtune.run.sources import keep_sources, named_sources
+from simtune.run.versions import changed_versions, versions
 from simtune.trajectory import Trajectory
 
 POSTERIOR = "posterior.npz"
@@ -89,13 +90,12 @@ class RunFolder:
     def _write_config(
         self, config: dict[str, Any], stored: dict[str, Any] | None, root: str | None
     ) -> None:
-        before, now = (stored or {}).get("versions"), versions()
-        if before and before != now:
-            changed = [f"{k} {before.get(k)} → {v}" for k, v in now.items() if before.get(k) != v]
-            log.warning("%s goes on with other versions: %s", self.path, ", ".join(changed))
+        if changed := changed_versions(stored or {}):
+            said = ", ".join(f"{name} {change}" for name, change in changed.items())
+            log.warning("%s goes on with other versions: %s", self.path, said)
         created = (stored or {}).get("created") or datetime.now(UTC).isoformat(timespec="seconds")
         config |= named_sources(stored or {})
-        content = {"config": config, "versions": now, "created": created, "sources": root}
+        content = {"config": config, "versions": versions(), "created": created, "sources": root}
         write_json(self.path / "config.json", content)
 
     @property

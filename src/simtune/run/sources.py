@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from simtune.run.versions import changed_readers
+
 SOURCES = "sources"
 
 
@@ -61,6 +63,17 @@ def changed_sources(run: Path, stored: Mapping[str, Any], task: str) -> list[str
         if "__pycache__" not in copy.parts and not _is_same(copy, now):
             changed.append(now)
     return changed
+
+
+def other_readers(run: Path, stored: Mapping[str, Any]) -> str:
+    """Versions by which a run's task has another content, without a change in its files.
+
+    Such as "mujoco 3.3.0 → 3.4.0"; empty if there are none, or if the run keeps no copies of its
+    files, which may have changed as well.
+    """
+    task = str(stored["config"].get("task"))
+    is_sure = source_of(run, stored, task) != task or not task.endswith(".toml")  # built-in
+    return changed_readers(stored) if is_sure else ""
 
 
 def _is_same(copy: Path, now: str) -> bool:

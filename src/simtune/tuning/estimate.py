@@ -1,15 +1,18 @@
 """What a search concludes from the real trajectories."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
 
+import simtune
+from simtune.errors import InputError
 from simtune.randomization import Distribution
 
 Verdict = Literal["identified", "weak", "not identifiable"]
 _ARRAYS = ("mean", "low", "high")
+_WRITER = "simtune"  # key of the version in a checkpoint
 
 
 @dataclass(frozen=True)
@@ -46,15 +49,26 @@ class Estimate:
         return self.latency_steps + self.pictures_late_s[0] / step_s
 
     def to_json(self) -> dict[str, Any]:
-        """As a checkpoint holds it."""
+        """As a checkpoint holds it, with the version that wrote it."""
         arrays = {key: getattr(self, key).tolist() for key in _ARRAYS}
         curves = {name: (c.tolist(), p.tolist()) for name, (c, p) in self.curves.items()}
         correlation = None if self.correlation is None else self.correlation.tolist()
-        return {**vars(self), **arrays, "curves": curves, "correlation": correlation}
+        own = {**vars(self), **arrays, "curves": curves, "correlation": correlation}
+        return own | {_WRITER: simtune.__version__}
 
     @classmethod
     def from_json(cls, saved: Mapping[str, Any]) -> "Estimate":
-        """The inverse of `to_json`."""
+        """The inverse of `to_json`. Raises InputError for other fields, of another version."""
+        saved = dict(saved)
+        writer = saved.pop(_WRITER, "(an older version)")
+        known = {each.name for each in fields(cls)}
+        needed = {each.name for each in fields(cls) if each.default is each.default_factory}
+        if others := sorted((saved.keys() - known) | (needed - saved.keys())):
+            raise InputError(
+                f"the checkpoint's estimate is of simtune {writer}, and simtune "
+                f"{simtune.__version__} has other fields ({', '.join(others)}): go on with the "
+                "former version, or start anew"
+            )
         arrays = {key: np.array(saved[key]) for key in _ARRAYS}
         curves = {name: (np.array(c), np.array(p)) for name, (c, p) in saved["curves"].items()}
         matrix = saved["correlation"]
