@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,6 +23,7 @@ import torch
 
 from simtune import cli
 from simtune.cli import commands
+from simtune.cli.parse import parse
 from simtune.devices import choose_device
 from simtune.errors import InputError, blame
 from simtune.progress import ProgressBar
@@ -79,8 +81,10 @@ def is_progress(line: str) -> bool:
 
 
 @pytest.fixture
-def simtune(monkeypatch, capsys, tmp_path) -> Simtune:
-    return Simtune(monkeypatch, capsys, tmp_path)
+def simtune(monkeypatch, capsys, tmp_path) -> Iterator[Simtune]:
+    handler = signal.getsignal(signal.SIGINT)  # an interrupted command ignores the next ones
+    yield Simtune(monkeypatch, capsys, tmp_path)
+    signal.signal(signal.SIGINT, handler)
 
 
 @pytest.fixture(scope="module")
@@ -410,6 +414,21 @@ def test_an_interrupted_command_exits_with_130_and_says_what_is_kept(
     assert (status, said, len(lines)) == (130, "", 1)
     assert words in err
     assert ("it ends with what there is" in err) == (command == "tune" and rounds > 0)
+
+
+def test_a_second_ctrl_c_is_not_heard_while_the_first_is_answered(simtune, tmp_path, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    def answer(*_):
+        signal.raise_signal(signal.SIGINT)
+        return "interrupted"
+
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    monkeypatch.setattr("simtune.tuning_run.tune", interrupt)
+    monkeypatch.setattr("simtune.cli.program._interrupted", answer)
+    status, _, err = simtune("tune", "cartpole", "--out", tmp_path / "out")
+    assert (status, err.splitlines()[-1]) == (130, "simtune: interrupted")
 
 
 def test_of_a_round_that_was_cut_off_the_detector_is_kept(simtune, tmp_path, monkeypatch):
@@ -770,3 +789,25 @@ def test_a_gpu_that_warp_cannot_draw_on_is_not_chosen(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)  # as on a GPU of another kind
     monkeypatch.setattr("simtune.devices._can_draw", lambda device: False)
     assert choose_device("auto") == "cpu"
+
+
+def test_the_command_that_comes_next_can_be_pasted_whatever_a_folder_is_called(
+    simtune, tmp_path, monkeypatch
+):
+    folder = tmp_path / "a b"
+    monkeypatch.setattr("simtune.record.record", lambda config, _: config.out)
+    _, said, _ = simtune("record", "cartpole", "--out", folder)
+    typed = shlex.split(said.partition("next: ")[2])
+    assert typed == ["simtune", "check", "cartpole", "--real", str(folder)]
+    _, said, _ = simtune("example", "servos", "--out", folder)
+    assert shlex.split(said.partition("next: ")[2])[-1] == str(folder / "servos" / "tune.toml")
+
+
+def test_a_tilde_is_the_home_folder_wherever_an_option_has_it(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for typed in (["--out=~/run", "--real=~/a~b"], ["--out", "~/run", "--real", "~/a~b"]):
+        config = parse(["tune", "~/tune.toml", *typed])
+        assert config.task == str(tmp_path / "tune.toml")
+        assert config.out == tmp_path / "run"
+        assert config.real == str(tmp_path / "a~b")
+    assert parse(["tune", "cartpole", "--out=a~b"]).out == Path("a~b")

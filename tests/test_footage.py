@@ -330,3 +330,16 @@ def test_tuning_file_takes_calibrations_as_others_write_them(scene, load, name, 
 def test_tuning_file_says_what_is_wrong_with_a_camera(scene, refuses, camera, line, message):
     (scene / "fish.yml").write_text(FISHEYE)
     refuses(f"{SCENE_TOML}{camera}\n{PARAMETER}", line, message)
+
+
+def test_an_upright_region_is_not_called_an_upright_picture():
+    lens = Lens.pinhole(640, 480, fovy_deg=45)
+    for region, seen in ((200, 20, 400, 460), "200×440 is upright"), ((0, 0, 200, 200), "200×200"):
+        footage = Footage(lens=replace(lens, region=region), is_square=True)
+        with pytest.raises(InputError, match=f"the region of {seen}.* make it wider or less high"):
+            footage.aspect((480, 640))
+    upright = Lens(48, 64, 80.0, 80.0, 23.5, 31.5)
+    with pytest.raises(
+        InputError, match=r"what the lens leaves of the picture of 48×64 is upright"
+    ):
+        Footage(lens=upright, is_square=True).aspect((64, 48))

@@ -9,10 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from servo_arm import write_arm
 from short_training import by_few_windows, config_of
 
 from simtune.agents import Observation
 from simtune.algorithm import train
+from simtune.cameras.footage import Footage
 from simtune.config import EvaluateConfig, RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import evaluate
@@ -23,7 +25,7 @@ from simtune.experiment.training_experiment import (
     _most_late,
     build_training,
 )
-from simtune.observation import ObservationModel
+from simtune.observation import Camera, ObservationModel
 from simtune.parameters import ParameterSpace, delay
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
@@ -165,6 +167,19 @@ def test_a_gap_without_opengl_is_refused_in_one_line(monkeypatch):
         choose_real(RealConfig(real_gap=True), TASK, SIZE)
 
 
+def test_an_arm_that_is_only_measured_moves_late_behind_a_gap(tmp_path):
+    task, films = load_task(str(write_arm(tmp_path))), []
+    for real_gap in (False, True):
+        config = TuneConfig(task=task.source, out=tmp_path, real_gap=real_gap)
+        real, *_ = choose_real(config, task, SIZE)
+        films += real.collect(1)
+    plain, gapped = films
+    assert gapped.frames.shape == (task.episode_steps + 1, 0, 0, 3)
+    np.testing.assert_array_equal(gapped.actions, plain.actions)
+    off = np.abs(gapped.readings["encoders"] - plain.readings["encoders"])
+    assert off.max() > 0.02  # ten times the noise
+
+
 def test_a_gap_needs_a_pseudo_real_world(tmp_path):
     config = TuneConfig(task="cartpole", out=tmp_path, real="recordings", real_gap=True)
     with pytest.raises(InputError, match="--real-gap goes with --real pseudo only"):
@@ -266,6 +281,7 @@ def test_delays_of_simulated_episodes_are_about_what_was_found():
         environment=SimpleNamespace(most_late=2),
         space=SPACE,
         real=SimpleNamespace(observation=any_real),
+        declared_late_steps=0.0,
     )
     drawn = partial(TrainingExperiment.delay_steps, training, rng=rng)
     assert {drawn(1.0) for _ in range(20)} == {1}
@@ -278,9 +294,38 @@ def test_delays_of_simulated_episodes_are_about_what_was_found():
     assert drawn(1.0) == 0  # the parameter is all there is
 
 
+@pytest.mark.parametrize(("real", "declared"), [("film", 2), ("xarm", 2), ("pseudo", 0)])
+def test_pictures_are_as_late_to_a_policy_as_their_camera_declares(real, declared):
+    """But not in a pseudo-real world, whose pictures are in time."""
+    cameras = (Camera(same_renderer=False, footage=Footage(latency_s=0.1)),)
+    observation = SimpleNamespace(max_latency_steps=2, sensors=(), cameras=cameras)
+    world = SimpleNamespace(
+        config=SimpleNamespace(real=real, method="autotune"),
+        real=SimpleNamespace(observation=observation, step_s=0.05),
+        simulator=SimpleNamespace(step_s=0.05),
+        scored_in=SimpleNamespace(gap=None),
+        space=SPACE,
+    )
+    assert _most_late(world) == 2 + declared
+    world.environment = SimpleNamespace(most_late=_most_late(world))
+    world.declared_late_steps = TrainingExperiment.declared_late_steps.fget(world)
+    assert world.declared_late_steps == declared
+    drawn = partial(TrainingExperiment.delay_steps, world, rng=np.random.default_rng(0))
+    assert drawn(0.0) == declared  # as a search of recordings that are put in time finds
+    assert drawn(1.0) == 1 + declared
+    assert {drawn(None) for _ in range(40)} == {declared, declared + 1, declared + 2}
+    world.config.method = "untuned"
+    assert drawn(None) == declared
+    world.config.method = "dr"
+    world.space = ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)])
+    assert drawn(None) == declared
+    assert _most_late(world) == 1 + declared
+
+
 def test_actions_on_their_way_belong_to_the_state_where_a_delay_is_a_parameter():
     observation = SimpleNamespace(max_latency_steps=0, sensors=())
     world = SimpleNamespace(
+        config=SimpleNamespace(real="pseudo"),
         real=SimpleNamespace(observation=observation),
         simulator=SimpleNamespace(step_s=0.02),
         space=ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)]),

@@ -16,7 +16,7 @@ from simtune.cameras.views import View
 from simtune.config import RecordConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.real.recorded import RecordedReal
-from simtune.record import _aspect, _check_written, record
+from simtune.record import _aspect, _check_written, _views, record
 from simtune.recordings import open_dataset
 from simtune.tasks import Task, load_task
 
@@ -74,7 +74,7 @@ def test_a_world_has_the_parameters_of_the_file(tmp_path):
 def test_a_trained_policy_can_be_filmed(tmp_path, quick):
     run = tmp_path / "run"
     steps = 2 * 16 * STEPS
-    settings = {"policy_steps": steps, "real_episodes": 1, "scored_episodes": 1}
+    settings = {"policy_steps": steps, "scored_episodes": 1}
     train(TrainConfig(task="cartpole", out=run, method="oracle", **settings), settings=quick)
     asked_for = asked(tmp_path / "dataset", episodes=1, policy=str(run))
     (trajectory,) = read(record(asked_for, settings=quick))
@@ -175,3 +175,14 @@ def test_pictures_of_another_shape_than_a_regions_are_not_recorded(size, tmp_pat
     with pytest.raises(InputError, match=r"of another shape than those .* 640×480; leave --width"):
         record(asked(tmp_path / "dataset", **size))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_region_is_filmed_before_all_of_the_background_picture(tmp_path):
+    from matplotlib.image import imsave
+
+    picture = np.random.default_rng(0).integers(0, 256, (48, 64, 3)).astype(np.uint8)
+    imsave(tmp_path / "room.png", picture)
+    task = looking_at_a_region(TASK, 640, 480)
+    camera = replace(task.cameras[0], background=tmp_path / "room.png")
+    (view,) = _views(asked(tmp_path, image_size=48), replace(task, cameras=(camera,)))
+    np.testing.assert_array_equal(view.plate, picture)

@@ -7,6 +7,7 @@ import re
 import signal
 import sys
 import threading
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from servo import cartpole_with_servo
 
 from simtune import cli
 from simtune.cameras.lens import Lens
-from simtune.config import RealConfig, TuneConfig
+from simtune.config import RealConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError, RobotError
 from simtune.networks.cuda_graph import CALLS_BEFORE_REPLAY
 from simtune.real import robot
@@ -183,6 +184,25 @@ def test_whole_episodes_outlive_one_that_fails(file, monkeypatch):
     assert len(make_real(file).collect(3)) == 3
 
 
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RobotError("the bus is silent")])
+def test_what_ended_a_session_shows_though_the_robot_does_not_disconnect(
+    file, monkeypatch, caplog, error
+):
+    def disconnect(_):
+        raise RuntimeError("device is not connected")
+
+    def fail(_):
+        raise error
+
+    monkeypatch.setattr(fake_lerobot.FakeRobot, "disconnect", disconnect)
+    with pytest.raises(error if isinstance(error, type) else type(error), match=r"^(the bus.*)?$"):
+        make_real(file).run_policy(fail, num_stacked=1, num_episodes=1, seed=1)
+    assert "the robot does not disconnect: RuntimeError: device is not" in caplog.text
+    (file.parent / "arm.toml.stopped").unlink(missing_ok=True)
+    with pytest.raises(RobotError, match="the robot does not disconnect"):
+        make_real(file).collect(1)
+
+
 def test_a_policy_sees_the_latest_pictures_and_acts_in_its_own_units(file):
     seen = []
 
@@ -328,6 +348,25 @@ def test_nothing_moves_unless_it_is_said(file):
     assert not (file.parent / "run").exists()
 
 
+def test_a_training_that_will_have_to_move_the_robot_says_so_before_it_begins(file):
+    out = file.parent / "run"
+    config = TrainConfig(task="cartpole", out=out, real="lerobot", robot=file, real_episodes=2)
+    make_real(file, folder=out / "filmed").collect(1)
+    for changes, message in (
+        ({}, "needs 2 episodes, and then some of its policy .*, and 1 are filmed: give --move"),
+        ({"tried_episodes": 0}, "needs 2 episodes, and 1 are filmed: give --move"),
+    ):
+        with pytest.raises(InputError, match=message):
+            choose_real(replace(config, **changes), TASK, 16, out=out)
+        choose_real(replace(config, **changes, move=True), TASK, 16, out=out)
+    make_real(file, folder=out / "filmed").collect(2)
+    choose_real(replace(config, tried_episodes=0), TASK, 16, out=out)
+    with pytest.raises(InputError, match="the robot has to move for this"):
+        choose_real(config, TASK, 16, out=out)
+    tuning = TuneConfig(task="cartpole", out=out, real="lerobot", robot=file)
+    choose_real(replace(tuning, observe="cameras"), TASK, 16, out=out)
+
+
 def test_a_robot_is_moved_by_one_command_at_a_time(file):
     real = make_real(file)
     with file.open() as held:
@@ -385,6 +424,40 @@ def test_the_manuals_examples_can_be_read(tmp_path):
     for driver, text in zip(("xarm", "lerobot"), examples, strict=True):
         (tmp_path / "arm.toml").write_text(text)
         assert read_robot(tmp_path / "arm.toml", driver).ask
+
+
+def test_the_manuals_robots_are_fast_enough_for_their_actions(tmp_path):
+    manual = (Path(__file__).parents[1] / "docs" / "robot.md").read_text()
+    examples = re.findall(r"```toml\n(.*?)```", manual, re.DOTALL)
+    for driver, text, step_s in zip(("xarm", "lerobot"), examples, (0.3, 0.1), strict=True):
+        (tmp_path / "arm.toml").write_text(text)
+        robot = read_robot(tmp_path / "arm.toml", driver)
+        assert robot.step * np.sqrt(len(robot.moved)) <= robot.speed * step_s
+
+
+def test_a_robot_too_slow_for_its_actions_is_told_of(file, caplog):
+    make_real(file)  # 100 a second, 0.1 s, 4 a step
+    assert not caplog.messages
+    file.write_text(LEROBOT.replace("speed = 100", "speed = 10"))
+    make_real(file)
+    (said,) = caplog.messages
+    assert (
+        "with speed = 10 the robot goes 1 within a step of 0.1 s, and the task's actions go up"
+        in said
+    )
+    assert "give a speed above 40" in said
+
+
+def test_an_xarm_goes_as_far_as_the_tasks_hand(tmp_path):
+    manual = (Path(__file__).parents[1] / "docs" / "robot.md").read_text()
+    text = re.findall(r"```toml\n(.*?)```", manual, re.DOTALL)[0]
+    task, changes = load_task("rope_peg"), {"image_size": 16, "seed": 0, "move": True}
+    for step, is_right in (("25", True), ("24", False), ("2.5", False)):
+        (tmp_path / "arm.toml").write_text(re.sub("step = [0-9.]+", f"step = {step}", text))
+        config = read_robot(tmp_path / "arm.toml", "xarm")
+        refused = pytest.raises(InputError, match=f"step = {step} mm, .*0.025: expected step = 25")
+        with nullcontext() if is_right else refused:
+            RobotReal(config, task, folder=tmp_path / "filmed", **changes)
 
 
 def test_an_xarm_has_limits_of_its_own(file):

@@ -51,7 +51,7 @@ def record(
         image_size=size,
         step_s=trained.environment.simulator.step_s if trained else None,
         renderer=config.renderer,
-        views=[View(f.camera, _aspect(config, f.lens)) for f in task.cameras],
+        views=_views(config, task),
         # OpenGL should look unlike the simulator, so it draws all that it can.
         quality=OPENGL_DM_CONTROL,
     )
@@ -111,6 +111,25 @@ def _check_columns(task: Task) -> None:
                 f"sensor {sensor.name} of {task.name} reads all of {first!r}, and simtune writes "
                 f"all sensors side by side into {STATE!r}; name their columns one by one"
             )
+
+
+def _views(config: RecordConfig, task: Task) -> list[View]:
+    """What the cameras film, before the pictures that the tuning file names as backgrounds.
+
+    Raises InputError like `_aspect`, and for a picture that cannot be drawn.
+    """
+    size, views = config.image_size, []
+    for footage in task.cameras:
+        view = View(footage.camera, _aspect(config, footage.lens))
+        # All of the picture: readers look at the region, see `filming_whole`.
+        plate = replace(footage, lens=None).picture((size, view.width(size)))
+        if plate is not None and config.renderer == "opengl":
+            raise InputError(
+                f"{footage.background}: OpenGL cannot draw a background picture: leave --renderer "
+                "opengl out, or record with a copy of the tuning file without background"
+            )
+        views.append(replace(view, plate=plate))
+    return views
 
 
 def _aspect(config: RecordConfig, lens: Lens | None) -> float:

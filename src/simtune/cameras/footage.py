@@ -42,16 +42,27 @@ class Footage:
     def aspect(self, recorded: tuple[int, ...]) -> float:
         """Width over height of the part that is used; `recorded`: (H, W) of its pictures.
 
-        Raises InputError if a square is asked for, and the picture is upright.
+        Raises InputError if a square is asked for, and that part is upright.
         """
         height, width = recorded[:2]
         aspect = self.lens.aspect if self.lens else width / height
         if self.is_square and aspect < 1 - 1e-6:
-            raise InputError(
-                f"the picture is upright, {width}×{height}; expected one at least as wide as high; "
-                "crop it to a square"
-            )
+            raise self._is_upright(f"{width}×{height}", aspect)
         return 1.0 if self.is_square else aspect
+
+    def _is_upright(self, size: str, aspect: float) -> InputError:
+        """`size`, in words, is of the whole picture, `aspect` of what is used."""
+        expected = "expected one at least as wide as high"
+        if not self.lens:
+            return InputError(f"the picture is upright, {size}; {expected}; crop it to a square")
+        seen = f"upright as a pinhole sees it, {aspect:.3g} times as wide as high; {expected}"
+        if not self.lens.region:
+            return InputError(
+                f"what the lens leaves of the picture of {size} is {seen}; give a region"
+            )
+        left, top, right, bottom = self.lens.region
+        size = f"{right - left:g}×{bottom - top:g}"
+        return InputError(f"the region of {size} is {seen}; make it wider or less high")
 
     def fit(self, picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         """(H, W, 3) as recorded to (height, width) of its `aspect`, as a pinhole camera sees it.
@@ -71,13 +82,18 @@ class Footage:
         `recorded`: (T, height, width, 3) frames of episodes. Raises InputError for a picture that
         cannot be read.
         """
-        if self.background in (None, "unknown"):
+        return median_picture(recorded) if self.background == "recording" else self.picture(size)
+
+    def picture(self, size: tuple[int, int]) -> np.ndarray | None:
+        """The plate before anything is recorded: of a picture file; None: there is none.
+
+        Raises InputError for a picture that cannot be read.
+        """
+        if not isinstance(self.background, Path):
             return None
-        if isinstance(self.background, Path):
-            picture = _read_picture(self.background)
-            self._check_shape(picture.shape, size)
-            return self.fit(picture, size)
-        return median_picture(recorded)
+        picture = _read_picture(self.background)
+        self._check_shape(picture.shape, size)
+        return self.fit(picture, size)
 
     def _check_shape(self, picture: tuple[int, ...], size: tuple[int, int]) -> None:
         """Raise InputError for a background, (H, W, ...), too narrow for (height, width)."""

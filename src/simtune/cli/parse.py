@@ -3,6 +3,7 @@
 import contextlib
 import difflib
 import io
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import fields
@@ -22,6 +23,7 @@ _HELP = "; --help says what there is"
 
 def parse(typed: Sequence[str]) -> Any:
     """The command with its options. Raises InputError instead of tyro's boxes of many lines."""
+    typed = [_at_home(word) for word in typed]
     commands = {meta.name: c.__origin__ for c in get_args(Command) for meta in get_args(c)[1:]}
     if typed and not typed[0].startswith("-"):
         if typed[0] not in commands:
@@ -42,6 +44,14 @@ def parse(typed: Sequence[str]) -> Any:
         if not exit_.code:
             raise
         raise InputError(_in_a_line(stderr.getvalue()) + _HELP) from None
+
+
+def _at_home(word: str) -> str:
+    """With `~` as the home folder; bash expands it only where a word begins, not in --out=~/run."""
+    option, equals, value = word.partition("=")
+    if option.startswith("--") and equals:
+        return f"{option}={os.path.expanduser(value)}"
+    return os.path.expanduser(word)
 
 
 def _check_options(command: str, kind: type, typed: Sequence[str]) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import sys
 import time
 from typing import Any
@@ -28,6 +29,7 @@ def main() -> None:
     except InputError as error:
         sys.exit(_complain(error, 2))
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # an impatient second one would be a traceback
         status = _complain(_interrupted(command, began_s), 130)
         if not _is_torch_loaded():
             sys.stdout.flush()

@@ -113,14 +113,20 @@ def _example(command: ExampleCommand, say: Say) -> Done:
     from simtune.example import copy_example
 
     out = copy_example(command.name, command.out)
-    prepared = f"{out / 'prepare.sh'}, then " if (out / "prepare.sh").exists() else ""
-    say(f"{out}; next: {prepared}simtune check {out / 'tune.toml'}")
+    prepare = out / "prepare.sh"
+    prepared = f"{_quoted(prepare)}, then " if prepare.exists() else ""
+    say(f"{out}; next: {prepared}simtune check {_quoted(out / 'tune.toml')}")
     return Done({"example": str(out)})
 
 
 def _command() -> str:
     """The command line, as stored in result.json."""
     return shlex.join(["simtune", *sys.argv[1:]])
+
+
+def _quoted(path: str | Path) -> str:
+    """As a shell reads it."""
+    return shlex.quote(str(path))
 
 
 def _check(config: CheckConfig, say: Say) -> Done:
@@ -184,7 +190,8 @@ def _record(config: RecordConfig, say: Say) -> Done:
     with ProgressBar() as progress:
         folder = record(config, progress)
     count = counted(config.episodes, "episode")
-    say(f"{count} in {folder}; next: simtune check {config.task} --real {folder}")
+    checked = f"{_quoted(config.task)} --real {_quoted(folder)}"
+    say(f"{count} in {folder}; next: simtune check {checked}")
     return Done({"recordings": str(folder), "episodes": config.episodes})
 
 
@@ -239,7 +246,7 @@ def _sweep(config: SweepConfig, say: Say) -> Done:
             f"{len(failed)} of {counted(len(standings), 'run')} failed: {', '.join(failed)}; "
             f"{config.out / 'sweep.json'} has the reasons",
         )
-    say(f"{counted(len(standings), 'run')} done; next: simtune figures {config.out}")
+    say(f"{counted(len(standings), 'run')} done; next: simtune figures {_quoted(config.out)}")
     return Done(result)
 
 

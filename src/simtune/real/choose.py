@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from simtune.config import ROBOTS, RealConfig, RecordingsConfig
+from simtune.cameras.views import View
+from simtune.config import ROBOTS, UNTUNED, RealConfig, RecordingsConfig, TrainConfig
 from simtune.config.robot import Driver
 from simtune.devices import choose_device
 from simtune.errors import InputError, UnknownName
@@ -17,7 +18,7 @@ from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
-from simtune.real.robot import RobotReal
+from simtune.real.robot import A_FEW, RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.real.truth import Truth
 from simtune.recordings import Dataset, open_dataset
@@ -50,11 +51,12 @@ def choose_real(
         truth = Truth(space, read_parameters(config.real_parameters, space))
         gap = RealityGap.of(config, image_size)
         seen = observed(task, config.observed, is_simulated=gap is None)
+        views = _views(seen, image_size)
         if gap:
-            simulator = gap.simulator(task, seen.views())
+            simulator = gap.simulator(task, views)
         else:
             device = choose_device(config.device)
-            simulator = task.simulator(image_size=image_size, views=seen.views(), device=device)
+            simulator = task.simulator(image_size=image_size, views=views, device=device)
         steps = task.episode_steps
         real = truth.make_real(
             simulator, episode_steps=steps, seed=config.seed, gap=gap, observation=seen
@@ -74,6 +76,13 @@ def choose_real(
     return real, space.nominal.copy(), None
 
 
+def _views(seen: ObservationModel, image_size: int) -> list[View]:
+    """What a pseudo-real world's cameras show, with the picture files that are behind it."""
+    both = zip(seen.cameras, seen.views(), strict=True)
+    plates = [c.footage.picture((image_size, view.width(image_size))) for c, view in both]
+    return seen.views(plates)
+
+
 def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None) -> RobotReal:
     """A robot that may move or has filmed already; else a dry run, then InputError."""
     assert config.robot is not None, "checked"
@@ -87,7 +96,21 @@ def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None)
     )
     if not config.move and not real.num_filmed:
         raise InputError(f"dry run: {real.dry_run()}; give --move to let it move")
+    _check_moves(config, real.num_filmed)
     return real
+
+
+def _check_moves(config: RealConfig, num_filmed: int) -> None:
+    """Raises InputError at once for a training that has to film later, where nothing may move."""
+    if config.move or not isinstance(config, TrainConfig) or config.method in UNTUNED:
+        return
+    first, tries = config.real_episodes or A_FEW, config.tried_episodes != 0
+    if num_filmed < first + tries:
+        then = ", and then some of its policy (none with --tried-episodes 0)" if tries else ""
+        raise InputError(
+            f"the robot has to move for this: this training needs {first} episodes{then}, and "
+            f"{num_filmed} are filmed: give --move"
+        )
 
 
 def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) -> ObservationModel:

@@ -48,10 +48,15 @@ class RealityGap:
     def simulator(task: AnyTask, views: Sequence[View] | None = None) -> Simulator:
         """The simulator that draws the world behind the gap.
 
-        Raises InputError if there is no OpenGL, or no model to draw.
+        Raises InputError if there is no OpenGL, no model to draw, or a background picture.
         """
         if not isinstance(task, Task):
             raise InputError("--real-gap needs a MuJoCo model, to draw it another way")
+        if any(view.plate is not None for view in views or ()):
+            raise InputError(
+                "--real-gap draws by OpenGL, which cannot draw the tuning file's background "
+                "picture: leave --real-gap or background = FILE out"
+            )
         options = {"renderer": "opengl", "quality": OPENGL_DM_CONTROL}
         return task.simulator(image_size=_DRAWN_PX, views=views, **options)
 

@@ -96,7 +96,11 @@ def _film_exploring(
     )
     if not gap:
         return observation.record(simulator, seen, rng)
-    drawn = ObservationModel.of_simulator(observation.sensors)  # the gap's camera has its own noise
+    # The gap's cameras have their own noise.
+    films = [camera.footage for camera in observation.cameras]
+    drawn = ObservationModel.of_simulator(observation.sensors, films)
+    if not films:
+        return drawn.record(simulator, seen, rng)
     return [
         replace(filmed, frames=gap.film(filmed.frames, step_s, rng))
         for filmed in drawn.record(simulator, seen, rng)

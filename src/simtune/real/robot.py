@@ -1,6 +1,7 @@
 """The real world as a robot and a camera. The robot keeps to its workspace and speed limit."""
 
 import logging
+import math
 import sys
 import termios
 from collections.abc import Callable
@@ -20,16 +21,13 @@ from simtune.real.archive import RecordingArchive, RecordingSession
 from simtune.real.meaning import meaning_of
 from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
 from simtune.robot.displacements import Displacements
-from simtune.simulation import (
-    PixelPolicy,
-    random_actions,
-    scale_actions,
-)
+from simtune.simulation import MocapActions, PixelPolicy, random_actions, scale_actions
+from simtune.simulation.actions import ActionSpace
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory
 
 log = logging.getLogger(__name__)
-_A_FEW = 5  # episodes filmed if no number is given
+A_FEW = 5  # episodes filmed if no number is given
 _SHORTEST_STEP_S = 0.1  # time of three pictures
 
 
@@ -84,6 +82,7 @@ class RobotReal(RealWorld):
                 f"an action of {task.name} is a control, and a robot's a displacement: have the "
                 'tuning file say mapping = "mocap" or "joints" (docs/tuning-file.md)'
             )
+        _check_displacements(config, mapping, self.step_s)
         self._config, self._task, self._mapping = config, task, mapping
         self._image_size, self._seed, self._move = image_size, seed, move
         meaning = meaning_of(config, task)
@@ -122,7 +121,7 @@ class RobotReal(RealWorld):
         Raises InputError if more must be filmed and nothing may move, RobotError if the robot
         fails; episodes filmed until then are kept.
         """
-        num_episodes = num_episodes or _A_FEW
+        num_episodes = num_episodes or A_FEW
         done = self.num_filmed
         if done:
             used = min(done, num_episodes)
@@ -175,6 +174,35 @@ class RobotReal(RealWorld):
                 played = session.play(begin(episode), self._task.episode_steps, sitting.note)
                 sitting.add(played)
         return sitting
+
+
+def _check_displacements(config: RobotConfig, mapping: ActionSpace, step_s: float) -> None:
+    """Raises InputError if an xArm goes farther or less far than in the task; warns if it is slow.
+
+    Other robots' units are unknown.
+    """
+    if config.driver == "xarm" and isinstance(mapping, MocapActions):
+        its_mm = 1000 * mapping.metres_per_unit
+        if not math.isclose(config.step, its_mm, rel_tol=1e-6):
+            raise InputError(
+                f"{config.file}: step = {config.step:g} mm, and the task's metres_per_unit is "
+                f"{mapping.metres_per_unit:g}: expected step = {its_mm:g}"
+            )
+    # All actions at their largest, along the diagonal
+    farthest = config.step * float(np.linalg.norm(np.abs(mapping.range).max(1)))
+    if farthest > config.speed * step_s * (1 + 1e-9):
+        log.warning(
+            "%s: with speed = %g the robot goes %.3g within a step of %.3g s, and the task's "
+            "actions go up to %.3g, which is shortened. Tuning uses what was sent, but a policy is "
+            "trained with all of it: give a speed above %.3g, or a smaller step here and in the "
+            "task",
+            config.file,
+            config.speed,
+            config.speed * step_s,
+            step_s,
+            farthest,
+            farthest / step_s,
+        )
 
 
 def _ask(what: str) -> None:

@@ -1,6 +1,7 @@
 """Sessions with a connected robot and camera: to measure only, or to act."""
 
 import fcntl
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -21,6 +22,7 @@ from simtune.robot.safe_arm import SafeArm
 from simtune.robot.signals import ended_in_order
 from simtune.trajectory import Trajectory
 
+log = logging.getLogger(__name__)
 Note = Callable[[dict[str, Any]], None]
 # Step t and the (t + 1, H, W, 3) uint8 frames so far to an action (A,)
 ActOnFrames = Callable[[int, list[np.ndarray]], np.ndarray]
@@ -35,8 +37,22 @@ def connected(config: RobotConfig) -> Iterator[tuple[Robot, Camera]]:
         robot, camera = _make(config, latch)
         for device in (robot, camera):
             device.connect()
-            open_ones.callback(device.close)
+            open_ones.push(_closing(device))
         yield robot, camera
+
+
+def _closing(device: Robot | Camera) -> Callable[..., None]:
+    """Closes a device at a context's end; if that fails after an error, the error is what shows."""
+
+    def close(_: object, error: BaseException | None, __: object) -> None:
+        try:
+            device.close()
+        except Exception as failed:  # drivers may raise anything
+            if error is None:
+                raise
+            log.warning("while closing after another error: %s", failed)
+
+    return close
 
 
 @contextmanager

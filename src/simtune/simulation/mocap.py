@@ -44,7 +44,7 @@ class MocapActions(ActionMapping):
             raise InputError(f"axes must be some of x, y and z, each once, got {axes!r}")
         self._held = find_held(model, body)
         self._axes = [_AXES.index(axis) for axis in axes]
-        self._metres_per_unit = metres_per_unit
+        self.metres_per_unit = metres_per_unit
         self.names = tuple(f"{body} {axis}" for axis in axes)
         self.range = finite_range(action_range, len(axes))
         self.is_limited = np.full(len(axes), True)
@@ -60,7 +60,7 @@ class MocapActions(ActionMapping):
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """See `ActionMapping`; the mocap body moves at once, controls stay."""
-        step_m = self._metres_per_unit * np.clip(actions, *self.range.T)
+        step_m = self.metres_per_unit * np.clip(actions, *self.range.T)
         target = self._held.place(batch)[:, self._axes] + step_m
         batch.mocap_pos[:, self._held.mocap, self._axes] = np.clip(target, *self._workspace.T)
         return batch.ctrl.copy()
